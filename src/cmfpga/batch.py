@@ -1,0 +1,123 @@
+"""What goes into a batch's run beside its events, and what comes out: the same for every engine."""
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .fixed import saturate
+
+
+class Flag(enum.IntFlag):
+    """What was unusual about a batch. The hardware's ``flags`` output has these bits."""
+
+    DEGENERATE = 1  # too few ROI events, or t_1 = t_N, or T = 0: v and the ROI stay as they were
+    OVERFLOW = 2  # more ROI events than the buffer holds; the surplus was dropped
+    TIME_BACK = 4  # events whose time steps back were dropped
+    TIME_SPAN = 8  # events later than the span that relative times can hold were dropped
+    CUT = 16  # the batch reached max_batch_events before its end was marked
+    SATURATED = 32  # the gradient or v reached the end of its format in some iteration
+    ROI_CLAMPED = 64  # the ROI's position was limited to the sensor
+
+    @property
+    def text(self):
+        """Lower-case names joined by ``|``; empty where no bit is set."""
+        return "|".join(flag.name.lower() for flag in Flag if flag in self)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchSettings:
+    """Run-time inputs of the hardware for one batch, as raw integers of their formats.
+
+    Parameters
+    ----------
+    roi : pair of int, or None
+        Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
+    iterations : int
+        T.
+    eta, roi_gain : int
+        Raw ``config.eta_format`` and ``config.roi_gain_format``.
+    start_last : bool
+        Start from the last batch's v; otherwise from ``v_start``.
+    v_start : pair of int
+        Raw ``config.v``.
+    min_roi_events : int
+        Fewer ROI events make the batch degenerate.
+    """
+
+    roi: tuple[int, int] | None
+    iterations: int
+    eta: int
+    roi_gain: int
+    start_last: bool
+    v_start: tuple[int, int]
+    min_roi_events: int
+
+    @classmethod
+    def from_config(cls, config, roi=None):
+        """The settings that ``config``'s run-time fields ask for."""
+        start = (config.v_start_x, config.v_start_y) if config.start == "given" else (0.0, 0.0)
+        return cls(
+            roi=roi,
+            iterations=config.iterations,
+            eta=config.eta_format.raw(config.eta),
+            roi_gain=config.roi_gain_format.raw(config.roi_gain),
+            start_last=config.start == "last",
+            v_start=(config.v.raw(start[0]), config.v.raw(start[1])),
+            min_roi_events=config.min_roi_events,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trace:
+    """Every iteration's velocity and sums.
+
+    Raw int64 from the engines that compute in the hardware's arithmetic, float64 (px/half batch, votes) from
+    the float engine. ``v`` has T + 1 rows: the one that each iteration used, and the result.
+    """
+
+    v: np.ndarray  # [T + 1, 2]
+    sum_i: np.ndarray  # [T]
+    sum_d: np.ndarray  # [T, 2]
+    s: np.ndarray  # [T, 2]
+
+    def __eq__(self, other):
+        return isinstance(other, Trace) and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in ("v", "sum_i", "sum_d", "s")
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchResult:
+    """One batch's outcome.
+
+    ``events = roi_events + outside + overflow + time_back + time_span``, always: nothing is lost without being
+    counted.
+    """
+
+    events: int  # N
+    roi_events: int  # n, stored in the buffer
+    outside: int  # outside the ROI
+    overflow: int  # in the ROI, but the buffer was full
+    time_back: int  # dropped: time stepped back
+    time_span: int  # dropped: later than span_bits can hold
+    span: int  # t_N − t_1 in µs
+    roi: tuple[int, int]  # px; what this batch was cut with
+    roi_next: tuple[int, int]  # px; what the next batch will be cut with
+    v: tuple[float, float]  # px per half batch
+    iterations: int
+    flags: Flag
+    trace: Trace = field(repr=False)
+    cycles: int | None = None  # clock cycles, from engines that have a clock
+
+
+def crop_position(config, position):
+    """Whole pixels of a raw ROI coordinate (x and y have the same fraction bits)."""
+    frac = config.roi_x_format.f
+    return (position + (1 << (frac - 1))) >> frac
+
+
+def clamp_roi(config, roi):
+    """``roi`` limited to the sensor, and whether that changed it."""
+    clamped = (int(saturate(roi[0], 0, config.roi_x_max)), int(saturate(roi[1], 0, config.roi_y_max)))
+    return clamped, clamped != tuple(roi)

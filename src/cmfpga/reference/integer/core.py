@@ -1,0 +1,139 @@
+"""Model of :mod:`cmfpga.rtl.core`: batches in, velocities and a moving ROI out."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+
+from ...batch import BatchResult, Flag, Trace, clamp_roi, crop_position
+from .accumulator import Images, accumulator
+from .gradient import Sums, gradient, gradient_reader
+from .roi_filter import roi_filter
+from .roi_updater import roi_updater
+from .time_scaler import time_scaler
+from .updater import gain, updater
+from .voter import voter
+from .warp import warp
+
+
+@dataclass(frozen=True)
+class IntegerIteration:
+    """Every intermediate of one iteration, raw integers."""
+
+    v: tuple[int, int]
+    images: Images
+    sums: Sums
+    g: tuple[int, int]
+    v_next: tuple[int, int]
+
+
+@dataclass
+class IntegerCore:
+    """The core's state between batches, and how a batch changes it.
+
+    Parameters
+    ----------
+    config : Config
+        Formats and sizes.
+
+    Attributes
+    ----------
+    v : pair of int
+        Raw velocity of the last batch; zero after a reset.
+    position : pair of int
+        Raw ROI position, ``config.roi_x_format`` and ``config.roi_y_format``; the origin after a reset.
+    dt : int64 tensor
+        Scaled times of the last batch's ROI events.
+    iterations : list of IntegerIteration
+        Intermediates of the last batch, where ``run`` was asked to keep them.
+    """
+
+    config: object
+    v: tuple[int, int] = (0, 0)
+    position: tuple[int, int] = (0, 0)
+    dt: torch.Tensor = field(default=None, repr=False)
+    iterations: list = field(default_factory=list, repr=False)
+
+    def run(self, t, x, y, settings, *, cut=False, keep=False):
+        """Process one batch.
+
+        Parameters
+        ----------
+        t, x, y : integer arrays
+            All N events of the batch.
+        settings : BatchSettings
+            Run-time inputs.
+        cut : bool
+            Whether the batch ended because it reached ``max_batch_events``.
+        keep : bool
+            Keep every iteration's images in ``iterations`` (memory: T images).
+
+        Returns
+        -------
+        BatchResult
+        """
+        config = self.config
+        flags = Flag.CUT if cut else Flag(0)
+        if settings.roi is not None:
+            roi, clamped = clamp_roi(config, settings.roi)
+            self.position = tuple(c << config.roi_x_format.f for c in roi)
+            flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
+        if not settings.start_last:
+            self.v = settings.v_start
+        roi = tuple(crop_position(config, p) for p in self.position)
+
+        events = roi_filter(config, t, x, y, roi=roi)
+        n = min(len(events.t), config.buffer_events)
+        overflow = len(events.t) - n
+        for count, flag in (
+            (overflow, Flag.OVERFLOW),
+            (events.time_back, Flag.TIME_BACK),
+            (events.time_span, Flag.TIME_SPAN),
+        ):
+            flags |= flag if count else Flag(0)
+
+        self.iterations = []
+        velocities, sums = [self.v], []
+        if n < max(1, settings.min_roi_events) or not events.span or not settings.iterations:
+            flags |= Flag.DEGENERATE
+        else:
+            self.dt = time_scaler(config, events.t[:n], span=events.span)
+            batch_gain = gain(config, settings.eta)
+            for _ in range(settings.iterations):
+                step, saturated = self.iterate(events.x[:n], events.y[:n], self.dt, self.v, gain=batch_gain)
+                flags |= Flag.SATURATED if saturated else Flag(0)
+                self.v = step.v_next
+                velocities.append(step.v_next)
+                sums.append(step.sums)
+                if keep:
+                    self.iterations.append(step)
+            self.position, clamped = roi_updater(config, self.position, self.v, roi_gain=settings.roi_gain)
+            flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
+
+        table = np.array(sums, np.int64).reshape(-1, 5)
+        return BatchResult(
+            events=events.events,
+            roi_events=n,
+            outside=events.outside,
+            overflow=overflow,
+            time_back=events.time_back,
+            time_span=events.time_span,
+            span=events.span,
+            roi=roi,
+            roi_next=tuple(crop_position(config, p) for p in self.position),
+            v=(config.v.real(self.v[0]), config.v.real(self.v[1])),
+            iterations=len(sums),
+            flags=flags,
+            trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),
+        )
+
+    def iterate(self, x, y, dt, v, *, gain):
+        """One iteration from the raw velocity ``v``: (:class:`IntegerIteration`, saturated)."""
+        config = self.config
+        images = accumulator(config, voter(config, *warp(config, x, y, dt, v), dt))
+        sums = gradient_reader(images)
+        g = gradient(config, sums)
+        (vx, saturated_x), (vy, saturated_y) = (
+            updater(config, axis_v, axis_g, gain=gain) for axis_v, axis_g in zip(v, g, strict=True)
+        )
+        return IntegerIteration(tuple(v), images, sums, g, (vx, vy)), saturated_x or saturated_y

@@ -1,0 +1,19 @@
+"""Model of :mod:`cmfpga.rtl.reciprocal` and :mod:`cmfpga.rtl.time_scaler`."""
+
+from ...fixed import round_half_up
+
+
+def reciprocal(config, span):
+    """``(shift, mantissa)`` for the range ``span`` = t_N − t_1 > 0: 1/span = mantissa · 2^shift / 2^(…), floored.
+
+    ``span << shift`` has its top bit set, so the mantissa lies in 2^(reciprocal_bits−1) … 2^reciprocal_bits.
+    """
+    shift = config.span_bits - int(span).bit_length()
+    return shift, (1 << (config.span_bits - 1 + config.reciprocal_bits)) // (int(span) << shift)
+
+
+def time_scaler(config, t, *, span):
+    """Raw ``config.dt`` of events at ``t`` µs after t_1: (2t − span)/span, which is −1 … 1 (Eqs. t_ref and dt)."""
+    shift, mantissa = reciprocal(config, span)
+    numerator = (2 * t - span) << shift
+    return round_half_up(numerator * mantissa, config.span_bits - 1 + config.reciprocal_bits - config.dt_frac)

@@ -1,0 +1,33 @@
+"""Model of :mod:`cmfpga.rtl.updater`."""
+
+from ...fixed import floor_shift, round_half_up, saturate
+
+
+def gain(config, eta):
+    """Raw ``config.gain_format``: η times the mantissa of 2/P², once per batch."""
+    return round_half_up(eta * config.gradient_scale[1], 8)
+
+
+def updater(config, v, g, *, gain):
+    """One step v + η·∂C/∂v (Eq. v_update) along one axis.
+
+    Parameters
+    ----------
+    v : int
+        Raw ``config.v``.
+    g : int
+        G of this axis.
+    gain : int
+        From :func:`gain`.
+
+    Returns
+    -------
+    (v, saturated) : (int, bool)
+        The next raw v; whether the gradient or v was limited to its format.
+    """
+    fmt = config.gradient_format
+    slope = floor_shift(g, config.gradient_shift)
+    limited_slope = saturate(slope, fmt.min, fmt.max)
+    target = v + round_half_up(limited_slope * gain, config.step_shift)
+    limited = saturate(target, config.v.min, config.v.max)
+    return limited, limited_slope != slope or limited != target
