@@ -1,5 +1,31 @@
 """Events in: recordings, synthetic scenes, and batches cut from them."""
 
+from . import hdf5, numpy_files, text
 from .arrays import Events
+from .batches import Batch, BatchCutter
+from .columns import MemoryRecording
+from .hdf5 import write_hdf5
+from .motion import Motion
+from .recording import Format, Recording, formats, open_recording, register_format
+from .synthetic import Scene, Synthetic, generate
 
-__all__ = ["Events"]
+# Text is registered first: it matches loosely, so it must be asked last.
+for _format in (*text.FORMATS, *hdf5.FORMATS, *numpy_files.FORMATS):
+    register_format(_format)
+
+__all__ = [
+    "Batch",
+    "BatchCutter",
+    "Events",
+    "Format",
+    "MemoryRecording",
+    "Motion",
+    "Recording",
+    "Scene",
+    "Synthetic",
+    "formats",
+    "generate",
+    "open_recording",
+    "register_format",
+    "write_hdf5",
+]

@@ -1,0 +1,193 @@
+"""Cutting a recording into batches, the same for every engine."""
+
+import operator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import ConfigError
+from .arrays import Events
+from .recording import CHUNK_EVENTS
+
+# Events whose coordinates are looked at in one go when ROI events are counted: little more than a batch.
+_SCAN_EVENTS = 4096
+
+
+@dataclass(frozen=True, eq=False)
+class Batch(Events):
+    """Events of one batch.
+
+    Parameters
+    ----------
+    first_event : int
+        Index in the recording of the first event (for an empty batch: of the event that comes next).
+    cut_short : bool
+        The batch was cut at ``max_events`` before it was complete; its other events begin the next batch.
+    window : (int, int) or None
+        With ``duration_us``: the window's begin and end, µs; the end is exclusive.
+    """
+
+    first_event: int = 0
+    cut_short: bool = False
+    window: tuple[int, int] | None = None
+
+
+class BatchCutter:
+    """Cuts a recording into consecutive batches.
+
+    Each event is in one batch, or in the rest that :attr:`leftover` counts.
+
+    What makes a batch complete is one of three:
+
+    - ``events``: that many events of the whole sensor;
+    - ``duration_us``: the window [t0 + k·D, t0 + (k + 1)·D) of time, t0 being the time of the first event that is
+      cut. A window without events gives an empty batch, so that time goes on;
+    - ``roi_events``: that many events inside the ROI; the last of them is the batch's last event.
+
+    A batch that reaches ``max_events`` before it is complete is returned as it is, with ``cut_short`` set, and nothing
+    is lost: a cut window goes on in the next batch; a batch by ROI events starts counting anew.
+
+    A last incomplete batch is not returned: it would be estimated from fewer events, or less time, than all others. A
+    window only counts as complete once there is an event after it, so the last window is never returned whole.
+
+    Parameters
+    ----------
+    recording : Recording
+    start_event : int
+        Index of the first event to cut.
+    events, duration_us, roi_events : int, optional
+        Exactly one of them, 1 or more: events, µs, events.
+    max_events : int
+        Largest batch, in events of the whole sensor.
+
+    Raises
+    ------
+    ConfigError
+        Not exactly one mode, or a value that is not allowed.
+    RecordingError
+        From the recording, here or in :meth:`next`.
+    """
+
+    def __init__(self, recording, *, start_event=0, events=None, duration_us=None, roi_events=None, max_events):
+        modes = {"events": events, "duration_us": duration_us, "roi_events": roi_events}
+        given = {name: value for name, value in modes.items() if value is not None}
+        if len(given) != 1:
+            raise ConfigError(
+                f"{' and '.join(given) or 'no size'} given for batches: one of {', '.join(modes)} is needed"
+            )
+        self.max_events = _positive("max_events", max_events)
+        ((self.mode, size),) = given.items()
+        self.size = _positive(self.mode, size)
+        if self.mode != "duration_us" and self.size > self.max_events:
+            raise ConfigError(f"{self.mode} = {self.size}: at most {self.max_events} is allowed (max_events)")
+        self._chunks = recording.chunks(start_event, CHUNK_EVENTS)
+        self._chunk = Events.empty()
+        self._at = 0  # first event of the chunk that is in no batch yet
+        self._position = operator.index(start_event)
+        self._window_begin = None
+        self._leftover = None
+
+    @property
+    def position(self):
+        """Index in the recording of the next event to cut."""
+        return self._position
+
+    @property
+    def leftover(self):
+        """Events after the last batch; 0 until :meth:`next` has returned None."""
+        return self._leftover or 0
+
+    def next(self, roi=None):
+        """The next :class:`Batch`, or None at the end.
+
+        Parameters
+        ----------
+        roi : (x, y, width, height), optional
+            Left column, top row and size of the ROI, px, integers. It counts with ``roi_events`` only, and may be
+            another one for each batch. Parts outside the sensor hold no events.
+        """
+        if self._leftover is not None:
+            return None
+        if self.mode == "roi_events":
+            roi = _checked_roi(roi)
+        parts, count, inside = [], 0, 0
+        while True:
+            rest = self._rest()
+            if rest is None:
+                self._leftover = count
+                return None
+            cut_short = False
+            if self.mode == "events":
+                take = min(self.size - count, len(rest))
+                complete = count + take == self.size
+            elif self.mode == "duration_us":
+                take, complete, cut_short = self._take_window(rest, count)
+            else:
+                take, hits = _take_roi(rest[: min(_SCAN_EVENTS, self.max_events - count)], roi, self.size - inside)
+                inside += hits
+                complete = inside == self.size
+                cut_short = not complete and count + take == self.max_events
+            parts.append(rest[:take])
+            count += take
+            self._at += take
+            if complete or cut_short:
+                return self._batch(parts, count, cut_short)
+
+    def _rest(self):
+        """Events of the current chunk that are in no batch yet, at least one; None at the end of the recording."""
+        while self._at == len(self._chunk):
+            chunk = next(self._chunks, None)
+            if chunk is None:
+                return None
+            self._chunk, self._at = chunk, 0
+        return self._chunk[self._at :]
+
+    def _take_window(self, rest, count):
+        if self._window_begin is None:
+            self._window_begin = int(rest.t[0])
+        take = int(np.searchsorted(rest.t, self._window_begin + self.size))
+        complete = take < len(rest)
+        if count + take > self.max_events:
+            return self.max_events - count, False, True
+        return take, complete, False
+
+    def _batch(self, parts, count, cut_short):
+        first = self._position
+        self._position += count
+        window = None
+        if self.mode == "duration_us":
+            window = (self._window_begin, self._window_begin + self.size)
+            if not cut_short:
+                self._window_begin = window[1]
+        events = parts[0] if len(parts) == 1 else Events.concatenate(parts)
+        return Batch(events.t, events.x, events.y, events.p, first, cut_short, window)
+
+
+def _take_roi(events, roi, wanted):
+    """How many of ``events`` to take until ``wanted`` of them are inside the ROI, and how many of those are."""
+    x, y, width, height = roi
+    column, row = events.x.astype(np.int64) - x, events.y.astype(np.int64) - y
+    hits = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
+    if len(hits) < wanted:
+        return len(events), len(hits)
+    return int(hits[wanted - 1]) + 1, wanted
+
+
+def _positive(name, value):
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = 0
+    if number < 1 or isinstance(value, bool):
+        raise ConfigError(f"{name} = {value!r}: an integer of 1 or more is needed")
+    return number
+
+
+def _checked_roi(roi):
+    try:
+        x, y, width, height = (operator.index(value) for value in roi)
+    except (TypeError, ValueError):
+        raise ConfigError(f"roi = {roi!r}: four integers (x, y, width, height) are needed with roi_events") from None
+    if width < 1 or height < 1:
+        raise ConfigError(f"roi = {roi!r}: width and height of 1 or more are needed")
+    return x, y, width, height

@@ -1,0 +1,107 @@
+"""From columns of numbers, as a file stores them, to checked :class:`Events`."""
+
+import numpy as np
+
+from ..errors import RecordingError
+from .arrays import Events
+
+# Columns and rows are uint16 in memory.
+_LARGEST_COORDINATE = (1 << 16) - 1
+
+
+class EventChecker:
+    """Turns the chunks of one recording, in order, into :class:`Events`; refuses what cannot be used.
+
+    Parameters
+    ----------
+    where : str
+        Start of every message: the file, and what the columns are if that needs to be said.
+    width, height : int or None
+        Size of the sensor, px. Without it coordinates are only held to 0 … 65535.
+    first_event : int
+        Index in the recording of the first event that will be given.
+    """
+
+    def __init__(self, where, width=None, height=None, first_event=0):
+        self.where = where
+        self.width = width
+        self.height = height
+        self.next_event = first_event
+        self._last_t = None
+        self._seen_minus = False
+        self._seen_zero = False
+
+    def __call__(self, t, x, y, p):
+        """:class:`Events` of the next chunk.
+
+        Parameters
+        ----------
+        t : int64 array
+            Time stamps, µs. Negative ones are allowed.
+        x, y : arrays of integers, or of floats with whole values
+            Column and row.
+        p : array of bool or numbers
+            Polarity: 0 and 1, or -1 and 1.
+
+        Raises
+        ------
+        RecordingError
+            A time stamp is lower than the one before (also across chunks), a coordinate is no whole number,
+            negative or outside the sensor, a polarity is another number, or -1 and 0 both occur.
+        """
+        self._check_order(t)
+        x = self._coordinate("x", x, self.width)
+        y = self._coordinate("y", y, self.height)
+        p = self._polarity(p)
+        self.next_event += len(t)
+        return Events(t, x, y, p)
+
+    def _fail(self, k, message):
+        raise RecordingError(f"{self.where}: {message.format(event=f'event {self.next_event + k}')}")
+
+    def _check_order(self, t):
+        if not len(t):
+            return
+        if self._last_t is not None and t[0] < self._last_t:
+            self._fail_order(0, self._last_t, t[0])
+        back = t[1:] < t[:-1]
+        if back.any():
+            k = int(back.argmax())
+            self._fail_order(k + 1, t[k], t[k + 1])
+        self._last_t = int(t[-1])
+
+    def _fail_order(self, k, before, after):
+        self._fail(
+            k, f"time stamp of {{event}} is {after} µs, after {before} µs of the event before; it must never decrease"
+        )
+
+    def _coordinate(self, name, values, size):
+        if not len(values):
+            return values
+        if values.dtype.kind == "f":
+            odd = ~(values == np.floor(values))  # NaN too
+            if odd.any():
+                k = int(odd.argmax())
+                self._fail(k, f"{name} of {{event}} is {values[k]}; a whole number of pixels is needed")
+        largest = _LARGEST_COORDINATE if size is None else size - 1
+        if values.min() < 0 or values.max() > largest:  # faster than a mask of each chunk
+            k = int(((values < 0) | (values > largest)).argmax())
+            sensor = "" if size is None else f" on a sensor of {self.width}×{self.height} px"
+            self._fail(k, f"{name} of {{event}} is {values[k]:.0f}; 0 to {largest} is allowed{sensor}")
+        return values.astype(np.uint16)
+
+    def _polarity(self, values):
+        if values.dtype.kind == "b":
+            return values.astype(np.uint8)
+        minus, zero, one = values == -1, values == 0, values == 1
+        bad = ~(minus | zero | one)
+        if bad.any():
+            k = int(bad.argmax())
+            self._fail(k, f"polarity of {{event}} is {values[k]}; 0 and 1, or -1 and 1, are allowed")
+        self._seen_minus |= bool(minus.any())
+        self._seen_zero |= bool(zero.any())
+        if self._seen_minus and self._seen_zero:
+            # Either could be the darker one, or 0 could mean "unknown".
+            k = int((minus | zero).argmax())
+            self._fail(k, "polarities -1 and 0 both occur up to {event} or later; 0 and 1, or -1 and 1, are allowed")
+        return one.astype(np.uint8)

@@ -1,0 +1,178 @@
+"""Recordings whose t, x, y and p can be sliced: data sets, NumPy arrays, events in memory."""
+
+from ..errors import RecordingError
+from .recording import Recording, check_sensor
+from .units import SAMPLE_EVENTS, guess_unit, to_us
+
+# Names under which the four columns are found, in data sets, archives and structured arrays.
+NAMES = {
+    "t": ("t", "ts", "timestamp", "timestamps", "time", "times"),
+    "x": ("x", "xs", "col", "column"),
+    "y": ("y", "ys", "row"),
+    "p": ("p", "ps", "polarity", "polarities", "pol"),
+}
+
+
+def match_names(names):
+    """``{"t": …, "x": …, "y": …, "p": …}``: which of ``names`` is which column; columns not found are left out."""
+    names = set(names)
+    found = {column: next((alias for alias in aliases if alias in names), None) for column, aliases in NAMES.items()}
+    return {column: name for column, name in found.items() if name is not None}
+
+
+def require_names(names, where):
+    """As :func:`match_names`, but all four are needed. Raises :exc:`RecordingError`, starting with ``where``."""
+    found = match_names(names)
+    missing = [column for column in NAMES if column not in found]
+    if missing:
+        raise RecordingError(
+            f"{where}: {' and '.join(missing)} missing; "
+            + "; ".join(f"{column} may be named {', '.join(NAMES[column])}" for column in missing)
+        )
+    return found
+
+
+class Columns:
+    """The four columns of events, read by slices.
+
+    Parameters
+    ----------
+    source : dict, or one array
+        ``{"t": array, "x": …, "y": …, "p": …}`` of one-dimensional arrays; or one structured array; or one array of
+        N×4. An array is anything with ``shape``, ``dtype`` and slicing.
+    where : str
+        Start of messages.
+    order : str
+        Columns of an N×4 array.
+
+    Raises
+    ------
+    RecordingError
+        The arrays have another shape, lengths that differ, or hold something else than numbers; or hold no events.
+    """
+
+    def __init__(self, source, where, order="txyp"):
+        self._order = order
+        self._source = source
+        self._names = None
+        if isinstance(source, dict):
+            shapes = {name: array.shape for name, array in source.items()}
+            if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) != 1:
+                sizes = ", ".join(f"{name}: {'×'.join(map(str, shapes[name])) or 'scalar'}" for name in NAMES)
+                raise RecordingError(
+                    f"{where}: sizes ({sizes}) differ or are not one-dimensional; one length is needed"
+                )
+            dtypes = {name: array.dtype for name, array in source.items()}
+            shape = shapes["t"]
+        elif source.dtype.names:
+            self._names = require_names(source.dtype.names, where)
+            dtypes = {name: source.dtype[field] for name, field in self._names.items()}
+            shape = source.shape
+            if len(shape) != 1:
+                raise RecordingError(f"{where}: structured array of {len(shape)} dimensions; 1 is needed")
+        else:
+            dtypes = dict.fromkeys(NAMES, source.dtype)
+            shape = source.shape
+            if len(shape) != 2 or shape[1] != 4:
+                size = "×".join(map(str, shape)) or "a single value"
+                raise RecordingError(f"{where}: array of {size}; N×4 with columns {', '.join(order)} is needed")
+        for name, dtype in dtypes.items():
+            if dtype.kind not in ("iuf" if name == "t" else "biuf"):
+                raise RecordingError(f"{where}: {name} holds {dtype}; real numbers are needed")
+        if not shape[0]:
+            raise RecordingError(f"{where}: no events")
+        self._length = shape[0]
+
+    def __len__(self):
+        return self._length
+
+    def read(self, start, stop):
+        """Columns t, x, y, p of events ``start`` to ``stop`` as NumPy arrays, as stored."""
+        if isinstance(self._source, dict):
+            return [self._source[name][start:stop] for name in NAMES]
+        table = self._source[start:stop]
+        if self._names:
+            return [table[self._names[name]] for name in NAMES]
+        return [table[:, self._order.index(name)] for name in NAMES]
+
+
+class ColumnsRecording(Recording):
+    """A recording over :class:`Columns`.
+
+    Parameters
+    ----------
+    columns : callable
+        Gives fresh :class:`Columns`: each iteration has its own, so that streams can be read side by side.
+    time_unit : str or None
+        As given by the caller.
+    file_unit : str or None
+        As the file says.
+    t_offset : int or float
+        Added to all time stamps, in the unit of the recording.
+    layout : str
+        What messages add to the name, such as the order of the columns.
+    read_errors : tuple of exceptions
+        What reading damaged content raises.
+    """
+
+    def __init__(
+        self, columns, *, path, name, format, sensor, time_unit=None, file_unit=None, t_offset=None, layout="",
+        read_errors=(),
+    ):  # fmt: skip
+        self._open_columns = columns
+        self._layout = layout
+        self._read_errors = read_errors
+        first = columns()
+        source = "given" if time_unit else "file" if file_unit else "assumed"
+        unit = time_unit or file_unit
+        super().__init__(
+            path=path, name=name, format=format, sensor=sensor, num_events=len(first), time_unit=unit,
+            time_unit_source=source,
+        )  # fmt: skip
+        sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))[0]
+        if unit is None:
+            self.time_unit = guess_unit(sample)
+        self._offset_us = 0 if t_offset is None else int(to_us(t_offset, self.time_unit, f"{name}: t_offset")[0])
+
+    @property
+    def where(self):
+        return f"{self.name}{self._layout}"
+
+    def _read(self, columns, start, stop):
+        try:
+            return columns.read(start, stop)
+        except self._read_errors as error:
+            events = f"events {start} to {stop - 1}"
+            raise RecordingError(
+                f"{self.name}: {events} cannot be read (truncated or damaged file): {one_line(error)}"
+            ) from None
+
+    def _columns(self, start, size):
+        columns = self._open_columns()
+        for first in range(start, len(columns), size):
+            t, x, y, p = self._read(columns, first, min(first + size, len(columns)))
+            yield to_us(t, self.time_unit, self.where, first) + self._offset_us, x, y, p
+
+
+class MemoryRecording(ColumnsRecording):
+    """Events in memory, as a recording.
+
+    Parameters
+    ----------
+    events : Events
+        At least one.
+    width, height : int
+        Size of the sensor, px.
+    name : str
+        For people.
+    """
+
+    def __init__(self, events, width, height, name="events in memory"):
+        columns = Columns({key: getattr(events, key) for key in NAMES}, name)
+        sensor = check_sensor((width, height), name)
+        super().__init__(lambda: columns, path=None, name=name, format="memory", sensor=sensor, file_unit="us")
+
+
+def one_line(error):
+    """The text of a library's exception on one line."""
+    return " ".join(str(error).split()) or type(error).__name__

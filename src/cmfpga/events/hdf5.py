@@ -1,0 +1,179 @@
+"""HDF5 recordings: reading the common layouts, writing our own.
+
+Read, in this order (names of the columns: see ``columns.NAMES``):
+
+- ``events/{t,x,y,p}``, ours and the common one; a scalar ``t_offset`` at the root is added to t (DSEC);
+- ``events`` as a compound data set, or of N×4 with columns t, x, y, p;
+- ``{t,x,y,p}`` at the root;
+- ``davis/left/events`` of N×4 with columns x, y, t, p (MVSEC, 346×260 px).
+
+Attributes, of the data set, its group or the root: ``unit``, ``units`` or ``time_unit`` (of t; of groups only
+``time_unit``), ``sensor_width`` and ``sensor_height``, ``width`` and ``height``, or ``sensor_resolution`` as (height,
+width). A file with ``t_offset`` and ``ms_to_idx`` is of DSEC, 640×480 px.
+"""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..errors import RecordingError
+from .columns import NAMES, Columns, ColumnsRecording, match_names, one_line, require_names
+from .recording import Format, check_sensor
+from .units import parse_unit
+
+_READ_ERRORS = (OSError, RuntimeError, KeyError)
+_MAGIC = b"\x89HDF\r\n\x1a\n"
+_MVSEC = "davis/left/events"
+_DSEC_SENSOR = (640, 480)
+_MVSEC_SENSOR = (346, 260)
+
+# Events per stored chunk: small enough to read little around a batch, large enough to compress.
+_STORED_CHUNK = 1 << 14
+
+
+class Hdf5Recording(ColumnsRecording):
+    """Events of an HDF5 file; see the module for the layouts. Chunks are read from the file as they are asked for."""
+
+    def __init__(self, path, *, time_unit=None, sensor=None):
+        self._file = None
+        try:
+            self._file = h5py.File(path, "r")
+            source, order, holders = _find_events(self._file, path)
+            offset = self._file.get("t_offset")
+            dsec = offset is not None and "ms_to_idx" in self._file
+            layout_sensor = _MVSEC_SENSOR if order == "xytp" else _DSEC_SENSOR if dsec else None
+            columns = Columns(source, str(path), order)
+            super().__init__(
+                lambda: columns,
+                path=path,
+                name=str(path),
+                format="HDF5",
+                sensor=sensor or _sensor(holders, path) or layout_sensor,
+                time_unit=time_unit,
+                file_unit=_unit(holders, path),
+                t_offset=None if offset is None else np.reshape(offset[()], (1,)),
+                layout=f" (columns {', '.join(order)})" if not isinstance(source, dict) else "",
+                read_errors=_READ_ERRORS,
+            )
+        except RecordingError:
+            self._close_file()
+            raise
+        except (*_READ_ERRORS, ValueError, TypeError) as error:
+            self._close_file()
+            raise RecordingError(
+                f"{path}: not a readable HDF5 file (truncated or damaged): {one_line(error)}"
+            ) from None
+
+    def _close_file(self):
+        if self._file is not None:
+            self._file.close()
+
+    def close(self):
+        super().close()
+        self._close_file()
+
+
+def _find_events(file, path):
+    """Source and order of the columns for :class:`Columns`, and the objects whose attributes count, nearest first."""
+    mvsec = file.get(_MVSEC)
+    if isinstance(mvsec, h5py.Dataset):
+        return mvsec, "xytp", (mvsec, file)
+    events = file.get("events")
+    if isinstance(events, h5py.Dataset):
+        return events, "txyp", (events, file)
+    groups = [group for group in (events, file) if group is not None]
+    group = max(groups, key=lambda group: len(match_names(group)))  # the first of equals
+    if not match_names(group):
+        raise RecordingError(
+            f"{path}: no events found among its data sets; events/{{t,x,y,p}}, t, x, y, p at the root, or events as "
+            "one data set is needed"
+        )
+    names = require_names(group, path if group is file else f"{path}: events")
+    source = {column: group[name] for column, name in names.items()}
+    for column, dataset in source.items():
+        if not isinstance(dataset, h5py.Dataset):
+            raise RecordingError(f"{path}: {dataset.name} is a group; {column} needs to be a data set")
+    return source, "txyp", (source["t"], group, file)
+
+
+def _unit(holders, path):
+    """Unit that the attributes name, or None."""
+    for k, holder in enumerate(holders):
+        for name in ("time_unit", "unit", "units") if k == 0 else ("time_unit",):
+            if name in holder.attrs:
+                return parse_unit(holder.attrs[name], f"{path}: attribute {name} of {holder.name}")
+    return None
+
+
+def _sensor(holders, path):
+    """(width, height) that the attributes name, or None."""
+    for holder in holders:
+        attrs = holder.attrs
+        for pair in (("sensor_width", "sensor_height"), ("width", "height")):
+            if all(name in attrs for name in pair):
+                return check_sensor([_scalar(attrs[name]) for name in pair], f"{path}: attributes {' and '.join(pair)}")
+        if "sensor_resolution" in attrs:
+            height_width = np.ravel(attrs["sensor_resolution"])[:2]
+            return check_sensor(list(map(_scalar, height_width))[::-1], f"{path}: attribute sensor_resolution")
+    return None
+
+
+def _scalar(value):
+    """An attribute's number: whole floats and arrays of one element (as MATLAB writes them) are integers too."""
+    value = np.ravel(value)
+    if value.dtype.kind == "f" and (value == np.floor(value)).all():
+        value = value.astype(np.int64)
+    return value[0] if len(value) == 1 else value
+
+
+def write_hdf5(path, events, width, height, **attrs):
+    """Writes a recording that :func:`open_recording` reads back unchanged. An existing file is replaced.
+
+    Layout: ``/events/t`` int64 µs, ``/events/x`` and ``/events/y`` uint16, ``/events/p`` uint8, compressed; root
+    attributes ``sensor_width``, ``sensor_height``, ``num_events``, ``t_first_us``, ``t_last_us``.
+
+    Parameters
+    ----------
+    path : str or Path
+    events : Events
+        At least one.
+    width, height : int
+        Size of the sensor, px.
+    **attrs
+        Further root attributes: strings, numbers, arrays of numbers.
+
+    Raises
+    ------
+    RecordingError
+        There are no events, the sensor's size is not allowed, or the file cannot be written.
+    """
+    path = Path(path)
+    width, height = check_sensor((width, height), path)
+    if not len(events):
+        raise RecordingError(f"{path}: no events to write")
+    try:
+        with h5py.File(path, "w") as file:
+            for name in NAMES:
+                values = getattr(events, name)
+                chunk = (min(len(values), _STORED_CHUNK),)
+                file.create_dataset(f"events/{name}", data=values, chunks=chunk, compression="gzip", shuffle=True)
+            file["events/t"].attrs["unit"] = "microseconds"
+            file.attrs.update(
+                sensor_width=width,
+                sensor_height=height,
+                num_events=len(events),
+                t_first_us=int(events.t[0]),
+                t_last_us=int(events.t[-1]),
+            )
+            file.attrs.update(attrs)
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be written: {one_line(error)}") from None
+
+
+def _matches(head, path):
+    # The signature may also stand after a user block, at 512, 1024, 2048 … bytes.
+    return head.startswith(_MAGIC) or any(head[at : at + 8] == _MAGIC for at in (512, 1024, 2048))
+
+
+FORMATS = (Format("HDF5", (".h5", ".hdf5", ".hdf"), _matches, Hdf5Recording),)

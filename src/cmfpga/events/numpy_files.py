@@ -1,0 +1,156 @@
+"""NumPy recordings: ``.npz`` archives and ``.npy`` arrays.
+
+- ``.npy``: a structured array with fields named as in ``columns.NAMES``, or N×4 with columns t, x, y, p. The file is
+  mapped into memory, so only what is read is loaded.
+- ``.npz``: arrays named as in ``columns.NAMES``; or one array, named ``events`` or the only one, as for ``.npy``.
+  Members are streamed, compressed or not: memory is bounded, but an iteration that starts at a later event
+  decompresses all that comes before it.
+"""
+
+import math
+import zipfile
+import zlib
+
+import numpy as np
+
+from ..errors import RecordingError
+from .columns import Columns, ColumnsRecording, match_names, one_line, require_names
+from .recording import Format
+
+_NPZ_ERRORS = (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
+_SKIP_BYTES = 1 << 20
+_ORDER = "txyp"
+
+
+def open_npy(path, *, time_unit=None, sensor=None):
+    """The :class:`Recording` of a ``.npy`` file."""
+    try:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, EOFError, ValueError) as error:
+        raise RecordingError(
+            f"{path}: not a readable .npy file of numbers (truncated or damaged): {one_line(error)}"
+        ) from None
+    columns = Columns(array, str(path), _ORDER)
+    return ColumnsRecording(
+        lambda: columns,
+        path=path,
+        name=str(path),
+        format="NumPy array",
+        sensor=sensor,
+        time_unit=time_unit,
+        layout=_layout(array),
+    )
+
+
+class NpzRecording(ColumnsRecording):
+    """Events of a ``.npz`` archive, streamed from its members."""
+
+    def __init__(self, path, *, time_unit=None, sensor=None):
+        self._zip = None
+        try:
+            self._zip = zipfile.ZipFile(path)
+            super().__init__(
+                self._open,
+                path=path,
+                name=str(path),
+                format="NumPy archive",
+                sensor=sensor,
+                time_unit=time_unit,
+                layout=_layout(self._find()),
+                read_errors=_NPZ_ERRORS,
+            )
+        except RecordingError:
+            self._close_zip()
+            raise
+        except _NPZ_ERRORS as error:
+            self._close_zip()
+            raise RecordingError(
+                f"{path}: not a readable .npz archive (truncated or damaged): {one_line(error)}"
+            ) from None
+
+    def _find(self):
+        """Readers of the four members, as a dict, or of the one that holds all."""
+        path = self._zip.filename
+        members = {name.removesuffix(".npy"): name for name in self._zip.namelist() if name.endswith(".npy")}
+        if not match_names(members) and ("events" in members or len(members) == 1):
+            return _Member(self._zip, members.get("events") or next(iter(members.values())))
+        names = require_names(members, path)
+        return {column: _Member(self._zip, members[name]) for column, name in names.items()}
+
+    def _open(self):
+        return Columns(self._find(), self._zip.filename, _ORDER)
+
+    def _close_zip(self):
+        if self._zip is not None:
+            self._zip.close()
+
+    def close(self):
+        super().close()
+        self._close_zip()
+
+
+class _Member:
+    """An array in an archive, sliced along its first axis with few bytes in memory; ascending slices are fast.
+
+    One stream for an array in C order; one per column for Fortran order, which is what saving ``array.T`` gives.
+    """
+
+    def __init__(self, archive, name):
+        self._archive = archive
+        self._name = name
+        with archive.open(name) as stream:
+            version = np.lib.format.read_magic(stream)
+            if version == (1, 0):
+                header = np.lib.format.read_array_header_1_0(stream)
+            elif version == (2, 0):
+                header = np.lib.format.read_array_header_2_0(stream)
+            else:
+                raise ValueError(f"{name} has version {version} of the .npy format; 1.0 or 2.0 is needed")
+            self.shape, fortran, self.dtype = header
+            self._data = stream.tell()
+        if self.dtype.hasobject:
+            raise ValueError(f"{name} holds Python objects; numbers are needed")
+        columns = fortran and len(self.shape) == 2
+        self._streams = [None] * (self.shape[1] if columns else 1)
+        self._row_bytes = self.dtype.itemsize * (1 if columns else math.prod(self.shape[1:]))
+
+    def __getitem__(self, index):
+        start, stop, _ = index.indices(self.shape[0])
+        if len(self._streams) == 1:
+            return self._read(0, start, stop).reshape(-1, *self.shape[1:])
+        return np.stack([self._read(k, start, stop) for k in range(len(self._streams))], axis=1)
+
+    def _read(self, k, start, stop):
+        begin = self._data + (k * self.shape[0] + start) * self._row_bytes
+        stream = self._streams[k]
+        if stream is None or stream.tell() > begin:
+            stream = self._streams[k] = self._archive.open(self._name)
+        while stream.tell() < begin:  # not seek(), which may hold all that it skips
+            if not stream.read(min(_SKIP_BYTES, begin - stream.tell())):
+                raise EOFError(f"{self._name} ends early")
+        size = (stop - start) * self._row_bytes
+        content = stream.read(size)
+        if len(content) < size:
+            raise EOFError(f"{self._name} ends early")
+        return np.frombuffer(content, self.dtype)
+
+
+def _layout(source):
+    table = not isinstance(source, dict) and not source.dtype.names
+    return f" (columns {', '.join(_ORDER)})" if table else ""
+
+
+def _is_npz(head, path):
+    if not head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
+        return False
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(name.endswith(".npy") for name in archive.namelist())
+    except (OSError, zipfile.BadZipFile):
+        return path.suffix.lower() == ".npz"
+
+
+FORMATS = (
+    Format("NumPy array", (".npy",), lambda head, path: head.startswith(b"\x93NUMPY"), open_npy),
+    Format("NumPy archive", (".npz",), _is_npz, NpzRecording),
+)

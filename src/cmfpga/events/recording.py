@@ -1,0 +1,199 @@
+"""Recordings of events: the interface, the registry of formats, and :func:`open_recording`."""
+
+import abc
+import operator
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..errors import RecordingError
+from .checks import EventChecker
+from .units import parse_unit
+
+CHUNK_EVENTS = 1 << 16
+
+# Bytes of a file that a format is recognised by.
+HEAD_BYTES = 4096
+
+
+class Recording(abc.ABC):
+    """Events of one recording, read in chunks; a context manager.
+
+    Members
+    -------
+    path : Path or None
+        The file; None for events in memory.
+    name : str
+        For people: the path, or the name that was given.
+    format : str
+        Name of the format, such as ``"HDF5"``.
+    width, height : int or None
+        Size of the sensor, px; None where neither the file nor the caller says it.
+    num_events : int or None
+        Number of events; None where only reading all of them would tell (text).
+    time_unit : str
+        Unit of the stored time stamps: ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``. Events always come in µs.
+    time_unit_source : str
+        ``"given"``, ``"file"`` (an attribute, or a format that defines it) or ``"assumed"`` (see ``events.units``).
+    """
+
+    def __init__(self, *, path, name, format, sensor, num_events, time_unit, time_unit_source):
+        self.path = path
+        self.name = name
+        self.format = format
+        self.width, self.height = sensor or (None, None)
+        self.num_events = num_events
+        self.time_unit = time_unit
+        self.time_unit_source = time_unit_source
+        self._closed = False
+
+    def chunks(self, start=0, size=CHUNK_EVENTS):
+        """Iterator of :class:`Events` from event ``start`` (from 0) to the end, each of ``size``, the last of the rest.
+
+        Memory is bounded by ``size``. Several iterators may be in use at once.
+
+        Raises
+        ------
+        RecordingError
+            At once, or while iterating: ``start`` is not an event of the recording, or an event cannot be used (see
+            :class:`EventChecker`). Events before ``start`` are not checked, apart from the syntax of text.
+        """
+        if self._closed:
+            raise RecordingError(f"{self.name}: the recording is closed")
+        start, size = operator.index(start), operator.index(size)
+        if size < 1:
+            raise RecordingError(f"{self.name}: chunks of {size} events; 1 or more is needed")
+        if start < 0 or (self.num_events is not None and start >= self.num_events):
+            raise self._start_error(start, self.num_events)
+        return self._checked(start, size)
+
+    def _checked(self, start, size):
+        check = EventChecker(self.where, self.width, self.height, start)
+        for columns in self._columns(start, size):
+            yield check(*columns)
+
+    def _start_error(self, start, num_events):
+        allowed = "0 or more" if num_events is None else f"0 to {num_events - 1}"
+        return RecordingError(f"{self.name}: first event {start}; {allowed} is allowed")
+
+    @property
+    def where(self):
+        """Start of messages about events."""
+        return self.name
+
+    @abc.abstractmethod
+    def _columns(self, start, size):
+        """Yields ``(t, x, y, p)`` from event ``start`` on, ``size`` events each: t int64 in µs, others as stored."""
+
+    def close(self):
+        """Releases the file. May be called more than once."""
+        self._closed = True
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of recordings.
+
+    Parameters
+    ----------
+    name : str
+        For people, such as ``"HDF5"``.
+    extensions : tuple of str
+        Usual file extensions, lower case, with the dot. Only used where the content does not decide.
+    matches : callable
+        ``matches(head, path)``: whether the file is of this format, from its first ``HEAD_BYTES`` bytes.
+    open : callable
+        ``open(path, time_unit=, sensor=)``: the :class:`Recording`; both arguments are checked, or None.
+    """
+
+    name: str
+    extensions: tuple[str, ...]
+    matches: Callable[[bytes, Path], bool]
+    open: Callable[..., Recording]
+
+
+_FORMATS: list[Format] = []
+
+
+def register_format(fmt):
+    """Adds a :class:`Format`. The newest is asked first, so text, which matches loosely, is registered first."""
+    _FORMATS.insert(0, fmt)
+
+
+def formats():
+    """All registered formats, in the order in which they are asked."""
+    return tuple(_FORMATS)
+
+
+def open_recording(path, *, time_unit=None, sensor=None):
+    """Opens a recording of any registered format. The content decides which, then the extension.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Unit of the time stamps; by default found as ``cmfpga.events.units`` says.
+    sensor : (int, int), optional
+        Width and height of the sensor, px; goes before what the file says.
+
+    Returns
+    -------
+    Recording
+
+    Raises
+    ------
+    RecordingError
+        The file is missing, unreadable, empty, of no known format, truncated, without events, or without one of
+        t, x, y and p; or an argument is not allowed. One line.
+    """
+    path = Path(path)
+    if time_unit is not None:
+        time_unit = parse_unit(time_unit, path)
+    if sensor is not None:
+        sensor = check_sensor(sensor, path)
+    head = _read_head(path)
+    for fmt in _FORMATS:
+        if fmt.matches(head, path):
+            return fmt.open(path, time_unit=time_unit, sensor=sensor)
+    known = "; ".join(f"{fmt.name} ({', '.join(fmt.extensions)})" for fmt in _FORMATS)
+    for fmt in _FORMATS:
+        if path.suffix.lower() in fmt.extensions:
+            raise RecordingError(
+                f"{path}: named like {fmt.name}, but does not begin like it: damaged, or of another format than {known}"
+            )
+    raise RecordingError(f"{path}: format not known; one of {known} is needed")
+
+
+def check_sensor(sensor, where):
+    """``(width, height)`` as two integers from 1 to 65536. Raises :exc:`RecordingError`, starting with ``where``."""
+    try:
+        width, height = (operator.index(size) for size in sensor)
+    except (TypeError, ValueError):
+        raise RecordingError(f"{where}: sensor {sensor!r}; (width, height) in whole pixels is needed") from None
+    if not (1 <= width <= 1 << 16 and 1 <= height <= 1 << 16):
+        raise RecordingError(f"{where}: sensor of {width}×{height} px; 1 to 65536 each is allowed")
+    return width, height
+
+
+def _read_head(path):
+    try:
+        if path.is_dir():
+            raise RecordingError(f"{path}: a directory; a file is needed")
+        if path.exists() and not path.is_file():
+            raise RecordingError(f"{path}: not a regular file; pipes and devices cannot be read")
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+    except FileNotFoundError:
+        raise RecordingError(f"{path}: no such file") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    if not head:
+        raise RecordingError(f"{path}: the file is empty")
+    return head

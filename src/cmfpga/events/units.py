@@ -1,0 +1,121 @@
+"""Units of time: which one a recording uses, and the conversion to whole microseconds.
+
+The unit is, in this order:
+
+1. what the caller gives (``time_unit=``),
+2. what the file says (an attribute such as ``unit = "microseconds"``),
+3. seconds, where any of the first 65,536 time stamps has a fractional part,
+4. for whole numbers (floats without fractions included), judged by the same first time stamps:
+
+   ======  ==========================================================================================
+   ns      a time stamp of 10^17 or more (3,000 years in µs); or, given 1,000 events, fewer than 100
+           events/s if read as µs; or all time stamps are multiples of 1,000 apart (a clock of 1 µs
+           written in ns), with at least 100 different ones and at most 10^8 events/s if read as ns
+   ms      given 10,000 events, more than 10^8 events/s if read as µs (no sensor sends that many)
+   µs      otherwise
+   ======  ==========================================================================================
+
+Whole seconds are never assumed: they are too coarse for events. The rule of step 4 can err for scenes that are
+almost at rest, so a recording says where its unit comes from (``time_unit_source``).
+"""
+
+import numpy as np
+
+from ..errors import RecordingError
+
+TIME_UNITS = ("s", "ms", "us", "ns")
+
+# Power of ten that turns a time in the unit into µs.
+POWER = {"s": 6, "ms": 3, "us": 0, "ns": -3}
+
+# Events that the rule of the module looks at.
+SAMPLE_EVENTS = 1 << 16
+
+_LARGEST_US = 10**17
+_MIN_RATE, _MIN_RATE_EVENTS = 100, 1_000
+_MAX_RATE, _MAX_RATE_EVENTS = 10**8, 10_000
+_MIN_TICKS = 100
+
+_SPELLINGS = {
+    "s": ("s", "sec", "secs", "second", "seconds"),
+    "ms": ("ms", "msec", "millisecond", "milliseconds"),
+    "us": ("us", "µs", "μs", "usec", "microsecond", "microseconds"),
+    "ns": ("ns", "nsec", "nanosecond", "nanoseconds"),
+}
+_BY_SPELLING = {spelling: unit for unit, spellings in _SPELLINGS.items() for spelling in spellings}
+
+
+def parse_unit(text, where):
+    """One of ``TIME_UNITS`` for a unit as people write it (``"us"``, ``"µs"``, ``"microseconds"``, …).
+
+    Raises :exc:`RecordingError`, which starts with ``where``, for anything else.
+    """
+    if isinstance(text, bytes):
+        text = text.decode("utf-8", "replace")
+    unit = _BY_SPELLING.get(text.strip().lower()) if isinstance(text, str) else None
+    if unit is None:
+        raise RecordingError(f"{where}: time unit {text!r} is not known; one of {', '.join(TIME_UNITS)} is needed")
+    return unit
+
+
+def guess_unit(t):
+    """Unit of the time stamps ``t``, the first ones of a recording (numbers, as stored), by steps 3 and 4 above."""
+    t = np.asarray(t)[:SAMPLE_EVENTS]
+    if t.dtype.kind == "f":
+        t = t[np.isfinite(t)]  # the checks report the others
+        if (t != np.floor(t)).any():
+            return "s"
+    if not len(t):
+        return "us"
+    if max(abs(int(t.min())), abs(int(t.max()))) >= _LARGEST_US:
+        return "ns"
+    span = int(t[-1]) - int(t[0])
+    us_rate = len(t) * 1e6 / span if span > 0 else float("inf")
+    if len(t) >= _MAX_RATE_EVENTS and us_rate > _MAX_RATE:
+        return "ms"
+    if len(t) >= _MIN_RATE_EVENTS and span > 0:
+        steps = np.diff(t)
+        ticks = np.count_nonzero(steps) + 1
+        in_thousands = not (steps % 1000).any() and ticks >= _MIN_TICKS and us_rate * 1000 <= _MAX_RATE
+        if us_rate < _MIN_RATE or in_thousands:
+            return "ns"
+    return "us"
+
+
+def to_us(t, unit, where, first_event=0):
+    """Time stamps ``t`` (integers or floats, in ``unit``) as int64 µs, rounded to the nearest, halves up.
+
+    Integers are converted exactly; floats to the precision of float64.
+
+    Raises
+    ------
+    RecordingError
+        A time stamp is NaN, infinite, or beyond ±2^62 µs; the message starts with ``where`` and names the index
+        of the event, ``first_event`` being that of ``t[0]``.
+    """
+    t = np.asarray(t)
+    power = POWER[unit]
+    if t.dtype.kind == "f":
+        bad = ~np.isfinite(t)
+        if bad.any():
+            k = int(bad.argmax())
+            raise RecordingError(f"{where}: time stamp of event {first_event + k} is {t[k]}; a finite number is needed")
+        scaled = np.floor(t.astype(np.float64) * 10.0**power + 0.5)
+        _check_range(np.abs(scaled) < 2.0**62, t, unit, where, first_event)
+        return scaled.astype(np.int64)
+    limit = (1 << 62) // 10 ** max(power, 0)
+    if len(t):
+        _check_range((t <= limit) & (t >= -limit), t, unit, where, first_event)
+    t = t.astype(np.int64)
+    if power >= 0:
+        return t * 10**power
+    quotient, rest = np.divmod(t, 10**-power)
+    return quotient + (2 * rest >= 10**-power)
+
+
+def _check_range(good, t, unit, where, first_event):
+    if not good.all():
+        k = int((~good).argmax())
+        raise RecordingError(
+            f"{where}: time stamp of event {first_event + k} is {t[k]} {unit}; at most ±2^62 µs is allowed"
+        )
