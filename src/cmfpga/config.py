@@ -112,7 +112,9 @@ class Config:
             return
         kind = (int,) if field.type is int else (int, float)
         if isinstance(value, bool) or not isinstance(value, kind):
-            raise ConfigError(f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed")
+            raise ConfigError(
+                f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed"
+            )
         low, high = meta["low"], meta["high"]
         if value != value or (low is not None and value < low) or (high is not None and value > high):
             allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
@@ -120,9 +122,7 @@ class Config:
 
     def _check_size(self, name, limit):
         if getattr(self, name) > getattr(self, limit):
-            raise ConfigError(
-                f"{name} = {getattr(self, name)}: at most {getattr(self, limit)} is allowed ({limit})"
-            )
+            raise ConfigError(f"{name} = {getattr(self, name)}: at most {getattr(self, limit)} is allowed ({limit})")
 
     def _check_real(self, name, fmt):
         value = getattr(self, name)

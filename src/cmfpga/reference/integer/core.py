@@ -78,8 +78,6 @@ class IntegerCore:
             roi, clamped = clamp_roi(config, settings.roi)
             self.position = tuple(c << config.roi_x_format.f for c in roi)
             flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
-        if not settings.start_last:
-            self.v = settings.v_start
         roi = tuple(crop_position(config, p) for p in self.position)
 
         events = roi_filter(config, t, x, y, roi=roi)
@@ -93,10 +91,14 @@ class IntegerCore:
             flags |= flag if count else Flag(0)
 
         self.iterations = []
-        velocities, sums = [self.v], []
+        sums = []
+        velocities = [self.v]
         if n < max(1, settings.min_roi_events) or not events.span or not settings.iterations:
             flags |= Flag.DEGENERATE
         else:
+            if not settings.start_last:
+                self.v = settings.v_start
+            velocities = [self.v]
             self.dt = time_scaler(config, events.t[:n], span=events.span)
             batch_gain = gain(config, settings.eta)
             for _ in range(settings.iterations):

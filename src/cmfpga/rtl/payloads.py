@@ -1,0 +1,165 @@
+"""Named layouts of everything that travels between blocks."""
+
+from amaranth.hdl import signed
+from amaranth.lib import data, stream
+
+from ..batch import Flag
+from ..fixed import bits_for
+
+CYCLE_BITS = 32
+
+
+def flow(layout):
+    """A stream that is never stalled: one item in every cycle in which ``valid`` is high."""
+    return stream.Signature(layout, always_ready=True)
+
+
+def event(config):
+    """An event as the camera sends it; ``last`` ends the batch. Polarity is not used."""
+    return data.StructLayout({"t": config.time_bits, "x": config.x_bits, "y": config.y_bits, "last": 1})
+
+
+def roi_event(config):
+    """An event in the ROI: µs since t_1, column and row in the ROI."""
+    return data.StructLayout(
+        {"t": config.span_bits, "x": bits_for(config.roi_width - 1), "y": bits_for(config.roi_height - 1)}
+    )
+
+
+def replayed_event(config):
+    """An event out of the buffer; ``last`` is the iteration's last."""
+    return data.StructLayout({**roi_event(config).members, "last": 1})
+
+
+def scaled_event(config):
+    """An event with its scaled time."""
+    members = replayed_event(config).members
+    return data.StructLayout({"dt": signed(config.dt.width), "x": members["x"], "y": members["y"], "last": 1})
+
+
+def warped_event(config):
+    """An event moved to t_ref."""
+    return data.StructLayout(
+        {
+            "dt": signed(config.dt.width),
+            "x": signed(config.position_x.width),
+            "y": signed(config.position_y.width),
+            "last": 1,
+        }
+    )
+
+
+def votes(config):
+    """One event's votes, sorted by parity bank: bank 2·(row % 2) + (column % 2)."""
+    vote = data.StructLayout(
+        {
+            "valid": 1,
+            "address": config.bank_column_bits + bits_for(config.bank_rows - 1),
+            "i": config.weight_frac + 1,
+            "dx": signed(config.derivative_frac + 2),
+            "dy": signed(config.derivative_frac + 2),
+        }
+    )
+    return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1})
+
+
+def pixel(config):
+    """One pixel of the three images."""
+    return data.StructLayout(
+        {
+            "i": config.image_bits,
+            "dx": signed(config.derivative_image_bits),
+            "dy": signed(config.derivative_image_bits),
+        }
+    )
+
+
+def sweep_address(config):
+    """One address of all banks, for the reader that clears behind itself."""
+    return data.StructLayout(
+        {"address": votes(config)["banks"].shape.elem_shape["address"].shape, "first": 1, "last": 1}
+    )
+
+
+def sums(config):
+    """Sums over the ROI."""
+    return data.StructLayout(
+        {
+            "i": config.sum_i_bits,
+            "dx": signed(config.sum_d_bits),
+            "dy": signed(config.sum_d_bits),
+            "sx": signed(config.s_bits),
+            "sy": signed(config.s_bits),
+        }
+    )
+
+
+def vector(width):
+    """Two signed numbers of one width, x and y."""
+    return data.StructLayout({"x": signed(width), "y": signed(width)})
+
+
+def velocity(config):
+    """A velocity in pixels per half batch, raw ``config.v``."""
+    return vector(config.v.width)
+
+
+def roi_corner(config):
+    """Left column and top row of the ROI in whole pixels."""
+    return data.StructLayout({"x": bits_for(config.roi_x_max), "y": bits_for(config.roi_y_max)})
+
+
+def settings(config):
+    """Run-time inputs, taken over when a batch's first event is offered (see :class:`cmfpga.batch.BatchSettings`)."""
+    return data.StructLayout(
+        {
+            "roi_load": 1,
+            "roi_x": config.x_bits,
+            "roi_y": config.y_bits,
+            "batch_events": bits_for(config.max_batch_events),
+            "iterations": bits_for(config.max_iterations),
+            "eta": config.eta_format.width,
+            "roi_gain": config.roi_gain_format.width,
+            "start_last": 1,
+            "v_start": velocity(config),
+            "min_roi_events": bits_for(config.buffer_events),
+        }
+    )
+
+
+def counts(config):
+    """Where a batch's events went: events = roi_events + outside + overflow + time_back + time_span."""
+    bits = bits_for(config.max_batch_events)
+    return data.StructLayout(
+        {
+            "events": bits,
+            "roi_events": bits_for(config.buffer_events),
+            "outside": bits,
+            "overflow": bits,
+            "time_back": bits,
+            "time_span": bits,
+        }
+    )
+
+
+def result(config):
+    """One batch's result (see :class:`cmfpga.batch.BatchResult`)."""
+    return data.StructLayout(
+        {
+            "v": velocity(config),
+            "t_first": config.time_bits,
+            "span": config.span_bits,
+            "counts": counts(config),
+            "roi": roi_corner(config),
+            "roi_next": roi_corner(config),
+            "iterations": bits_for(config.max_iterations),
+            "sums": sums(config),
+            "cycles": CYCLE_BITS,
+            "flags": len(Flag),
+        }
+    )
+
+
+def trace(config):
+    """One iteration, for verification: the velocity that it used and its sums."""
+    return data.StructLayout({"v": velocity(config), "sums": sums(config)})
