@@ -1,0 +1,1 @@
+"""Float and integer references of the accelerator."""

@@ -1,0 +1,272 @@
+"""Contrast Maximization in float64, following the article equation by equation.
+
+This is the yardstick: pure functions on torch tensors, with no fixed-point rounding and no saturation. Names in
+parentheses, like (Eq. I_w), are the article's equation labels. Everything is differentiable in ``v``, so autograd
+can check the analytic gradient; nothing here uses autograd itself.
+
+Conventions, for all functions:
+
+* ``x``, ``y``: columns and rows relative to the ROI's origin, shape [n], in pixels (integers, or reals if dithered);
+  n may be 0.
+* ``dt``: scaled times in [−1, 1], shape [n]. ``v`` = (vx, vy), shape [2], in pixels per half batch.
+* Images have shape [height, width] and are indexed [y, x]. P = width·height is the article's N_p.
+* The four corners of a cell stand in the order of (Eq. weights): (i, j), (i+1, j), (i, j+1), (i+1, j+1).
+* Inputs are tensors, NumPy arrays or numbers. Integers are taken exactly; floats other than float64 are refused.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+
+def _tensor(values):
+    """A tensor as it is; anything else by way of a NumPy copy, so that read-only and reversed arrays are welcome."""
+    return values if isinstance(values, torch.Tensor) else torch.from_numpy(np.array(values, order="C"))
+
+
+def float64(values):
+    """``values`` as a float64 tensor. A float32 is refused, because the bits it lost would never be seen missing."""
+    values = _tensor(values)
+    if values.is_floating_point() and values.dtype != torch.float64:
+        raise TypeError(f"{values.dtype}: float64 or integers are needed")
+    return values.to(torch.float64)
+
+
+# -------------------------------------------------------------------- events
+
+
+def scaled_times(t, t_first, t_last):
+    """Time of each event from the middle of the batch, in half batches (Eq. tref, dt, scaled as in the article's §4).
+
+    dt = (t − t_ref) / ((t_N − t_1)/2) with t_ref = t_1 + (t_N − t_1)/2.
+
+    Parameters
+    ----------
+    t : integers [n]
+        Time stamps of the events to scale, usually those in the ROI.
+    t_first, t_last : int
+        t_1 and t_N: first and last time stamp of **all** events of the batch, those outside the ROI included.
+
+    Returns
+    -------
+    float64 [n], in [−1, 1]. All zeros where t_1 = t_N: no event is away from t_ref.
+
+    Raises
+    ------
+    ValueError
+        A time stamp lies outside t_1 … t_N.
+    """
+    t = _tensor(t)
+    if t.is_floating_point() and len(t):
+        raise TypeError(f"{t.dtype}: integer time stamps are needed")
+    since_first = t.to(torch.int64) - int(t_first)
+    span = int(t_last) - int(t_first)
+    if bool(((since_first < 0) | (since_first > span)).any()):
+        raise ValueError(f"time stamps outside the batch, {t_first} to {t_last}")
+    if not span:
+        return torch.zeros(t.shape, dtype=torch.float64, device=t.device)
+    # In integers up to the one division, so that dt is the float64 nearest to the true quotient.
+    return (2 * since_first - span).to(torch.float64) / span
+
+
+def warp(x, y, dt, v):
+    """Positions at the reference time: x' = x − dt·vx, y' = y − dt·vy (Eq. x'k). Two float64 [n]."""
+    x, y, dt, v = float64(x), float64(y), float64(dt), float64(v)
+    return x - dt * v[0], y - dt * v[1]
+
+
+# -------------------------------------------------------------------- votes and images
+
+
+@dataclass(frozen=True)
+class Votes:
+    """The four bilinear votes of each event. All fields have shape [4, n].
+
+    Parameters
+    ----------
+    pixel : int64
+        Address y·width + x of the corner; P for a corner outside the ROI.
+    weight : float64
+        w (Eq. weights), in [0, 1]; the four of an event sum to 1.
+    by_x, by_y : float64
+        ∂w/∂x' (Eq. w_dx_x) and ∂w/∂y', in [−1, 1]; the four of an event sum to 0.
+    """
+
+    pixel: torch.Tensor
+    weight: torch.Tensor
+    by_x: torch.Tensor
+    by_y: torch.Tensor
+
+
+def cell_pixels(i, j, width, height):
+    """Addresses of the corners of cells, int64 [4, n], as in :class:`Votes`. ``i``, ``j``: whole numbers as floats."""
+    columns, rows = torch.stack((i, i + 1, i, i + 1)), torch.stack((j, j, j + 1, j + 1))
+    # Compared as floats: an address is only formed where it is valid, so far positions cannot alias.
+    inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+    return torch.where(inside, rows * width + columns, float(width * height)).to(torch.int64)
+
+
+def bilinear_votes(x_warped, y_warped, width, height):
+    """:class:`Votes` of events at ``x_warped``, ``y_warped`` into an image of ``width`` × ``height`` pixels.
+
+    The cell is (i, j) = (⌊x'⌋, ⌊y'⌋), so that dx, dy lie in [0, 1). A corner outside the image is dropped alone, the
+    others count.
+    """
+    x_warped, y_warped = float64(x_warped), float64(y_warped)
+    i, j = torch.floor(x_warped.detach()), torch.floor(y_warped.detach())
+    dx, dy = x_warped - i, y_warped - j
+    return Votes(
+        pixel=cell_pixels(i, j, width, height),
+        weight=torch.stack(((1 - dx) * (1 - dy), dx * (1 - dy), (1 - dx) * dy, dx * dy)),
+        by_x=torch.stack((-(1 - dy), 1 - dy, -dy, dy)),
+        by_y=torch.stack((-(1 - dx), -dx, 1 - dx, dx)),
+    )
+
+
+def accumulate(pixel, values, width, height):
+    """Image [height, width] of the sums of ``values`` at each address ``pixel``; address P is dropped."""
+    image = values.new_zeros(width * height + 1)  # one word more, where the dropped corners fall
+    return image.index_add(0, pixel.flatten(), values.flatten())[:-1].view(height, width)
+
+
+def iwe(x_warped, y_warped, width, height):
+    """Image of warped events: I(i, j) = Σ_k w_kij (Eq. I_w). Each pixel in [0, n]."""
+    votes = bilinear_votes(x_warped, y_warped, width, height)
+    return accumulate(votes.pixel, votes.weight, width, height)
+
+
+def _derivative_images(votes, dt, width, height):
+    return (
+        accumulate(votes.pixel, -dt * votes.by_x, width, height),
+        accumulate(votes.pixel, -dt * votes.by_y, width, height),
+    )
+
+
+def derivative_images(x_warped, y_warped, dt, width, height):
+    """Dx = ∂I/∂vx and Dy = ∂I/∂vy (Eq. I_w_v_x, w_dx_x, dx_k_x'_k_x'_k_v_x). Each pixel in [−n, n].
+
+    ∂w/∂vx = ∂w/∂x' · ∂x'/∂vx with ∂x'/∂vx = −dt. On a grid line, where ∂w/∂x' jumps, it is that of the cell ⌊x'⌋.
+    """
+    return _derivative_images(bilinear_votes(x_warped, y_warped, width, height), float64(dt), width, height)
+
+
+# -------------------------------------------------------------------- objective
+
+
+def contrast(image):
+    """C = Var(I), the population variance: divided by P, not by P − 1 (Eq. C)."""
+    return (image - image.mean()).square().mean()
+
+
+def gradient(image, derivative_x, derivative_y):
+    """∇C = (∂C/∂vx, ∂C/∂vy), shape [2] (Eq. gradient, C_v_x).
+
+    ∂C/∂v = (2/P)·Σ (I − μ)·(∂I/∂v − ∂μ/∂v) with ∂μ/∂v = mean(∂I/∂v) (Eq. mu_v_x). (Eq. C_v_x) prints μ/∂v where
+    only ∂μ/∂v makes sense; it is read so.
+    """
+    centred = image - image.mean()
+    return torch.stack([2 * (centred * (d - d.mean())).mean() for d in (derivative_x, derivative_y)])
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """Every intermediate of one iteration, in real units (a full vote is 1.0).
+
+    Parameters
+    ----------
+    v : float64 [2]
+        The velocity at which all was computed.
+    image, derivative_x, derivative_y : float64 [height, width]
+        I, Dx, Dy.
+    sum_i, sum_dx, sum_dy : float64 scalars
+        ΣI, ΣDx, ΣDy over the ROI.
+    s_x, s_y : float64 scalars
+        S = Σ I·D.
+    g_x, g_y : float64 scalars
+        G = P·S − ΣI·ΣD, so that ∂C/∂v = 2·G/P².
+    contrast : float64 scalar
+        C.
+    gradient : float64 [2]
+        ∇C, computed as the article writes it, not from G.
+    """
+
+    v: torch.Tensor
+    image: torch.Tensor
+    derivative_x: torch.Tensor
+    derivative_y: torch.Tensor
+    sum_i: torch.Tensor
+    sum_dx: torch.Tensor
+    sum_dy: torch.Tensor
+    s_x: torch.Tensor
+    s_y: torch.Tensor
+    g_x: torch.Tensor
+    g_y: torch.Tensor
+    contrast: torch.Tensor
+    gradient: torch.Tensor
+
+
+def evaluate(x, y, dt, v, *, width, height):
+    """:class:`Iteration` of the events at velocity ``v``."""
+    dt, v = float64(dt), float64(v)
+    votes = bilinear_votes(*warp(x, y, dt, v), width, height)
+    image = accumulate(votes.pixel, votes.weight, width, height)
+    d_x, d_y = _derivative_images(votes, dt, width, height)
+    sum_i, sum_dx, sum_dy = image.sum(), d_x.sum(), d_y.sum()
+    s_x, s_y = (image * d_x).sum(), (image * d_y).sum()
+    pixels = width * height
+    return Iteration(
+        v=v,
+        image=image,
+        derivative_x=d_x,
+        derivative_y=d_y,
+        sum_i=sum_i,
+        sum_dx=sum_dx,
+        sum_dy=sum_dy,
+        s_x=s_x,
+        s_y=s_y,
+        g_x=pixels * s_x - sum_i * sum_dx,
+        g_y=pixels * s_y - sum_i * sum_dy,
+        contrast=contrast(image),
+        gradient=gradient(image, d_x, d_y),
+    )
+
+
+# -------------------------------------------------------------------- optimisation
+
+
+@dataclass(frozen=True)
+class Ascent:
+    """Trace of an ascent of T iterations.
+
+    Parameters
+    ----------
+    v : float64 [T + 1, 2]
+        The start, then v after each iteration; ``v[-1]`` is the result.
+    contrast : float64 [T]
+        C at ``v[k]``; the contrast of the result itself is not part of an iteration.
+    gradient : float64 [T, 2]
+        ∇C at ``v[k]``.
+    """
+
+    v: torch.Tensor
+    contrast: torch.Tensor
+    gradient: torch.Tensor
+
+
+def ascend(x, y, dt, *, width, height, v_start, eta, iterations):
+    """Gradient ascent with constant step: v ← v + η·∇C, ``iterations`` times (Eq. v_update). An :class:`Ascent`.
+
+    v does not saturate here, as it does in the hardware.
+    """
+    with torch.no_grad():  # a trace, not a graph
+        x, y, dt = float64(x), float64(y), float64(dt)
+        v = torch.empty(iterations + 1, 2, dtype=torch.float64, device=dt.device)
+        contrasts = torch.empty(iterations, dtype=torch.float64, device=dt.device)
+        gradients = torch.empty(iterations, 2, dtype=torch.float64, device=dt.device)
+        v[0] = float64(v_start)
+        for k in range(iterations):
+            now = evaluate(x, y, dt, v[k], width=width, height=height)
+            contrasts[k], gradients[k] = now.contrast, now.gradient
+            v[k + 1] = v[k] + eta * now.gradient
+    return Ascent(v, contrasts, gradients)
