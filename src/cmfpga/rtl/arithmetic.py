@@ -5,7 +5,9 @@ from amaranth.hdl import Mux, Signal
 
 def saturate(value, low, high):
     """``value`` limited to ``low … high`` (integers); the hardware twin of :func:`cmfpga.fixed.saturate`."""
-    return Mux(value > high, high, Mux(value < low, low, value))
+    if value.shape().signed or low > 0:
+        value = Mux(value < low, low, value)
+    return Mux(value > high, high, value)
 
 
 def delay(m, value, cycles, *, name, valid=False):

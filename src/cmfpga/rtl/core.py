@@ -67,21 +67,21 @@ class Core(wiring.Component):
 
     def _control_blocks(self):
         config = self.config
-        self.filter = RoiFilter(config)
-        self.buffer = EventBuffer(config)
+        self.roi_filter = RoiFilter(config)
+        self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(config)
-        self.scaler = TimeScaler(config)
+        self.time_scaler = TimeScaler(config)
         self.warp = Warp(config)
         self.voter = BilinearVoter(config)
         self.accumulator = Accumulator(config)
-        self.reader = GradientReader(config, accumulator_latency=self.accumulator.latency)
+        self.gradient_reader = GradientReader(config, accumulator_latency=self.accumulator.latency)
         self.gradient = Gradient(config)
         self.updater = Updater(config)
         self.roi_updater = RoiUpdater(config)
-        self._drain = self.filter.latency + 1
-        self._feed = self.buffer.latency + self.scaler.latency
-        self._evaluate = self.reader.latency + self.gradient.latency + self.updater.latency
-        self.control = BatchControl(
+        self._drain = self.roi_filter.latency + 1
+        self._feed = self.event_buffer.latency + self.time_scaler.latency
+        self._evaluate = self.gradient_reader.latency + self.gradient.latency + self.updater.latency
+        self.batch_control = BatchControl(
             config,
             drain=self._drain,
             replay_delay=self._evaluate - self._feed,
@@ -109,55 +109,55 @@ class Core(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         for name in (
-            "control", "filter", "buffer", "reciprocal", "scaler", "warp", "voter", "accumulator", "reader", "gradient",
-            "updater", "roi_updater",
+            "batch_control", "roi_filter", "event_buffer", "reciprocal", "time_scaler", "warp", "voter", "accumulator",
+            "gradient_reader", "gradient", "updater", "roi_updater",
         ):  # fmt: skip
             m.submodules[name] = getattr(self, name)
-        control, roi = self.control, self.roi_updater
+        control, roi = self.batch_control, self.roi_updater
         current = control.current
 
         # Ingest: crop, store, measure the time range.
         connect(m, wiring.flipped(self.i), control.i)
-        connect(m, control.o, self.filter.i)
-        connect(m, self.filter.o, self.buffer.i)
+        connect(m, control.o, self.roi_filter.i)
+        connect(m, self.roi_filter.o, self.event_buffer.i)
         m.d.comb += [
             control.settings.eq(self.settings),
-            self.filter.start.eq(control.open),
-            self.filter.roi.eq(roi.roi),
-            self.buffer.clear.eq(control.open),
-            control.stored.eq(self.buffer.count),
-            control.span.eq(self.filter.span),
+            self.roi_filter.start.eq(control.open),
+            self.roi_filter.roi.eq(roi.roi),
+            self.event_buffer.clear.eq(control.open),
+            control.stored.eq(self.event_buffer.count),
+            control.span.eq(self.roi_filter.span),
             self.reciprocal.start.eq(control.divide),
-            self.reciprocal.span.eq(self.filter.span),
+            self.reciprocal.span.eq(self.roi_filter.span),
             control.divided.eq(self.reciprocal.done),
         ]
 
         # Iterations: replay, scale, warp, vote, accumulate.
-        connect(m, self.buffer.o, self.scaler.i)
-        connect(m, self.scaler.o, self.warp.i)
+        connect(m, self.event_buffer.o, self.time_scaler.i)
+        connect(m, self.time_scaler.o, self.warp.i)
         connect(m, self.warp.o, self.voter.i)
         connect(m, self.voter.o, self.accumulator.i)
         m.d.comb += [
-            self.buffer.replay.eq(control.replay),
-            self.scaler.span.eq(self.filter.span),
-            self.scaler.shift.eq(self.reciprocal.shift),
-            self.scaler.mantissa.eq(self.reciprocal.mantissa),
+            self.event_buffer.replay.eq(control.replay),
+            self.time_scaler.span.eq(self.roi_filter.span),
+            self.time_scaler.shift.eq(self.reciprocal.shift),
+            self.time_scaler.mantissa.eq(self.reciprocal.mantissa),
             self.warp.v.eq(self.updater.v),
         ]
 
         # Sweep as soon as the last vote has entered; gradient; new v.
         voted = Signal()
         m.d.sync += voted.eq(self.voter.o.valid & self.voter.o.payload.last)
-        connect(m, self.reader.sweep, self.accumulator.sweep)
-        connect(m, self.accumulator.o, self.reader.i)
-        connect(m, self.reader.o, self.gradient.i)
+        connect(m, self.gradient_reader.sweep, self.accumulator.sweep)
+        connect(m, self.accumulator.o, self.gradient_reader.i)
+        connect(m, self.gradient_reader.o, self.gradient.i)
         m.d.comb += [
-            self.reader.start.eq(voted | control.sweep),
-            control.swept.eq(self.reader.sweep.valid & self.reader.sweep.payload.last),
+            self.gradient_reader.start.eq(voted | control.sweep),
+            control.swept.eq(self.gradient_reader.sweep.valid & self.gradient_reader.sweep.payload.last),
             self.updater.i.valid.eq(self.gradient.o.valid & control.iterating),
             self.updater.i.payload.eq(self.gradient.o.payload),
             self.updater.load.eq(control.start & ~current.start_last),
-            self.updater.begin.eq(control.open),
+            self.updater.new_batch.eq(control.open),
             self.updater.start.eq(current.v_start),
             self.updater.eta.eq(current.eta),
             control.updated.eq(self.updater.done),
@@ -166,7 +166,7 @@ class Core(wiring.Component):
         # The ROI follows.
         roi_used = Signal(payloads.roi_corner(self.config))
         m.d.comb += [
-            roi.begin.eq(control.open),
+            roi.new_batch.eq(control.open),
             roi.load.eq(self.settings.roi_load),
             roi.x.eq(self.settings.roi_x),
             roi.y.eq(self.settings.roi_y),
@@ -179,9 +179,9 @@ class Core(wiring.Component):
 
         self._result(m, roi_used)
         m.d.comb += [
-            self.trace.valid.eq(self.reader.o.valid & control.iterating),
+            self.trace.valid.eq(self.gradient_reader.o.valid & control.iterating),
             self.trace.payload.v.eq(self.updater.v),
-            self.trace.payload.sums.eq(self.reader.o.payload),
+            self.trace.payload.sums.eq(self.gradient_reader.o.payload),
             self.pixels.valid.eq(self.accumulator.o.valid & control.iterating),
             self.pixels.payload.eq(self.accumulator.o.payload),
         ]
@@ -189,13 +189,13 @@ class Core(wiring.Component):
 
     def _result(self, m, roi_used):
         """Nothing of this changes while a result waits, so it needs no registers of its own."""
-        control = self.control
+        control = self.batch_control
         result = self.o.payload
         flags = {
             Flag.DEGENERATE: control.degenerate,
-            Flag.OVERFLOW: self.buffer.overflow != 0,
-            Flag.TIME_BACK: self.filter.time_back != 0,
-            Flag.TIME_SPAN: self.filter.time_span != 0,
+            Flag.OVERFLOW: self.event_buffer.overflow != 0,
+            Flag.TIME_BACK: self.roi_filter.time_back != 0,
+            Flag.TIME_SPAN: self.roi_filter.time_span != 0,
             Flag.CUT: control.cut,
             Flag.SATURATED: self.updater.saturated,
             Flag.ROI_CLAMPED: self.roi_updater.clamped,
@@ -204,18 +204,18 @@ class Core(wiring.Component):
             self.o.valid.eq(control.done),
             control.taken.eq(self.o.ready),
             result.v.eq(self.updater.v),
-            result.t_first.eq(self.filter.t_first),
-            result.span.eq(self.filter.span),
-            result.counts.events.eq(control.events),
-            result.counts.roi_events.eq(self.buffer.count),
-            result.counts.outside.eq(self.filter.outside),
-            result.counts.overflow.eq(self.buffer.overflow),
-            result.counts.time_back.eq(self.filter.time_back),
-            result.counts.time_span.eq(self.filter.time_span),
+            result.t_first.eq(self.roi_filter.t_first),
+            result.span.eq(self.roi_filter.span),
+            result.events.eq(control.events),
+            result.roi_events.eq(self.event_buffer.count),
+            result.outside.eq(self.roi_filter.outside),
+            result.overflow.eq(self.event_buffer.overflow),
+            result.time_back.eq(self.roi_filter.time_back),
+            result.time_span.eq(self.roi_filter.time_span),
             result.roi.eq(roi_used),
             result.roi_next.eq(self.roi_updater.roi),
             result.iterations.eq(control.iterations),
-            result.sums.eq(self.reader.o.payload),
+            result.sums.eq(self.gradient_reader.o.payload),
             result.cycles.eq(control.cycles),
             *(result.flags[flag.bit_length() - 1].eq(value) for flag, value in flags.items()),
         ]

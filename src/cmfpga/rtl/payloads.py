@@ -127,29 +127,23 @@ def settings(config):
     )
 
 
-def counts(config):
-    """Where a batch's events went: events = roi_events + outside + overflow + time_back + time_span."""
-    bits = bits_for(config.max_batch_events)
-    return data.StructLayout(
-        {
-            "events": bits,
-            "roi_events": bits_for(config.buffer_events),
-            "outside": bits,
-            "overflow": bits,
-            "time_back": bits,
-            "time_span": bits,
-        }
-    )
-
-
 def result(config):
-    """One batch's result (see :class:`cmfpga.batch.BatchResult`)."""
+    """One batch's result (see :class:`cmfpga.batch.BatchResult`).
+
+    ``events = roi_events + outside + overflow + time_back + time_span``: no event is lost without being counted.
+    """
+    count = bits_for(config.max_batch_events)
     return data.StructLayout(
         {
             "v": velocity(config),
             "t_first": config.time_bits,
             "span": config.span_bits,
-            "counts": counts(config),
+            "events": count,
+            "roi_events": bits_for(config.buffer_events),
+            "outside": count,
+            "overflow": count,
+            "time_back": count,
+            "time_span": count,
             "roi": roi_corner(config),
             "roi_next": roi_corner(config),
             "iterations": bits_for(config.max_iterations),

@@ -13,7 +13,7 @@ class RoiUpdater(wiring.Component):
     """position ← position + roi_gain·v, limited to the sensor (Eq. roi_update of the article, whose gain is 1).
 
     The position keeps all fraction bits, so that slow motion adds up; ``roi`` is it rounded to whole pixels.
-    ``begin`` takes one cycle, ``move`` :attr:`latency` cycles.
+    ``new_batch`` takes one cycle, ``move`` :attr:`latency` cycles.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ class RoiUpdater(wiring.Component):
 
     Members
     -------
-    begin, load : ``In(1)``
+    new_batch, load : ``In(1)``
         A batch begins: forget ``clamped``, and where ``load``, take ``x`` and ``y``.
     move : ``In(1)``
         Add ``roi_gain``·``v``.
@@ -33,7 +33,7 @@ class RoiUpdater(wiring.Component):
     roi : ``Out``, :func:`payloads.roi_corner`
         The ROI's corner; (0, 0) after a reset.
     clamped : ``Out(1)``
-        Whether a load or move since ``begin`` was limited to the sensor.
+        Whether a load or move since ``new_batch`` was limited to the sensor.
     """
 
     latency = 3
@@ -42,7 +42,7 @@ class RoiUpdater(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "begin": In(1),
+                "new_batch": In(1),
                 "load": In(1),
                 "move": In(1),
                 "x": In(config.x_bits),
@@ -72,13 +72,13 @@ class RoiUpdater(wiring.Component):
                 target_s2.eq(position + step_s1),  # stage 2
             ]
             largest = limit << fmt.f
-            with m.If(self.begin & self.load):
+            with m.If(self.new_batch & self.load):
                 m.d.sync += position.eq(saturate(wanted, 0, limit) << fmt.f)
             with m.Elif(move_s2):  # stage 3
                 m.d.sync += position.eq(saturate(target_s2, 0, largest))
             m.d.comb += self.roi[axis].eq(round_half_up(position, fmt.f))
             out_of_range.append((wanted > limit, (target_s2 < 0) | (target_s2 > largest)))
-        with m.If(self.begin):
+        with m.If(self.new_batch):
             m.d.sync += self.clamped.eq(self.load & (out_of_range[0][0] | out_of_range[1][0]))
         with m.Elif(move_s2 & (out_of_range[0][1] | out_of_range[1][1])):
             m.d.sync += self.clamped.eq(1)

@@ -25,7 +25,7 @@ class Updater(wiring.Component):
     Members
     -------
     i : ``In``, flow of a :func:`payloads.vector` of ``g_bits``
-    begin : ``In(1)``
+    new_batch : ``In(1)``
         A batch begins: forget ``saturated``.
     load : ``In(1)``
         Take ``start``. At least two cycles before a gradient enters.
@@ -36,7 +36,7 @@ class Updater(wiring.Component):
         Zero after a reset.
     done : ``Out(1)``
     saturated : ``Out(1)``
-        Whether the gradient or v was limited to its format since ``begin``.
+        Whether the gradient or v was limited to its format since ``new_batch``.
     """
 
     latency = 5
@@ -46,7 +46,7 @@ class Updater(wiring.Component):
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.vector(config.g_bits))),
-                "begin": In(1),
+                "new_batch": In(1),
                 "load": In(1),
                 "start": In(payloads.velocity(config)),
                 "eta": In(config.eta_format.width),
@@ -68,7 +68,7 @@ class Updater(wiring.Component):
         clipped = []
         for axis in ("x", "y"):
             clipped += self._axis(m, axis, gain, valid_s4)
-        with m.If(self.begin):
+        with m.If(self.new_batch):
             m.d.sync += self.saturated.eq(0)
         with m.Elif(valid_s4 & (clipped[0] | clipped[1] | clipped[2] | clipped[3])):
             m.d.sync += self.saturated.eq(1)

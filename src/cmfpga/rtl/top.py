@@ -1,0 +1,62 @@
+"""The core with plain Verilog ports: what ``python -m cmfpga.build`` emits as ``cmfpga_core``."""
+
+from amaranth.hdl import Shape, Signal
+from amaranth.lib import data
+
+from .core import Core
+
+
+def flatten(layout, prefix):
+    """``{port name: (path of member names, shape)}`` of a layout's leaves, in order."""
+    leaves = {}
+    members = enumerate([layout.elem_shape] * layout.length) if isinstance(layout, data.ArrayLayout) else None
+    for key, shape in members or layout.members.items():
+        name = f"{prefix}_{key}"
+        if isinstance(shape, data.Layout):
+            leaves |= {port: ((key, *path), leaf) for port, (path, leaf) in flatten(shape, name).items()}
+        else:
+            leaves[name] = ((key,), Shape.cast(shape))
+    return leaves
+
+
+class VerilogCore(Core):
+    """:class:`Core`, each field of its streams a port with a name of its own (``event_x``, ``result_v_x`` …).
+
+    Attributes
+    ----------
+    inputs, outputs : dict of str to Signal
+        The ports, in order, without clock and reset.
+    """
+
+    def __init__(self, config):
+        super().__init__(config)
+        self._links = []  # (port, signal inside, is the port an input)
+        self.inputs, self.outputs = {}, {}
+        for prefix, member, signals in (
+            ("event", self.i, {"valid": True, "payload": True, "ready": False}),
+            ("settings", self.settings, {"": True}),
+            ("result", self.o, {"valid": False, "payload": False, "ready": True}),
+            ("trace", self.trace, {"valid": False, "payload": False}),
+            ("trace_pixels", self.pixels, {"valid": False, "payload": False}),
+        ):
+            for name, is_input in signals.items():
+                inside = getattr(member, name) if name else member
+                if isinstance(inside, data.View):
+                    for port, (path, shape) in flatten(inside.shape(), prefix).items():
+                        leaf = inside
+                        for key in path:
+                            leaf = leaf[key]
+                        self._add(port, shape, leaf, is_input)
+                else:
+                    self._add(f"{prefix}_{name}", inside.shape(), inside, is_input)
+
+    def _add(self, name, shape, inside, is_input):
+        port = Signal(shape, name=name)
+        self._links.append((port, inside, is_input))
+        (self.inputs if is_input else self.outputs)[name] = port
+
+    def elaborate(self, platform):
+        m = super().elaborate(platform)
+        for port, inside, is_input in self._links:
+            m.d.comb += inside.eq(port) if is_input else port.eq(inside)
+        return m
