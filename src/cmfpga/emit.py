@@ -5,26 +5,23 @@ import os
 import re
 import textwrap
 
+from amaranth.back import verilog
+
 from . import __version__
 
 TOP = "cmfpga_core"
 
 
-def emit_verilog(config):
+def emit_verilog(core):
     """The core as Verilog-2001 text: one module per block, ``cmfpga_core`` on top.
 
     Parameters
     ----------
-    config : Config
-        Only its hardware fields matter.
+    core : VerilogCore
+        Only the hardware fields of its configuration matter.
     """
     # The Yosys that comes with Amaranth: another one orders and names things differently.
     os.environ["AMARANTH_USE_YOSYS"] = "builtin"
-    from amaranth.back import verilog
-
-    from .rtl.top import VerilogCore
-
-    core = VerilogCore(config)
     ports = [*core.inputs.values(), *core.outputs.values()]
     text = verilog.convert(core, name=TOP, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
@@ -34,7 +31,7 @@ def emit_verilog(config):
     text = re.sub(r"= ! ", "= ~| ", text)  # the same for any width, and what linters expect of a vector
     text = _plain_module_names(text)
     text = _order_ports(text, ["clk", "rst", *core.inputs, *core.outputs])
-    return _header(config) + text.partition("\n")[2]
+    return _header(core.config) + text.partition("\n")[2]
 
 
 def sha256(text):
@@ -71,7 +68,9 @@ def _separate_initial_values(text):
     An ``initial`` statement is an event at time 0, which starts the ``always @*`` blocks in every simulator and
     language version; a declaration's value is not one in SystemVerilog.
     """
-    return re.sub(r"^  (reg (?:\[\d+:0\] )?)(\S+ ?) = (\S+);$", r"  \1\2;\n  initial \2 = \3;", text, flags=re.MULTILINE)
+    return re.sub(
+        r"^  (reg (?:\[\d+:0\] )?)(\S+ ?) = (\S+);$", r"  \1\2;\n  initial \2 = \3;", text, flags=re.MULTILINE
+    )
 
 
 def _complete_cases(text):

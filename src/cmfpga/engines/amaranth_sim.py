@@ -1,0 +1,86 @@
+"""The core in Amaranth's own simulator: no compiler needed, and a thousand times slower than Verilator."""
+
+import numpy as np
+from amaranth.sim import Simulator
+
+from ..rtl.core import Core
+from .rtl import RtlEngine, settings_values
+
+
+class AmaranthEngine(RtlEngine):
+    """Runs :class:`cmfpga.rtl.core.Core` itself; the results and cycle counts are those of the emitted Verilog."""
+
+    note = (
+        "no C++ compiler found: using Amaranth's simulator, about 5,000 clock cycles a second "
+        "(install g++ or clang++ for a thousand times that)"
+    )
+
+    def __init__(self, config):
+        super().__init__(config)
+        self._core = Core(config)
+        self._job = None  # (events, settings) of the batch to simulate
+        self._outcome = None
+        self._simulator = Simulator(self._core)
+        self._simulator.add_clock(1e-6)
+        self._simulator.add_testbench(self._bench)
+
+    def _simulate(self, events, settings):
+        self._job = (events, settings_values(self.config, settings))
+        self._outcome = None
+        # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
+        n, iterations = len(events), settings.iterations
+        cycles = (
+            2 * self._core.cycles(events=n, roi_events=n, iterations=iterations) + 2 * self.config.bank_words + 1000
+        )
+        for _ in range(cycles):
+            self._simulator.advance()
+            if self._outcome:
+                return self._outcome
+        raise TimeoutError(f"no result after {cycles} clock cycles")
+
+    async def _bench(self, ctx):
+        core = self._core
+        while True:
+            while self._job is None:
+                await ctx.tick()
+            events, values = self._job
+            self._job = None
+            self._outcome = await self._batch(ctx, core, events, values)
+
+    @staticmethod
+    async def _batch(ctx, core, events, values):
+        start = {axis: values[f"v_start_{axis}"] for axis in "xy"}
+        plain = {name: value for name, value in values.items() if not name.startswith("v_start")}
+        ctx.set(core.settings, {**plain, "v_start": start})
+        rows = list(zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True))
+        wrap = (1 << core.config.time_bits) - 1
+        sent, trace = 0, []
+        ctx.set(core.i.valid, 1)
+        ctx.set(core.o.ready, 1)
+        while True:
+            if sent < len(rows):
+                t, x, y = rows[sent]
+                ctx.set(core.i.payload, {"t": t & wrap, "x": x, "y": y, "last": sent + 1 == len(rows)})
+            else:
+                ctx.set(core.i.valid, 0)
+            _, _, accepted, iterated, item, done, result = await ctx.tick().sample(
+                core.i.valid & core.i.ready, core.trace.valid, core.trace.payload, core.o.valid, core.o.payload
+            )
+            sent += accepted
+            if iterated:
+                sums = item.sums
+                trace.append((item.v.x, item.v.y, sums.i, sums.dx, sums.dy, sums.sx, sums.sy))
+            if done:
+                return _result(result), np.array(trace, np.int64).reshape(-1, 7)
+
+
+def _result(payload):
+    """The result's leaves by their Verilog port names."""
+    values = {}
+    for name in payload.shape().members:
+        value = getattr(payload, name)
+        if name in ("v", "roi", "roi_next"):
+            values |= {f"{name}_{axis}": getattr(value, axis) for axis in "xy"}
+        elif name != "sums":
+            values[name] = value
+    return values

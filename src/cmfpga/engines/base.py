@@ -1,0 +1,97 @@
+"""What all engines have in common."""
+
+import dataclasses
+from abc import ABC, abstractmethod
+
+import numpy as np
+
+from ..batch import BatchResult, Flag, Trace, clamp_roi
+from ..errors import ConfigError
+
+
+class Engine(ABC):
+    """Runs batches, one after the other, and keeps what the hardware keeps between them: v and the ROI.
+
+    Parameters
+    ----------
+    config : Config
+        Shapes the hardware. Run-time values come with each batch.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line.
+    note : str
+        What the user should know about how this engine runs; may be empty.
+    roi : pair of int
+        Left column and top row of the ROI that the next batch will be cut with, if its settings don't move it.
+    """
+
+    name = ""
+    note = ""
+
+    def __init__(self, config):
+        self.config = config
+        self.roi = (0, 0)
+        self._waiting_roi = None
+
+    def run(self, events, settings):
+        """Process one batch.
+
+        Parameters
+        ----------
+        events : Events
+            All events of the batch.
+        settings : BatchSettings
+            Run-time inputs.
+
+        Returns
+        -------
+        BatchResult
+
+        Raises
+        ------
+        ConfigError
+            The batch is larger than the hardware counts to, or the ROI lies outside the sensor.
+        """
+        limit = self.config.max_batch_events
+        if len(events) > limit:
+            raise ConfigError(f"a batch of {len(events)} events: at most {limit} are allowed (max_batch_events)")
+        if settings.roi is not None and clamp_roi(self.config, settings.roi)[1]:
+            raise ConfigError(
+                f"ROI at {settings.roi[0]},{settings.roi[1]}: 0,0 to {self.config.roi_x_max},{self.config.roi_y_max} "
+                f"is needed for {self.config.roi_width}×{self.config.roi_height} px on a sensor of "
+                f"{self.config.sensor_width}×{self.config.sensor_height} px"
+            )
+        if settings.roi is not None:
+            self.roi = self._waiting_roi = settings.roi
+        if not len(events):
+            return self._nothing(settings)
+        result = self._run(events, dataclasses.replace(settings, roi=self._waiting_roi))
+        self._waiting_roi = None
+        self.roi = result.roi_next
+        return result
+
+    def _nothing(self, settings):
+        """A batch without events never reaches the hardware; a new ROI waits for the next one."""
+        return BatchResult(
+            **dict.fromkeys(("events", "roi_events", "outside", "overflow", "time_back", "time_span", "span"), 0),
+            roi=self.roi,
+            roi_next=self.roi,
+            v=self.v,
+            iterations=0,
+            flags=Flag.DEGENERATE,
+            trace=Trace(v=np.zeros((0, 2)), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2))),
+        )
+
+    @property
+    @abstractmethod
+    def v(self):
+        """Velocity of the last batch, px per half batch."""
+
+    @abstractmethod
+    def _run(self, events, settings):
+        """One checked batch of at least one event."""
+
+    def close(self):
+        """Release what the engine holds."""

@@ -1,0 +1,138 @@
+// Drives the verilated core batch by batch, behind a C interface that Python's ctypes can call.
+//
+// ports.inc is generated from the core's port list: set_settings(), get_result(), get_trace(), get_pixels(), and
+// the number of values that each handles.
+
+#include <cstdint>
+#include <memory>
+
+#include "Vcore.h"
+#include "verilated.h"
+
+#include "ports.inc"
+
+namespace {
+
+struct Simulation {
+    std::unique_ptr<VerilatedContext> context{new VerilatedContext};
+    std::unique_ptr<Vcore> top;
+
+    explicit Simulation(int seed) {
+        // Memories and registers without a reset start with random contents, as after a reset in mid-flight.
+        context->randReset(2);
+        context->randSeed(seed);
+        top.reset(new Vcore{context.get(), "cmfpga_core"});
+    }
+    void settle() {
+        top->clk = 0;
+        top->eval();
+    }
+    void edge() {
+        top->clk = 1;
+        top->eval();
+    }
+};
+
+}  // namespace
+
+extern "C" {
+
+// What a run needs and returns; the layout is repeated in verilated.py.
+struct Run {
+    const int64_t *settings;   // in the order of the settings ports
+    const int64_t *t, *x, *y;  // events; the last one ends the batch, unless `open_end`
+    const int64_t *gaps;       // idle cycles before each event, or null
+    int64_t events;
+    int64_t open_end;          // do not mark the last event
+    int64_t result_stall;      // cycles for which the result is left waiting
+    int64_t max_cycles;        // give up after these
+    int64_t *result;           // [RESULT_VALUES]
+    int64_t *trace;            // [trace_rows][TRACE_VALUES]
+    int64_t trace_rows;
+    int64_t *pixels;           // [pixel_rows][PIXEL_VALUES], or null
+    int64_t pixel_rows;
+    // Returned:
+    int64_t accepted;          // events that the core took
+    int64_t trace_count;       // iterations seen
+    int64_t pixel_count;       // sweep addresses seen
+    int64_t cycles;            // from the first event offered to the result
+};
+
+enum Status { DONE = 0, TIMED_OUT = 1, RESULT_CHANGED = 2 };
+
+void *core_new(int seed) { return new Simulation(seed); }
+
+void core_free(void *simulation) { delete static_cast<Simulation *>(simulation); }
+
+void core_reset(void *simulation, int64_t cycles) {
+    Simulation &s = *static_cast<Simulation *>(simulation);
+    s.top->event_valid = 0;
+    s.top->result_ready = 0;
+    s.top->rst = 1;
+    for (int64_t k = 0; k < cycles; ++k) {
+        s.settle();
+        s.edge();
+    }
+    s.top->rst = 0;
+}
+
+int core_run(void *simulation, Run *run) {
+    Simulation &s = *static_cast<Simulation *>(simulation);
+    Vcore &top = *s.top;
+    int64_t event = 0, gap = run->gaps && run->events ? run->gaps[0] : 0, waited = -1;
+    int64_t first_offered = -1;
+    run->trace_count = run->pixel_count = 0;
+    set_settings(top, run->settings);
+    for (int64_t cycle = 0; cycle < run->max_cycles; ++cycle) {
+        const bool offer = event < run->events && gap == 0;
+        top.event_valid = offer;
+        if (offer) {
+            set_event(top, run->t[event], run->x[event], run->y[event],
+                      event + 1 == run->events && !run->open_end);
+            if (first_offered < 0) first_offered = cycle;
+        }
+        top.result_ready = waited >= run->result_stall;
+        s.settle();
+
+        if (top.trace_valid && run->trace_count < run->trace_rows)
+            get_trace(top, run->trace + TRACE_VALUES * run->trace_count);
+        run->trace_count += top.trace_valid;
+        if (run->pixels && top.trace_pixels_valid && run->pixel_count < run->pixel_rows)
+            get_pixels(top, run->pixels + PIXEL_VALUES * run->pixel_count);
+        run->pixel_count += top.trace_pixels_valid;
+
+        const bool accepted = offer && top.event_ready;
+        bool taken = false;
+        if (top.result_valid) {
+            int64_t now[RESULT_VALUES];
+            get_result(top, now);
+            if (waited < 0) {
+                waited = 0;
+                run->cycles = cycle - first_offered;
+                for (int k = 0; k < RESULT_VALUES; ++k) run->result[k] = now[k];
+            } else {
+                ++waited;
+                for (int k = 0; k < RESULT_VALUES; ++k)
+                    if (run->result[k] != now[k]) return RESULT_CHANGED;
+            }
+            taken = top.result_ready;
+        } else if (waited >= 0) {
+            return RESULT_CHANGED;
+        }
+        s.edge();
+        if (taken) {
+            run->accepted = event;
+            return DONE;
+        }
+        if (accepted) {
+            ++event;
+            gap = run->gaps && event < run->events ? run->gaps[event] : 0;
+        } else if (gap > 0) {
+            --gap;
+        }
+    }
+    run->accepted = event;
+    return TIMED_OUT;
+}
+
+}  // extern "C"

@@ -1,0 +1,85 @@
+"""The hardware itself, cycle by cycle, as an engine."""
+
+import shutil
+from abc import abstractmethod
+
+import numpy as np
+
+from ..batch import BatchResult, Flag, Trace
+from .base import Engine
+
+COMPILERS = ("c++", "g++", "clang++")
+
+
+def find_compiler():
+    """Path of a C++ compiler, or None."""
+    return next((path for path in map(shutil.which, COMPILERS) if path), None)
+
+
+def make_rtl_engine(config):
+    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where no C++ compiler is found."""
+    if find_compiler():
+        from .verilated import VerilatedEngine
+
+        return VerilatedEngine(config)
+    from .amaranth_sim import AmaranthEngine
+
+    return AmaranthEngine(config)
+
+
+def settings_values(config, settings):
+    """The hardware's settings inputs, by the names of :func:`cmfpga.rtl.payloads.settings`."""
+    x, y = settings.roi or (0, 0)
+    return {
+        "roi_load": int(settings.roi is not None),
+        "roi_x": x,
+        "roi_y": y,
+        "batch_events": 0,  # batches end with an event that is marked as the last
+        "iterations": settings.iterations,
+        "eta": settings.eta,
+        "roi_gain": settings.roi_gain,
+        "start_last": int(settings.start_last),
+        "v_start_x": settings.v_start[0],
+        "v_start_y": settings.v_start[1],
+        "min_roi_events": settings.min_roi_events,
+    }
+
+
+class RtlEngine(Engine):
+    """Common part of the engines that have a clock."""
+
+    name = "rtl"
+
+    def __init__(self, config):
+        super().__init__(config)
+        self._v = (0.0, 0.0)
+
+    @property
+    def v(self):
+        return self._v
+
+    def _run(self, events, settings):
+        result, trace = self._simulate(events, settings)
+        batch = to_batch_result(self.config, result, trace)
+        self._v = batch.v
+        return batch
+
+    @abstractmethod
+    def _simulate(self, events, settings):
+        """``(result, trace)``: the result ports by name (without ``result_``); int64 [T, 7] trace ports."""
+
+
+def to_batch_result(config, result, trace):
+    """A :class:`BatchResult` of raw port values."""
+    v = (result["v_x"], result["v_y"])
+    return BatchResult(
+        **{name: result[name] for name in ("events", "roi_events", "outside", "overflow", "time_back", "time_span")},
+        span=result["span"],
+        roi=(result["roi_x"], result["roi_y"]),
+        roi_next=(result["roi_next_x"], result["roi_next_y"]),
+        v=(config.v.real(v[0]), config.v.real(v[1])),
+        iterations=result["iterations"],
+        flags=Flag(result["flags"]),
+        trace=Trace(v=np.vstack([trace[:, :2], [v]]), sum_i=trace[:, 2], sum_d=trace[:, 3:5], s=trace[:, 5:7]),
+        cycles=result["cycles"],
+    )

