@@ -1,5 +1,7 @@
 """Recordings whose t, x, y and p can be sliced: data sets, NumPy arrays, events in memory."""
 
+import contextlib
+
 from ..errors import RecordingError
 from .recording import Recording, check_sensor
 from .units import SAMPLE_EVENTS, guess_unit, to_us
@@ -44,6 +46,8 @@ class Columns:
         Start of messages.
     order : str
         Columns of an N×4 array.
+    close : callable, optional
+        Releases what reading has opened.
 
     Raises
     ------
@@ -51,7 +55,8 @@ class Columns:
         The arrays have another shape, lengths that differ, or hold something else than numbers; or hold no events.
     """
 
-    def __init__(self, source, where, order="txyp"):
+    def __init__(self, source, where, order="txyp", close=lambda: None):
+        self.close = close
         self._order = order
         self._source = source
         self._names = None
@@ -129,7 +134,8 @@ class ColumnsRecording(Recording):
             path=path, name=name, format=format, sensor=sensor, num_events=len(first), time_unit=unit,
             time_unit_source=source,
         )  # fmt: skip
-        sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))[0]
+        with contextlib.closing(first):
+            sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))[0]
         if unit is None:
             self.time_unit = guess_unit(sample)
         self._offset_us = 0 if t_offset is None else int(to_us(t_offset, self.time_unit, f"{name}: t_offset")[0])
@@ -138,7 +144,13 @@ class ColumnsRecording(Recording):
     def where(self):
         return f"{self.name}{self._layout}"
 
+    def close(self):
+        super().close()
+        self._open_columns = None  # a mapped file stays open for as long as there is an array of it
+
     def _read(self, columns, start, stop):
+        if self._closed:
+            raise self._closed_error()
         try:
             return columns.read(start, stop)
         except self._read_errors as error:
@@ -148,10 +160,10 @@ class ColumnsRecording(Recording):
             ) from None
 
     def _columns(self, start, size):
-        columns = self._open_columns()
-        for first in range(start, len(columns), size):
-            t, x, y, p = self._read(columns, first, min(first + size, len(columns)))
-            yield to_us(t, self.time_unit, self.where, first) + self._offset_us, x, y, p
+        with contextlib.closing(self._open_columns()) as columns:
+            for first in range(start, len(columns), size):
+                t, x, y, p = self._read(columns, first, min(first + size, len(columns)))
+                yield to_us(t, self.time_unit, self.where, first) + self._offset_us, x, y, p
 
 
 class MemoryRecording(ColumnsRecording):

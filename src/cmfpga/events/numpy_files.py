@@ -78,7 +78,14 @@ class NpzRecording(ColumnsRecording):
         return {column: _Member(self._zip, members[name]) for column, name in names.items()}
 
     def _open(self):
-        return Columns(self._find(), self._zip.filename, _ORDER)
+        source = self._find()
+        members = source.values() if isinstance(source, dict) else (source,)
+
+        def close():  # the archive's file is only released when all its streams are
+            for member in members:
+                member.close()
+
+        return Columns(source, self._zip.filename, _ORDER, close)
 
     def _close_zip(self):
         if self._zip is not None:
@@ -120,10 +127,17 @@ class _Member:
             return self._read(0, start, stop).reshape(-1, *self.shape[1:])
         return np.stack([self._read(k, start, stop) for k in range(len(self._streams))], axis=1)
 
+    def close(self):
+        for stream in self._streams:
+            if stream is not None:
+                stream.close()
+
     def _read(self, k, start, stop):
         begin = self._data + (k * self.shape[0] + start) * self._row_bytes
         stream = self._streams[k]
         if stream is None or stream.tell() > begin:
+            if stream is not None:
+                stream.close()
             stream = self._streams[k] = self._archive.open(self._name)
         while stream.tell() < begin:  # not seek(), which may hold all that it skips
             if not stream.read(min(_SKIP_BYTES, begin - stream.tell())):

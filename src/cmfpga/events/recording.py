@@ -59,7 +59,7 @@ class Recording(abc.ABC):
             :class:`EventChecker`). Events before ``start`` are not checked, apart from the syntax of text.
         """
         if self._closed:
-            raise RecordingError(f"{self.name}: the recording is closed")
+            raise self._closed_error()
         start, size = operator.index(start), operator.index(size)
         if size < 1:
             raise RecordingError(f"{self.name}: chunks of {size} events; 1 or more is needed")
@@ -75,6 +75,9 @@ class Recording(abc.ABC):
     def _start_error(self, start, num_events):
         allowed = "0 or more" if num_events is None else f"0 to {num_events - 1}"
         return RecordingError(f"{self.name}: first event {start}; {allowed} is allowed")
+
+    def _closed_error(self):
+        return RecordingError(f"{self.name}: the recording is closed")
 
     @property
     def where(self):

@@ -47,8 +47,9 @@ class TextRecording(Recording):
             self.width, self.height = header_sensor
         if time_unit is None:
             self.time_unit = self._guess_unit()
-        if next(self._parsed(), None) is None:
-            raise RecordingError(f"{self.name}: no events")
+        with contextlib.closing(self._parsed()) as blocks:
+            if next(blocks, None) is None:
+                raise RecordingError(f"{self.name}: no events")
 
     def _read_header(self):
         """Number of lines before the first event, and the sensor's size if one of them gives it."""

@@ -9,10 +9,14 @@ from decimal import ROUND_HALF_DOWN, ROUND_HALF_UP, Decimal
 
 import numpy as np
 
+from .units import LIMIT_US
+
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
-# Integers of up to this many digits are safe in int64.
-_MAX_DIGITS = 18
+# Digits before the point: enough for any time in int64, few enough for exact decimals of Python's default precision.
+_MAX_DIGITS = 20
+# Integers of up to this many digits turn negative if they wrap in int64.
+_FAST_DIGITS = 19
 
 # What a byte is to the fast reader.
 _ODD, _SPACE, _DIGIT, _DOT, _MINUS = range(5)
@@ -54,8 +58,8 @@ def parse_line(line, power):
     # Rounded before it is scaled: only that is exact for any number of digits.
     number = number.quantize(Decimal((0, (1,), -power)), ROUND_HALF_UP if number >= 0 else ROUND_HALF_DOWN)
     t = int(number.scaleb(power))
-    if abs(t) >= 1 << 62:
-        raise LineError(f"t is {fields[0][:40]}; at most ±2^62 µs is allowed")
+    if abs(t) >= LIMIT_US:
+        raise LineError(f"t is {fields[0][:40]}; less than 2^62 µs is allowed")
     p = {"true": "1", "false": "0"}.get(fields[3].lower(), fields[3])
     return t, _whole("x", fields[1]), _whole("y", fields[2]), _whole("p", p)
 
@@ -134,9 +138,10 @@ def _integers(data, begins, ends):
     lengths = ends - begins
     if not len(lengths):
         return np.zeros(0, np.int64)
-    if lengths.min() < 1 or lengths.max() > _MAX_DIGITS:
+    if lengths.min() < 1 or lengths.max() > _FAST_DIGITS:
         return None
-    return _accumulate(data, begins, lengths)
+    value = _accumulate(data, begins, lengths)
+    return None if lengths.max() == _FAST_DIGITS and value.min() < 0 else value
 
 
 def _accumulate(data, begins, lengths, places=None):
@@ -168,7 +173,7 @@ def _decimals(data, begins, ends, dots, power):
             return None
         quotient, rest = np.divmod(whole, 10**-power)
         return quotient + (2 * rest >= 10**-power)
-    if len(whole) and int((point - begins).max()) + power > _MAX_DIGITS:
+    if whole.max(initial=0) >= LIMIT_US // 10**power:
         return None
     behind = np.minimum(point + 1, ends)
     digits = ends - behind

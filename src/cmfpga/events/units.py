@@ -28,6 +28,9 @@ TIME_UNITS = ("s", "ms", "us", "ns")
 # Power of ten that turns a time in the unit into µs.
 POWER = {"s": 6, "ms": 3, "us": 0, "ns": -3}
 
+# Times of this many µs and more, of either sign, are refused: differences of two times fit in int64.
+LIMIT_US = 1 << 62
+
 # Events that the rule of the module looks at.
 SAMPLE_EVENTS = 1 << 16
 
@@ -101,9 +104,9 @@ def to_us(t, unit, where, first_event=0):
             k = int(bad.argmax())
             raise RecordingError(f"{where}: time stamp of event {first_event + k} is {t[k]}; a finite number is needed")
         scaled = np.floor(t.astype(np.float64) * 10.0**power + 0.5)
-        _check_range(np.abs(scaled) < 2.0**62, t, unit, where, first_event)
+        _check_range(np.abs(scaled) < LIMIT_US, t, unit, where, first_event)
         return scaled.astype(np.int64)
-    limit = (1 << 62) // 10 ** max(power, 0)
+    limit = (LIMIT_US - 1) // 10 ** max(power, 0)
     if len(t):
         _check_range((t <= limit) & (t >= -limit), t, unit, where, first_event)
     t = t.astype(np.int64)
@@ -117,5 +120,5 @@ def _check_range(good, t, unit, where, first_event):
     if not good.all():
         k = int((~good).argmax())
         raise RecordingError(
-            f"{where}: time stamp of event {first_event + k} is {t[k]} {unit}; at most ±2^62 µs is allowed"
+            f"{where}: time stamp of event {first_event + k} is {t[k]} {unit}; less than 2^62 µs is allowed"
         )

@@ -1,0 +1,25 @@
+"""Fixtures that all tests share."""
+
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture(scope="session")
+def data_dir():
+    """Folder of real recordings: ``CMFPGA_DATA``, or ``shared/data`` beside the repository. Skips if absent."""
+    given = os.environ.get("CMFPGA_DATA")
+    folder = Path(given) if given else Path(__file__).parents[2] / "shared" / "data"
+    if not folder.is_dir():
+        pytest.skip(f"no folder of recordings at {folder} (set CMFPGA_DATA)")
+    return folder
+
+
+@pytest.fixture
+def rng(request):
+    """Random numbers seeded by the test's name, so that a failure can be repeated and no two tests share them."""
+    digest = hashlib.sha256(request.node.nodeid.encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest[:8], "little"))

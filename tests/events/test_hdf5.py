@@ -1,0 +1,237 @@
+"""Layouts and attributes of HDF5 recordings."""
+
+import h5py
+import numpy as np
+import pytest
+
+from cmfpga.errors import RecordingError
+from cmfpga.events import Events, open_recording, write_hdf5
+
+
+@pytest.fixture
+def h5(tmp_path):
+    """``h5(content, **attrs)``: path of a file with these data sets (by name) and root attributes."""
+
+    def write(content, **attrs):
+        path = tmp_path / "a.h5"
+        with h5py.File(path, "w") as file:
+            for name, values in content.items():
+                file[name] = values
+            file.attrs.update(attrs)
+        return path
+
+    return write
+
+
+def columns(events, names, prefix="events/"):
+    return {prefix + name: getattr(events, column) for name, column in zip(names, "txyp", strict=True)}
+
+
+@pytest.mark.parametrize(
+    "names, prefix",
+    [
+        ("t x y p", "events/"),
+        ("ts xs ys ps", "events/"),
+        ("timestamp x y polarity", "events/"),
+        ("t x y p", ""),
+        ("timestamps x y polarities", ""),
+    ],
+)
+def test_named_columns(h5, rng, helpers, names, prefix):
+    events = helpers.make_events(rng)
+    with open_recording(h5(columns(events, names.split(), prefix))) as recording:
+        assert recording.num_events == 1000
+        helpers.assert_same(helpers.read_all(recording, size=300), events)
+
+
+def test_compound(h5, rng, helpers):
+    events = helpers.make_events(rng)
+    array = helpers.structured(events.t, events.x, events.y, events.p)
+    with open_recording(h5({"events": array})) as recording:
+        helpers.assert_same(helpers.read_all(recording, size=300), events)
+
+
+@pytest.mark.parametrize("dtype", [np.int64, np.float64])
+def test_table(h5, rng, helpers, dtype):
+    events = helpers.make_events(rng)
+    table = np.stack([events.t, events.x, events.y, events.p], axis=1).astype(dtype)
+    with open_recording(h5({"events": table})) as recording:
+        assert recording.time_unit == "us"
+        helpers.assert_same(helpers.read_all(recording, size=300), events)
+
+
+def test_table_in_another_order_says_which_is_read(h5, rng, helpers):
+    events = helpers.make_events(rng)
+    table = np.stack([events.x, events.y, events.t, events.p], axis=1).astype(np.int64)
+    with (
+        open_recording(h5({"events": table})) as recording,
+        pytest.raises(RecordingError, match=r"columns t, x, y, p"),
+    ):
+        list(recording.chunks())
+
+
+def test_mvsec(h5, rng, helpers):
+    events = helpers.make_events(rng)
+    table = np.stack([events.x, events.y, events.t * 1e-6 + 1.5e9, events.p * 2.0 - 1], axis=1)
+    with open_recording(h5({"davis/left/events": table})) as recording:
+        assert (recording.width, recording.height, recording.time_unit) == (346, 260, "s")
+        read = helpers.read_all(recording)
+    # float64 resolves 0.24 µs at this time, so the nearest µs is the right one
+    helpers.assert_same(read, Events(events.t + 1_500_000_000_000_000, events.x, events.y, events.p))
+
+
+def test_dsec(h5, rng, helpers):
+    events = helpers.make_events(rng)
+    content = columns(events, "txyp")
+    content["events/t"] = events.t.astype(np.uint32)
+    path = h5({**content, "t_offset": np.int64(52_000_000_123), "ms_to_idx": np.arange(5)})
+    with open_recording(path) as recording:
+        assert (recording.width, recording.height) == (640, 480)
+        assert helpers.read_all(recording).t.tolist() == (events.t + 52_000_000_123).tolist()
+    path = h5({**content, "t_offset": np.int64(1000)})
+    with open_recording(path, time_unit="ns") as recording:
+        assert recording.width is None
+        assert helpers.read_all(recording).t[0] == (events.t[0] + 500) // 1000 + 1
+
+
+# -------------------------------------------------------------------- attributes
+
+
+@pytest.mark.parametrize(
+    "attrs",
+    [
+        dict(sensor_width=240, sensor_height=180),
+        dict(width=240.0, height=np.array([180])),
+        dict(sensor_resolution=(180, 240)),
+    ],
+)
+def test_sensor_attributes(h5, rng, helpers, attrs):
+    path = h5(columns(helpers.make_events(rng), "txyp"), **attrs)
+    with open_recording(path) as recording:
+        assert (recording.width, recording.height) == (240, 180)
+    with open_recording(path, sensor=(300, 200)) as recording:
+        assert (recording.width, recording.height) == (300, 200)
+
+
+@pytest.mark.parametrize("attrs", [dict(width=0, height=180), dict(width="wide", height=3), dict(sensor_resolution=5)])
+def test_odd_sensor_attributes(h5, rng, helpers, attrs):
+    path = h5(columns(helpers.make_events(rng), "txyp"), **attrs)
+    with pytest.raises(RecordingError, match="attribute"):
+        open_recording(path)
+    open_recording(path, sensor=(240, 180)).close()
+
+
+@pytest.mark.parametrize("holder", ["events/t", "events", "/"])
+@pytest.mark.parametrize("text, factor", [("ns", 1e-3), ("microseconds", 1), (b"milliseconds", 1000), ("S", 10**6)])
+def test_unit_attribute(h5, rng, helpers, holder, text, factor):
+    events = helpers.make_events(rng)
+    path = h5(columns(events, "txyp"))
+    with h5py.File(path, "a") as file:
+        file[holder].attrs["unit" if holder == "events/t" else "time_unit"] = text
+    with open_recording(path) as recording:
+        assert recording.time_unit_source == "file"
+        np.testing.assert_array_equal(helpers.read_all(recording).t, np.floor(events.t * factor + 0.5))
+    with open_recording(path, time_unit="us") as recording:
+        assert recording.time_unit_source == "given"
+        helpers.assert_same(helpers.read_all(recording), events)
+
+
+def test_unknown_unit_attribute(h5, rng, helpers):
+    path = h5(columns(helpers.make_events(rng), "txyp"), time_unit="ticks")
+    with pytest.raises(RecordingError, match="time_unit of /: time unit 'ticks' is not known"):
+        open_recording(path)
+
+
+# -------------------------------------------------------------------- bad content
+
+
+@pytest.mark.parametrize("missing", "txyp")
+@pytest.mark.parametrize("prefix", ["events/", ""])
+def test_missing_column(h5, rng, helpers, missing, prefix):
+    content = columns(helpers.make_events(rng), "txyp", prefix)
+    del content[prefix + missing]
+    with pytest.raises(RecordingError, match=f"{missing} missing; {missing} may be named {missing}, "):
+        open_recording(h5(content))
+
+
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        ({}, "no events found"),
+        ({"images": np.zeros((4, 4))}, "no events found"),
+        ({"events": np.zeros((5, 3))}, "array of 5×3; N×4"),
+        ({"events": np.zeros((0, 4))}, "no events"),
+        ({"events": np.float64(3)}, "a single value"),
+        ({"t": [1, 2, 3], "x": [1, 2], "y": [1, 2, 3], "p": [1, 1, 1]}, "t: 3, x: 2, y: 3, p: 3"),
+        ({"t": [[1, 2]], "x": [[1, 2]], "y": [[1, 2]], "p": [[1, 1]]}, "t: 1×2"),
+        ({"t": [1, 2], "x": [1, 2], "y": ["a", "b"], "p": [1, 1]}, "y holds object; real numbers"),
+        ({"t/a": [1], "x": [1], "y": [1], "p": [1]}, "/t is a group"),
+    ],
+)
+def test_bad_content(h5, content, message):
+    with pytest.raises(RecordingError, match=message):
+        open_recording(h5(content))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+@pytest.mark.parametrize("size", [1, 100])
+def test_times_not_finite(h5, bad, size):
+    t = [0.0, 0.1, bad, 0.2]
+    path = h5({"events/t": t, "events/x": [1] * 4, "events/y": [1] * 4, "events/p": [1] * 4})
+    with open_recording(path) as recording, pytest.raises(RecordingError, match="event 2"):
+        list(recording.chunks(size=size))
+
+
+@pytest.mark.parametrize("x, shown", [(2.5, "2.5"), (np.nan, "nan"), (-1.0, "-1"), (1e9, "1000000000")])
+def test_odd_float_coordinates(h5, x, shown):
+    path = h5({"events": np.array([[0, 1, 1, 1], [1, x, 1, 1]])})
+    with open_recording(path) as recording, pytest.raises(RecordingError, match=f"x of event 1 is {shown}"):
+        list(recording.chunks())
+
+
+def test_damaged_inside(h5, rng, helpers, tmp_path):
+    """Compressed bytes that were changed are found when they are read, not when the file is opened."""
+    path = tmp_path / "a.h5"
+    events = helpers.make_events(rng, 100_000)
+    with h5py.File(path, "w") as file:
+        for name in "txyp":
+            file.create_dataset(f"events/{name}", data=getattr(events, name), chunks=(10_000,), compression="gzip")
+        offset = file["events/x"].id.get_chunk_info(9).byte_offset
+    content = bytearray(path.read_bytes())
+    content[offset : offset + 1000] = bytes(1000)
+    path.write_bytes(content)
+    with open_recording(path) as recording:
+        assert len(next(recording.chunks(size=10_000))) == 10_000
+        with pytest.raises(RecordingError, match="events 90000 to 99999 cannot be read") as error:
+            list(recording.chunks(size=10_000))
+    assert "\n" not in str(error.value)
+
+
+# -------------------------------------------------------------------- writing
+
+
+def test_write_and_reopen(tmp_path, rng, helpers):
+    path = tmp_path / "a.h5"
+    events = helpers.make_events(rng, 50_000)
+    write_hdf5(path, events, 240, 180, recording="demo", speed=(1.5, 2.5))
+    with open_recording(path) as recording:
+        assert (recording.width, recording.height, recording.num_events) == (240, 180, 50_000)
+        assert (recording.time_unit, recording.time_unit_source) == ("us", "file")
+        helpers.assert_same(helpers.read_all(recording), events)
+    with h5py.File(path) as file:
+        assert file.attrs["recording"] == "demo" and file.attrs["speed"].tolist() == [1.5, 2.5]
+        assert (file.attrs["t_first_us"], file.attrs["t_last_us"]) == (events.t[0], events.t[-1])
+        assert {name: file["events"][name].dtype.str for name in "txyp"} == {
+            "t": "<i8", "x": "<u2", "y": "<u2", "p": "|u1"
+        }  # fmt: skip
+
+
+def test_write_errors(tmp_path, rng, helpers):
+    events = helpers.make_events(rng)
+    with pytest.raises(RecordingError, match="cannot be written"):
+        write_hdf5(tmp_path / "nowhere" / "a.h5", events, 240, 180)
+    with pytest.raises(RecordingError, match="no events to write"):
+        write_hdf5(tmp_path / "a.h5", Events.empty(), 240, 180)
+    with pytest.raises(RecordingError, match="sensor of 0×180"):
+        write_hdf5(tmp_path / "a.h5", events, 0, 180)
+    assert not list(tmp_path.iterdir())

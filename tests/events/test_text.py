@@ -1,0 +1,275 @@
+"""Text recordings: exact times, forms of lines, odd lines."""
+
+import time
+import zipfile
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from cmfpga.errors import RecordingError
+from cmfpga.events import open_recording, text
+from cmfpga.events.textlines import LineError, parse_fast, parse_line
+
+
+@pytest.fixture
+def txt(tmp_path):
+    """``txt(content)``: path of a text file."""
+
+    def write(content, name="a.txt"):
+        path = tmp_path / name
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+        return path
+
+    return write
+
+
+def read(path, helpers, **options):
+    with open_recording(path, **options) as recording:
+        return helpers.read_all(recording)
+
+
+# -------------------------------------------------------------------- times
+
+
+@pytest.mark.parametrize(
+    "text_time, us",
+    [
+        ("0.000000000", 0),
+        ("0.000000499", 0),
+        ("0.0000005", 1),
+        ("0.00000049999999999999999999999999999999", 0),
+        ("0.000001", 1),
+        ("0.003820001", 3820),
+        ("0.1234565", 123457),
+        ("1468939993.067416019", 1468939993067416),
+        ("1468939993.0674165", 1468939993067417),
+        ("999999999999.999999", 999999999999999999),
+        ("-0.0000005", 0),
+        ("-0.00000051", -1),
+        ("-1.5", -1500000),
+        ("4611686018427.387903", 2**62 - 1),
+        ("-4611686018427.387903", 1 - 2**62),
+        ("1e-3", 1000),
+        ("+2.5E0", 2500000),
+        (".25", 250000),
+        ("3.", 3000000),
+    ],
+)
+def test_seconds_are_exact(txt, helpers, text_time, us):
+    path = txt(f"{text_time} 1 2 1\n")
+    assert read(path, helpers, time_unit="s").t.tolist() == [us]
+
+
+@pytest.mark.parametrize(
+    "unit, text_time, us",
+    [
+        ("ms", "12.3456", 12346),
+        ("us", "12.5", 13),
+        ("ns", "1499", 1),
+        ("ns", "1468939993067416501", 1468939993067417),
+        ("ns", "1500.0", 2),
+    ],
+)
+def test_other_units(txt, helpers, unit, text_time, us):
+    assert read(txt(f"{text_time} 1 2 1\n"), helpers, time_unit=unit).t.tolist() == [us]
+
+
+# What the fast reader takes, and some that it leaves to the other.
+_PLAIN_TIME = st.from_regex(r"[0-9]{1,19}(\.[0-9]{0,12})?", fullmatch=True)
+_ANY_TIME = st.from_regex(r"[+-]?([0-9]{1,9}\.?[0-9]{0,20}|\.[0-9]{1,9})(e[+-]?[0-9])?", fullmatch=True)
+_SPACES = st.sampled_from([" ", "\t", "  ", ","])
+
+
+@given(
+    rows=st.lists(
+        st.tuples(
+            st.one_of(_PLAIN_TIME, _ANY_TIME), st.integers(-9, 99999), st.integers(0, 999), st.sampled_from([-1, 0, 1])
+        ),
+        min_size=1,
+        max_size=8,
+    ),
+    space=_SPACES,
+    end=st.sampled_from(["\n", "\r\n", " \n", "\n\n"]),
+    last=st.booleans(),
+    power=st.sampled_from([6, 3, 0, -3]),
+)
+def test_fast_and_slow_reader_agree_with_fractions(rows, space, end, last, power):
+    block = end.join(space.join(map(str, row)) for row in rows) + (end if last else "")
+    expected = [((Fraction(t) * Fraction(10) ** power + Fraction(1, 2)).__floor__(), x, y, p) for t, x, y, p in rows]
+    assume(all(abs(row[0]) < 2**62 for row in expected))
+    slow = [parse_line(line, power) for line in block.encode().split(b"\n")]
+    assert [row for row in slow if row] == expected
+    fast = parse_fast(block.encode(), power)
+    if fast is not None:
+        assert list(map(tuple, np.stack(fast, axis=1).tolist())) == expected
+
+
+def test_fast_reader_takes_the_usual_lines():
+    """Otherwise the test above shows nothing, and reading is slow."""
+    for block in (b"0.1 1 2 0\n12.000000001 3 4 1\n", b"5 1 2 -1\r\n\r\n6,3,4,1", b"0. 1 1 1\n", b"\n \n"):
+        assert parse_fast(block, 6) is not None, block
+
+
+@pytest.mark.parametrize(
+    "block",
+    [
+        b"1 2 3\n", b"1 2 3 4 5\n1 2 3\n", b"1 2 3 4 1 2 3 4\n", b"1.2.3 4 5 1\n", b". 1 1 1\n", b"1 2.0 3 1\n",
+        b"1 - 3 1\n", b"1 2- 3 1\n", b"-1 2 3 1\n", b"1 2 3 .\n", b"1 1 9999999999999999999 1\n",
+        b"1 1 1 12345678901234567890\n", b"1234567890123456789 1 1 1\n", b"# 1 1 1\n",
+        b"1 1 1 1x\n", b"1 1 1 \xff\n", b"1 2 --3 1\n", b"1 2\n3 1\n",
+    ],
+)  # fmt: skip
+def test_fast_reader_leaves_the_unusual(block):
+    assert parse_fast(block, 6) is None
+
+
+# -------------------------------------------------------------------- lines
+
+
+def test_comments_blank_lines_and_header(txt, helpers):
+    path = txt("# DAVIS 240C\n\n240 180\n# t x y p\n0.001 1 2 1\n\n  # more\n0.002\t3,4 0 # last\n\r\n0.003 5 6 1")
+    with open_recording(path) as recording:
+        assert (recording.width, recording.height, recording.time_unit) == (240, 180, "s")
+        events = helpers.read_all(recording)
+        assert recording.num_events is None
+    assert events.t.tolist() == [1000, 2000, 3000]
+    assert (events.x.tolist(), events.y.tolist(), events.p.tolist()) == ([1, 3, 5], [2, 4, 6], [1, 0, 1])
+    with open_recording(path, sensor=(346, 260)) as recording:
+        assert (recording.width, recording.height) == (346, 260)
+
+
+def test_float_columns_as_numpy_writes_them(tmp_path, rng, helpers):
+    events = helpers.make_events(rng, 200)
+    path = tmp_path / "a.txt"
+    np.savetxt(path, np.stack([events.t * 1e-6, events.x, events.y, events.p], axis=1))
+    helpers.assert_same(read(path, helpers), events)
+
+
+def test_true_and_false(txt, helpers):
+    assert read(txt("1 1 1 True\n2 1 1 false\n"), helpers).p.tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("size", [100, 1000, 1 << 20])
+def test_blocks_do_not_matter(txt, rng, helpers, monkeypatch, size):
+    """Lines across blocks, comments that fill more than one block."""
+    monkeypatch.setattr(text, "_BLOCK_BYTES", size)
+    events = helpers.make_events(rng, 500)
+    lines = helpers.text_lines(events.t, events.x, events.y, events.p)
+    path = txt("# " + "c" * 90 + "\n" + "# comment\n" * 200 + "240 180\n" + lines)
+    helpers.assert_same(read(path, helpers), events)
+    with open_recording(path) as recording:
+        helpers.assert_same(helpers.read_all(recording, start=123, size=45), events[123:])
+    with pytest.raises(RecordingError, match="line 703: 2 fields"):
+        read(txt(path.read_bytes() + b"9 9\n"), helpers)
+
+
+@pytest.mark.parametrize(
+    "line, message",
+    [
+        ("0.5 1 2", "3 fields in '0.5 1 2'; 4 are needed"),
+        ("0.5", "1 field in '0.5'; 4 are needed"),
+        ("0.5 1 2 1 7", "5 fields"),
+        ("0.5 1 two 1", "y is 'two'; a number is needed"),
+        ("0.5 1 2 -", "p is '-'; a number is needed"),
+        ("0.5 0x1 2 1", "x is '0x1'"),
+        ("0.5 1_0 2 1", "x is '1_0'"),
+        ("0.5 1.5 2 1", "x is 1.5; a whole number is needed"),
+        ("nan 1 2 1", "t is nan; a finite number is needed"),
+        ("-Inf 1 2 1", "t is -Inf; a finite number is needed"),
+        ("0.5 nan 2 1", "x is nan; a finite number is needed"),
+        ("1e30 1 2 1", "fewer than 21 digits"),
+        ("99999999999999 1 2 1", "less than 2^62 µs"),
+        ("0..5 1 2 1", "t is '0..5'"),
+        ("240 180", "2 fields"),
+        ("\xff\xfe 1 2 1", "t is "),
+        ("x" * 5000, "4"),
+    ],
+)
+@pytest.mark.parametrize("good_lines", [1, 5000])
+def test_odd_line_is_named(txt, line, message, good_lines):
+    path = txt("# header\n" + "0.25 1 2 1\n" * good_lines + line + "\n0.75 1 2 1\n")
+    with pytest.raises(RecordingError) as error, open_recording(path) as recording:
+        list(recording.chunks())
+    text_of = str(error.value)
+    assert text_of.startswith(f"{path}, line {good_lines + 2}: ")
+    assert message in text_of and "\n" not in text_of
+
+
+def test_odd_line_far_behind_the_first_block(txt):
+    path = txt("0.25 1 2 1\n" * 300_000 + "0.5 1 2\n" + "0.75 1 2 1\n" * 1000)
+    with open_recording(path) as recording, pytest.raises(RecordingError, match="line 300001: 3 fields"):
+        list(recording.chunks())
+
+
+def test_truncated_last_line(txt):
+    path = txt("0.1 1 2 1\n0.2 3 4 1\n0.3 5")
+    with pytest.raises(RecordingError, match=r"line 3: 2 fields in '0\.3 5'"):
+        list(open_recording(path).chunks())
+
+
+@pytest.mark.parametrize("content", ["# nothing\n", "\n\n", "240 180\n", "# a\n240 180\n# b\n"])
+def test_no_events(txt, content):
+    with pytest.raises(RecordingError, match="no events"):
+        open_recording(txt(content))
+
+
+def test_endless_line(txt):
+    with pytest.raises(RecordingError, match="line 2: more than 4096 bytes"):
+        list(open_recording(txt("0.1 1 2 1\n" + "1" * 3_000_000)).chunks())
+
+
+def test_line_error_says_nothing_of_places():
+    with pytest.raises(LineError, match=r"^3 fields"):
+        parse_line(b"1 2 3", 6)
+
+
+# -------------------------------------------------------------------- archives
+
+
+def archive(path, **members):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, content in members.items():
+            file.writestr(name.replace("__", "/").replace("_", "."), content)
+    return path
+
+
+def test_archive_with_one_text(tmp_path, helpers):
+    path = archive(tmp_path / "a.zip", data__slider_txt="240 180\n0.5 1 2 1\n", readme_md="hello")
+    with open_recording(path) as recording:
+        assert (recording.format, recording.width, recording.num_events) == ("zipped text", 240, None)
+        assert recording.name == f"{path}/data/slider.txt"
+        assert helpers.read_all(recording).t.tolist() == [500_000]
+
+
+@pytest.mark.parametrize("members", [dict(a_txt="1 1 1 1", b_txt="1 1 1 1"), dict(a_png="x"), {}])
+def test_archive_without_clear_member(tmp_path, members):
+    with pytest.raises(RecordingError, match=r"without one \.txt or \.csv"):
+        open_recording(archive(tmp_path / "a.zip", **members))
+
+
+def test_damaged_archive(tmp_path, rng, helpers):
+    events = helpers.make_events(rng, 100_000)
+    path = archive(tmp_path / "a.zip", events_txt=helpers.text_lines(events.t, events.x, events.y, events.p))
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=r"truncated or damaged|line") as error, open_recording(path) as recording:
+        list(recording.chunks())
+    assert "\n" not in str(error.value)
+
+
+# -------------------------------------------------------------------- speed
+
+
+def test_speed(txt, rng, helpers):
+    events = helpers.make_events(rng, 300_000)
+    path = txt(helpers.text_lines(events.t, events.x, events.y, events.p))
+    with open_recording(path) as recording:
+        begin = time.process_time()
+        count = sum(map(len, recording.chunks()))
+        rate = count / (time.process_time() - begin)
+    assert count == 300_000
+    assert rate > 300_000  # about 2 million/s; line by line would be 0.15
