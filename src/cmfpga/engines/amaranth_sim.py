@@ -32,11 +32,11 @@ class AmaranthEngine(RtlEngine):
         cycles = (
             2 * self._core.cycles(events=n, roi_events=n, iterations=iterations) + 2 * self.config.bank_words + 1000
         )
-        for _ in range(cycles):
+        for _ in range(2 * cycles + 1000):
             self._simulator.advance()
             if self._outcome:
                 return self._outcome
-        raise TimeoutError(f"no result after {cycles} clock cycles")
+        raise TimeoutError(f"no result after {cycles + 500} clock cycles")
 
     async def _bench(self, ctx):
         core = self._core

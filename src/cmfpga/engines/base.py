@@ -93,5 +93,5 @@ class Engine(ABC):
     def _run(self, events, settings):
         """One checked batch of at least one event."""
 
-    def close(self):
+    def close(self):  # noqa: B027 - most engines hold nothing
         """Release what the engine holds."""
