@@ -90,7 +90,10 @@ class Core(wiring.Component):
 
     @property
     def iteration_latency(self):
-        """L: an iteration takes n + P/4 + L cycles, from one v to the next."""
+        """L: an iteration takes n + P/4 + L cycles, from one v to the next.
+
+        The sweep's first address follows the last vote by one cycle; the last of its P/4 addresses is evaluated.
+        """
         return self.warp.latency + self.voter.latency - 1 + self._evaluate
 
     @property
@@ -105,6 +108,20 @@ class Core(wiring.Component):
         cycle, batch not degenerate.
         """
         return events + iterations * (roi_events + self.config.bank_words + self.iteration_latency) + self.batch_latency
+
+    @property
+    def cycle_formula(self):
+        """:meth:`cycles` as text."""
+        return f"N + T·(n + {self.config.bank_words} + {self.iteration_latency}) + {self.batch_latency}"
+
+    @property
+    def latencies(self):
+        """Clock cycles from input to output of each block that the events or the sums go through, by name."""
+        names = (
+            "roi_filter", "event_buffer", "reciprocal", "time_scaler", "warp", "voter", "accumulator",
+            "gradient_reader", "gradient", "updater", "roi_updater",
+        )  # fmt: skip
+        return {name: getattr(self, name).latency for name in names}
 
     def elaborate(self, platform):
         m = Module()

