@@ -100,8 +100,8 @@ def summary(info):
         "",
         "## Clock cycles of a batch",
         "",
-        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations. For N = {example['N']}, "
-        f"n = {example['n']}, T = {example['T']}: {example['cycles']:,} cycles.",
+        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations.",
+        f"For N = {example['N']}, n = {example['n']}, T = {example['T']}: {example['cycles']:,} cycles.",
         "",
         "## Latencies of the blocks",
         "",
@@ -124,8 +124,8 @@ def summary(info):
             for p in info["ports"]
         ),
         "",
-        "One clock, synchronous reset. Events and results are streams: a transfer happens in a cycle in which valid and "
-        "ready are high.",
+        "One clock, synchronous reset. Events and results are streams: a transfer happens in a cycle in which valid",
+        "and ready are high.",
         "Settings are taken over when the first event of a batch is offered.",
     ]
     return "\n".join(lines) + "\n"

@@ -88,6 +88,11 @@ class Config:
         for name in ("roi_width", "roi_height"):
             if getattr(self, name) % 2:
                 raise ConfigError(f"{name} = {getattr(self, name)}: an even number of pixels is needed")
+        if self.span_bits >= self.time_bits:
+            raise ConfigError(
+                f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
+                "or a step back in time could not be told from a long batch"
+            )
         self._check_size("iterations", "max_iterations")
         self._check_size("min_roi_events", "buffer_events")
         for name, fmt in (

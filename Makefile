@@ -1,0 +1,41 @@
+# make                               a virtual environment, the Verilog, and a demo recording tracked by it
+# make RECORDING=rec.h5 ROI=100,30   the same with your recording; more options in TRACK="--batches 20 …"
+# make test                          everything that the tests need, and all of them
+
+PYTHON ?= python3
+VENV ?= .venv
+OUT ?= build
+RECORDING ?=
+ROI ?=
+TRACK ?=
+
+PIP = $(VENV)/bin/pip --disable-pip-version-check
+RUN = $(VENV)/bin/python -m
+
+.PHONY: demo test clean
+.DELETE_ON_ERROR:
+
+demo: $(VENV)/installed
+	$(RUN) cmfpga.build --out $(OUT)
+	$(RUN) cmfpga.track $(RECORDING) $(if $(ROI),--roi $(ROI)) $(TRACK) --out $(OUT)/track
+	@echo "The picture is $(OUT)/track/track.png"
+
+test: $(VENV)/installed-for-tests
+	$(RUN) ruff check
+	$(RUN) ruff format --check
+	$(RUN) pytest -n 2 --dist worksteal
+
+clean:
+	rm -rf $(VENV) $(OUT)
+
+$(VENV)/bin/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=…")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) install --quiet -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/installed-for-tests: $(VENV)/installed
+	$(PIP) install --quiet -c constraints.txt -e '.[test]'
+	@touch $@
