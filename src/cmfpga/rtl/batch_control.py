@@ -145,11 +145,13 @@ class BatchControl(wiring.Component):
             with m.State("DRAIN"):
                 m.d.sync += timer.eq(timer - 1)
                 with m.If(timer == 0):
-                    m.d.comb += self.divide.eq(1)
                     m.d.sync += self.degenerate.eq(too_few)
-                    m.next = "RECIPROCAL"
                     with m.If(too_few):
                         m.next = "RESULT"
+                    with m.Else():
+                        # Only then: a division that nobody waits for would still run in the next batch.
+                        m.d.comb += self.divide.eq(1)
+                        m.next = "RECIPROCAL"
             with m.State("RECIPROCAL"):
                 with m.If(self.divided):
                     m.d.comb += [self.start.eq(1), self.replay.eq(1)]

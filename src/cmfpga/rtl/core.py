@@ -191,7 +191,7 @@ class Core(wiring.Component):
             roi.roi_gain.eq(current.roi_gain),
             roi.move.eq(control.move),
         ]
-        with m.If(control.divide):
+        with m.If(control.o.valid):
             m.d.sync += roi_used.eq(roi.roi)
 
         self._result(m, roi_used)
