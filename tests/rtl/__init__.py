@@ -1,0 +1,1 @@
+"""Each block of the RTL against its integer model."""

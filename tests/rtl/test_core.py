@@ -1,0 +1,327 @@
+"""The core against its model: everything that leaves it, in every iteration of batches that follow one another."""
+
+import pytest
+from amaranth.hdl import Module, ResetInserter, Signal
+
+from cmfpga.batch import BatchSettings, Flag
+from cmfpga.config import Config
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.rtl.core import Core
+
+from .bench import NARROW, TINY, Batch, check_core, drive_core, edge_integers, np, simulate
+
+SMALL = {"sensor_width": 40, "sensor_height": 30, "roi_width": 16, "roi_height": 12}
+LIMITS = {"buffer_events": 48, "max_batch_events": 90, "max_iterations": 7}
+CONFIGS = {
+    "small": Config(**SMALL, **LIMITS, iterations=3),
+    # P a power of two: the gradient costs no multiplication.
+    "power": Config(**SMALL | {"roi_height": 8}, **LIMITS, iterations=3),
+    "narrow": Config(**NARROW | SMALL | LIMITS, iterations=3),
+    # A sweep of one cycle: the next replay begins before the sweep's end would allow it elsewhere.
+    "tiny": Config(**TINY | LIMITS, iterations=3),
+    # A division and time stamps as short as can be; v saturates soon.
+    "short": Config(**SMALL, **LIMITS, iterations=3, time_bits=8, span_bits=4, reciprocal_bits=4, dt_frac=4, v_int=1),
+    # The ROI is the sensor, and the buffer holds one event.
+    "still": Config(**SMALL | {"sensor_width": 16, "sensor_height": 12}, **LIMITS | {"buffer_events": 1}, iterations=3),
+}
+
+FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
+
+
+def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
+    """Events of a few points that move across the sensor, and noise; times anywhere on the camera's counter."""
+    wrap = 1 << config.time_bits
+    longest = min(1 << config.span_bits, wrap // 2) - 1
+    span = int(rng.integers(1, longest + 1)) if span is None else span
+    t = np.sort(rng.integers(0, span + 1, count))
+    t[0], t[-1] = 0, span
+    phase = t / max(1, span) - 0.5
+    center = (config.sensor_width // 2, config.sensor_height // 2) if around is None else around
+    limits = config.sensor_width, config.sensor_height
+    v = rng.uniform(-4, 4, 2)
+    columns = []
+    for axis, limit in enumerate(limits):
+        points = center[axis] + rng.integers(-4, 5, 3)[rng.integers(0, 3, count)] + phase * v[axis]
+        anywhere = rng.integers(0, limit, count)
+        column = np.where(rng.random(count) < 0.3, anywhere, np.round(points))
+        columns.append(np.clip(column, 0, limit - 1).astype(int).tolist())
+    wrong = rng.random(count) < bad_times
+    wrong[0] = False
+    t = np.where(wrong, t + rng.integers(-longest, 2 * longest, count), t) + rng.integers(wrap)
+    return list(zip((t % wrap).tolist(), *columns, strict=True))
+
+
+def settings(config, **changes):
+    """The configuration's settings, some of them changed."""
+    return BatchSettings(**vars(BatchSettings.from_config(config)) | changes)
+
+
+def random_batch(config, rng, *, bad_times=0.15):
+    """Any size, any settings, any way to end."""
+    end = str(rng.choice(["last", "last", "count", "cut"]))
+    count = config.max_batch_events if end == "cut" else int(rng.choice([1, 2, 3, 8, 20, 40, 60, 85]))
+    roi = None
+    if rng.random() < 0.6:
+        roi = int(rng.integers(config.sensor_width)), int(rng.integers(config.sensor_height))
+        if rng.random() < 0.7:
+            roi = min(roi[0], config.roi_x_max), min(roi[1], config.roi_y_max)
+    eta = int(rng.choice([0, 1, config.eta_format.raw(1.0), config.eta_format.raw(8.0), config.eta_format.max]))
+    slow = 3 << config.v_frac
+    size = config.roi_width, config.roi_height
+    around = tuple(c + s // 2 for c, s in zip(roi, size, strict=True)) if roi else None
+    span = 0 if rng.random() < 0.1 else None
+    return Batch(
+        events=moving_points(config, rng, count, bad_times=bad_times, span=span, around=around),
+        settings=settings(
+            config,
+            roi=roi,
+            iterations=int(rng.choice([0, 1, 2, 3, 4])),
+            eta=eta,
+            roi_gain=int(edge_integers(rng, 0, config.roi_gain_format.max, 1)[0]),
+            start_last=bool(rng.integers(2)),
+            v_start=tuple(edge_integers(rng, max(config.v.min, -slow), min(config.v.max, slow), 2).tolist()),
+            min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
+        ),
+        end=end,
+    )
+
+
+def run(config, batches, rng, *, gap=0.0, stall=0.0, eager=True):
+    """Simulate from reset and compare; returns (the model's results, outcomes)."""
+    core = Core(config)
+    bench, outcomes = drive_core(core, batches, rng=rng, gap=gap, stall=stall, eager=eager)
+    simulate(core, bench)
+    return check_core(config, batches, outcomes, free=not gap), outcomes
+
+
+# ---------------------------------------------------------------- everything, at random
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("name", CONFIGS)
+def test_matches_model(name, flow, rng):
+    """Batches back to back without a reset, with different sizes, ROIs and settings: state that leaks is found."""
+    config = CONFIGS[name]
+    gap, stall = FLOWS[flow]
+    batches = [random_batch(config, rng, bad_times=0.15 * (k % 2)) for k in range(10)]
+    run(config, batches, rng, gap=gap, stall=stall, eager=flow in ("free", "both"))
+
+
+def test_random_batches_meet_everything():
+    """The batches of the test above are not all of one kind."""
+    met = Flag(0)
+    for name, config in CONFIGS.items():
+        model = IntegerCore(config)
+        for number in range(30):
+            batch = random_batch(config, np.random.default_rng([number, len(name)]))
+            columns = zip(*batch.events, strict=True)
+            met |= model.run(*map(np.array, columns), batch.settings, cut=batch.end == "cut").flags
+    assert met == ~Flag(0)
+
+
+# ---------------------------------------------------------------- cycles
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("iterations", [1, 4])
+def test_cycle_formula_is_exact(name, iterations, rng):
+    """:meth:`Core.cycles` in free flow, for one event and for many, and its latencies."""
+    config = CONFIGS[name]
+    center = config.sensor_width // 2, config.sensor_height // 2
+    roi = center[0] - config.roi_width // 2, center[1] - config.roi_height // 2
+    # The first and the last event at the ROI's centre, so that no batch is degenerate.
+    batches = [
+        Batch(
+            events=[(5, *center), *((6, x, y) for _, x, y in moving_points(config, rng, count)), (15, *center)],
+            settings=settings(config, roi=roi, iterations=iterations, eta=0),
+        )
+        for count in (1, 2, 30)
+    ]
+    core = Core(config)
+    bench, outcomes = drive_core(core, batches, rng=rng)
+    simulate(core, bench)
+    results = check_core(config, batches, outcomes, free=True)
+    for batch, result, outcome in zip(batches, results, outcomes, strict=True):
+        assert Flag.DEGENERATE not in result.flags
+        wanted = core.cycles(events=len(batch.events), roi_events=result.roi_events, iterations=iterations)
+        assert outcome.result["cycles"] == outcome.done - outcome.opened == wanted
+    assert core.iteration_latency == (19 if config.pixels & (config.pixels - 1) == 0 else 22)
+    assert core.batch_latency == config.span_bits + config.reciprocal_bits + 16
+
+
+# ---------------------------------------------------------------- degenerate batches
+
+CENTER = (20, 15)
+
+
+def centered(config, times, **changes):
+    """Events at the sensor's centre, in the ROI."""
+    roi = CENTER[0] - config.roi_width // 2, CENTER[1] - config.roi_height // 2
+    return Batch(events=[(t, *CENTER) for t in times], settings=settings(config, **{"roi": roi} | changes))
+
+
+def spread(config, rng, count=20, **changes):
+    """A good batch around the sensor's centre."""
+    batch = centered(config, range(100, 100 + 10 * count, 10), **changes)
+    offsets = rng.integers(-4, 5, (count, 2)).tolist()
+    return Batch(events=[(t, x + dx, y + dy) for (t, x, y), (dx, dy) in zip(batch.events, offsets, strict=True)],
+                 settings=batch.settings)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "what, times, changes",
+    [
+        ("n = 0", range(5), {"roi": (0, 0)}),
+        ("n < minimum", range(5), {"min_roi_events": 6}),
+        ("t1 = tN", [7] * 5, {}),
+        ("one event", [7], {}),
+        ("T = 0", range(5), {"iterations": 0}),
+    ],
+)
+def test_degenerate_batches_change_nothing(what, times, changes, rng):
+    """v and the ROI stay, whatever start velocity was asked for; a batch after it, long or short, is right."""
+    config = CONFIGS["small"]
+    good = spread(config, rng, start_last=False, v_start=(1 << config.v_frac, 0))
+    bad = centered(config, times, **{"roi": None, "start_last": False, "v_start": (123, 456)} | changes)
+    # The batches after it are so short that a division that the degenerate batch began would still be running.
+    batches = [good, bad, centered(config, [3, 9, 30]), bad, bad, spread(config, rng), bad, spread(config, rng, 2)]
+    results, outcomes = run(config, batches, rng)
+    degenerate = [Flag.DEGENERATE in result.flags for result in results]
+    assert degenerate == [batch is bad for batch in batches], what
+    assert outcomes[1].result["v"] == outcomes[0].result["v"]
+    if bad.settings.roi is None:
+        assert outcomes[1].result["roi_next"] == outcomes[0].result["roi_next"]
+
+
+def test_minimum_is_met_exactly(rng):
+    config = CONFIGS["small"]
+    batches = [centered(config, range(5), min_roi_events=minimum) for minimum in (5, 6, 4, 0, 1)]
+    results, _ = run(config, batches, rng)
+    assert [Flag.DEGENERATE in result.flags for result in results] == [False, True, False, False, False]
+
+
+# ---------------------------------------------------------------- a batch's end
+
+
+def test_length_by_count_and_cut(rng):
+    """``batch_events`` ends a batch without ``last``; at max_batch_events it is cut, which only then is flagged."""
+    config = CONFIGS["small"]
+    points = moving_points(config, rng, config.max_batch_events, span=2000)
+    chosen = settings(config, iterations=1)
+    batches = [
+        Batch(events=points[:20], settings=chosen, end="count"),
+        Batch(events=points, settings=chosen, end="cut"),
+        Batch(events=points[:1], settings=chosen, end="count"),
+        # As long as can be, but ended as the source wanted: no flag.
+        Batch(events=points, settings=chosen, end="last"),
+        Batch(events=points, settings=chosen, end="count"),
+        Batch(events=points[:30], settings=chosen, end="last"),
+    ]
+    results, _ = run(config, batches, rng)
+    assert [Flag.CUT in result.flags for result in results] == [False, True, False, False, False, False]
+
+
+def test_overflow_is_counted(rng):
+    """A buffer that is exactly full is no overflow; one event more is."""
+    config = CONFIGS["small"]
+    full = config.buffer_events
+    batches = [
+        spread(config, rng, count, iterations=1) for count in (full, full + 1, full - 1, config.max_batch_events)
+    ]
+    results, _ = run(config, batches, rng)
+    assert [result.overflow for result in results] == [0, 1, 0, config.max_batch_events - full]
+
+
+# ---------------------------------------------------------------- back-pressure and settings
+
+
+def test_result_waits(rng):
+    """A result that waits for long holds (``drive_core`` compares each cycle), and the next batch is not taken up."""
+    config = CONFIGS["small"]
+    batches = [spread(config, rng, 10, iterations=1) for _ in range(3)]
+    run(config, batches, rng, stall=0.97)
+
+
+def test_settings_are_taken_with_the_first_event(rng):
+    """Every setting changes from batch to batch and is random in between; each batch uses its own."""
+    config = CONFIGS["small"]
+    eta = config.eta_format.raw(4.0)
+    changes = [
+        {"iterations": 4, "eta": eta},
+        {"iterations": 1, "eta": 0, "start_last": False, "v_start": (-4096, 8192)},
+        {"iterations": 2, "eta": eta, "roi": (3, 4), "roi_gain": 63},
+        {"iterations": 3, "roi": None, "roi_gain": 0, "min_roi_events": 9},
+        {"iterations": 3, "roi": (24, 18), "start_last": False, "v_start": (99, -99)},
+    ]
+    batches = [spread(config, rng, 20, **change) for change in changes]
+    for eager in (True, False):
+        results, _ = run(config, batches, rng, eager=eager)
+        assert len({result.v for result in results}) > 3
+
+
+# ---------------------------------------------------------------- reset
+
+
+@pytest.mark.parametrize("moment", ["ingest", "division", "votes", "sweep", "evaluation", "result"])
+def test_reset_in_the_middle(moment, rng):
+    """A reset forgets v, the ROI and the batch, and the images that it leaves in the RAMs are swept away."""
+    config = CONFIGS["small"]
+    core = Core(config)
+    reset = Signal()
+    top = Module()
+    top.submodules.core = ResetInserter(reset)(core)
+    moved = [spread(config, rng, 20, iterations=2, eta=config.eta_format.raw(8.0)) for _ in range(2)]
+    first, _ = drive_core(core, moved, rng=rng, before_tick=at_moment(core, moment))
+    again = [
+        # Where v and the ROI must be those of a reset; sees the whole image.
+        Batch(events=[(t, x - 12, y - 9) for t, x, y in moved[0].events], settings=settings(config, iterations=3)),
+        spread(config, rng, 30),
+    ]
+    second, outcomes = drive_core(core, again, rng=rng)
+
+    async def bench(ctx):
+        await first(ctx)
+        ctx.set(core.o.ready, 0)
+        ctx.set(reset, 1)
+        await ctx.tick()
+        ctx.set(reset, 0)
+        ctx.set(core.i.valid, 0)
+        await second(ctx)
+
+    simulate(top, bench)
+    check_core(config, again, outcomes, free=True)
+
+
+def at_moment(core, moment):
+    """For ``drive_core``: has the second batch, of 20 events like the first, come to this moment?"""
+    counters = {
+        "events": lambda ctx: ctx.get(core.i.valid) & ctx.get(core.i.ready),
+        "votes": lambda ctx: ctx.get(core.voter.o.valid),
+        "swept": lambda ctx: ctx.get(core.accumulator.sweep.valid),
+        "traced": lambda ctx: ctx.get(core.trace.valid),
+    }
+    seen = dict.fromkeys((*counters, "cycles since the last event"), 0)
+
+    def before_tick(ctx, cycle):
+        for name, counter in counters.items():
+            seen[name] += counter(ctx)
+        seen["cycles since the last event"] += seen["events"] == 40
+        # Two iterations a batch; the sweep after the reset comes first.
+        return {
+            "ingest": seen["events"] == 30,
+            "division": seen["cycles since the last event"] == 20,
+            "votes": seen["votes"] == 3 * 20 + 15,
+            "sweep": seen["swept"] == core.config.bank_words * (1 + 3) + core.config.bank_words // 2,
+            "evaluation": seen["traced"] == 4,
+            "result": seen["traced"] == 4 and ctx.get(core.o.valid),
+        }[moment]
+
+    return before_tick
+
+
+def test_power_up_state(rng):
+    """Before any batch: no result, and the first batch starts from v = 0 and the ROI at the sensor's origin."""
+    config = CONFIGS["small"]
+    points = moving_points(config, rng, 40, span=900, around=(8, 6))
+    results, outcomes = run(config, [Batch(events=points, settings=settings(config))], rng, eager=False, gap=0.9)
+    assert outcomes[0].trace[0]["v"] == {"x": 0, "y": 0} and results[0].roi == (0, 0)
