@@ -17,8 +17,8 @@ from cmfpga.rtl.accumulator import Accumulator, ReadAddWrite
 
 pytestmark = needs_solver
 
-# Cycles. The induction closes in 4, the length of the pipeline; more only widen the search from reset, which takes a
-# minute where words are wide.
+# Cycles. The induction closes in 4, the length of the pipeline; more only lengthen the search from reset, which takes
+# many minutes where words are wide.
 LONG = 16
 SHORT = 5
 
