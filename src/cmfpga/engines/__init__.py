@@ -1,11 +1,11 @@
 """Engines: the same batches through the emitted Verilog, the integer model, or the float reference."""
 
 from ..errors import ConfigError
-from .base import Engine
+from .base import Engine, check_roi
 
 ENGINES = ("rtl", "model", "float")
 
-__all__ = ["ENGINES", "Engine", "make_engine"]
+__all__ = ["ENGINES", "Engine", "check_roi", "make_engine"]
 
 
 def make_engine(name, config):

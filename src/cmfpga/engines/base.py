@@ -9,6 +9,25 @@ from ..batch import BatchResult, Flag, Trace, clamp_roi
 from ..errors import ConfigError
 
 
+def check_roi(config, roi):
+    """Raise :exc:`ConfigError` unless an ROI with its left column and top row at ``roi`` lies on the sensor."""
+    if clamp_roi(config, roi)[1]:
+        raise ConfigError(
+            f"ROI at {roi[0]},{roi[1]}: 0,0 to {config.roi_x_max},{config.roi_y_max} is needed for "
+            f"{config.roi_width}×{config.roi_height} px on a sensor of {config.sensor_width}×{config.sensor_height} px"
+        )
+
+
+def _check_events(config, events):
+    """Events outside the sensor would be taken for others: the hardware only has the bits that the sensor needs."""
+    for name, values, size in (("x", events.x, config.sensor_width), ("y", events.y, config.sensor_height)):
+        if len(values) and values.max() >= size:
+            raise ConfigError(
+                f"{name} of an event is {values.max()}: 0 to {size - 1} is allowed on a sensor of "
+                f"{config.sensor_width}×{config.sensor_height} px (sensor_width, sensor_height)"
+            )
+
+
 class Engine(ABC):
     """Runs batches, one after the other, and keeps what the hardware keeps between them: v and the ROI.
 
@@ -52,18 +71,14 @@ class Engine(ABC):
         Raises
         ------
         ConfigError
-            The batch is larger than the hardware counts to, or the ROI lies outside the sensor.
+            The batch is larger than the hardware counts to, or an event or the ROI lies outside the sensor.
         """
         limit = self.config.max_batch_events
         if len(events) > limit:
             raise ConfigError(f"a batch of {len(events)} events: at most {limit} are allowed (max_batch_events)")
-        if settings.roi is not None and clamp_roi(self.config, settings.roi)[1]:
-            raise ConfigError(
-                f"ROI at {settings.roi[0]},{settings.roi[1]}: 0,0 to {self.config.roi_x_max},{self.config.roi_y_max} "
-                f"is needed for {self.config.roi_width}×{self.config.roi_height} px on a sensor of "
-                f"{self.config.sensor_width}×{self.config.sensor_height} px"
-            )
+        _check_events(self.config, events)
         if settings.roi is not None:
+            check_roi(self.config, settings.roi)
             self.roi = self._waiting_roi = settings.roi
         if not len(events):
             return self._nothing(settings)

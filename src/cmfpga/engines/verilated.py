@@ -13,6 +13,7 @@ import numpy as np
 import platformdirs
 
 from ..emit import TOP, emit_verilog, sha256
+from ..errors import ConfigError
 from ..rtl.top import VerilogCore
 from .rtl import RtlEngine, find_compiler, settings_values
 
@@ -137,7 +138,7 @@ class VerilatedCore:
             raise AssertionError(f"{run.trace_count} iterations traced, {values['iterations']} reported")
         trace = trace[: run.trace_count]
         if pixels is not None:
-            pixels = pixels[: run.pixel_count].reshape(run.trace_count, -1, len(self.pixel_names))
+            pixels = pixels[: run.pixel_count].reshape(run.trace_count, words, len(self.pixel_names))
         return values, trace, pixels
 
 
@@ -174,7 +175,12 @@ def compile_library(core):
     library = folder / f"{TOP}-{sha256(verilog + harness + ports + tools)[:24]}.so"
     if library.exists():
         return library
-    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(
+            f"{folder}: cannot be made, for compiled simulators: {error.strerror}; CMFPGA_CACHE may name another folder"
+        ) from None
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         scratch = Path(scratch)
         (scratch / f"{TOP}.v").write_text(verilog)

@@ -1,0 +1,128 @@
+"""Batches that are hard on the hardware: patterns of repeated addresses, borders, strange times, sizes."""
+
+import numpy as np
+
+PATTERNS = {}
+
+
+def pattern(function):
+    """Register ``function(config, rng, roi) -> (x, y)``, sensor coordinates of a batch's events."""
+    PATTERNS[function.__name__] = function
+    return function
+
+
+def _inside(config, rng, roi, n):
+    return roi[0] + rng.integers(config.roi_width, size=n), roi[1] + rng.integers(config.roi_height, size=n)
+
+
+@pattern
+def random_everywhere(config, rng, roi):
+    n = int(rng.integers(1, 400))
+    return rng.integers(config.sensor_width, size=n), rng.integers(config.sensor_height, size=n)
+
+
+@pattern
+def random_inside(config, rng, roi):
+    return _inside(config, rng, roi, int(rng.integers(1, 300)))
+
+
+@pattern
+def one_pixel(config, rng, roi):
+    x, y = _inside(config, rng, roi, 1)
+    return np.repeat(x, 120), np.repeat(y, 120)
+
+
+@pattern
+def two_cells_alternating(config, rng, roi):
+    x, y = _inside(config, rng, roi, 2)
+    return np.tile(x, 60), np.tile(y, 60)
+
+
+@pattern
+def repeats_at_distances_1_to_5(config, rng, roi):
+    x, y = _inside(config, rng, roi, 6)
+    order = np.concatenate([np.tile(np.arange(distance), 12) for distance in range(1, 7)])
+    return x[order], y[order]
+
+
+@pattern
+def neighbours_2_by_2(config, rng, roi):
+    x, y = _inside(config, rng, roi, 1)
+    step = rng.integers(2, size=(2, 150))
+    return (
+        np.minimum(x + step[0], roi[0] + config.roi_width - 1),
+        np.minimum(y + step[1], roi[1] + config.roi_height - 1),
+    )
+
+
+@pattern
+def corners_and_edges(config, rng, roi):
+    n = 160
+    right, bottom = roi[0] + config.roi_width, roi[1] + config.roi_height
+    x = rng.choice([roi[0] - 1, roi[0], roi[0] + 1, right - 2, right - 1, right], n)
+    y = rng.integers(roi[1] - 1, bottom + 1, size=n)
+    swap = rng.random(n) < 0.5
+    y[swap] = rng.choice([roi[1] - 1, roi[1], bottom - 1, bottom], swap.sum())
+    return np.clip(x, 0, config.sensor_width - 1), np.clip(y, 0, config.sensor_height - 1)
+
+
+@pattern
+def everything_outside(config, rng, roi):
+    x, y = rng.integers(config.sensor_width, size=80), rng.integers(config.sensor_height, size=80)
+    inside = (x >= roi[0]) & (x < roi[0] + config.roi_width) & (y >= roi[1]) & (y < roi[1] + config.roi_height)
+    return np.append(x[~inside], 0 if roi[0] else config.sensor_width - 1), np.append(y[~inside], 0)
+
+
+@pattern
+def few_events(config, rng, roi):
+    """0, 1, 2, 3 or 5 events in the ROI, among some outside."""
+    x, y = _inside(config, rng, roi, int(rng.choice([0, 1, 2, 3, 5])))
+    outside = everything_outside(config, rng, roi)
+    keep = slice(-max(2, len(x)), None)
+    order = rng.permutation(len(x) + len(outside[0][keep]))
+    return tuple(np.concatenate([a, b[keep]])[order] for a, b in zip((x, y), outside, strict=True))
+
+
+@pattern
+def moving_edge(config, rng, roi):
+    n = 240
+    along = np.linspace(0, 1, n)
+    x = roi[0] + config.roi_width / 3 + along * rng.uniform(-5, 5) + rng.normal(0, 0.6, n)
+    y = roi[1] + rng.uniform(0, config.roi_height, n)
+    clip = (np.clip(x, 0, config.sensor_width - 1), np.clip(y, 0, config.sensor_height - 1))
+    return tuple(axis.astype(np.int64) for axis in clip)
+
+
+@pattern
+def full_buffer(config, rng, roi):
+    return _inside(config, rng, roi, config.buffer_events)
+
+
+@pattern
+def overfull_buffer_on_one_pixel(config, rng, roi):
+    x, y = _inside(config, rng, roi, 1)
+    n = config.buffer_events + int(rng.integers(1, 50))
+    return np.repeat(x, n), np.repeat(y, n)
+
+
+def times(config, rng, n):
+    """Time stamps of ``n`` events: steady, in bursts, wrapping, stepping back, all equal, or too long."""
+    kind = rng.choice(
+        ["steady", "burst", "wrap", "back", "equal", "long", "tiny"], p=[0.4, 0.2, 0.1, 0.1, 0.05, 0.1, 0.05]
+    )
+    step = rng.integers(0, 40, size=n)
+    if kind == "burst":
+        step = step * 20 * (rng.random(n) < 0.1)
+    if kind == "tiny":
+        step = rng.random(n) < 2 / n
+    if kind == "equal":
+        step[:] = 0
+    if kind == "long":
+        step = step * ((1 << config.span_bits) // (10 * n))
+    t = np.cumsum(step) + int(rng.integers(1 << 30))
+    if kind == "wrap":
+        t += (1 << config.time_bits) - int(rng.integers(1, 200)) - t[0]
+    if kind == "back":
+        at = rng.integers(n, size=3)
+        t[at] -= rng.integers(1, 500, size=3)
+    return t

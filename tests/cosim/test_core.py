@@ -1,0 +1,148 @@
+"""The emitted Verilog, in Verilator, against the integer model: every sum of every iteration, every cycle."""
+
+import numpy as np
+import pytest
+import torch
+from hazards import PATTERNS, times
+
+from cmfpga.batch import BatchSettings, clamp_roi
+from cmfpga.config import Config
+from cmfpga.engines.rtl import settings_values, to_batch_result
+from cmfpga.engines.verilated import VerilatedCore
+from cmfpga.reference.integer.core import IntegerCore
+
+NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
+CONFIGS = {
+    "paper": Config(),
+    "not a power of two": Config(roi_width=50, roi_height=36, buffer_events=300, time_bits=34, span_bits=20),
+    "narrow formats": Config(
+        sensor_width=90, sensor_height=70, roi_width=32, roi_height=16, buffer_events=333, **NARROW
+    ),
+    "two by two": Config(sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16),
+    "whole sensor": Config(sensor_width=64, sensor_height=48, roi_width=64, roi_height=48, buffer_events=512),
+}
+BATCHES = {"paper": 300}  # 60 for the others
+
+
+@pytest.fixture(scope="module", params=CONFIGS)
+def pair(request):
+    """A verilated core and the model, both after a reset."""
+    torch.set_num_threads(1)
+    config = CONFIGS[request.param]
+    core = VerilatedCore(config, seed=7)
+    yield core, IntegerCore(config), BATCHES.get(request.param, 60)
+    core.close()
+
+
+def random_settings(config, rng, previous_roi):
+    """Settings that change from batch to batch, and the ROI that the patterns are made for."""
+    roi = None
+    if rng.random() < 0.6:
+        roi = (int(rng.integers(config.roi_x_max + 1)), int(rng.integers(config.roi_y_max + 1)))
+    settings = BatchSettings(
+        roi=roi,
+        iterations=int(rng.choice([0, 1, 2, 3, 7, 12], p=[0.03, 0.17, 0.2, 0.2, 0.2, 0.2])),
+        eta=int(rng.choice([0, 1, 500, 1024, 5000, config.eta_format.max])),
+        roi_gain=int(rng.integers(config.roi_gain_format.max + 1)),
+        start_last=bool(rng.random() < 0.5),
+        v_start=tuple(int(v) for v in rng.integers(config.v.min, config.v.max + 1, 2) >> rng.integers(0, 12)),
+        min_roi_events=int(rng.choice([1, 1, 1, 4])),
+    )
+    return settings, clamp_roi(config, roi or previous_roi)[0]
+
+
+def run_both(core, model, t, x, y, settings, **options):
+    """One batch by both; returns the RTL's values, result and the model's result."""
+    values, trace, pixels = core.run(t, x, y, settings_values(core.config, settings), **options)
+    keep = options.get("keep_pixels", False)
+    return values, to_batch_result(core.config, values, trace), model.run(t, x, y, settings, keep=keep), pixels
+
+
+def assert_same(rtl, model):
+    """Equal in everything but the cycle count, which only the RTL has."""
+    for name in vars(model):
+        if name != "cycles":
+            assert getattr(rtl, name) == getattr(model, name), name
+
+
+def test_adversarial_batches_back_to_back(pair, rng):
+    core, model, batches = pair
+    config = core.config
+    names = list(PATTERNS)
+    seen, roi, iterations = set(), (0, 0), 0
+    for number in range(batches):
+        name = names[number % len(names)]
+        settings, roi = random_settings(config, rng, roi)
+        x, y = PATTERNS[name](config, rng, roi)
+        t = times(config, rng, len(x))
+        gaps = rng.integers(0, 4, len(x)) * (rng.random(len(x)) < 0.3) if number % 3 == 0 else None
+        values, rtl, expected, _ = run_both(core, model, t, x, y, settings, gaps=gaps, result_stall=int(number % 5))
+        assert_same(rtl, expected)
+        # The first batch is offered while the banks are swept after the reset, and has to wait.
+        assert values["measured_cycles"] - values["cycles"] == (0 if number else config.bank_words)
+        assert rtl.events == rtl.roi_events + rtl.outside + rtl.overflow + rtl.time_back + rtl.time_span == len(x)
+        if gaps is None and rtl.iterations:
+            assert rtl.cycles == core.core.cycles(
+                events=rtl.events, roi_events=rtl.roi_events, iterations=rtl.iterations
+            )
+        roi = rtl.roi_next
+        seen |= {flag for flag in rtl.flags}
+        iterations += rtl.iterations
+    if batches >= 300:  # the test is only worth its name if all of this happened
+        assert iterations > 1000
+        assert {flag.name for flag in seen} >= {
+            "DEGENERATE", "OVERFLOW", "TIME_BACK", "TIME_SPAN", "SATURATED", "ROI_CLAMPED",
+        }  # fmt: skip
+
+
+def test_images_of_every_iteration(pair, rng):
+    core, model, _ = pair
+    config = core.config
+    roi = (config.roi_x_max // 2, config.roi_y_max // 2)
+    for name in PATTERNS:
+        x, y = PATTERNS[name](config, rng, roi)
+        t = 1000 + np.cumsum(rng.integers(1, 20, len(x)))
+        settings = BatchSettings.from_config(config.replace(iterations=3, start="given", v_start_x=0.7), roi)
+        _, rtl, expected, pixels = run_both(core, model, t, x, y, settings, keep_pixels=True)
+        assert_same(rtl, expected)
+        assert len(pixels) == len(model.iterations) == rtl.iterations
+        for read, iteration in zip(pixels, model.iterations, strict=True):
+            np.testing.assert_array_equal(images_of_banks(config, read), torch.stack(iteration.images).numpy())
+
+
+def images_of_banks(config, read):
+    """I, Dx, Dy, [3, height, width], from what one sweep read, [P/4, 12]."""
+    images = np.zeros((3, 2 * config.bank_rows, 2 * config.bank_columns), np.int64)
+    for bank in range(4):
+        for k in range(3):
+            images[k, bank >> 1 :: 2, bank & 1 :: 2] = read[:, 3 * bank + k].reshape(config.bank_rows, -1)
+    return images[:, : config.roi_height, : config.roi_width]
+
+
+def test_reset_in_the_middle_of_a_batch(pair, rng):
+    core, model, _ = pair
+    config = core.config
+    roi = (0, 0)
+    x, y = PATTERNS["random_inside"](config, rng, roi)
+    t = np.arange(len(x)) * 5 + 10
+    settings = BatchSettings.from_config(config.replace(iterations=5), roi)
+    for stop_after in (1, len(x), len(x) + 90, len(x) + 150):
+        with pytest.raises(TimeoutError):
+            core.run(t, x, y, settings_values(config, settings), max_cycles=stop_after)
+        core.reset()
+        model.v, model.position = (0, 0), (0, 0)
+        _, rtl, expected, _ = run_both(core, model, t, x, y, settings)
+        assert_same(rtl, expected)
+
+
+def test_a_batch_ends_by_count_and_at_the_counter_s_limit(rng):
+    config = Config(sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16, max_batch_events=20)
+    core = VerilatedCore(config)
+    x = y = np.zeros(40, np.int64)
+    t = np.arange(40)
+    settings = settings_values(config, BatchSettings.from_config(config.replace(iterations=2), (0, 0)))
+    for batch_events, events, cut in ((7, 7, False), (20, 20, False), (0, 20, True)):
+        values, _, _ = core.run(t, x, y, settings | {"batch_events": batch_events}, open_end=True)
+        assert (values["events"], values["accepted"]) == (events, events)
+        assert bool(values["flags"] & 16) == cut
+    core.close()
