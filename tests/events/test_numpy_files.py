@@ -8,6 +8,7 @@ import pytest
 
 from cmfpga.errors import RecordingError
 from cmfpga.events import open_recording
+from cmfpga.events.numpy_files import _Member
 
 
 def table(events, dtype=np.int64):
@@ -105,6 +106,17 @@ def test_bad_archives(tmp_path, members, message):
     np.savez(path, **members)
     with pytest.raises(RecordingError, match=message):
         open_recording(path)
+
+
+def test_members_can_be_read_backwards_too(tmp_path, rng, helpers):
+    events = helpers.make_events(rng)
+    np.savez_compressed(tmp_path / "a.npz", C=table(events), F=table(events).T.copy().T)
+    with zipfile.ZipFile(tmp_path / "a.npz") as archive:
+        for name in ("C.npy", "F.npy"):
+            member = _Member(archive, name)
+            for start in (500, 900, 0, 499):
+                np.testing.assert_array_equal(member[start : start + 100], table(events)[start : start + 100])
+            member.close()
 
 
 def test_archive_member_shorter_than_its_header(tmp_path, rng, helpers):

@@ -78,6 +78,9 @@ def test_polarity_and_rate_follow_the_normal(monkeypatch):
     assert len(generate(velocity=(0.0, 200.0), **moved).events) == 0
     assert abs(len(generate(velocity=(100.0, 170.0), **moved).events) - 60 * 20) <= 60
     assert len(generate(velocity=(200.0, 0.0), contrast=2.5, **moved).events) == 60 * 100
+    # each point emits once while the edge moves by a pixel, in either direction
+    for events in (right, left):
+        assert np.histogram(events.t, 40, (0, 200_000))[0].tolist() == [60] * 40
     # every event is where the edge is at its time
     x = 119.5 + right.t * 200e-6
     assert (np.abs(right.x - x) <= 0.5 + 200e-6).all()

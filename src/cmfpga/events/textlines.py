@@ -79,6 +79,8 @@ def _whole(name, text):
     number = _number(name, text)
     if number != number.to_integral_value():
         raise LineError(f"{name} is {text}; a whole number is needed")
+    if abs(number) >= 1 << 63:
+        raise LineError(f"{name} is {text[:40]}; a number that fits in 64 bits is needed")
     return int(number)
 
 
