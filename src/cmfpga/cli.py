@@ -12,7 +12,7 @@ from .errors import ConfigError, UserError
 
 def parser(name, description, examples):
     """An argument parser for ``python -m cmfpga.NAME``, with examples at the end of its help."""
-    made = argparse.ArgumentParser(
+    made = _Parser(
         prog=f"python -m cmfpga.{name}",
         description=description,
         epilog="examples:\n" + "".join(f"  {line}\n" for line in examples),
@@ -20,6 +20,11 @@ def parser(name, description, examples):
     )
     made.add_argument("--version", action="version", version=f"cmfpga {__version__}")
     return made
+
+
+class _Parser(argparse.ArgumentParser):
+    def error(self, message):
+        raise UserError(f"{message} (--help lists the options)")
 
 
 def add_config_options(made):
@@ -99,21 +104,30 @@ def output_folder(path):
         probe = folder / ".cmfpga-write-test"
         probe.touch()
         probe.unlink()
-    except OSError as error:
-        raise ConfigError(f"--out {path}: cannot be written: {error.strerror or error}") from None
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise ConfigError(f"--out {path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
     return folder
 
 
 def run(main, arguments=None):
-    """Call ``main(arguments)``; a user's mistake becomes one line and exit status 2."""
+    """Call ``main(arguments)``; a user's mistake, or the system's refusal, becomes one line and exit status 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal or a pipe may not have every sign of a path or a unit
+            stream.reconfigure(errors="backslashreplace")
     try:
         return main(arguments)
     except UserError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+        return _fail(str(error))
     except BrokenPipeError:
         sys.stderr.close()
         return 1
+    except OSError as error:  # such as a full disk, or a folder where a file is to be written
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
         return 130
+
+
+def _fail(message):
+    print("error:", " ".join(message.splitlines()), file=sys.stderr)
+    return 2

@@ -8,7 +8,7 @@ import sys
 from tqdm import tqdm
 
 from . import cli
-from .engines import ENGINES, make_engine
+from .engines import ENGINES, check_roi, make_engine
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .reference.tracker import COLUMNS, track
@@ -113,6 +113,7 @@ def _batch_events(options):
 
 def _roi(options, truth, config):
     if options.roi is not None:
+        check_roi(config, options.roi)  # before a simulator is compiled in vain
         return options.roi
     if truth is None:
         raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording")
