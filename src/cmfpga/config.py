@@ -149,7 +149,7 @@ class Config:
         known = [field.name for field in dataclasses.fields(cls)]
         for name in names:
             if name not in known:
-                raise ConfigError(f"{name}: no such field; the fields are {', '.join(known)}")
+                raise ConfigError(f"{name!r}: no such field; the fields are {', '.join(known)}")
 
     @classmethod
     def parse(cls, assignments):
