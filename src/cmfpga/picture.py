@@ -76,7 +76,7 @@ class Gallery:
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_speed(right.subplots())
-        figure.suptitle(f"{Path(self.name).name}: {len(self._corners)} batches (cyan: trail of the ROI's centre)")
+        figure.suptitle(f"{_plain(self.name)}: {len(self._corners)} batches (cyan: trail of the ROI's centre)")
         figure.savefig(path, dpi=110)
         plt.close(figure)
 
@@ -110,3 +110,9 @@ class Gallery:
         axis.set(title="velocity of the object", xlabel="time [s]", ylabel="velocity [px/s]")
         axis.legend()
         axis.grid(alpha=0.3)
+
+
+def _plain(path):
+    """A file's name as Matplotlib can show it: no formulas, and only signs that its own font has."""
+    name = Path(path).name.encode("latin-1", "replace").decode("latin-1")
+    return "".join(sign if sign.isprintable() else "?" for sign in name).replace("$", r"\$")
