@@ -247,6 +247,26 @@ def test_truncated(write, rng, helpers, share):
     assert re.search(r"truncated|line \d+: [123] fields?", str(error.value))
 
 
+def test_changed_bytes(write, rng, helpers):
+    """Whatever is damaged: the events are read, or refused in one line."""
+    events = helpers.make_events(rng, 200)
+    path = write(events.t, events.x, events.y, events.p)
+    content = path.read_bytes()
+    refused = 0
+    for k in range(100):
+        damaged = np.frombuffer(content, np.uint8).copy()
+        reach = min(len(damaged), 1000) if k % 2 else len(damaged)  # headers are where most can go wrong
+        damaged[rng.integers(reach, size=3)] = rng.integers(256, size=3)
+        path.write_bytes(damaged.tobytes())
+        try:
+            with open_recording(path, sensor=(240, 180)) as recording:
+                assert helpers.read_all(recording, size=50).x.max() < 240
+        except RecordingError as error:
+            assert "\n" not in str(error) and str(error).startswith(str(path))
+            refused += 1
+    assert refused > 10
+
+
 @pytest.mark.parametrize("sensor", [(0, 10), (10,), (10, 1 << 17), "10x10", (10.5, 3), 7])
 def test_sensor_not_allowed(write, sensor):
     path = write(**GOOD)

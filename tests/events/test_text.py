@@ -219,7 +219,7 @@ def test_no_events(txt, content):
 
 
 def test_endless_line(txt):
-    with pytest.raises(RecordingError, match="line 2: more than 4096 bytes"):
+    with pytest.raises(RecordingError, match=r"a\.txt, line 2: more than 4096 bytes; 't x y p' is needed$"):
         list(open_recording(txt("0.1 1 2 1\n" + "1" * 3_000_000)).chunks())
 
 

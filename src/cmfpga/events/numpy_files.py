@@ -8,6 +8,7 @@
 """
 
 import math
+import tokenize
 import zipfile
 import zlib
 
@@ -17,7 +18,10 @@ from ..errors import RecordingError
 from .columns import Columns, ColumnsRecording, match_names, one_line, require_names
 from .recording import Format
 
-_NPZ_ERRORS = (OSError, EOFError, ValueError, RuntimeError, zipfile.BadZipFile, zlib.error)
+# The header of an array is Python's notation, so a damaged one may fail as a program does.
+_NPY_ERRORS = (OSError, EOFError, ValueError, SyntaxError, TypeError, OverflowError, MemoryError, tokenize.TokenError)
+# RuntimeError, with NotImplementedError below it: encryption, compressions and versions that zipfile does not know.
+_NPZ_ERRORS = (*_NPY_ERRORS, RuntimeError, zipfile.BadZipFile, zlib.error)
 _SKIP_BYTES = 1 << 20
 _ORDER = "txyp"
 
@@ -26,7 +30,7 @@ def open_npy(path, *, time_unit=None, sensor=None):
     """The :class:`Recording` of a ``.npy`` file."""
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, EOFError, ValueError) as error:
+    except _NPY_ERRORS as error:
         raise RecordingError(
             f"{path}: not a readable .npy file of numbers (truncated or damaged): {one_line(error)}"
         ) from None
@@ -160,7 +164,7 @@ def _is_npz(head, path):
     try:
         with zipfile.ZipFile(path) as archive:
             return any(name.endswith(".npy") for name in archive.namelist())
-    except (OSError, zipfile.BadZipFile):
+    except _NPZ_ERRORS:
         return path.suffix.lower() == ".npz"
 
 

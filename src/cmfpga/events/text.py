@@ -23,7 +23,7 @@ from .units import POWER, SAMPLE_EVENTS, guess_unit
 
 _BLOCK_BYTES = 1 << 20
 _MAX_LINE_BYTES = 4096
-_READ_ERRORS = (OSError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error)
+_READ_ERRORS = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 # Lines of which the unit of time is told apart: see units.py.
 _FRACTION_LINES = 1000
 
@@ -181,7 +181,7 @@ def _open_zip(path, *, time_unit=None, sensor=None):
     try:
         with zipfile.ZipFile(path) as archive:
             names = [name for name in archive.namelist() if name.lower().endswith((".txt", ".csv"))]
-    except (OSError, zipfile.BadZipFile) as error:
+    except (*_READ_ERRORS, ValueError) as error:  # ValueError: undecodable names
         raise RecordingError(f"{path}: not a readable zip archive (truncated or damaged): {one_line(error)}") from None
     events = [name for name in names if name.rsplit("/")[-1] == "events.txt"]
     if len(names) != 1:
