@@ -1,0 +1,298 @@
+"""The configuration: what it refuses and how it says so, what it derives, and what it imports."""
+
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+from cmfpga.config import GRADIENTS, PRESETS, START_MODES, Config, preset
+from cmfpga.errors import ConfigError, UserError
+
+FIELDS = {field.name: field for field in dataclasses.fields(Config)}
+BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
+REAL = [name for name, field in FIELDS.items() if field.type is float]
+RUNTIME = {"min_roi_events", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain"}
+
+# Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
+LEAST = {
+    "sensor_width": 4, "sensor_height": 4, "roi_width": 2, "roi_height": 2, "buffer_events": 1, "max_batch_events": 1,
+    "time_bits": 8, "span_bits": 4, "iterations": 1, "max_iterations": 1, "eta": 0.0, "roi_gain": 0.0, "dt_frac": 2,
+    "v_int": 1, "v_frac": 1, "position_frac": 1, "weight_frac": 1, "derivative_frac": 1, "reciprocal_bits": 4,
+    "gradient_int": 1, "gradient_frac": 4, "eta_int": 0, "eta_frac": 1, "roi_gain_int": 1, "roi_gain_frac": 0,
+}  # fmt: skip
+# What a field's largest value needs of others.
+ROOM = {
+    "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
+    "span_bits": {"time_bits": 48}, "iterations": {"max_iterations": 65535},
+    "min_roi_events": {"buffer_events": 1 << 20},
+}  # fmt: skip
+
+
+def refusal(**changes):
+    """The message with which ``Config(**changes)`` is refused."""
+    with pytest.raises(ConfigError) as caught:
+        Config(**changes)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+# ---------------------------------------------------------------- limits of each field
+
+
+def test_the_defaults_are_the_presets_and_no_limit_is_missing():
+    assert PRESETS["paper"] == Config() == preset("paper")
+    assert all(FIELDS[name].metadata["low"] is not None and FIELDS[name].metadata["high"] for name in BOUNDED)
+    assert set(BOUNDED) | set(REAL) | {"gradient", "start"} == set(FIELDS)
+    for field in FIELDS.values():
+        assert len(field.metadata["doc"]) > 5
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+def test_each_integer_at_and_beyond_its_limits(name):
+    low, high = FIELDS[name].metadata["low"], FIELDS[name].metadata["high"]
+    for value, others in ((low, LEAST), (high, {**LEAST, **ROOM.get(name, {})})):
+        assert getattr(Config(**{**others, name: value}), name) == value
+    for value in (low - 1, high + 1, -(10**30), 10**30):
+        assert refusal(**{name: value}) == f"{name} = {value}: {low} to {high} is needed"
+
+
+@pytest.mark.parametrize("name", BOUNDED)
+@pytest.mark.parametrize("value", [2.0, "2", True, None, float("nan"), [2]], ids=repr)
+def test_integers_are_integers(name, value):
+    assert refusal(**{name: value}) == f"{name} = {value!r}: an integer is needed"
+
+
+@pytest.mark.parametrize("name", REAL)
+@pytest.mark.parametrize("value", ["1", False, None, 1j], ids=repr)
+def test_numbers_are_numbers(name, value):
+    assert refusal(**{name: value}) == f"{name} = {value!r}: a number is needed"
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_each_number_fits_its_format(name):
+    config = Config()
+    fmt = {"eta": config.eta_format, "roi_gain": config.roi_gain_format}.get(name, config.v)
+    largest = fmt.real(fmt.max)
+    for value in (fmt.real(fmt.min), 0, -0.0, largest, fmt.step, int(largest)):
+        assert getattr(Config(**{name: value}), name) == value
+    low = f"{fmt.real(fmt.min):g}"
+    for value in (largest + fmt.step / 4, 10**30, float("inf"), 10**400):
+        assert refusal(**{name: value}) == f"{name} = {value!r}: {low} to {largest:g} is needed ({fmt})"
+    for value in (float("-inf"), float("nan"), fmt.real(fmt.min) - fmt.step):
+        assert refusal(**{name: value}).startswith(f"{name} = {value!r}: ")
+    assert refusal(**{name: fmt.step / 3}) == (
+        f"{name} = {fmt.step / 3!r}: smaller than the step {fmt.step:g} of its format {fmt}"
+    )
+
+
+def test_a_narrower_format_allows_less():
+    Config(v_start_x=20.0)
+    assert refusal(v_start_x=20.0, v_int=4) == "v_start_x = 20.0: -16 to 15.9998 is needed (Q4.12)"
+    assert refusal(eta=0.01, eta_frac=4) == "eta = 0.01: smaller than the step 0.0625 of its format UQ6.4"
+    assert refusal(roi_gain=2.0, roi_gain_int=1) == "roi_gain = 2.0: 0 to 1.9375 is needed (UQ1.4)"
+
+
+@pytest.mark.parametrize("name, choices", [("start", START_MODES), ("gradient", GRADIENTS)])
+def test_choices(name, choices):
+    for choice in choices:
+        assert getattr(Config(**{name: choice}), name) == choice
+    for value in ("", "LAST", " sweep", 1, None, ["last"]):
+        assert refusal(**{name: value}) == f"{name} = {value!r}: one of {', '.join(choices)} is needed"
+
+
+# ---------------------------------------------------------------- fields together
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"roi_width": 242}, "roi_width = 242: at most 240 is allowed (sensor_width)"),
+        ({"sensor_height": 62}, "roi_height = 64: at most 62 is allowed (sensor_height)"),
+        ({"roi_width": 63}, "roi_width = 63: an even number of pixels is needed"),
+        ({"roi_height": 3}, "roi_height = 3: an even number of pixels is needed"),
+        ({"span_bits": 32}, "span_bits = 32: less than time_bits = 32 is needed, "),
+        ({"time_bits": 24}, "span_bits = 24: less than time_bits = 24 is needed, "),
+        ({"iterations": 1024}, "iterations = 1024: at most 1023 is allowed (max_iterations)"),
+        ({"max_iterations": 99}, "iterations = 100: at most 99 is allowed (max_iterations)"),
+        ({"min_roi_events": 2049}, "min_roi_events = 2049: at most 2048 is allowed (buffer_events)"),
+        ({"buffer_events": 1 << 20}, "G = P·S − ΣI·ΣD needs 70 bits, more than the 63 that the exact integer model"),
+        ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
+    ],
+)
+def test_fields_that_do_not_go_together(changes, message):
+    assert refusal(**changes).startswith(message)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"roi_width": 240, "roi_height": 180},
+        {"span_bits": 31},
+        {"iterations": 1023},
+        {"min_roi_events": 2048},
+        {"sensor_width": 64, "sensor_height": 64},
+    ],
+    ids=str,
+)
+def test_the_last_combination_that_is_allowed(changes):
+    Config(**changes)
+
+
+def test_the_limit_of_63_bits_is_exact():
+    """Growing one field bit by bit, the first refusal comes with the first width of more than 63."""
+    accepted = []
+    for frac in range(4, 33):
+        try:
+            accepted.append(max(Config(gradient_frac=frac, eta_frac=16).exact_widths.values()))
+        except ConfigError as error:
+            assert accepted[-1] == 63 and "needs 64 bits" in str(error)
+            break
+    else:
+        pytest.fail("never refused")
+
+
+# ---------------------------------------------------------------- construction
+
+
+def test_frozen_and_by_keyword():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Config().roi_width = 32
+    with pytest.raises(TypeError):
+        Config(240)
+
+
+def test_replace_checks_again_and_leaves_the_original():
+    config = Config()
+    assert config.hardware_hash and config.replace(roi_width=32).roi_width == 32
+    assert config.roi_width == 64
+    assert config.replace() == config
+    with pytest.raises(ConfigError, match=r"^roi_width = 0: 2 to 4096 is needed$"):
+        config.replace(roi_width=0)
+    with pytest.raises(
+        ConfigError, match=r"^'roi_size': no such field; the fields are sensor_width, .*, roi_gain_frac$"
+    ):
+        config.replace(roi_size=3)
+
+
+def test_parse_gives_each_field_its_type():
+    changes = Config.parse(["roi_width=32", "eta=0.5", "start=zero", "eta=1e-1", "v_start_x= -3 "])
+    assert changes == {"roi_width": 32, "eta": 0.1, "start": "zero", "v_start_x": -3.0}
+    assert [type(value) for value in changes.values()] == [int, float, str, float]
+    assert Config.parse([]) == {}
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("eta", "'eta': FIELD=VALUE is needed"),
+        ("", "'': FIELD=VALUE is needed"),
+        ("=1", "'': no such field; the fields are "),
+        ("Eta=1", "'Eta': no such field; the fields are "),
+        (" eta=1", "' eta': no such field; the fields are "),
+        ("hardware_hash=1", "'hardware_hash': no such field; "),
+        ("iterations=1.0", "iterations = '1.0': an integer is needed"),
+        ("iterations=", "iterations = '': an integer is needed"),
+        ("iterations=0x10", "iterations = '0x10': an integer is needed"),
+        ("eta=1,5", "eta = '1,5': a number is needed"),
+        ("eta=1=2", "eta = '1=2': a number is needed"),
+    ],
+)
+def test_parse_refuses(text, message):
+    with pytest.raises(ConfigError) as caught:
+        Config.parse(["roi_width=32", text])
+    assert str(caught.value).startswith(message)
+
+
+def test_presets_by_name():
+    with pytest.raises(ConfigError, match=r"^preset 'Paper': one of paper is needed$"):
+        preset("Paper")
+    assert issubclass(ConfigError, UserError) and issubclass(UserError, ValueError)
+
+
+# ---------------------------------------------------------------- identity of the hardware
+
+
+def test_runtime_fields_do_not_shape_the_hardware():
+    assert {name for name, field in FIELDS.items() if field.metadata["runtime"]} == RUNTIME
+    changed = Config(
+        min_roi_events=5, iterations=7, eta=0.5, start="given", v_start_x=1.0, v_start_y=-1.0, roi_gain=1.0
+    )
+    assert changed.hardware_hash == Config().hardware_hash
+    assert not RUNTIME & set(changed.hardware_fields)
+
+
+@pytest.mark.parametrize("name", sorted(set(BOUNDED) - RUNTIME))
+def test_every_hardware_field_does(name):
+    base = Config(roi_width=32, roi_height=32, roi_gain=1.0)
+    step = 2 if name.startswith("roi_") and not name.startswith("roi_gain") else 1
+    changed = base.replace(**{name: getattr(base, name) + step})
+    assert changed.hardware_hash != base.hardware_hash
+    assert changed.replace(**{name: getattr(base, name)}).hardware_hash == base.hardware_hash
+    assert re.fullmatch("[0-9a-f]{64}", changed.hardware_hash)
+
+
+def test_the_hash_is_the_same_in_every_process():
+    script = "from cmfpga.config import Config; print(Config().hardware_hash)"
+    hashes = {
+        subprocess.run(
+            [sys.executable, "-c", script], env={"PYTHONHASHSEED": seed}, capture_output=True, text=True, check=True
+        ).stdout.strip()
+        for seed in ("1", "2")
+    }
+    assert hashes == {Config().hardware_hash}
+
+
+def test_to_dict_is_json_and_makes_the_same_configuration():
+    config = Config(roi_width=32, eta=0.25, start="given", v_start_x=-1.5)
+    assert Config(**json.loads(json.dumps(config.to_dict()))) == config
+
+
+# ---------------------------------------------------------------- derived values
+
+
+def test_derived_values_of_the_paper_preset():
+    """Widths worked out by hand, so that a bound that changes is noticed."""
+    config = Config()
+    formats = (config.dt, config.v, config.eta_format, config.roi_gain_format, config.gradient_format)
+    assert [str(q) for q in formats] == [
+        "Q1.12", "Q5.12", "UQ6.10", "UQ2.4", "Q11.24",
+    ]  # fmt: skip
+    assert (config.pixels, config.bank_columns, config.bank_rows, config.bank_words, config.bank_depth) == (
+        4096, 32, 32, 1024, 1024,
+    )  # fmt: skip
+    assert (config.roi_x_max, config.roi_y_max, config.x_bits, config.y_bits) == (176, 116, 8, 8)
+    assert str(config.roi_x_format) == "UQ8.16" and str(config.roi_y_format) == "UQ7.16"
+    # 2048 votes of 256: 2^19 needs 20 bits, 21 with a sign; ΣI up to 2048·258; S up to 2048·258 · 2048·256.
+    assert (config.image_bits, config.derivative_image_bits, config.sum_i_bits, config.sum_d_bits) == (20, 21, 20, 21)
+    assert (config.s_bits, config.g_bits) == (40, 52)
+    # P² = 2^24 exactly, so ρ = 1.
+    assert config.gradient_scale == (8 + 8 + 24 - 1, 1 << 16)
+
+
+def test_banks_whose_rows_are_no_power_of_two():
+    config = Config(roi_width=10, roi_height=6)
+    assert (config.bank_columns, config.bank_rows, config.bank_words) == (5, 3, 15)
+    assert config.bank_column_bits == 3 and config.bank_depth == 24
+    shift, mantissa = config.gradient_scale
+    exact = 2 / (60**2 * 2.0 ** (config.weight_frac + config.derivative_frac))
+    assert mantissa / 2**16 * 2.0**-shift == pytest.approx(exact, rel=2**-16)
+    assert 1 << 15 < mantissa <= 1 << 16
+
+
+def test_an_roi_as_large_as_the_sensor_has_one_position():
+    config = Config(roi_width=240, roi_height=180)
+    assert (config.roi_x_max, config.roi_y_max) == (0, 0)
+    assert config.roi_x_format.i == 1  # no format of no bits
+
+
+# ---------------------------------------------------------------- imports
+
+
+def test_the_configuration_needs_no_library():
+    script = "import sys, cmfpga.config; print(sorted({'amaranth', 'numpy', 'torch', 'h5py'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"
