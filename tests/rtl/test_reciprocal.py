@@ -13,7 +13,7 @@ from .bench import CONFIGS, corners, integers_at_edges, np, play
 SHAPES = {
     "default": CONFIGS["default"],
     "short": Config(span_bits=4, reciprocal_bits=4),
-    "long": Config(span_bits=32, reciprocal_bits=17),
+    "long": Config(time_bits=48, span_bits=32, reciprocal_bits=17),
     "wide divisor": Config(span_bits=20, reciprocal_bits=4),
     "wide result": Config(span_bits=5, reciprocal_bits=17),
 }

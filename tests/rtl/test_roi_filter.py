@@ -30,8 +30,8 @@ SHAPES = {
     "tiny": Config(**TINY, time_bits=8, span_bits=4),
     # No room to move: the ROI is the whole sensor.
     "whole": Config(roi_width=240, roi_height=180),
-    # The camera's counter is narrower than the span: nothing can lie beyond it.
-    "short counter": Config(**ODD, time_bits=8, span_bits=20),
+    # The span is half of the counter: nothing can lie beyond it, it would be a step back.
+    "half": Config(**ODD, time_bits=8, span_bits=7),
 }
 COUNTERS = ("outside", "time_back", "time_span", "span", "t_first")
 

@@ -26,7 +26,7 @@ SHAPES = {
     "default": CONFIGS["default"],
     "narrow": CONFIGS["narrow"],
     "short": Config(span_bits=4, reciprocal_bits=4, dt_frac=4),
-    "long": Config(span_bits=32, reciprocal_bits=17, dt_frac=16),
+    "long": Config(time_bits=48, span_bits=32, reciprocal_bits=17, dt_frac=16),
     # dt has more fraction bits than the product: shifted left, not rounded.
     "coarse": Config(span_bits=4, reciprocal_bits=4, dt_frac=12),
 }
