@@ -56,7 +56,12 @@ class VerilatedCore:
 
     def reset(self, cycles=2):
         """Hold the core's reset for some clock cycles."""
-        self._library.core_reset(self._handle, ctypes.c_int64(cycles))
+        self._library.core_reset(self._open(), ctypes.c_int64(cycles))
+
+    def _open(self):
+        if not self._handle:
+            raise ValueError("the simulated core is closed")
+        return self._handle
 
     def close(self):
         """Free the simulation. Safe to call twice."""
@@ -124,7 +129,7 @@ class VerilatedCore:
             pixels=None if pixels is None else pixels.ctypes.data,
             pixel_rows=0 if pixels is None else len(pixels),
         )
-        status = self._library.core_run(self._handle, ctypes.byref(run))
+        status = self._library.core_run(self._open(), ctypes.byref(run))
         if status == 1:
             raise TimeoutError(
                 f"no result after {max_cycles} clock cycles: {run.accepted} of {run.events} events accepted, "
