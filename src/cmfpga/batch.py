@@ -18,6 +18,7 @@ class Flag(enum.IntFlag):
     CUT = 16  # the batch reached max_batch_events before its end was marked
     SATURATED = 32  # the gradient or v reached the end of its format in some iteration
     ROI_CLAMPED = 64  # the ROI's position was limited to the sensor
+    SCHEDULE = 128  # an entry of the schedule was out of range, and limited
 
     @property
     def text(self):
@@ -43,6 +44,8 @@ class BatchSettings:
         Raw ``config.v``.
     min_roi_events : int
         Fewer ROI events make the batch degenerate.
+    cold, warm : tuple of ScheduleEntry
+        Sign ascent: the iterations of a batch without, and with, a last v; they replace ``iterations`` and ``eta``.
     """
 
     roi: tuple[int, int] | None
@@ -52,6 +55,8 @@ class BatchSettings:
     start_last: bool
     v_start: tuple[int, int]
     min_roi_events: int
+    cold: tuple = ()
+    warm: tuple = ()
 
     @classmethod
     def from_config(cls, config, roi=None):
@@ -65,6 +70,8 @@ class BatchSettings:
             start_last=config.start == "last",
             v_start=(config.v.raw(start[0]), config.v.raw(start[1])),
             min_roi_events=config.min_roi_events,
+            cold=config.cold_schedule if config.ascent == "sign" else (),
+            warm=config.warm_schedule if config.ascent == "sign" else (),
         )
 
 

@@ -15,9 +15,16 @@ from functools import cached_property
 
 from .errors import ConfigError
 from .fixed import Q, bits_for, signed_bits_for
+from .schedule import parse_schedule
 
 START_MODES = ("zero", "given", "last")
-GRADIENTS = ("sweep",)
+GRADIENTS = ("sweep", "one_pass")
+ASCENTS = ("constant", "sign")
+RAM_STYLES = ("auto", "block", "ultra")
+
+# Measured best on synthetic and real batches; see docs/schedules.md.
+COLD = "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5"
+WARM = "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5"
 
 
 def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=False):
@@ -55,8 +62,13 @@ class Config:
 
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=GRADIENTS)
+    ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=ASCENTS)
     iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
+    cold: str = _field(COLD, "schedule of the sign ascent without a last v", runtime=True)
+    warm: str = _field(WARM, "schedule of the sign ascent from the last v", runtime=True)
+    schedule_entries: int = _field(32, "iterations that the table of schedules holds, cold and warm", low=2, high=256)
+    max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
     eta: float = _field(1.0, "step η of the gradient ascent", unit="(px/half batch)²", low=0.0, runtime=True)
     start: str = _field("last", "start velocity of a batch", choices=START_MODES, runtime=True)
     v_start_x: float = _field(0.0, "start velocity along x when start = given", unit="px/half batch", runtime=True)
@@ -77,6 +89,11 @@ class Config:
     eta_frac: int = _field(10, "fraction bits of η", unit="bits", low=1, high=16)
     roi_gain_int: int = _field(2, "integer bits of roi_gain", unit="bits", low=1, high=4)
     roi_gain_frac: int = _field(4, "fraction bits of roi_gain", unit="bits", low=0, high=8)
+    dither_frac: int = _field(0, "fraction bits of the dither of positions; 0: none", unit="bits", low=0, high=8)
+    tag_bits: int = _field(8, "width of the iteration's number in the one-pass banks", unit="bits", low=2, high=20)
+
+    # Memories
+    ram_style: str = _field("auto", "kind of RAM of the banks", choices=RAM_STYLES)
 
     # ---------------------------------------------------------------- validation
 
@@ -85,9 +102,12 @@ class Config:
             self._check_field(field, getattr(self, field.name))
         self._check_size("roi_width", "sensor_width")
         self._check_size("roi_height", "sensor_height")
-        for name in ("roi_width", "roi_height"):
-            if getattr(self, name) % 2:
-                raise ConfigError(f"{name} = {getattr(self, name)}: an even number of pixels is needed")
+        if self.gradient == "sweep":
+            for name in ("roi_width", "roi_height"):
+                if getattr(self, name) % 2:
+                    raise ConfigError(
+                        f"{name} = {getattr(self, name)}: an even number of pixels is needed by the sweep"
+                    )
         if self.span_bits >= self.time_bits:
             raise ConfigError(
                 f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
@@ -102,6 +122,13 @@ class Config:
             ("v_start_y", self.v),
         ):
             self._check_real(name, fmt)
+        if self.ascent == "sign" and len(self.cold_schedule) + len(self.warm_schedule) > self.schedule_entries:
+            raise ConfigError(
+                f"cold and warm: {len(self.cold_schedule)} + {len(self.warm_schedule)} iterations; "
+                f"at most {self.schedule_entries} are allowed in all (schedule_entries)"
+            )
+        if self.dither_frac > self.dt_frac + self.v_frac:
+            raise ConfigError(f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac is allowed")
         for what, width in self.exact_widths.items():
             if width > 63:
                 raise ConfigError(
@@ -114,6 +141,10 @@ class Config:
         if meta["choices"]:
             if value not in meta["choices"]:
                 raise ConfigError(f"{field.name} = {value!r}: one of {', '.join(meta['choices'])} is needed")
+            return
+        if field.type is str:
+            if not isinstance(value, str):
+                raise ConfigError(f"{field.name} = {value!r}: text is needed")
             return
         kind = (int,) if field.type is int else (int, float)
         if isinstance(value, bool) or not isinstance(value, kind):
@@ -214,7 +245,27 @@ class Config:
         """η times the part of 2/P² that is not a power of two (see :attr:`gradient_scale`)."""
         return Q(self.eta_int, self.eta_frac + 8, signed=False)
 
+    # ---------------------------------------------------------------- schedules of the sign ascent
+
+    def _schedule(self, name):
+        limits = {"max_level": self.max_level, "v": self.v, "entries": self.schedule_entries}
+        return parse_schedule(getattr(self, name), name=name, **limits)
+
+    @property
+    def cold_schedule(self):
+        """Iterations of a batch without a last v: tuple of :class:`~cmfpga.schedule.ScheduleEntry`."""
+        return self._schedule("cold")
+
+    @property
+    def warm_schedule(self):
+        """Iterations of a batch that starts from the last v."""
+        return self._schedule("warm")
+
     # ---------------------------------------------------------------- geometry
+
+    def level_size(self, level):
+        """Columns and rows of the image whose pixels are 2^level px wide."""
+        return -(-self.roi_width // (1 << level)), -(-self.roi_height // (1 << level))
 
     @property
     def pixels(self):
@@ -388,12 +439,29 @@ class Config:
             "gradient · gain": self.gradient_format.width + self.gain_format.width + 1,
             "time difference · reciprocal": self.span_bits + self.reciprocal_bits + 3,
             "dt · v": self.dt.width + self.v.width + 1,
+            "warped position": max(self.x_bits, self.y_bits) + self.dt_frac + self.v_frac + self.v_int + 2,
             "ROI position": self.roi_x_format.width + self.roi_gain_format.width + 2,
         }
 
 
+_FAST = Config(
+    gradient="one_pass",
+    ascent="sign",
+    max_level=2,
+    dt_frac=8,
+    v_frac=6,
+    position_frac=4,
+    weight_frac=4,
+    derivative_frac=4,
+    dither_frac=4,
+    reciprocal_bits=12,
+)
+
 PRESETS = {
     "paper": Config(),
+    "fast": _FAST,
+    "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4096, tag_bits=9),
+    "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 
 

@@ -1,7 +1,7 @@
 // Drives the verilated core batch by batch, behind a C interface that Python's ctypes can call.
 //
-// ports.inc is generated from the core's port list: set_settings(), get_result(), get_trace(), get_pixels(), and
-// the number of values that each handles.
+// ports.inc is generated from the core's port list: set_settings(), set_schedule(), get_result(), get_trace(),
+// get_pixels(), and the number of values that each handles.
 
 #include <cstdint>
 #include <memory>
@@ -76,6 +76,19 @@ void core_reset(void *simulation, int64_t cycles) {
     s.top->rst = 0;
 }
 
+// Fill the first `entries` of the table of schedules, one a clock cycle. Only while no batch is under way.
+void core_write_schedule(void *simulation, const int64_t *levels, const int64_t *shifts, int64_t entries) {
+    Simulation &s = *static_cast<Simulation *>(simulation);
+    s.top->event_valid = 0;
+    s.top->result_ready = 0;
+    for (int64_t k = 0; k <= entries; ++k) {
+        const bool valid = k < entries;
+        set_schedule(*s.top, valid, valid ? k : 0, valid ? levels[k] : 0, valid ? shifts[k] : 0);
+        s.settle();
+        s.edge();
+    }
+}
+
 int core_run(void *simulation, Run *run) {
     Simulation &s = *static_cast<Simulation *>(simulation);
     Vcore &top = *s.top;
@@ -94,12 +107,13 @@ int core_run(void *simulation, Run *run) {
         top.result_ready = waited >= run->result_stall;
         s.settle();
 
+        const bool pixels = pixels_valid(top);
         if (top.trace_valid && run->trace_count < run->trace_rows)
             get_trace(top, run->trace + TRACE_VALUES * run->trace_count);
         run->trace_count += top.trace_valid;
-        if (run->pixels && top.trace_pixels_valid && run->pixel_count < run->pixel_rows)
+        if (run->pixels && pixels && run->pixel_count < run->pixel_rows)
             get_pixels(top, run->pixels + PIXEL_VALUES * run->pixel_count);
-        run->pixel_count += top.trace_pixels_valid;
+        run->pixel_count += pixels;
 
         const bool accepted = offer && top.event_ready;
         bool taken = false;

@@ -30,7 +30,15 @@ def make_rtl_engine(config):
 def settings_values(config, settings):
     """The hardware's settings inputs, by the names of :func:`cmfpga.rtl.payloads.settings`."""
     x, y = settings.roi or (0, 0)
-    return {
+    plans = {}
+    if config.ascent == "sign":
+        plans = {
+            "cold_first": 0,
+            "cold_count": len(settings.cold),
+            "warm_first": len(settings.cold) % config.schedule_entries,
+            "warm_count": len(settings.warm),
+        }
+    return plans | {
         "roi_load": int(settings.roi is not None),
         "roi_x": x,
         "roi_y": y,
@@ -43,6 +51,11 @@ def settings_values(config, settings):
         "v_start_y": settings.v_start[1],
         "min_roi_events": settings.min_roi_events,
     }
+
+
+def schedule_table(config, settings):
+    """The table of schedules, cold then warm: tuple of (level, shift), as :func:`settings_values` points at it."""
+    return tuple((entry.level, entry.log2_step + config.v.f) for entry in (*settings.cold, *settings.warm))
 
 
 class RtlEngine(Engine):

@@ -15,7 +15,7 @@ import platformdirs
 from ..emit import TOP, emit_verilog, sha256
 from ..errors import ConfigError
 from ..rtl.top import VerilogCore
-from .rtl import RtlEngine, find_compiler, settings_values
+from .rtl import RtlEngine, find_compiler, schedule_table, settings_values
 
 
 class _Run(ctypes.Structure):
@@ -63,6 +63,13 @@ class VerilatedCore:
             raise ValueError("the simulated core is closed")
         return self._handle
 
+    def write_schedule(self, table):
+        """Fill the table of schedules with (level, shift) pairs, from address 0 on; between batches only."""
+        rows = np.array(table, np.int64).reshape(-1, 2).T
+        levels, shifts = (np.ascontiguousarray(row) for row in rows)
+        pointers = (ctypes.c_void_p(levels.ctypes.data), ctypes.c_void_p(shifts.ctypes.data))
+        self._library.core_write_schedule(self._handle, *pointers, ctypes.c_int64(len(levels)))
+
     def close(self):
         """Free the simulation. Safe to call twice."""
         if self._handle:
@@ -105,7 +112,7 @@ class VerilatedCore:
         inputs = [np.ascontiguousarray(a, np.int64) for a in (t, x, y)]
         row = np.array([settings[name] for name in self.settings_names], np.int64)
         waits = None if gaps is None else np.ascontiguousarray(gaps, np.int64)
-        iterations = int(settings["iterations"])
+        iterations = max(int(settings.get(name, 0)) for name in ("iterations", "cold_count", "warm_count"))
         words = self.config.bank_words
         if max_cycles is None:
             max_cycles = 2 * self.core.cycles(events=len(inputs[0]), roi_events=len(inputs[0]), iterations=iterations)
@@ -153,9 +160,14 @@ class VerilatedEngine(RtlEngine):
     def __init__(self, config):
         super().__init__(config)
         self._core = VerilatedCore(config)
+        self._table = ()
 
     def _simulate(self, events, settings):
         values = settings_values(self.config, settings)
+        table = schedule_table(self.config, settings)
+        if table != self._table:
+            self._core.write_schedule(table)
+            self._table = table
         result, trace, _ = self._core.run(events.t, events.x, events.y, values)
         return result, trace
 
@@ -246,7 +258,19 @@ def _ports_include(core):
 
     settings = [setter(f"settings_{name}", f"from[{k}]") for k, name in enumerate(_names(core.inputs, "settings_"))]
     events = [setter(f"event_{name}", name) for name in ("t", "x", "y", "last")]
+    schedule = [
+        setter(f"schedule_{name}", argument)
+        for name, argument in (
+            ("valid", "valid"), ("address", "address"), ("entry_level", "level"), ("entry_shift", "shift")
+        )
+        if f"schedule_{name}" in core.inputs
+    ]  # fmt: skip
+    pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
     lines = [
+        f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
+        "static void set_schedule(Vcore &top, int64_t valid, int64_t address, int64_t level, int64_t shift) {",
+        *schedule,
+        "}",
         "static void set_settings(Vcore &top, const int64_t *from) {",
         *settings,
         "}",

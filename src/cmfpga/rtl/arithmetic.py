@@ -21,3 +21,30 @@ def delay(m, value, cycles, *, name, valid=False):
         m.d.sync += register.eq(value)
         value = register
     return value
+
+
+def select(index, choices):
+    """``choices[index]``; an index beyond the end gives the last."""
+    chosen = choices[-1]
+    for number in reversed(range(len(choices) - 1)):
+        chosen = Mux(index == number, choices[number], chosen)
+    return chosen
+
+
+def accumulate(m, values, total, first, active, *, name):
+    """Add four values per cycle to ``total``: two pairs, then both onto the total; two cycles.
+
+    Where ``first``, the total starts from zero. ``first`` and ``active`` come with the values.
+    """
+    pairs = []
+    for n in (0, 2):
+        pair = Signal((values[n] + values[n + 1]).shape(), name=f"pair_{name}_{n}", reset_less=True)
+        m.d.sync += pair.eq(values[n] + values[n + 1])
+        pairs.append(pair)
+    active = delay(m, active, 1, name=f"active_{name}", valid=True)
+    first = delay(m, first, 1, name=f"first_{name}")
+    with m.If(active):
+        with m.If(first):
+            m.d.sync += total.eq(pairs[0] + pairs[1])
+        with m.Else():
+            m.d.sync += total.eq(total + pairs[0] + pairs[1])

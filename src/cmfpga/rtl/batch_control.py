@@ -13,7 +13,7 @@ class BatchControl(wiring.Component):
     """Sequences the core.
 
     CLEAR
-        After a reset: sweep the banks once, because a reset does not clear a RAM.
+        After a reset: wait until the banks have been swept once, because a reset does not clear a RAM.
     OPEN
         Wait for a batch's first event to be offered; take over the settings. One cycle.
     INGEST
@@ -36,7 +36,7 @@ class BatchControl(wiring.Component):
     drain : int
         Cycles from the acceptance of an event until it is counted in the event buffer.
     replay_delay : int
-        Cycles from the sweep's last address to the next replay.
+        Cycles from ``evaluate`` to the next replay.
     move : int
         Latency of the ROI updater.
 
@@ -50,10 +50,10 @@ class BatchControl(wiring.Component):
         The settings of this batch.
     open, divide, start, replay, move : ``Out(1)``
         Begin a batch; begin the division; load v; replay the event buffer; move the ROI. One cycle each.
-    stored, span : ``In``
-        ROI events in the buffer; t_N − t_1.
-    divided, updated, swept : ``In(1)``
-        The division is done; v is updated; the sweep's last address leaves.
+    stored, span, planned : ``In``
+        ROI events in the buffer; t_N − t_1; iterations of this batch.
+    divided, evaluate, updated, cleared : ``In(1)``
+        The division is done; all that the next v needs is on its way; v is updated; the banks are swept.
     sweep : ``Out(1)``
         Clear the banks (after a reset).
     iterating : ``Out(1)``
@@ -70,7 +70,7 @@ class BatchControl(wiring.Component):
 
     def __init__(self, config, *, drain, replay_delay, move):
         if replay_delay < 0:
-            raise ValueError(f"the replay would have to start {-replay_delay} cycles before the sweep's last address")
+            raise ValueError(f"the replay would have to start {-replay_delay} cycles before the last event is counted")
         self.config = config
         self._drain, self._replay_delay, self._move = drain, replay_delay, move
         pulse = Out(1)
@@ -83,7 +83,8 @@ class BatchControl(wiring.Component):
                 **dict.fromkeys(("open", "divide", "start", "replay", "move", "sweep"), pulse),
                 "stored": In(bits_for(config.buffer_events)),
                 "span": In(config.span_bits),
-                **dict.fromkeys(("divided", "updated", "swept"), In(1)),
+                "planned": In(bits_for(config.max_iterations)),
+                **dict.fromkeys(("divided", "evaluate", "updated", "cleared"), In(1)),
                 "iterating": Out(1),
                 "events": Out(bits_for(config.max_batch_events)),
                 "iterations": Out(bits_for(config.max_iterations)),
@@ -110,11 +111,13 @@ class BatchControl(wiring.Component):
                 (self.stored == 0)
                 | (self.stored < self.current.min_roi_events)
                 | (self.span == 0)
-                | (self.current.iterations == 0)
+                | (self.planned == 0)
             ),
-            final.eq(self.iterations + 1 == self.current.iterations),
+            final.eq(self.iterations + 1 == self.planned),
         ]
-        next_replay = delay(m, self.swept & self.iterating & ~final, self._replay_delay, name="next_replay", valid=True)
+        next_replay = delay(
+            m, self.evaluate & self.iterating & ~final, self._replay_delay, name="next_replay", valid=True
+        )
         m.d.sync += self.cycles.eq(self.cycles + 1)
 
         with m.FSM():
@@ -122,7 +125,7 @@ class BatchControl(wiring.Component):
                 with m.If(timer == 0):
                     m.d.comb += self.sweep.eq(1)
                     m.d.sync += timer.eq(1)
-                with m.If(self.swept):
+                with m.If(self.cleared):
                     m.next = "OPEN"
             with m.State("OPEN"):
                 with m.If(self.i.valid):

@@ -1,19 +1,27 @@
 """The core: events in, velocity and a moving ROI out. One instance tracks one object."""
 
-from amaranth.hdl import Module, Signal
+import itertools
+
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from ..batch import Flag
+from ..errors import ConfigError
 from . import payloads
 from .accumulator import Accumulator
 from .batch_control import BatchControl
+from .dither import Dither
 from .event_buffer import EventBuffer
 from .gradient import Gradient
 from .gradient_reader import GradientReader
+from .one_pass_gradient import OnePassGradient
 from .reciprocal import Reciprocal
 from .roi_filter import RoiFilter
 from .roi_updater import RoiUpdater
+from .schedule import Schedule
+from .sign_updater import SignUpdater
+from .tagged_accumulator import TaggedAccumulator
 from .time_scaler import TimeScaler
 from .updater import Updater
 from .voter import BilinearVoter
@@ -21,14 +29,18 @@ from .warp import Warp
 
 
 class Core(wiring.Component):
-    """Contrast Maximization of batches of events: the article's architecture.
+    """Contrast Maximization of batches of events.
 
-    ::
+    With ``gradient="sweep"`` and ``ascent="constant"`` this is the article's architecture::
 
         i ─► control ─► filter ─► buffer ─► scaler ─► warp ─► voter ─► accumulator
                           │ t_1, t_N          ▲        ▲ v                 │ ▲ sweep, clear
                           └──► reciprocal ────┘        │                   ▼ │
              o ◄── result ◄── roi_updater ◄── updater ─┴──── gradient ◄── reader
+
+    With ``gradient="one_pass"`` a tagged accumulator and the one-pass gradient take the place of accumulator and
+    reader; with ``ascent="sign"`` a sign updater and its schedule that of the updater; with ``dither_frac`` a dither
+    stands before the scaler. All other blocks are the same.
 
     One event per cycle at ingest and in every iteration. A batch of N events, n of them in the ROI, takes
     exactly :meth:`cycles` clock cycles from the offer of its first event to its result.
@@ -49,38 +61,63 @@ class Core(wiring.Component):
     trace : ``Out``, flow of :func:`payloads.trace`
         Every iteration's v and sums, for verification.
     pixels : ``Out``, flow of an array of four :func:`payloads.pixel`
-        Every iteration's images as the sweep reads them, for verification.
+        Every iteration's images as the sweep reads them, for verification. Only with ``gradient="sweep"``.
+    schedule_write : ``In``, flow of :func:`payloads.schedule_write`
+        Fills the table of schedules. Only with ``ascent="sign"``.
+
+    Raises
+    ------
+    ConfigError
+        ``tag_bits`` are too few for the sweep to pass every word before a tag comes back.
     """
 
     def __init__(self, config):
         self.config = config
-        self._control_blocks()
-        super().__init__(
-            {
-                "i": In(stream.Signature(payloads.event(config))),
-                "o": Out(stream.Signature(payloads.result(config))),
-                "settings": In(payloads.settings(config)),
-                "trace": Out(payloads.flow(payloads.trace(config))),
-                "pixels": Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4))),
-            }
-        )
+        self.one_pass = config.gradient == "one_pass"
+        self.signs = config.ascent == "sign"
+        self._make_blocks()
+        members = {
+            "i": In(stream.Signature(payloads.event(config))),
+            "o": Out(stream.Signature(payloads.result(config))),
+            "settings": In(payloads.settings(config)),
+            "trace": Out(payloads.flow(payloads.trace(config))),
+        }
+        if not self.one_pass:
+            members["pixels"] = Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4)))
+        if self.signs:
+            members["schedule_write"] = In(payloads.flow(payloads.schedule_write(config)))
+        super().__init__(members)
 
-    def _control_blocks(self):
+    def _make_blocks(self):
         config = self.config
         self.roi_filter = RoiFilter(config)
         self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(config)
+        self.dither = Dither(config) if config.dither_frac else None
         self.time_scaler = TimeScaler(config)
         self.warp = Warp(config)
         self.voter = BilinearVoter(config)
-        self.accumulator = Accumulator(config)
-        self.gradient_reader = GradientReader(config, accumulator_latency=self.accumulator.latency)
+        if self.one_pass:
+            self.tagged_accumulator = TaggedAccumulator(config)
+            self.one_pass_gradient = OnePassGradient(config, accumulator_latency=self.tagged_accumulator.latency)
+            summing = self.one_pass_gradient.latency
+        else:
+            self.accumulator = Accumulator(config)
+            self.gradient_reader = GradientReader(config, accumulator_latency=self.accumulator.latency)
+            summing = self.gradient_reader.latency
         self.gradient = Gradient(config)
-        self.updater = Updater(config)
+        self.updater = SignUpdater(config) if self.signs else Updater(config)
+        self.schedule = Schedule(config) if self.signs else None
         self.roi_updater = RoiUpdater(config)
         self._drain = self.roi_filter.latency + 1
-        self._feed = self.event_buffer.latency + self.time_scaler.latency
-        self._evaluate = self.gradient_reader.latency + self.gradient.latency + self.updater.latency
+        self._feed = self.event_buffer.latency + self.time_scaler.latency + (self.dither.latency if self.dither else 0)
+        self._evaluate = summing + self.gradient.latency + self.updater.latency
+        if self.one_pass and not TaggedAccumulator.enough_idle_cycles(config, self.iteration_latency):
+            raise ConfigError(
+                f"tag_bits = {config.tag_bits}: (2^tag_bits − 1) · {self.iteration_latency} idle cycles an iteration "
+                f"= {((1 << config.tag_bits) - 1) * self.iteration_latency}, at least the {config.bank_depth} words "
+                "of a bank are needed"
+            )
         self.batch_control = BatchControl(
             config,
             drain=self._drain,
@@ -89,10 +126,21 @@ class Core(wiring.Component):
         )
 
     @property
-    def iteration_latency(self):
-        """L: an iteration takes n + P/4 + L cycles, from one v to the next.
+    def blocks(self):
+        """The blocks by name, in the order of data flow."""
+        names = (
+            "batch_control", "roi_filter", "event_buffer", "reciprocal", "dither", "time_scaler", "warp", "voter",
+            "accumulator", "gradient_reader", "tagged_accumulator", "one_pass_gradient", "gradient", "updater",
+            "schedule", "roi_updater",
+        )  # fmt: skip
+        return {name: block for name in names if (block := getattr(self, name, None)) is not None}
 
-        The sweep's first address follows the last vote by one cycle; the last of its P/4 addresses is evaluated.
+    @property
+    def iteration_latency(self):
+        """L: an iteration takes n + P/4 + L cycles with the sweep, n + L in one pass, from one v to the next.
+
+        The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
+        in one pass the last vote.
         """
         return self.warp.latency + self.voter.latency - 1 + self._evaluate
 
@@ -102,45 +150,53 @@ class Core(wiring.Component):
         return self._drain + self.reciprocal.latency + self._feed + self.roi_updater.latency
 
     def cycles(self, *, events, roi_events, iterations):
-        """Clock cycles of a batch: N + T·(n + P/4 + L) + constant.
+        """Clock cycles of a batch: N + T·(n + P/4 + L) + constant; without P/4 in one pass.
 
         From the cycle in which the first event is offered to the one in which the result is; events offered in every
         cycle, batch not degenerate.
         """
-        return events + iterations * (roi_events + self.config.bank_words + self.iteration_latency) + self.batch_latency
+        return events + iterations * (roi_events + self.sweep_cycles + self.iteration_latency) + self.batch_latency
+
+    @property
+    def sweep_cycles(self):
+        """P/4 with the sweep, 0 in one pass."""
+        return 0 if self.one_pass else self.config.bank_words
 
     @property
     def cycle_formula(self):
         """:meth:`cycles` as text."""
-        return f"N + T·(n + {self.config.bank_words} + {self.iteration_latency}) + {self.batch_latency}"
+        sweep = f" + {self.sweep_cycles}" if self.sweep_cycles else ""
+        return f"N + T·(n{sweep} + {self.iteration_latency}) + {self.batch_latency}"
 
     @property
     def latencies(self):
         """Clock cycles from input to output of each block that the events or the sums go through, by name."""
-        names = (
-            "roi_filter", "event_buffer", "reciprocal", "time_scaler", "warp", "voter", "accumulator",
-            "gradient_reader", "gradient", "updater", "roi_updater",
-        )  # fmt: skip
-        return {name: getattr(self, name).latency for name in names}
+        return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
 
     def elaborate(self, platform):
         m = Module()
-        for name in (
-            "batch_control", "roi_filter", "event_buffer", "reciprocal", "time_scaler", "warp", "voter", "accumulator",
-            "gradient_reader", "gradient", "updater", "roi_updater",
-        ):  # fmt: skip
-            m.submodules[name] = getattr(self, name)
-        control, roi = self.batch_control, self.roi_updater
-        current = control.current
+        for name, block in self.blocks.items():
+            m.submodules[name] = block
+        self._ingest(m)
+        self._iterate(m)
+        if self.one_pass:
+            self._sum_in_one_pass(m)
+        else:
+            self._sum_by_sweep(m)
+        self._ascend(m)
+        self._follow(m)
+        return m
 
-        # Ingest: crop, store, measure the time range.
+    def _ingest(self, m):
+        """Crop, store, measure the time range."""
+        control = self.batch_control
         connect(m, wiring.flipped(self.i), control.i)
         connect(m, control.o, self.roi_filter.i)
         connect(m, self.roi_filter.o, self.event_buffer.i)
         m.d.comb += [
             control.settings.eq(self.settings),
             self.roi_filter.start.eq(control.open),
-            self.roi_filter.roi.eq(roi.roi),
+            self.roi_filter.roi.eq(self.roi_updater.roi),
             self.event_buffer.clear.eq(control.open),
             control.stored.eq(self.event_buffer.count),
             control.span.eq(self.roi_filter.span),
@@ -149,38 +205,95 @@ class Core(wiring.Component):
             control.divided.eq(self.reciprocal.done),
         ]
 
-        # Iterations: replay, scale, warp, vote, accumulate.
-        connect(m, self.event_buffer.o, self.time_scaler.i)
-        connect(m, self.time_scaler.o, self.warp.i)
-        connect(m, self.warp.o, self.voter.i)
-        connect(m, self.voter.o, self.accumulator.i)
+    def _iterate(self, m):
+        """Replay, scale, warp, vote."""
+        path = [self.event_buffer, self.dither, self.time_scaler, self.warp, self.voter]
+        path = [block for block in path if block is not None]
+        for block, following in itertools.pairwise(path):
+            connect(m, block.o, following.i)
         m.d.comb += [
-            self.event_buffer.replay.eq(control.replay),
+            self.event_buffer.replay.eq(self.batch_control.replay),
             self.time_scaler.span.eq(self.roi_filter.span),
             self.time_scaler.shift.eq(self.reciprocal.shift),
             self.time_scaler.mantissa.eq(self.reciprocal.mantissa),
             self.warp.v.eq(self.updater.v),
         ]
+        if self.schedule:
+            m.d.comb += [self.warp.level.eq(self.schedule.level), self.voter.level.eq(self.schedule.level)]
 
-        # Sweep as soon as the last vote has entered; gradient; new v.
+    def _sum_by_sweep(self, m):
+        """The article's way: sweep as soon as the last vote has entered."""
+        control, reader = self.batch_control, self.gradient_reader
         voted = Signal()
         m.d.sync += voted.eq(self.voter.o.valid & self.voter.o.payload.last)
-        connect(m, self.gradient_reader.sweep, self.accumulator.sweep)
-        connect(m, self.accumulator.o, self.gradient_reader.i)
-        connect(m, self.gradient_reader.o, self.gradient.i)
+        connect(m, self.voter.o, self.accumulator.i)
+        connect(m, reader.sweep, self.accumulator.sweep)
+        connect(m, self.accumulator.o, reader.i)
+        connect(m, reader.o, self.gradient.i)
         m.d.comb += [
-            self.gradient_reader.start.eq(voted | control.sweep),
-            control.swept.eq(self.gradient_reader.sweep.valid & self.gradient_reader.sweep.payload.last),
-            self.updater.i.valid.eq(self.gradient.o.valid & control.iterating),
-            self.updater.i.payload.eq(self.gradient.o.payload),
-            self.updater.load.eq(control.start & ~current.start_last),
-            self.updater.new_batch.eq(control.open),
-            self.updater.start.eq(current.v_start),
-            self.updater.eta.eq(current.eta),
-            control.updated.eq(self.updater.done),
+            reader.start.eq(voted | control.sweep),
+            control.evaluate.eq(reader.sweep.valid & reader.sweep.payload.last),
+            control.cleared.eq(control.evaluate),
+            self.pixels.valid.eq(self.accumulator.o.valid & control.iterating),
+            self.pixels.payload.eq(self.accumulator.o.payload),
         ]
 
-        # The ROI follows.
+    def _sum_in_one_pass(self, m):
+        """The sums are complete with the last vote; another tag for the next iteration."""
+        control, sums = self.batch_control, self.one_pass_gradient
+        connect(m, self.voter.o, self.tagged_accumulator.i)
+        connect(m, sums.o, self.gradient.i)
+        m.d.comb += [
+            sums.votes.valid.eq(self.voter.o.valid),
+            sums.votes.payload.eq(self.voter.o.payload),
+            sums.steps.eq(self.tagged_accumulator.o),
+            self.tagged_accumulator.next_tag.eq(control.updated),
+            control.evaluate.eq(self.voter.o.valid & self.voter.o.payload.last),
+            control.cleared.eq(self.tagged_accumulator.swept),
+        ]
+
+    def _ascend(self, m):
+        """The gradient moves v."""
+        control = self.batch_control
+        current = control.current
+        m.d.comb += [
+            self.updater.i.valid.eq(self.gradient.o.valid & control.iterating),
+            self.updater.i.payload.eq(self.gradient.o.payload),
+            self.updater.new_batch.eq(control.open),
+            self.updater.start.eq(current.v_start),
+            control.updated.eq(self.updater.done),
+        ]
+        if not self.signs:
+            m.d.comb += [
+                self.updater.load.eq(control.start & ~current.start_last),
+                self.updater.eta.eq(current.eta),
+                control.planned.eq(current.iterations),
+            ]
+            return
+        # Warm only while an object is followed: a new ROI, or a batch that found nothing, begins cold.
+        schedule = self.schedule
+        tracking = Signal()
+        warm = Signal()
+        with m.If(control.open & self.settings.roi_load):
+            m.d.sync += tracking.eq(0)
+        with m.Elif(control.done):
+            m.d.sync += tracking.eq(~control.degenerate)
+        m.d.comb += [
+            warm.eq(current.start_last & tracking),
+            control.planned.eq(Mux(warm, current.warm.count, current.cold.count)),
+            self.updater.load.eq(control.start & ~warm),
+            self.updater.shift.eq(schedule.shift),
+            schedule.new_batch.eq(control.open),
+            schedule.load.eq(control.start),
+            schedule.first.eq(Mux(warm, current.warm.first, current.cold.first)),
+            schedule.advance.eq(self.updater.updating),
+            schedule.write.valid.eq(self.schedule_write.valid),
+            schedule.write.payload.eq(self.schedule_write.payload),
+        ]
+
+    def _follow(self, m):
+        """The ROI follows; the result goes out."""
+        control, roi = self.batch_control, self.roi_updater
         roi_used = Signal(payloads.roi_corner(self.config))
         m.d.comb += [
             roi.new_batch.eq(control.open),
@@ -188,21 +301,12 @@ class Core(wiring.Component):
             roi.x.eq(self.settings.roi_x),
             roi.y.eq(self.settings.roi_y),
             roi.v.eq(self.updater.v),
-            roi.roi_gain.eq(current.roi_gain),
+            roi.roi_gain.eq(control.current.roi_gain),
             roi.move.eq(control.move),
         ]
         with m.If(control.o.valid):
             m.d.sync += roi_used.eq(roi.roi)
-
         self._result(m, roi_used)
-        m.d.comb += [
-            self.trace.valid.eq(self.gradient_reader.o.valid & control.iterating),
-            self.trace.payload.v.eq(self.updater.v),
-            self.trace.payload.sums.eq(self.gradient_reader.o.payload),
-            self.pixels.valid.eq(self.accumulator.o.valid & control.iterating),
-            self.pixels.payload.eq(self.accumulator.o.payload),
-        ]
-        return m
 
     def _result(self, m, roi_used):
         """Nothing of this changes while a result waits, so it needs no registers of its own."""
@@ -216,7 +320,9 @@ class Core(wiring.Component):
             Flag.CUT: control.cut,
             Flag.SATURATED: self.updater.saturated,
             Flag.ROI_CLAMPED: self.roi_updater.clamped,
+            Flag.SCHEDULE: self.schedule.limited if self.schedule else 0,
         }
+        sums = (self.one_pass_gradient if self.one_pass else self.gradient_reader).o
         m.d.comb += [
             self.o.valid.eq(control.done),
             control.taken.eq(self.o.ready),
@@ -232,7 +338,12 @@ class Core(wiring.Component):
             result.roi.eq(roi_used),
             result.roi_next.eq(self.roi_updater.roi),
             result.iterations.eq(control.iterations),
-            result.sums.eq(self.gradient_reader.o.payload),
+            result.sums.eq(sums.payload),
             result.cycles.eq(control.cycles),
             *(result.flags[flag.bit_length() - 1].eq(value) for flag, value in flags.items()),
+        ]
+        m.d.comb += [
+            self.trace.valid.eq(sums.valid & control.iterating),
+            self.trace.payload.v.eq(self.updater.v),
+            self.trace.payload.sums.eq(sums.payload),
         ]

@@ -5,7 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from . import payloads
-from .arithmetic import delay
+from .arithmetic import accumulate, delay
 
 
 class GradientReader(wiring.Component):
@@ -59,7 +59,7 @@ class GradientReader(wiring.Component):
         sums = self.o.payload
         pixels = [self.i.payload[number] for number in range(4)]
         for name in ("i", "dx", "dy"):
-            self._accumulate(m, [pixel[name] for pixel in pixels], sums[name], first, self.i.valid, name=name)
+            accumulate(m, [pixel[name] for pixel in pixels], sums[name], first, self.i.valid, name=name)
         first = delay(m, first, self.lead, name="first_product")
         active = delay(m, self.i.valid, self.lead, name="active_product", valid=True)
         for axis in ("x", "y"):
@@ -69,7 +69,7 @@ class GradientReader(wiring.Component):
                 product = Signal(signed(len(pixel.i) + len(derivative)), name=f"product_{axis}_{n}", reset_less=True)
                 m.d.sync += product.eq(pixel.i * derivative)
                 products.append(delay(m, product, self.lead - 1, name=f"product_{axis}_{n}"))
-            self._accumulate(m, products, sums[f"s{axis}"], first, active, name=f"s{axis}")
+            accumulate(m, products, sums[f"s{axis}"], first, active, name=f"s{axis}")
         last = delay(m, self.sweep.payload.last & self.sweep.valid, self.latency, name="last", valid=True)
         m.d.comb += self.o.valid.eq(last)
         return m
@@ -95,19 +95,3 @@ class GradientReader(wiring.Component):
                 m.d.sync += [column.eq(0), row.eq(row + 1)]
             with m.If(ends):
                 m.d.sync += row.eq(0)
-
-    @staticmethod
-    def _accumulate(m, values, total, first, active, *, name):
-        """Add four values per cycle to ``total``: two pairs, then both onto the total; two cycles."""
-        pairs = []
-        for n in (0, 2):
-            pair = Signal((values[n] + values[n + 1]).shape(), name=f"pair_{name}_{n}", reset_less=True)
-            m.d.sync += pair.eq(values[n] + values[n + 1])
-            pairs.append(pair)
-        active = delay(m, active, 1, name=f"active_{name}", valid=True)
-        first = delay(m, first, 1, name=f"first_{name}")
-        with m.If(active):
-            with m.If(first):
-                m.d.sync += total.eq(pairs[0] + pairs[1])
-            with m.Else():
-                m.d.sync += total.eq(total + pairs[0] + pairs[1])

@@ -31,9 +31,20 @@ def replayed_event(config):
     return data.StructLayout({**roi_event(config).members, "last": 1})
 
 
+def dithered_event(config):
+    """An event out of the buffer, with ``dither_frac`` fraction bits in its position."""
+    members = replayed_event(config).members
+    if config.dither_frac:
+        members = {
+            **members,
+            **{axis: signed(members[axis] + config.dither_frac + 1) for axis in ("x", "y")},
+        }
+    return data.StructLayout(members)
+
+
 def scaled_event(config):
     """An event with its scaled time."""
-    members = replayed_event(config).members
+    members = dithered_event(config).members
     return data.StructLayout({"dt": signed(config.dt.width), "x": members["x"], "y": members["y"], "last": 1})
 
 
@@ -81,6 +92,25 @@ def sweep_address(config):
     )
 
 
+def tagged_operation(config):
+    """What a tagged bank is asked to do: add to a word, which is zero unless it carries this tag."""
+    vote = votes(config)["banks"].shape.elem_shape
+    add = {name: vote[name].shape for name in pixel(config).members}
+    return data.StructLayout({"address": vote["address"].shape, "tag": config.tag_bits, "add": data.StructLayout(add)})
+
+
+def tagged_step(config):
+    """What a tagged bank did: I before, what was added, and the pixel after."""
+    return data.StructLayout(
+        {
+            "valid": 1,
+            "i": config.image_bits,
+            "add": tagged_operation(config)["add"].shape,
+            "total": pixel(config),
+        }
+    )
+
+
 def sums(config):
     """Sums over the ROI."""
     return data.StructLayout(
@@ -123,8 +153,24 @@ def settings(config):
             "start_last": 1,
             "v_start": velocity(config),
             "min_roi_events": bits_for(config.buffer_events),
+            **({name: plan(config) for name in ("cold", "warm")} if config.ascent == "sign" else {}),
         }
     )
+
+
+def plan(config):
+    """A part of the schedule's table: the first entry and the number of entries."""
+    return data.StructLayout({"first": range(config.schedule_entries), "count": range(config.schedule_entries + 1)})
+
+
+def schedule_entry(config):
+    """One iteration of the sign ascent: pixels 2^level px wide, v moves by 2^shift raw units."""
+    return data.StructLayout({"level": bits_for(config.max_level), "shift": bits_for(config.v.width - 2)})
+
+
+def schedule_write(config):
+    """An entry for the table; only while no batch is under way."""
+    return data.StructLayout({"address": range(config.schedule_entries), "entry": schedule_entry(config)})
 
 
 def result(config):

@@ -23,7 +23,7 @@ class TimeScaler(wiring.Component):
 
     Members
     -------
-    i : ``In``, flow of :func:`payloads.replayed_event`
+    i : ``In``, flow of :func:`payloads.dithered_event`
     o : ``Out``, flow of :func:`payloads.scaled_event`
     span, shift, mantissa : ``In``
         The range and its reciprocal; may change only while no event is in flight.
@@ -35,7 +35,7 @@ class TimeScaler(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.replayed_event(config))),
+                "i": In(payloads.flow(payloads.dithered_event(config))),
                 "o": Out(payloads.flow(payloads.scaled_event(config))),
                 "span": In(config.span_bits),
                 "shift": In(bits_for(config.span_bits - 1)),

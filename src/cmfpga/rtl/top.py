@@ -32,13 +32,17 @@ class VerilogCore(Core):
         super().__init__(config)
         self._links = []  # (port, signal inside, is the port an input)
         self.inputs, self.outputs = {}, {}
-        for prefix, member, signals in (
-            ("event", self.i, {"valid": True, "payload": True, "ready": False}),
-            ("settings", self.settings, {"": True}),
-            ("result", self.o, {"valid": False, "payload": False, "ready": True}),
-            ("trace", self.trace, {"valid": False, "payload": False}),
-            ("trace_pixels", self.pixels, {"valid": False, "payload": False}),
-        ):
+        groups = {
+            "event": (self.i, {"valid": True, "payload": True, "ready": False}),
+            "settings": (self.settings, {"": True}),
+            "result": (self.o, {"valid": False, "payload": False, "ready": True}),
+            "trace": (self.trace, {"valid": False, "payload": False}),
+        }
+        if self.signs:
+            groups["schedule"] = (self.schedule_write, {"valid": True, "payload": True})
+        if not self.one_pass:
+            groups["trace_pixels"] = (self.pixels, {"valid": False, "payload": False})
+        for prefix, (member, signals) in groups.items():
             for name, is_input in signals.items():
                 inside = getattr(member, name) if name else member
                 if isinstance(inside, data.View):

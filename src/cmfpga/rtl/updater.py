@@ -34,7 +34,8 @@ class Updater(wiring.Component):
         Constant from two cycles before a gradient enters.
     v : ``Out``, :func:`payloads.velocity`
         Zero after a reset.
-    done : ``Out(1)``
+    updating, done : ``Out(1)``
+        v changes at the end of this cycle; v has changed.
     saturated : ``Out(1)``
         Whether the gradient or v was limited to its format since ``new_batch``.
     """
@@ -51,6 +52,7 @@ class Updater(wiring.Component):
                 "start": In(payloads.velocity(config)),
                 "eta": In(config.eta_format.width),
                 "v": Out(payloads.velocity(config)),
+                "updating": Out(1),
                 "done": Out(1),
                 "saturated": Out(1),
             }
@@ -64,6 +66,7 @@ class Updater(wiring.Component):
         m.d.sync += gain.eq(round_half_up(self.eta * mantissa, 8))
 
         valid_s4 = delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)
+        m.d.comb += self.updating.eq(valid_s4)
         m.d.sync += self.done.eq(valid_s4)
         clipped = []
         for axis in ("x", "y"):

@@ -4,9 +4,9 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ..fixed import round_half_up
+from ..fixed import bits_for, round_half_up
 from . import payloads
-from .arithmetic import delay
+from .arithmetic import delay, select
 
 
 class BilinearVoter(wiring.Component):
@@ -27,6 +27,8 @@ class BilinearVoter(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.warped_event`
     o : ``Out``, flow of :func:`payloads.votes`
+    level : ``In``
+        Coarse levels have smaller images. Changes only while no event is in flight.
     """
 
     latency = 3
@@ -37,6 +39,7 @@ class BilinearVoter(wiring.Component):
             {
                 "i": In(payloads.flow(payloads.warped_event(config))),
                 "o": Out(payloads.flow(payloads.votes(config))),
+                "level": In(bits_for(config.max_level)),
             }
         )
 
@@ -91,8 +94,9 @@ class BilinearVoter(wiring.Component):
             dy_s2[0].eq(derivative(dt_s1 * one - dt_fx_s1)),
             dy_s2[1].eq(derivative(dt_fx_s1)),
         ]
-        column_s2 = self._axis(m, "column", self.i.payload.x >> frac, config.roi_width)
-        row_s2 = self._axis(m, "row", self.i.payload.y >> frac, config.roi_height)
+        widths, heights = zip(*(config.level_size(level) for level in range(config.max_level + 1)), strict=True)
+        column_s2 = self._axis(m, "column", self.i.payload.x >> frac, widths)
+        row_s2 = self._axis(m, "row", self.i.payload.y >> frac, heights)
 
         # Stage 3: give each bank the corner of its parity.
         valid_s2 = delay(m, self.i.valid, 2, name="valid", valid=True)
@@ -114,19 +118,19 @@ class BilinearVoter(wiring.Component):
         ]
         return m
 
-    def _axis(self, m, name, cell, size):
+    def _axis(self, m, name, cell, sizes):
         """For each parity of one axis: (is it the far corner, its bank coordinate, is it inside), at stage 2."""
         cell_s1 = delay(m, cell, 1, name=name)
         parities = []
         for parity in (0, 1):
             far = Signal(name=f"{name}{parity}_far_s2", reset_less=True)
             inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
-            coordinate = Signal(range((size + 1) // 2), name=f"{name}{parity}_s2", reset_less=True)
+            coordinate = Signal(range((sizes[0] + 1) // 2), name=f"{name}{parity}_s2", reset_less=True)
             is_far = cell_s1[0] ^ parity
             corner = cell_s1 + is_far
             m.d.sync += [
                 far.eq(is_far),
-                inside.eq((corner >= 0) & (corner < size)),
+                inside.eq((corner >= 0) & (corner < select(self.level, sizes))),
                 coordinate.eq(corner >> 1),
             ]
             parities.append((far, coordinate, inside))

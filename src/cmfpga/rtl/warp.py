@@ -4,18 +4,20 @@ from amaranth.hdl import Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ..fixed import floor_shift
+from ..fixed import bits_for, floor_shift
 from . import payloads
-from .arithmetic import delay, saturate
+from .arithmetic import delay, saturate, select
 
 
 class Warp(wiring.Component):
     """x' = x − dt·vx, y' = y − dt·vy (Eq. x'_k of the article), floored to ``position_frac`` bits.
 
-    Positions are clamped to one pixel beyond those whose votes can reach the ROI, so that no address aliases.
-    Two multipliers (one DSP each: product, then C − product).
+    At a coarse level pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½. Positions are clamped to one pixel beyond
+    those whose votes can reach the ROI, so that no address aliases. Two multipliers (one DSP each: product, then
+    C − product).
 
-    One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters.
+    One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters, ``level``
+    two cycles later.
 
     Parameters
     ----------
@@ -27,17 +29,19 @@ class Warp(wiring.Component):
     i : ``In``, flow of :func:`payloads.scaled_event`
     o : ``Out``, flow of :func:`payloads.warped_event`
     v : ``In``, :func:`payloads.velocity`
+    level : ``In``
+        Changes only with ``v``.
     """
-
-    latency = 3
 
     def __init__(self, config):
         self.config = config
+        self.latency = 4 if config.max_level else 3
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.scaled_event(config))),
                 "o": Out(payloads.flow(payloads.warped_event(config))),
                 "v": In(payloads.velocity(config)),
+                "level": In(bits_for(config.max_level)),
             }
         )
 
@@ -45,25 +49,33 @@ class Warp(wiring.Component):
         config = self.config
         m = Module()
         frac = config.dt_frac + config.v_frac
+        half, scaled_half = 1 << (frac - 1), 1 << (config.position_frac - 1)
         for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
             coordinate = self.i.payload[axis]
+            align = frac - config.dither_frac
             product_s1 = Signal(signed(config.dt.width + config.v.width), reset_less=True, name=f"product_{axis}_s1")
             coordinate_s1 = Signal(coordinate.shape(), reset_less=True, name=f"coordinate_{axis}_s1")
-            # Both terms at full precision: x' cannot overflow before it is clamped.
+            # Both terms at full precision: x' + ½ cannot overflow before it is clamped.
             position_s2 = Signal(
-                signed(max(len(coordinate) + frac, len(product_s1)) + 2), reset_less=True, name=f"position_{axis}_s2"
+                signed(max(len(coordinate) + align, len(product_s1)) + 2), reset_less=True, name=f"position_{axis}_s2"
             )
             m.d.sync += [  # stage 1: multiply
                 product_s1.eq(self.i.payload.dt * self.v[axis]),
                 coordinate_s1.eq(coordinate),
             ]
-            m.d.sync += position_s2.eq((coordinate_s1 << frac) - product_s1)  # stage 2: subtract
-            m.d.sync += self.o.payload[axis].eq(  # stage 3: floor, clamp
-                saturate(
-                    floor_shift(position_s2, frac - config.position_frac),
-                    -2 << config.position_frac,
-                    ((size + 1) << config.position_frac) - 1,
-                )
+            # Stage 2: subtract; the half is a constant in the coordinate's low bits.
+            m.d.sync += position_s2.eq((coordinate_s1 << align) + half - product_s1)
+            # Stage 3, with coarse levels only: the level's pixels. Last stage: floor, clamp.
+            levels = [
+                floor_shift(position_s2, frac - config.position_frac + level) - scaled_half
+                for level in range(config.max_level + 1)
+            ]
+            position = levels[0]
+            if config.max_level:
+                position = Signal(position.shape(), reset_less=True, name=f"position_{axis}_s3")
+                m.d.sync += position.eq(select(self.level, levels))
+            m.d.sync += self.o.payload[axis].eq(
+                saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
             )
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),

@@ -7,11 +7,12 @@ import torch
 
 from ...batch import BatchResult, Flag, Trace, clamp_roi, crop_position
 from .accumulator import Images, accumulator
+from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
 from .roi_filter import roi_filter
 from .roi_updater import roi_updater
 from .time_scaler import time_scaler
-from .updater import gain, updater
+from .updater import gain, sign_updater, updater
 from .voter import voter
 from .warp import warp
 
@@ -40,6 +41,9 @@ class IntegerCore:
     ----------
     v : pair of int
         Raw velocity of the last batch; zero after a reset.
+    tracking : bool
+        Whether ``v`` is that of an object that is being followed: the sign ascent's warm schedule applies. A new ROI,
+        a degenerate batch or a reset ends it.
     position : pair of int
         Raw ROI position, ``config.roi_x_format`` and ``config.roi_y_format``; the origin after a reset.
     dt : int64 tensor
@@ -50,6 +54,7 @@ class IntegerCore:
 
     config: object
     v: tuple[int, int] = (0, 0)
+    tracking: bool = False
     position: tuple[int, int] = (0, 0)
     dt: torch.Tensor = field(default=None, repr=False)
     iterations: list = field(default_factory=list, repr=False)
@@ -77,6 +82,7 @@ class IntegerCore:
         if settings.roi is not None:
             roi, clamped = clamp_roi(config, settings.roi)
             self.position = tuple(c << config.roi_x_format.f for c in roi)
+            self.tracking = False
             flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
         roi = tuple(crop_position(config, p) for p in self.position)
 
@@ -90,25 +96,30 @@ class IntegerCore:
         ):
             flags |= flag if count else Flag(0)
 
+        warm = settings.start_last and (self.tracking or config.ascent == "constant")
+        plan = self._plan(settings, warm)
         self.iterations = []
         sums = []
         velocities = [self.v]
-        if n < max(1, settings.min_roi_events) or not events.span or not settings.iterations:
+        if n < max(1, settings.min_roi_events) or not events.span or not plan:
             flags |= Flag.DEGENERATE
+            self.tracking = False
         else:
-            if not settings.start_last:
+            if not warm:
                 self.v = settings.v_start
             velocities = [self.v]
             self.dt = time_scaler(config, events.t[:n], span=events.span)
+            positions = dither(config, events.x[:n], events.y[:n])
             batch_gain = gain(config, settings.eta)
-            for _ in range(settings.iterations):
-                step, saturated = self.iterate(events.x[:n], events.y[:n], self.dt, self.v, gain=batch_gain)
+            for entry in plan:
+                step, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
                 flags |= Flag.SATURATED if saturated else Flag(0)
                 self.v = step.v_next
                 velocities.append(step.v_next)
                 sums.append(step.sums)
                 if keep:
                     self.iterations.append(step)
+            self.tracking = True
             self.position, clamped = roi_updater(config, self.position, self.v, roi_gain=settings.roi_gain)
             flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
 
@@ -129,13 +140,28 @@ class IntegerCore:
             trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),
         )
 
-    def iterate(self, x, y, dt, v, *, gain):
-        """One iteration from the raw velocity ``v``: (:class:`IntegerIteration`, saturated)."""
+    def _plan(self, settings, warm):
+        """One :class:`ScheduleEntry` per iteration; None for a constant η."""
+        if self.config.ascent == "sign":
+            return settings.warm if warm else settings.cold
+        return (None,) * settings.iterations
+
+    def iterate(self, x, y, dt, v, *, gain=0, entry=None):
+        """One iteration from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
+
+        ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, None
+        for a constant η, whose ``gain`` then counts.
+        """
         config = self.config
-        images = accumulator(config, voter(config, *warp(config, x, y, dt, v), dt))
+        level = entry.level if entry else 0
+        images = accumulator(config, voter(config, *warp(config, x, y, dt, v, level), dt, level))
         sums = gradient_reader(images)
         g = gradient(config, sums)
-        (vx, saturated_x), (vy, saturated_y) = (
-            updater(config, axis_v, axis_g, gain=gain) for axis_v, axis_g in zip(v, g, strict=True)
-        )
+        steps = [
+            sign_updater(config, axis_v, axis_g, log2_step=entry.log2_step)
+            if entry
+            else updater(config, axis_v, axis_g, gain=gain)
+            for axis_v, axis_g in zip(v, g, strict=True)
+        ]
+        (vx, saturated_x), (vy, saturated_y) = steps
         return IntegerIteration(tuple(v), images, sums, g, (vx, vy)), saturated_x or saturated_y

@@ -8,6 +8,14 @@ def gain(config, eta):
     return round_half_up(eta * config.gradient_scale[1], 8)
 
 
+def sign_updater(config, v, g, *, log2_step):
+    """One step v + 2^log2_step · sign(G) along one axis: (next raw v, whether it was limited to its format)."""
+    step = 1 << (log2_step + config.v.f)
+    target = v + step * ((g > 0) - (g < 0))
+    limited = saturate(target, config.v.min, config.v.max)
+    return limited, limited != target
+
+
 def updater(config, v, g, *, gain):
     """One step v + η·∂C/∂v (Eq. v_update) along one axis.
 

@@ -18,12 +18,14 @@ class Votes(NamedTuple):
     dy: torch.Tensor  # [n, 4] raw ∂w/∂vy, derivative_frac
 
 
-def voter(config, x, y, dt):
+def voter(config, x, y, dt, level=0):
     """Bilinear votes and their derivatives (Eqs. weights, w_dx_x, I_w_v_x) of raw warped positions.
 
     The derivative of a corner is the rounded magnitude with its sign, so that those of one event sum to exactly
-    zero unless a corner is dropped.
+    zero unless a corner is dropped. At a coarse level the image is smaller; the derivatives are those by v in units of
+    that level's pixels.
     """
+    width, height = config.level_size(level)
     frac = config.position_frac
     one = 1 << frac
     fx, fy = x & (one - 1), y & (one - 1)
@@ -37,7 +39,7 @@ def voter(config, x, y, dt):
 
     column = torch.stack([x >> frac, (x >> frac) + 1] * 2, -1)
     row = torch.stack([y >> frac] * 2 + [(y >> frac) + 1] * 2, -1)
-    inside = (column >= 0) & (column < config.roi_width) & (row >= 0) & (row < config.roi_height)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     return Votes(
         inside,
         column,

@@ -3,30 +3,34 @@
 from ...fixed import floor_shift, saturate
 
 
-def warp(config, x, y, dt, v):
-    """Warped positions x' = x − dt·v (Eq. x'_k), floored to ``position_frac`` bits and clamped.
+def warp(config, x, y, dt, v, level=0):
+    """Warped positions x' = x − dt·v (Eq. x'_k), in pixels 2^level wide, floored and clamped.
 
     Parameters
     ----------
     x, y : int64 tensors, [n]
-        Columns and rows in the ROI.
+        Columns and rows in the ROI, with ``dither_frac`` fraction bits.
     dt : int64 tensor, [n]
         Raw ``config.dt``.
     v : pair of int
         Raw ``config.v``.
+    level : int
+        Pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½.
 
     Returns
     -------
-    (x', y') : int64 tensors, [n]
+    (x'', y'') : int64 tensors, [n]
         Raw ``config.position_x`` and ``config.position_y``, limited to −2 … size + 1 px: farther is as good as there.
     """
     return (
-        _warp_axis(config, x, dt, v[0], config.roi_width),
-        _warp_axis(config, y, dt, v[1], config.roi_height),
+        _warp_axis(config, x, dt, v[0], level, config.roi_width),
+        _warp_axis(config, y, dt, v[1], level, config.roi_height),
     )
 
 
-def _warp_axis(config, x, dt, v, size):
-    product_frac = config.dt_frac + config.v_frac
-    position = floor_shift((x << product_frac) - dt * v, product_frac - config.position_frac)
-    return saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
+def _warp_axis(config, x, dt, v, level, size):
+    frac = config.dt_frac + config.v_frac
+    position = (x << (frac - config.dither_frac)) - dt * v
+    half = 1 << (frac - 1)
+    scaled = floor_shift(position + half, frac + level - config.position_frac) - (1 << (config.position_frac - 1))
+    return saturate(scaled, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
