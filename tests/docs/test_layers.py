@@ -1,0 +1,129 @@
+"""Who may import whom: configuration, then models, then RTL, then tools; torch only where it is needed."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import cmfpga
+
+PACKAGE = Path(cmfpga.__file__).parent
+
+#: Modules, and what must not be loaded once they are.
+CLEAN = {
+    "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
+    "batch": (["cmfpga.batch"], ["amaranth", "torch"]),
+    "events": (["cmfpga.events", "cmfpga.iwe"], ["amaranth", "torch", "matplotlib"]),
+    "tracker": (["cmfpga.reference.tracker"], ["amaranth", "torch", "matplotlib"]),
+    "reference": (["cmfpga.reference.floating", "cmfpga.reference.integer.core"], ["amaranth"]),
+    "rtl": (["cmfpga.rtl.top", "cmfpga.emit"], ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"]),
+    "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
+    "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
+    "track": (["cmfpga.track"], ["torch", "matplotlib"]),
+}
+
+#: Packages of the library, and what no file of theirs may import anywhere, not even inside a function.
+FORBIDDEN = {
+    "config.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
+    "fixed.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
+    "errors.py": ("cmfpga.", "amaranth", "numpy", "torch"),
+    "batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
+    "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
+    "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.emit", "amaranth"),
+    "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
+    "emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
+}
+
+
+def run(code, folder):
+    return subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=300)
+
+
+def matches(name, prefix):
+    """``prefix`` and what lies below it; one with a dot at its end is only what lies below."""
+    return name.startswith(prefix) if prefix.endswith(".") else name == prefix or name.startswith(f"{prefix}.")
+
+
+@pytest.mark.parametrize("name", CLEAN)
+def test_loads_nothing_else(name, tmp_path):
+    modules, absent = CLEAN[name]
+    done = run(f"import sys, {', '.join(modules)}; print(*sys.modules)", tmp_path)
+    assert done.returncode == 0, done.stderr
+    loaded = done.stdout.split()
+    assert set(modules) <= set(loaded)
+    assert not [module for module in loaded for prefix in absent if matches(module, prefix)]
+
+
+BLOCKED = """
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.split(".")[0] == "torch":
+            raise ModuleNotFoundError("torch is blocked", name="torch")
+
+sys.meta_path.insert(0, Blocker())
+from cmfpga import cli, {module}
+sys.exit(cli.run({module}.main, {arguments}))
+"""
+
+
+def run_without_torch(module, arguments, folder):
+    return run(BLOCKED.format(module=module, arguments=arguments), folder)
+
+
+def test_build_runs_without_torch(tmp_path):
+    done = run_without_torch("build", ["--set", "roi_width=8", "--set", "roi_height=8"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "build" / "cmfpga_core.v").stat().st_size > 0
+
+
+def test_track_by_the_verilog_runs_without_torch(tmp_path):
+    done = run_without_torch("track", ["--engine", "rtl", "--batches", "1", "--set", "iterations=2"], tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "cmfpga-track" / "track.png").stat().st_size > 0
+
+
+@pytest.mark.parametrize("engine", ["model", "float"])
+def test_other_engines_ask_for_torch_in_one_line(engine, tmp_path):
+    done = run_without_torch("track", ["--engine", engine, "--batches", "1"], tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+    assert "torch" in done.stderr and "pip install" in done.stderr
+
+
+def imports(path):
+    """Absolute names of all that a file imports."""
+    parts = ["cmfpga", *path.relative_to(PACKAGE).with_suffix("").parts]
+    package = parts[:-1]
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            base = ".".join([*base, *([node.module] if node.module else [])])
+            yield from (base, *(f"{base}.{alias.name}" for alias in node.names))
+
+
+@pytest.mark.parametrize("name", FORBIDDEN)
+def test_imports_only_what_lies_below(name):
+    where = PACKAGE / name
+    files = sorted(where.rglob("*.py")) if where.is_dir() else [where]
+    assert files
+    wrong = [
+        f"{path.relative_to(PACKAGE)} imports {module}"
+        for path in files
+        for module in imports(path)
+        for prefix in FORBIDDEN[name]
+        if matches(module, prefix)
+    ]
+    assert not wrong
+
+
+def test_relative_imports_are_understood():
+    """The check above sees through ``from ..engines import x`` and ``from . import x``."""
+    assert {"amaranth.hdl", "cmfpga.rtl.core.Core"} <= set(imports(PACKAGE / "rtl" / "top.py"))
+    found = set(imports(PACKAGE / "engines" / "model.py"))
+    assert {"torch", "cmfpga.reference.integer.core", "cmfpga.engines.base"} <= found

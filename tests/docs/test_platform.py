@@ -1,0 +1,71 @@
+"""The KV260 platform: what Amaranth makes of it, as far as that goes without Vivado."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+from amaranth.hdl import ClockDomain, Module, Signal
+from amaranth.lib import io, wiring
+from amaranth.lib.wiring import In
+
+FOLDER = Path(__file__).parents[2] / "boards" / "kv260"
+
+
+@pytest.fixture(scope="module")
+def platform_class():
+    spec = importlib.util.spec_from_file_location("kv260_platform", FOLDER / "platform.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.KV260Platform
+
+
+class FanOn(wiring.Component):
+    """The fan on, and a register, so that there is a clock."""
+
+    def __init__(self):
+        super().__init__({"clk": In(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.domains.sync = domain = ClockDomain(reset_less=True)
+        m.d.comb += domain.clk.eq(self.clk)
+        m.submodules.fan = fan = io.Buffer("o", platform.request("fan", dir="-"))
+        on = Signal()
+        m.d.sync += on.eq(1)
+        m.d.comb += fan.o.eq(on)
+        return m
+
+
+@pytest.fixture(scope="module")
+def files(platform_class):
+    """What would be given to Vivado, by name."""
+    plan = platform_class(toolchain="Vivado").prepare(FanOn(), "fan_on")
+    return {name: text if isinstance(text, str) else text.decode() for name, text in plan.files.items()}
+
+
+def test_part(platform_class):
+    platform = platform_class(toolchain="Vivado")
+    assert platform.part == "xck26-sfvc784-2LV-c" == platform._part
+    assert platform.family == "ultrascaleplus"
+
+
+def test_script_names_the_part(files):
+    assert "-part xck26-sfvc784-2LV-c" in files["fan_on.tcl"]
+
+
+def test_constraints_of_the_fan(files):
+    constraints = files["fan_on.xdc"]
+    assert "set_property LOC A12" in constraints
+    for name, value in (("IOSTANDARD", "LVCMOS33"), ("SLEW", "SLOW"), ("DRIVE", "4")):
+        assert f'set_property {name} "{value}" ' in constraints
+    assert "create_clock" not in constraints  # the processing system's clocks are constrained by the block design
+
+
+def test_there_is_no_clock_without_the_processing_system(platform_class):
+    assert platform_class.default_clk is None
+
+
+def test_the_readme_names_the_same_part(platform_class):
+    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    assert platform_class.part in text
+    assert platform_class.board_part in text
