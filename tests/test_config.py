@@ -8,13 +8,14 @@ import sys
 
 import pytest
 
-from cmfpga.config import GRADIENTS, PRESETS, START_MODES, Config, preset
+from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset
 from cmfpga.errors import ConfigError, UserError
 
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
 REAL = [name for name, field in FIELDS.items() if field.type is float]
-RUNTIME = {"min_roi_events", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain"}
+TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm"}
+RUNTIME = {"min_roi_events", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain", "cold", "warm"}
 
 # Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
 LEAST = {
@@ -26,7 +27,7 @@ LEAST = {
 # What a field's largest value needs of others.
 ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
-    "span_bits": {"time_bits": 48}, "iterations": {"max_iterations": 65535},
+    "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 20},
 }  # fmt: skip
 
@@ -46,7 +47,7 @@ def refusal(**changes):
 def test_the_defaults_are_the_presets_and_no_limit_is_missing():
     assert PRESETS["paper"] == Config() == preset("paper")
     assert all(FIELDS[name].metadata["low"] is not None and FIELDS[name].metadata["high"] for name in BOUNDED)
-    assert set(BOUNDED) | set(REAL) | {"gradient", "start"} == set(FIELDS)
+    assert set(BOUNDED) | set(REAL) | TEXT == set(FIELDS)
     for field in FIELDS.values():
         assert len(field.metadata["doc"]) > 5
 
@@ -96,10 +97,12 @@ def test_a_narrower_format_allows_less():
     assert refusal(roi_gain=2.0, roi_gain_int=1) == "roi_gain = 2.0: 0 to 1.9375 is needed (UQ1.4)"
 
 
-@pytest.mark.parametrize("name, choices", [("start", START_MODES), ("gradient", GRADIENTS)])
+@pytest.mark.parametrize("name, choices", [
+    ("start", START_MODES), ("gradient", GRADIENTS), ("ascent", ASCENTS), ("ram_style", RAM_STYLES),
+])  # fmt: skip
 def test_choices(name, choices):
     for choice in choices:
-        assert getattr(Config(**{name: choice}), name) == choice
+        assert getattr(Config(max_level=2, **{name: choice}), name) == choice
     for value in ("", "LAST", " sweep", 1, None, ["last"]):
         assert refusal(**{name: value}) == f"{name} = {value!r}: one of {', '.join(choices)} is needed"
 
@@ -112,13 +115,16 @@ def test_choices(name, choices):
     [
         ({"roi_width": 242}, "roi_width = 242: at most 240 is allowed (sensor_width)"),
         ({"sensor_height": 62}, "roi_height = 64: at most 62 is allowed (sensor_height)"),
-        ({"roi_width": 63}, "roi_width = 63: an even number of pixels is needed"),
-        ({"roi_height": 3}, "roi_height = 3: an even number of pixels is needed"),
+        ({"roi_width": 63}, "roi_width = 63: an even number of pixels is needed by the sweep"),
+        ({"roi_height": 3}, "roi_height = 3: an even number of pixels is needed by the sweep"),
         ({"span_bits": 32}, "span_bits = 32: less than time_bits = 32 is needed, "),
         ({"time_bits": 24}, "span_bits = 24: less than time_bits = 24 is needed, "),
         ({"iterations": 1024}, "iterations = 1024: at most 1023 is allowed (max_iterations)"),
         ({"max_iterations": 99}, "iterations = 100: at most 99 is allowed (max_iterations)"),
         ({"min_roi_events": 2049}, "min_roi_events = 2049: at most 2048 is allowed (buffer_events)"),
+        ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
+        ({"ascent": "sign"}, "cold: '2:1*4': level 0 to 0 is needed (max_level)"),
+        ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 8 iterations; at most 32 are "),
         ({"buffer_events": 1 << 20}, "G = P·S − ΣI·ΣD needs 70 bits, more than the 63 that the exact integer model"),
         ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
     ],
@@ -172,9 +178,7 @@ def test_replace_checks_again_and_leaves_the_original():
     assert config.replace() == config
     with pytest.raises(ConfigError, match=r"^roi_width = 0: 2 to 4096 is needed$"):
         config.replace(roi_width=0)
-    with pytest.raises(
-        ConfigError, match=r"^'roi_size': no such field; the fields are sensor_width, .*, roi_gain_frac$"
-    ):
+    with pytest.raises(ConfigError, match=r"^'roi_size': no such field; the fields are sensor_width, .*, ram_style$"):
         config.replace(roi_size=3)
 
 
@@ -208,7 +212,7 @@ def test_parse_refuses(text, message):
 
 
 def test_presets_by_name():
-    with pytest.raises(ConfigError, match=r"^preset 'Paper': one of paper is needed$"):
+    with pytest.raises(ConfigError, match=r"^preset 'Paper': one of paper, fast, .* is needed$"):
         preset("Paper")
     assert issubclass(ConfigError, UserError) and issubclass(UserError, ValueError)
 

@@ -128,7 +128,9 @@ class Config:
                 f"at most {self.schedule_entries} are allowed in all (schedule_entries)"
             )
         if self.dither_frac > self.dt_frac + self.v_frac:
-            raise ConfigError(f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac is allowed")
+            raise ConfigError(
+                f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
+            )
         for what, width in self.exact_widths.items():
             if width > 63:
                 raise ConfigError(

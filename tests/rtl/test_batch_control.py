@@ -32,7 +32,7 @@ class Plan:
     idle: int = 0  # cycles before the first event is offered
     gaps: list = field(default_factory=lambda: [0])  # before the other events, in turn
     division: int = 7
-    votes: int = 6  # from a replay to the sweep's last address
+    votes: int = 6  # from a replay to the pulse that the next v follows
     wait: int = 0  # cycles that the result waits
     #: cycle of the last event, set by the bench
     accepted: list = field(default_factory=list)
@@ -46,7 +46,7 @@ def play(plans, *, drain=4, replay_delay=3, feed=4, move=3, clear=5, seed=0):
     """Simulate; returns the control's outputs of every cycle."""
     rng = np.random.default_rng(seed)
     dut = BatchControl(CONFIG, drain=drain, replay_delay=replay_delay, move=move)
-    names = ("stored", "span", "divided", "updated", "swept", "taken", "settings")
+    names = ("stored", "span", "planned", "divided", "evaluate", "updated", "cleared", "taken", "settings")
     inputs = {name: Port(getattr(dut, name)) for name in names}
     event, valid, ready = Port(dut.i.payload), Port(dut.i.valid), Port(dut.i.ready)
     flags = ("iterating", "degenerate", "cut", "done", "current", "events", "iterations", "cycles")
@@ -56,7 +56,7 @@ def play(plans, *, drain=4, replay_delay=3, feed=4, move=3, clear=5, seed=0):
     log = []
 
     async def bench(ctx):
-        cycle, due = 0, {"swept": set(), "updated": set(), "divided": set()}
+        cycle, due = 0, {name: set() for name in ("evaluate", "cleared", "updated", "divided")}
 
         async def step(offer=None, settings=None, taken=0, plan=None):
             """One cycle; whether the offered event was accepted."""
@@ -73,19 +73,20 @@ def play(plans, *, drain=4, replay_delay=3, feed=4, move=3, clear=5, seed=0):
             inputs["span"].set(ctx, plan.span if drained else int(rng.integers(3)))
             for name in due:
                 inputs[name].set(ctx, int(cycle in due[name]))
+            inputs["planned"].set(ctx, plan.iterations if drained else int(rng.integers(CONFIG.max_iterations + 1)))
             # A sweep of a single address ends in the cycle in which it starts.
             if outputs["sweep"].get(ctx):
-                due["swept"].add(cycle + clear)
-                inputs["swept"].set(ctx, int(clear == 0))
+                due["cleared"].add(cycle + clear)
+                inputs["cleared"].set(ctx, int(clear == 0))
             row = {name: port.get(ctx) for name, port in outputs.items()}
             row |= {"ready": ready.get(ctx), "passed": passed.get(ctx) if passed_valid.get(ctx) else None}
-            row["swept"] = ctx.get(dut.swept)
+            row["evaluate"] = ctx.get(dut.evaluate)
             log.append(row)
             if row["divide"]:
                 due["divided"].add(cycle + plan.division)
             if row["replay"]:
-                due["swept"].add(cycle + plan.votes)
-            if row["swept"] and row["iterating"]:
+                due["evaluate"].add(cycle + plan.votes)
+            if row["evaluate"] and row["iterating"]:
                 due["updated"].add(cycle + replay_delay + feed)
             accepted = bool(offer is not None and row["ready"])
             if accepted:
@@ -248,8 +249,8 @@ def test_no_event_is_accepted_while_busy():
     assert not any(row["ready"] for row in log[:32]) and log[32]["ready"]
 
 
-def test_replay_cannot_start_before_the_sweep_ends():
-    with pytest.raises(ValueError, match="2 cycles before the sweep's last address"):
+def test_replay_cannot_start_before_the_last_event_is_counted():
+    with pytest.raises(ValueError, match="2 cycles before the last event is counted"):
         BatchControl(CONFIG, drain=4, replay_delay=-2, move=3)
 
 
