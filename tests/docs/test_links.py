@@ -11,7 +11,7 @@ PAGES = [
     *sorted((ROOT / "boards").rglob("*.md")),
 ]  # fmt: skip
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
-PATH = re.compile(r"`((?:src|tests|docs|boards)/[\w./-]+)`")
+PATH = re.compile(r"`((?:src|tests|docs|boards|sim)/[\w./-]+)`")
 
 
 def anchors(page):

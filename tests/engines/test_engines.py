@@ -20,7 +20,7 @@ from cmfpga.events import Events
 
 # The hardware of tests/cli too, so that one compilation serves both.
 HARDWARE = {
-    "sensor_width": 32, "sensor_height": 24, "roi_width": 8, "roi_height": 8, "buffer_events": 32,
+    "sensor_width": 32, "sensor_height": 24, "roi_width": 8, "roi_height": 8, "buffer_events": 96,
     "max_batch_events": 100, "time_bits": 16, "span_bits": 10, "max_iterations": 15, "v_int": 3,
 }  # fmt: skip
 CONFIG = Config(**HARDWARE, iterations=3)
@@ -77,7 +77,7 @@ def without_cycles(result):
 def sequence(rng):
     """``(name, events, settings, flags that must be set)``: a life of the core, one batch after the other."""
     steps = np.arange(25)
-    at_rest = Events(np.arange(90), np.full(90, 10), np.full(90, 10), np.zeros(90))
+    at_rest = Events(np.arange(100), np.full(100, 10), np.full(100, 10), np.zeros(100))
     return [
         ("first", make_events(rng, 60), settings((8, 8)), Flag(0)),
         ("follows", make_events(rng, 60), settings(), Flag(0)),

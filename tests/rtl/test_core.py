@@ -271,7 +271,7 @@ def test_reset_in_the_middle(moment, rng):
     top = Module()
     top.submodules.core = ResetInserter(reset)(core)
     moved = [spread(config, rng, 20, iterations=2, eta=config.eta_format.raw(8.0)) for _ in range(2)]
-    first, _ = drive_core(core, moved, rng=rng, before_tick=at_moment(core, moment))
+    first, broken = drive_core(core, moved, rng=rng, before_tick=at_moment(core, moment))
     again = [
         # Where v and the ROI must be those of a reset; sees the whole image.
         Batch(events=[(t, x - 12, y - 9) for t, x, y in moved[0].events], settings=settings(config, iterations=3)),
@@ -281,6 +281,7 @@ def test_reset_in_the_middle(moment, rng):
 
     async def bench(ctx):
         await first(ctx)
+        assert broken[-1].result is None, "the moment never came"
         ctx.set(core.o.ready, 0)
         ctx.set(reset, 1)
         await ctx.tick()
@@ -297,7 +298,8 @@ def at_moment(core, moment):
     counters = {
         "events": lambda ctx: ctx.get(core.i.valid) & ctx.get(core.i.ready),
         "votes": lambda ctx: ctx.get(core.voter.o.valid),
-        "swept": lambda ctx: ctx.get(core.accumulator.sweep.valid),
+        # Not the sweep after the reset.
+        "swept": lambda ctx: ctx.get(core.accumulator.sweep.valid) & ctx.get(core.batch_control.iterating),
         "traced": lambda ctx: ctx.get(core.trace.valid),
     }
     seen = dict.fromkeys((*counters, "cycles since the last event"), 0)
@@ -306,12 +308,12 @@ def at_moment(core, moment):
         for name, counter in counters.items():
             seen[name] += counter(ctx)
         seen["cycles since the last event"] += seen["events"] == 40
-        # Two iterations a batch; the sweep after the reset comes first.
+        # Two iterations a batch.
         return {
             "ingest": seen["events"] == 30,
             "division": seen["cycles since the last event"] == 20,
             "votes": seen["votes"] == 3 * 20 + 15,
-            "sweep": seen["swept"] == core.config.bank_words * (1 + 3) + core.config.bank_words // 2,
+            "sweep": seen["swept"] == core.config.bank_words * 3 + core.config.bank_words // 2,
             "evaluation": seen["traced"] == 4,
             "result": seen["traced"] == 4 and ctx.get(core.o.valid),
         }[moment]
