@@ -39,5 +39,5 @@ def test_refusals(text, message):
 def test_the_fast_preset_has_sixteen_cold_and_eight_warm_iterations():
     config = preset("fast")
     assert (len(config.cold_schedule), len(config.warm_schedule)) == (16, 8)
-    with pytest.raises(ConfigError, match="^warm: "):
+    with pytest.raises(ConfigError, match=r"^warm: "):
         config.replace(warm="0:9")

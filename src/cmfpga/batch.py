@@ -11,7 +11,7 @@ from .fixed import saturate
 class Flag(enum.IntFlag):
     """What was unusual about a batch. The hardware's ``flags`` output has these bits."""
 
-    DEGENERATE = 1  # too few ROI events, or t_1 = t_N, or T = 0: v and the ROI stay as they were
+    DEGENERATE = 1  # too few ROI events, or t_1 = t_N, or T = 0: v stays, the ROI does not move by it
     OVERFLOW = 2  # more ROI events than the buffer holds; the surplus was dropped
     TIME_BACK = 4  # events whose time steps back were dropped
     TIME_SPAN = 8  # events later than the span that relative times can hold were dropped

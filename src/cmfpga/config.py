@@ -69,7 +69,9 @@ class Config:
     warm: str = _field(WARM, "schedule of the sign ascent from the last v", runtime=True)
     schedule_entries: int = _field(32, "iterations that the table of schedules holds, cold and warm", low=2, high=256)
     max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
-    eta: float = _field(1.0, "step η of the gradient ascent", unit="(px/half batch)²", low=0.0, runtime=True)
+    eta: float = _field(
+        1.0, "step η of the gradient ascent", unit="(px/half batch)² per (events/px)²", low=0.0, runtime=True
+    )
     start: str = _field("last", "start velocity of a batch", choices=START_MODES, runtime=True)
     v_start_x: float = _field(0.0, "start velocity along x when start = given", unit="px/half batch", runtime=True)
     v_start_y: float = _field(0.0, "start velocity along y when start = given", unit="px/half batch", runtime=True)
@@ -82,7 +84,7 @@ class Config:
     position_frac: int = _field(8, "fraction bits of a warped position", unit="bits", low=1, high=12)
     weight_frac: int = _field(8, "fraction bits of a vote", unit="bits", low=1, high=16)
     derivative_frac: int = _field(8, "fraction bits of a vote's derivative", unit="bits", low=1, high=16)
-    reciprocal_bits: int = _field(16, "precision of 1/half range", unit="bits", low=4, high=17)
+    reciprocal_bits: int = _field(16, "precision of the reciprocal of the batch's range", unit="bits", low=4, high=17)
     gradient_int: int = _field(11, "integer bits of the contrast's gradient", unit="bits", low=1, high=20)
     gradient_frac: int = _field(24, "fraction bits of the contrast's gradient", unit="bits", low=4, high=32)
     eta_int: int = _field(6, "integer bits of η", unit="bits", low=0, high=10)

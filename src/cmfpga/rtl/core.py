@@ -57,7 +57,8 @@ class Core(wiring.Component):
         One per batch; the next batch is accepted when it is taken. ``sums`` are those of the last
         iteration, and mean nothing where the ``DEGENERATE`` flag is set.
     settings : ``In``, :func:`payloads.settings`
-        Taken over in the cycle in which a batch's first event is offered; may change at any other time.
+        Taken over when a batch's first event is offered to the idle core, one cycle before it is accepted: hold them
+        until then.
     trace : ``Out``, flow of :func:`payloads.trace`
         Every iteration's v and sums, for verification.
     pixels : ``Out``, flow of an array of four :func:`payloads.pixel`
@@ -233,7 +234,7 @@ class Core(wiring.Component):
         m.d.comb += [
             reader.start.eq(voted | control.sweep),
             control.evaluate.eq(reader.sweep.valid & reader.sweep.payload.last),
-            control.cleared.eq(control.evaluate),
+            control.cleared.eq(reader.o.valid),  # not before: a result must not see the sums of this sweep change
             self.pixels.valid.eq(self.accumulator.o.valid & control.iterating),
             self.pixels.payload.eq(self.accumulator.o.payload),
         ]

@@ -22,7 +22,7 @@ class GradientReader(wiring.Component):
     Members
     -------
     start : ``In(1)``
-        Begin a sweep. Not while one is under way.
+        Begin a sweep. Not before the sums of the one before are valid.
     sweep : ``Out``, flow of :func:`payloads.sweep_address`
         To the accumulator; ``last`` marks the last address.
     i : ``In``, flow of an array of four :func:`payloads.pixel`

@@ -28,7 +28,7 @@ class RoiFilter(wiring.Component):
     o : ``Out``, flow of :func:`payloads.roi_event`
         Events in the ROI.
     start : ``In(1)``
-        A new batch begins: clears the counters. No event in this cycle.
+        A new batch begins: clears the counters. No event in this cycle and the two before.
     roi : ``In``, :func:`payloads.roi_corner`
         The ROI's corner; constant during a batch.
     t_first, span : ``Out``

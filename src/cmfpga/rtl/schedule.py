@@ -29,7 +29,7 @@ class Schedule(wiring.Component):
     level, shift : ``Out``
         Pixels are 2^level px wide; v moves by 2^shift raw units.
     limited : ``Out(1)``
-        An entry since ``new_batch`` was out of range.
+        An entry used since ``new_batch`` was out of range.
     """
 
     def __init__(self, config):
@@ -59,6 +59,7 @@ class Schedule(wiring.Component):
             write.en.eq(self.write.valid),
             read.addr.eq(pointer),
         ]
+        out_of_range = Signal()
         loaded = delay(m, self.load, 1, name="loaded", valid=True)
         with m.If(self.load):
             m.d.sync += pointer.eq(self.first)
@@ -72,6 +73,8 @@ class Schedule(wiring.Component):
                 self.level.eq(Mux(too_coarse, config.max_level, read.data.level)),
                 self.shift.eq(Mux(too_far, config.v.width - 2, read.data.shift)),
             ]
-            with m.If((too_coarse | too_far) & loaded):
-                m.d.sync += self.limited.eq(1)
+            m.d.sync += out_of_range.eq(too_coarse | too_far)
+        # Only an entry that was used counts, not the one behind the last.
+        with m.If(self.advance & out_of_range):
+            m.d.sync += self.limited.eq(1)
         return m

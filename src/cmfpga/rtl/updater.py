@@ -25,6 +25,7 @@ class Updater(wiring.Component):
     Members
     -------
     i : ``In``, flow of a :func:`payloads.vector` of ``g_bits``
+        At least two cycles apart.
     new_batch : ``In(1)``
         A batch begins: forget ``saturated``.
     load : ``In(1)``
