@@ -52,6 +52,7 @@ class VerilatedCore:
         self._library = ctypes.CDLL(str(compile_library(core)))
         self._library.core_new.restype = ctypes.c_void_p
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
+        self._table = ()
         self.reset()
 
     def reset(self, cycles=2):
@@ -65,6 +66,9 @@ class VerilatedCore:
 
     def write_schedule(self, table):
         """Fill the table of schedules with (level, shift) pairs, from address 0 on; between batches only."""
+        if table == self._table:
+            return
+        self._table = table
         rows = np.array(table, np.int64).reshape(-1, 2).T
         levels, shifts = (np.ascontiguousarray(row) for row in rows)
         pointers = (ctypes.c_void_p(levels.ctypes.data), ctypes.c_void_p(shifts.ctypes.data))
@@ -160,14 +164,10 @@ class VerilatedEngine(RtlEngine):
     def __init__(self, config):
         super().__init__(config)
         self._core = VerilatedCore(config)
-        self._table = ()
 
     def _simulate(self, events, settings):
         values = settings_values(self.config, settings)
-        table = schedule_table(self.config, settings)
-        if table != self._table:
-            self._core.write_schedule(table)
-            self._table = table
+        self._core.write_schedule(schedule_table(self.config, settings))
         result, trace, _ = self._core.run(events.t, events.x, events.y, values)
         return result, trace
 
