@@ -57,6 +57,8 @@ class Maker:
     def __init__(self, config, rng):
         self.config = config
         self.rng = rng
+        # Events that a batch may have in the ROI, so that only the batch that shall overflow the buffer does.
+        self.n = min(160, max(1, 3 * config.buffer_events // 4))
 
     def inside(self, n, roi):
         """``n`` random pixels of the ROI."""
@@ -68,6 +70,12 @@ class Maker:
     def anywhere(self, n):
         """``n`` random pixels of the sensor."""
         return self.rng.integers(self.config.sensor_width, size=n), self.rng.integers(self.config.sensor_height, size=n)
+
+    def mixed(self, n, roi):
+        """``n`` pixels, half of them in the ROI for sure."""
+        order = self.rng.permutation(n)
+        pixels = zip(self.inside(n - n // 2, roi), self.anywhere(n // 2), strict=True)
+        return [np.concatenate(axis)[order] for axis in pixels]
 
     def times(self, n):
         """Rising times, the first anywhere."""
@@ -107,24 +115,22 @@ class Maker:
 @kind
 def steady(make, roi):
     """Events in and around the ROI, one per cycle."""
-    order = make.rng.permutation(200)
-    pixels = zip(make.inside(100, roi), make.anywhere(100), strict=True)
-    return {"pixels": [np.concatenate(axis)[order] for axis in pixels]}
+    return {"pixels": make.mixed(make.n, roi)}
 
 
 @kind
 def hesitant(make, roi):
     """Gaps between the events, and a result that waits for long."""
-    gaps = make.rng.integers(0, 6, 120) * (make.rng.random(120) < 0.4)
+    gaps = make.rng.integers(0, 6, make.n) * (make.rng.random(make.n) < 0.4)
     gaps[0] = 20
-    return {"pixels": make.inside(120, roi), "gaps": gaps, "stall": 40}
+    return {"pixels": make.inside(make.n, roi), "gaps": gaps, "stall": 40}
 
 
 @kind
 def repeated(make, roi):
     """The same few pixels again after 1, 2, … 6 events, for the forwarding, and a step as large as can be."""
     x, y = make.inside(6, roi)
-    order = np.concatenate([np.tile(np.arange(distance), 10) for distance in range(1, 7)])
+    order = np.concatenate([np.tile(np.arange(distance), 7) for distance in range(1, 7)])[: make.n]
     settings = {"eta": make.config.eta_format.max, "start_last": False, "v_start": (0, 0)}
     return {"pixels": (x[order], y[order]), "settings": settings}
 
@@ -138,26 +144,29 @@ def degenerate(make, roi):
 
 @kind
 def borders(make, roi):
-    """Events on the ROI's outermost pixels, and a v that throws many of them out."""
-    config, n = make.config, 150
+    """Events on both sides of the ROI's border, and a v that throws many of them out."""
+    config, rng, n = make.config, make.rng, make.n
     x, y = make.inside(n, roi)
-    edge = make.rng.integers(4, size=n)
-    x = np.select([edge == 0, edge == 1], [roi[0], roi[0] + config.roi_width - 1], x)
-    y = np.select([edge == 2, edge == 3], [roi[1], roi[1] + config.roi_height - 1], y)
-    return {"pixels": (x, y), "settings": {"start_last": False, "v_start": (config.v.max, config.v.min)}}
+    edge = np.arange(n) % 8
+    left, top, right, bottom = roi[0], roi[1], roi[0] + config.roi_width, roi[1] + config.roi_height
+    x = np.select([edge == 0, edge == 1, edge == 2, edge == 3], [left - 1, left, right - 1, right], x)
+    y = np.select([edge == 4, edge == 5, edge == 6, edge == 7], [top - 1, top, bottom - 1, bottom], y)
+    order = rng.permutation(n)
+    pixels = np.clip(x, 0, config.sensor_width - 1)[order], np.clip(y, 0, config.sensor_height - 1)[order]
+    return {"pixels": pixels, "settings": {"start_last": False, "v_start": (config.v.max, config.v.min)}}
 
 
 @kind
 def reset_in_iterations(make, roi):
     """A reset while the banks hold votes."""
     settings = {"iterations": min(3, make.config.max_iterations)}
-    return {"pixels": make.inside(200, roi), "settings": settings, "reset_at": make.rng.uniform(0.3, 0.9)}
+    return {"pixels": make.inside(make.n, roi), "settings": settings, "reset_at": make.rng.uniform(0.3, 0.9)}
 
 
 @kind
 def after_reset(make, roi):
     """No ROI is loaded and v is the last one: both must be zero after the reset."""
-    return {"pixels": make.inside(100, (0, 0)), "settings": {"roi": None, "start_last": True}}
+    return {"pixels": make.inside(make.n, (0, 0)), "settings": {"roi": None, "start_last": True}}
 
 
 @kind
@@ -171,17 +180,18 @@ def overfull(make, roi):
 def odd_times(make, roi):
     """Time stamps that wrap, step back, and lie beyond the span."""
     config, rng = make.config, make.rng
-    t = np.cumsum(rng.integers(0, 40, size=160)) + (1 << config.time_bits) - 1000
-    t[rng.integers(1, 160, size=5)] -= 300
-    t[rng.integers(100, 160, size=5)] += 1 << config.span_bits
-    return {"pixels": make.anywhere(160), "t": t}
+    n = make.n
+    t = np.cumsum(rng.integers(0, 40, size=n)) + (1 << config.time_bits) - 10 * n
+    t[rng.integers(n, size=4)] -= 300
+    t[rng.integers(n // 2, n, size=4)] += 1 << config.span_bits
+    return {"pixels": make.mixed(n, roi), "t": t}
 
 
 @kind
 def counted(make, roi):
     """A batch that ends by its length: the largest one, where that does not take long."""
     most = make.config.max_batch_events
-    return {"pixels": make.inside(most if most < 3000 else 90, roi), "by_count": True}
+    return {"pixels": make.inside(most if most < 3000 else make.n, roi), "by_count": True}
 
 
 @kind
@@ -203,7 +213,7 @@ def outside_the_sensor(make, roi):
     corner = ((1 << config.x_bits) - 1, (1 << config.y_bits) - 1)
     gain = config.roi_gain_format.max
     # The corner is limited to the sensor, so the events have to lie there.
-    return {"pixels": make.inside(100, clamp_roi(config, corner)[0]), "settings": {"roi": corner, "roi_gain": gain}}
+    return {"pixels": make.inside(make.n, clamp_roi(config, corner)[0]), "settings": {"roi": corner, "roi_gain": gain}}
 
 
 # ---------------------------------------------------------------- memories
@@ -231,6 +241,7 @@ class Vectors:
     def __init__(self, config):
         self.config = config
         self.core = VerilogCore(config)
+        self.verilog = emit_verilog(self.core)
         self.model = IntegerCore(config)
         self.seen = Flag(0)
         self.widths = {name: len(port) for name, port in {**self.core.inputs, **self.core.outputs}.items()}
@@ -321,7 +332,7 @@ class Vectors:
 
     def write(self, folder):
         """All files of the simulation into ``folder``."""
-        (folder / f"{TOP}.v").write_text(emit_verilog(self.core), encoding="ascii")
+        (folder / f"{TOP}.v").write_text(self.verilog, encoding="ascii")
         shutil.copyfile(BENCH, folder / BENCH.name)
         (folder / "vectors.vh").write_text(self.include(), encoding="ascii")
         for memory, words in self.words.items():

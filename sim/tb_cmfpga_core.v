@@ -11,7 +11,7 @@
 module tb_cmfpga_core;
   `include "vectors.vh"
 
-  localparam SHOWN = 20;  // mismatches that are printed
+  localparam SHOWN = 40;  // mismatches that are printed
   localparam SETTINGS_BITS = BATCHES_BITS - 32 - STALL_BITS - RESET_BITS;
 
   reg clk = 0;

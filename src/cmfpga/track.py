@@ -67,10 +67,13 @@ def main(arguments=None):
     with recording:
         config = cli.make_config(options, **_sensor_fields(options, recording), **(DEMO_FIELDS if truth else {}))
         roi = _roi(options, truth, config)
+        events = _batch_events(options)
+        _check_batch("--batch-events", events, config)
+        _check_batch("--batch-roi-events", options.batch_roi_events, config)
         cutter = BatchCutter(
             recording,
             start_event=options.start_event,
-            events=_batch_events(options),
+            events=events,
             duration_us=options.batch_us,
             roi_events=options.batch_roi_events,
             max_events=config.max_batch_events,
@@ -109,6 +112,11 @@ def _batch_events(options):
     if options.batch_us or options.batch_roi_events:
         return None
     return options.batch_events or (5000 if options.recording else DEMO_BATCH_EVENTS)
+
+
+def _check_batch(option, size, config):
+    if size is not None and size > config.max_batch_events:
+        raise ConfigError(f"{option} {size}: at most {config.max_batch_events} is allowed (max_batch_events)")
 
 
 def _roi(options, truth, config):

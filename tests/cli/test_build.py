@@ -1,0 +1,256 @@
+"""``python -m cmfpga.build``: the same bytes every time, one module per block, and a true description."""
+
+import hashlib
+import json
+import os
+import re
+import runpy
+import shutil
+
+import pytest
+
+from cmfpga import __version__, build, emit
+from cmfpga.config import Config
+
+TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
+BLOCKS = (
+    "accumulator", "batch_control", "event_buffer", "gradient", "gradient_reader", "reciprocal", "roi_filter",
+    "roi_updater", "time_scaler", "updater", "voter", "warp",
+)  # fmt: skip
+FILES = ("build-info.json", "build-info.md", "cmfpga_core.v")
+
+
+def sets(fields):
+    return [part for name, value in fields.items() for part in ("--set", f"{name}={value}")]
+
+
+def contents(folder):
+    assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
+    return {name: (folder / name).read_bytes() for name in FILES}
+
+
+def body(verilog):
+    """Without the header, which names the configuration."""
+    return [line for line in verilog.splitlines() if not line.startswith(b"//")]
+
+
+@pytest.fixture(scope="module")
+def emitted(command, tmp_path_factory):
+    """``emitted(**fields)``: the files of a configuration, each made once."""
+    made = {}
+
+    def emitted(**fields):
+        key = json.dumps(fields, sort_keys=True)
+        if key not in made:
+            folder = tmp_path_factory.mktemp("build")
+            done = command(build, *sets(fields), "--out", folder)
+            assert (done.status, done.err) == (0, "")
+            assert done.out.splitlines() == [
+                f"wrote {folder / name}" for name in ("cmfpga_core.v", "build-info.json", "build-info.md")
+            ]
+            made[key] = contents(folder)
+        return made[key]
+
+    return emitted
+
+
+def info_of(files):
+    return json.loads(files["build-info.json"])
+
+
+# ---------------------------------------------------------------- the same bytes
+
+
+def test_two_processes_write_the_same_bytes(process, emitted, tmp_path):
+    """Other hash seeds, other folders, one of them without torch; and a third time in this process."""
+    here = emitted(**TINY)
+    for seed, without in (("0", ()), ("12345", ("torch",))):
+        done = process("build", *sets(TINY), "--out", f"new/{seed}", without=without, PYTHONHASHSEED=seed)
+        assert (done.status, done.err) == (0, ""), without
+        assert contents(tmp_path / "new" / seed) == here
+
+
+def test_nothing_of_this_machine_is_in_the_files(emitted):
+    for name, content in emitted(**TINY).items():
+        for trace in (os.getcwd(), os.path.dirname(build.__file__), os.path.expanduser("~") + "/", ".py"):
+            assert trace.encode() not in content, name
+        assert not re.search(rb"\b\d\d:\d\d:\d\d\b|\b20\d\d-\d\d-\d\d\b", content), "a date"
+
+
+def test_runtime_fields_do_not_change_the_verilog(emitted):
+    base = emitted(**TINY)
+    other = emitted(
+        **TINY, min_roi_events=3, iterations=7, eta=0.5, start="given", v_start_x=1.5, v_start_y=-1, roi_gain=1
+    )
+    assert other["cmfpga_core.v"] == base["cmfpga_core.v"]
+    assert info_of(other)["configuration_hash"] == info_of(base)["configuration_hash"]
+    assert info_of(other)["configuration"]["iterations"] == 7
+
+
+HARDWARE = [name for name in Config().hardware_fields if name != "gradient"]  # which has one value yet
+QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
+
+
+@pytest.mark.parametrize(
+    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in HARDWARE]
+)
+def test_hardware_fields_change_the_verilog(emitted, name):
+    base = emitted(**TINY)
+    step = 2 if name in ("roi_width", "roi_height") else 1
+    value = {**Config().to_dict(), **TINY}[name] + step
+    other = emitted(**{**TINY, name: value})
+    assert body(other["cmfpga_core.v"]) != body(base["cmfpga_core.v"])
+    assert info_of(other)["configuration_hash"] != info_of(base)["configuration_hash"]
+
+
+def test_a_system_yosys_is_not_asked(emitted, command, tmp_path, monkeypatch):
+    """Another Yosys would order and name things differently."""
+    fake = tmp_path / "bin" / "yosys"
+    fake.parent.mkdir()
+    fake.write_text("#!/bin/sh\necho 'Yosys 0.99'; exit 1\n")
+    fake.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{fake.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("AMARANTH_USE_YOSYS", "system")
+    assert shutil.which("yosys") == str(fake)
+    done = command(build, *sets(TINY), "--out", tmp_path / "out")
+    assert done.status == 0 and contents(tmp_path / "out") == emitted(**TINY)
+
+
+# ---------------------------------------------------------------- the Verilog
+
+
+CONFIGURATIONS = {
+    "paper": {},
+    "tiny": TINY,
+    "2x2": {"roi_width": 2, "roi_height": 2},
+    "one event": {**TINY, "buffer_events": 1, "max_batch_events": 1},
+    "no power of two": {"sensor_width": 37, "sensor_height": 29, "roi_width": 10, "roi_height": 6, "buffer_events": 77},
+    "narrow": {
+        **TINY, "dt_frac": 2, "v_int": 1, "v_frac": 1, "position_frac": 1, "weight_frac": 1, "derivative_frac": 1,
+        "reciprocal_bits": 4, "gradient_int": 1, "gradient_frac": 4, "eta_int": 1, "eta_frac": 1, "roi_gain_frac": 0,
+        "time_bits": 8, "span_bits": 4, "max_iterations": 100,
+    },
+    "wide": {**TINY, "dt_frac": 16, "v_int": 10, "v_frac": 16, "time_bits": 48, "span_bits": 32, "weight_frac": 12},
+    "roi is sensor": {"sensor_width": 16, "sensor_height": 12, "roi_width": 16, "roi_height": 12},
+}  # fmt: skip
+
+
+@pytest.fixture(params=[*CONFIGURATIONS, pytest.param("full sensor", marks=pytest.mark.slow)])
+def files(request, emitted):
+    return emitted(**CONFIGURATIONS.get(request.param, {"roi_width": 240, "roi_height": 180}))
+
+
+def test_one_module_per_block(files):
+    text = files["cmfpga_core.v"].decode("ascii")
+    modules = re.findall(r"^module (\S+?) ?\(", text, re.MULTILINE)
+    blocks = {name.removeprefix("cmfpga_core_") for name in modules if name != "cmfpga_core"}
+    assert len(modules) == len(set(modules)) == text.count("\nendmodule\n")
+    assert set(BLOCKS) <= blocks
+    # What else there is belongs to one of them, such as the banks of the accumulator.
+    assert all(name.startswith(BLOCKS) for name in blocks), blocks - set(BLOCKS)
+    # All that is instantiated is defined, and the other way round.
+    used = set(re.findall(r"^  (cmfpga_core_\w+) +\w+ \(", text, re.MULTILINE))
+    assert used == set(modules) - {"cmfpga_core"}
+
+
+def test_plain_verilog_without_contents_or_attributes(files):
+    text = files["cmfpga_core.v"].decode("ascii")
+    for word in ("$display", "$finish", "$assert", "assert", "`ifdef", "logic ", "always_ff", "init =", " z;"):
+        assert word not in text, word
+    assert not re.search(r"initial begin", text), "initial contents of memories"
+    assert text.startswith(f"// cmfpga_core: Contrast Maximization for event cameras, emitted by cmfpga {__version__}.")
+    header = text.partition("\nmodule ")[0]
+    assert info_of(files)["configuration_hash"][:16] in header and "SPDX-License-Identifier: BSD-2-Clause" in header
+
+
+def test_the_listed_ports_are_those_of_the_top_module(files):
+    text = files["cmfpga_core.v"].decode("ascii")
+    top = re.search(r"^module cmfpga_core\((.*?)\);(.*?)^endmodule", text, re.DOTALL | re.MULTILINE)
+    names = re.findall(r"\w+", top[1])
+    listed = info_of(files)["ports"]
+    assert [port["name"] for port in listed] == names and names[:2] == ["clk", "rst"]
+    declared = re.findall(r"^  (input|output) (?:signed )?(?:\[(\d+):0\] )?(\w+) ?;", top[2], re.MULTILINE)
+    assert sorted((name, direction, int(high or 0) + 1) for direction, high, name in declared) == sorted(
+        (port["name"], port["direction"], port["bits"]) for port in listed
+    )
+
+
+def test_the_description_is_that_of_the_configuration(files):
+    info = info_of(files)
+    config = Config(**info["configuration"])
+    assert set(info) == {
+        "cmfpga", "amaranth", "yosys", "top", "sha256", "configuration_hash", "configuration", "formats", "latencies",
+        "cycles", "ports",
+    }  # fmt: skip
+    assert info["cmfpga"] == __version__ and info["top"] == "cmfpga_core"
+    assert (
+        info["sha256"]
+        == hashlib.sha256(files["cmfpga_core.v"]).hexdigest()
+        == emit.sha256(files["cmfpga_core.v"].decode())
+    )
+    assert info["configuration_hash"] == config.hardware_hash
+    assert re.fullmatch(r"0\.5\.\d+", info["amaranth"]) and info["yosys"]
+    for name, fmt in {"v": config.v, "dt": config.dt, "η": config.eta_format, "ROI x": config.roi_x_format}.items():
+        assert (info["formats"][name]["format"], info["formats"][name]["bits"]) == (str(fmt), fmt.width)
+    bits = {port["name"]: (port["bits"], port["signed"]) for port in info["ports"]}
+    assert bits["event_x"] == (config.x_bits, False) and bits["event_t"] == (info["formats"]["t"]["bits"], False)
+    assert bits["result_v_x"] == (config.v.width, True) and bits["settings_eta"] == (config.eta_format.width, False)
+    assert bits["trace_pixels_0_i"] == (info["formats"]["I"]["bits"], False)
+    assert set(info["latencies"]) == set(BLOCKS) - {"batch_control"}
+    assert all(isinstance(cycles, int) and cycles > 0 for cycles in info["latencies"].values())
+
+
+def test_the_formula_of_cycles(files):
+    cycles = info_of(files)["cycles"]
+    pixels = re.fullmatch(r"N \+ T·\(n \+ (\d+) \+ (\d+)\) \+ (\d+)", cycles["formula"])
+    config = Config(**info_of(files)["configuration"])
+    assert int(pixels[1]) == config.roi_width * config.roi_height // 4
+    example = cycles["example"]
+    expected = example["N"] + example["T"] * (example["n"] + int(pixels[1]) + int(pixels[2])) + int(pixels[3])
+    assert example["cycles"] == expected
+
+
+def test_the_summary_says_the_same(files):
+    info, text = info_of(files), files["build-info.md"].decode()
+    config = info["configuration"]
+    assert f"ROI {config['roi_width']}×{config['roi_height']} px" in text and f"`{info['cycles']['formula']}`" in text
+    assert f"{info['cycles']['example']['cycles']:,} cycles" in text
+    for port in info["ports"]:
+        assert f"| `{port['name']}` | {port['direction']} | {port['bits']}{' (signed)' * port['signed']} |" in text
+    for name, cycles in info["latencies"].items():
+        assert f"| {name} | {cycles} |" in text
+    for name, fmt in info["formats"].items():
+        assert f"| {name} | {fmt['format']} | {fmt['bits']} | {fmt['meaning']} |" in text
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_paths_as_json(command, tmp_path):
+    done = command(build, *sets(TINY), "--json", "--out", tmp_path / "für €")
+    files = json.loads(done.out)["files"]
+    assert done.status == 0 and done.err == ""
+    assert files == [str(tmp_path / "für €" / name) for name in ("cmfpga_core.v", "build-info.json", "build-info.md")]
+    assert len(contents(tmp_path / "für €")["cmfpga_core.v"]) > 100_000
+
+
+def test_the_default_folder(command, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "build").mkdir()
+    (tmp_path / "build" / "cmfpga_core.v").write_text("old")
+    assert command(build, *sets(TINY)).out.startswith(f"wrote build{os.sep}cmfpga_core.v\n")
+    assert (tmp_path / "build" / "cmfpga_core.v").stat().st_size > 100_000
+
+
+def test_help_and_version(command):
+    done = command(build, "--help")
+    assert done.status == 0 and all(example in done.out for example in build.EXAMPLES) and "--preset" in done.out
+    assert command(build, "--version").out == f"cmfpga {__version__}\n"
+
+
+def test_as_a_module(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["build", "--set", "roi_width=3"])
+    with pytest.raises(SystemExit) as caught, pytest.warns(RuntimeWarning, match="found in sys.modules"):
+        runpy.run_module("cmfpga.build", run_name="__main__")
+    assert caught.value.code == 2
+    assert capsys.readouterr().err == "error: roi_width = 3: an even number of pixels is needed\n"

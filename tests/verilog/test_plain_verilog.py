@@ -1,0 +1,100 @@
+"""The emitted text: plain Verilog-2001, named and ordered for people."""
+
+import re
+
+import pytest
+from verilog_tools import CONFIGS, emitted, modules, require_icarus, run, verilator_lint
+
+from cmfpga.emit import TOP
+
+BLOCKS = (
+    "accumulator", "accumulator_bank_0", "accumulator_bank_1", "accumulator_bank_2", "accumulator_bank_3",
+    "batch_control", "event_buffer", "gradient", "gradient_reader", "reciprocal", "roi_filter", "roi_updater",
+    "time_scaler", "updater", "voter", "warp",
+)  # fmt: skip
+
+#: Words of SystemVerilog that a generator of Verilog may be tempted by.
+NEWER = (
+    "logic", "bit", "byte", "int", "longint", "shortint", "always_ff", "always_comb", "always_latch", "unique",
+    "priority", "typedef", "enum", "struct", "union", "packed", "interface", "modport", "package", "import", "assert",
+    "assume", "cover", "property", "final", "return", "automatic",
+)  # fmt: skip
+
+
+@pytest.fixture(params=CONFIGS)
+def core_and_text(request):
+    return emitted(CONFIGS[request.param])
+
+
+def test_verilog_2001_by_two_tools(core_and_text, tmp_path):
+    _, text = core_and_text
+    assert verilator_lint(text, tmp_path, "--language", "1364-2001", "-Wno-lint") == (0, set())
+    require_icarus()
+    assert run(["iverilog", "-g2001", "-Wall", "-tnull", tmp_path / f"{TOP}.v"]) == (0, "")
+
+
+def test_a_newer_word_would_be_refused(tmp_path):
+    _, text = emitted(CONFIGS["two by two"])
+    for old, new in (("  always @(posedge clk)", "  always_ff @(posedge clk)"), ("  reg ", "  logic ")):
+        assert old in text
+        status, found = verilator_lint(text.replace(old, new, 1), tmp_path, "--language", "1364-2001", "-Wno-lint")
+        assert status and found == {"error"}
+
+
+def test_no_word_of_systemverilog(core_and_text):
+    _, text = core_and_text
+    # An escaped name (\inside ) is allowed to be such a word; comments are no code.
+    code = re.sub(r"\\\S+ |//.*|\(\*.*?\*\)", " ", text)
+    assert not set(re.findall(r"(?<![\w$'])[a-z_]\w*", code)) & set(NEWER)
+    assert not re.search(r"\$(?:display|finish|readmem|error|fatal|random)", code)
+
+
+def test_initial_values_of_registers_only(core_and_text):
+    _, text = core_and_text
+    for module in modules(text).values():
+        memories = re.findall(r"^  reg (?:\[\d+:0\] )?(\S+) \[\d+:0\];$", module, re.MULTILINE)
+        initial = re.findall(r"\binitial\b.*", module)
+        named = re.findall(r"^  initial (\S+) += \d*'?[a-z]?[\da-f]+;$", module, re.MULTILINE)
+        assert len(named) == len(initial)
+        assert not set(memories) & set(named)
+
+
+def test_the_memories_are_where_they_should_be(core_and_text):
+    core, text = core_and_text
+    config = core.config
+    found = {
+        name.removeprefix(f"{TOP}_"): sorted(
+            (int(width or 0) + 1, int(depth) + 1)
+            for width, depth in re.findall(r"^  reg (?:\[(\d+):0\] )?\S+ \[(\d+):0\];$", module, re.MULTILINE)
+        )
+        for name, module in modules(text).items()
+    }
+    pixel = [config.image_bits, config.derivative_image_bits, config.derivative_image_bits]
+    event = len(core.event_buffer.i.payload.as_value())
+    assert {name: sizes for name, sizes in found.items() if sizes} == {
+        **{f"accumulator_bank_{n}": sorted((bits, config.bank_depth) for bits in pixel) for n in range(4)},
+        "event_buffer": [(event, config.buffer_events)],
+    }
+
+
+def test_one_module_per_block(core_and_text):
+    _, text = core_and_text
+    assert sorted(modules(text)) == sorted([TOP, *(f"{TOP}_{block}" for block in BLOCKS)])
+    assert len(re.findall(r"^module ", text, re.MULTILINE)) == len(BLOCKS) + 1
+
+
+def test_ports(core_and_text):
+    core, text = core_and_text
+    top = modules(text)[TOP]
+    names = re.findall(r"\w+", re.search(r"\((.*?)\);", top, re.DOTALL)[1])
+    assert names == ["clk", "rst", *core.inputs, *core.outputs]
+    declared = {
+        name: (direction, int(width or 0) + 1)
+        for direction, width, name in re.findall(r"^  (input|output) (?:\[(\d+):0\] )?(\w+);$", top, re.MULTILINE)
+    }
+    assert declared == {
+        "clk": ("input", 1),
+        "rst": ("input", 1),
+        **{name: ("input", len(port)) for name, port in core.inputs.items()},
+        **{name: ("output", len(port)) for name, port in core.outputs.items()},
+    }
