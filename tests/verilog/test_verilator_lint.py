@@ -20,11 +20,7 @@ def test_the_file_waives_these_rules_with_reasons(waivers):
     assert len(re.findall(r"^//.*\nlint_off", text, re.MULTILINE)) == len(WAIVED)
 
 
-# A signal without bits becomes "wire [-1:0]": the voter's column and row in an ROI of a single cell.
-NO_BITS = pytest.mark.xfail(reason="rtl/voter.py: coordinate needs range(max(2, …))", strict=True)
-
-
-@pytest.mark.parametrize("name", [*list(CONFIGS)[:-1], pytest.param("two by two", marks=NO_BITS)])
+@pytest.mark.parametrize("name", CONFIGS)
 def test_no_warning_beside_them_and_all_are_needed(name, waivers, tmp_path):
     _, text = emitted(CONFIGS[name])
     assert verilator_lint(text, tmp_path, "-Wall", waivers) == (0, set())

@@ -125,7 +125,7 @@ class BilinearVoter(wiring.Component):
         for parity in (0, 1):
             far = Signal(name=f"{name}{parity}_far_s2", reset_less=True)
             inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
-            coordinate = Signal(range((sizes[0] + 1) // 2), name=f"{name}{parity}_s2", reset_less=True)
+            coordinate = Signal(range(max(2, (sizes[0] + 1) // 2)), name=f"{name}{parity}_s2", reset_less=True)
             is_far = cell_s1[0] ^ parity
             corner = cell_s1 + is_far
             m.d.sync += [
