@@ -253,4 +253,4 @@ def test_as_a_module(tmp_path, monkeypatch, capsys):
     with pytest.raises(SystemExit) as caught, pytest.warns(RuntimeWarning, match="found in sys.modules"):
         runpy.run_module("cmfpga.build", run_name="__main__")
     assert caught.value.code == 2
-    assert capsys.readouterr().err == "error: roi_width = 3: an even number of pixels is needed\n"
+    assert capsys.readouterr().err == "error: roi_width = 3: an even number of pixels is needed by the sweep\n"
