@@ -197,7 +197,8 @@ class AnyContent:
             instance.write_port(domain=port.domain, addr=port.addr, data=Value.cast(port.data), en=port.en)
         for port in memory.read_ports:
             assert not port.transparent_for
-            instance.read_port(domain=port.domain, addr=port.addr, data=Value.cast(port.data), en=port.en)
+            word = Value.cast(port.data)
+            instance.read_port(domain=port.domain, addr=port.addr, data=word, en=port.en, transparent_for=())
         return instance
 
 
