@@ -315,6 +315,8 @@ class Vectors:
             "EVENTS": len(self.words["events"]),
             "ITERATIONS": len(self.words["trace"]),
             "BANK_WORDS": config.bank_words,
+            # After a reset the banks are swept, and the sums of that sweep settle.
+            "CLEARING": config.bank_words + self.core.gradient_reader.latency,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.bank_words + 500),
             "GAP_BITS": GAP_BITS,

@@ -241,7 +241,7 @@ module tb_cmfpga_core;
       repeat (3) @(negedge clk);
       rst = 0;
       // Then the core sweeps its banks, one address per cycle.
-      opened = cycle + BANK_WORDS;
+      opened = cycle + CLEARING;
     end
   endtask
 
