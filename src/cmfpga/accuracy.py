@@ -505,19 +505,20 @@ def _share_cells(scores):
 
 
 BINS = (
-    ("speed", "speed, px per half batch", (0, 1, 3, 6, 9)),
-    ("roi_events", "n, events", (0, 200, 600, 1200, 2001)),
-    ("noise", "noise, share of n", (0, 0.1, 0.2, 0.3)),
+    ("speed", "speed, px per half batch", ((0, 1), (1, 3), (3, 6), (6, 9), (1, 9))),
+    ("roi_events", "n, events", ((200, 600), (600, 1200), (1200, 2001))),
+    ("noise", "noise, share of n", ((0, 0.1), (0.1, 0.2), (0.2, 0.3))),
 )
 
 
 def _binned(cases, values):
     """Rows of errors by what the batches are made of."""
     groups = []
-    for name, title, edges in BINS:
+    for name, title, bins in BINS:
         facts = np.array([case.facts[name] for case in cases])
-        for low, high in pairwise(edges):
-            groups.append((f"{title}: {low} to {high}", (facts >= low) & (facts < high)))
+        for low, high in bins:
+            last = high - 1 if name == "roi_events" else high  # whole numbers
+            groups.append((f"{title}: {low} to {last}", (facts >= low) & (facts < high)))
     textures = np.array([case.facts["texture"] for case in cases])
     groups += [(f"texture: {texture}", textures == texture) for texture in SIZES]
     return [(title, *_error_cells(error_scores(values[chosen]))) for title, chosen in groups if chosen.any()]
