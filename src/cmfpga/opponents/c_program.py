@@ -35,6 +35,8 @@ class CProgram(Program):
     Parameters
     ----------
     form : {"literal", "gather"}
+    sources : folder, optional
+        Of the C files, if not this package.
 
     Raises
     ------
@@ -42,12 +44,12 @@ class CProgram(Program):
         There is no C compiler, or it refuses the program.
     """
 
-    def __init__(self, form):
+    def __init__(self, form, sources=None):
         self.name = f"C, {form}"
         compiler = next((path for path in map(shutil.which, COMPILERS) if path), None)
         if compiler is None:
             raise Unavailable(f"no C compiler ({', '.join(COMPILERS)}) was found: no C programs")
-        here = importlib.resources.files(__package__)
+        here = sources or importlib.resources.files(__package__)
         with tempfile.TemporaryDirectory(prefix="cmfpga-") as folder:
             folder = Path(folder)
             for name in ("program.h", f"{form}.c"):
