@@ -51,7 +51,7 @@ def table(report):
     for name, how in report["programs"].items():
         errors = [row["error"] for case in report["cases"] for row in case["programs"] if row["name"] == name]
         known = [error for error in errors if error]
-        lines.append(f"  {name}: {how}" + (f"; gradients within {max(known):.0e} of float64" if known else ""))
+        lines.append(f"  {name}: {how}" + (f"; gradients differ from float64's by {max(known):.0e}" if known else ""))
     if report["missing"]:
         lines += ["", "Not measured", *(f"  {line}" for line in report["missing"])]
     return lines, limits, speed_ups
