@@ -11,6 +11,7 @@ from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
 from .roi_filter import roi_filter
 from .roi_updater import roi_updater
+from .thinner import next_thinning, thinner
 from .time_scaler import time_scaler
 from .updater import gain, sign_updater, updater
 from .voter import voter
@@ -46,6 +47,11 @@ class IntegerCore:
         a degenerate batch or a reset ends it.
     position : pair of int
         Raw ROI position, ``config.roi_x_format`` and ``config.roi_y_format``; the origin after a reset.
+    last_step, coming_step : pair of int
+        With two event buffers: the move that led to ``position``, and the last batch's, which follows when the next
+        batch has been cropped; None before the first batch.
+    thinning : int or None
+        What would have brought the last batch down to its target.
     dt : int64 tensor
         Scaled times of the last batch's ROI events.
     iterations : list of IntegerIteration
@@ -56,6 +62,9 @@ class IntegerCore:
     v: tuple[int, int] = (0, 0)
     tracking: bool = False
     position: tuple[int, int] = (0, 0)
+    last_step: tuple[int, int] = (0, 0)
+    coming_step: tuple[int, int] | None = None
+    thinning: int | None = None
     dt: torch.Tensor = field(default=None, repr=False)
     iterations: list = field(default_factory=list, repr=False)
 
@@ -79,18 +88,22 @@ class IntegerCore:
         """
         config = self.config
         flags = Flag.CUT if cut else Flag(0)
-        if settings.roi is not None:
-            roi, clamped = clamp_roi(config, settings.roi)
-            self.position = tuple(c << config.roi_x_format.f for c in roi)
-            self.tracking = False
-            flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
-        roi = tuple(crop_position(config, p) for p in self.position)
+        roi, clamped = self._crop(settings)
+        if clamped and (settings.roi is not None or config.buffers == 2):
+            flags |= Flag.ROI_CLAMPED
 
         events = roi_filter(config, t, x, y, roi=roi)
-        n = min(len(events.t), config.buffer_events)
-        overflow = len(events.t) - n
+        factor = settings.thinning
+        if settings.thin_target and self.thinning:
+            factor = self.thinning
+        self.thinning = next_thinning(len(events.t), settings.thin_target)
+        event_t, event_x, event_y = thinner((events.t, events.x, events.y), factor)
+        thinned = len(events.t) - len(event_t)
+        n = min(len(event_t), config.buffer_events)
+        overflow = len(event_t) - n
         for count, flag in (
             (overflow, Flag.OVERFLOW),
+            (thinned, Flag.THINNED),
             (events.time_back, Flag.TIME_BACK),
             (events.time_span, Flag.TIME_SPAN),
         ):
@@ -108,8 +121,8 @@ class IntegerCore:
             if not warm:
                 self.v = settings.v_start
             velocities = [self.v]
-            self.dt = time_scaler(config, events.t[:n], span=events.span)
-            positions = dither(config, events.x[:n], events.y[:n])
+            self.dt = time_scaler(config, event_t[:n], span=events.span)
+            positions = dither(config, event_x[:n], event_y[:n])
             batch_gain = gain(config, settings.eta)
             for entry in plan:
                 step, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
@@ -120,8 +133,8 @@ class IntegerCore:
                 if keep:
                     self.iterations.append(step)
             self.tracking = True
-            self.position, clamped = roi_updater(config, self.position, self.v, roi_gain=settings.roi_gain)
-            flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
+        if self._move(settings, moved=Flag.DEGENERATE not in flags):
+            flags |= Flag.ROI_CLAMPED
 
         table = np.array(sums, np.int64).reshape(-1, 5)
         return BatchResult(
@@ -129,16 +142,49 @@ class IntegerCore:
             roi_events=n,
             outside=events.outside,
             overflow=overflow,
+            thinned=thinned,
             time_back=events.time_back,
             time_span=events.time_span,
             span=events.span,
             roi=roi,
-            roi_next=tuple(crop_position(config, p) for p in self.position),
+            roi_next=tuple(crop_position(config, p) for p in self._next_position()[0]),
             v=(config.v.real(self.v[0]), config.v.real(self.v[1])),
             iterations=len(sums),
             flags=flags,
             trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),
         )
+
+    def _crop(self, settings):
+        """Corner of the batch that begins, and whether it was limited to the sensor."""
+        config = self.config
+        if settings.roi is not None:
+            roi, clamped = clamp_roi(config, settings.roi)
+            self.position = tuple(c << config.roi_x_format.f for c in roi)
+            self.last_step, self.coming_step = (0, 0), (0, 0)
+            self.tracking = False
+            return roi, clamped
+        position, clamped = self._next_position()
+        if self.coming_step is not None:  # only now does the last batch's move take place
+            self.position, _ = roi_updater(config, self.position, self.coming_step, roi_gain=1)
+            self.last_step = self.coming_step
+        return tuple(crop_position(config, p) for p in position), clamped
+
+    def _next_position(self):
+        """Raw position of the next crop: with two buffers where the last known move, repeated, leads."""
+        if self.config.buffers == 1:
+            return self.position, False
+        return roi_updater(self.config, self.position, self.last_step, roi_gain=1)
+
+    def _move(self, settings, *, moved):
+        """The ROI follows v, at once or with the next batch; whether it was limited to the sensor."""
+        config = self.config
+        if config.buffers == 2:
+            self.coming_step = tuple(axis * settings.roi_gain if moved else 0 for axis in self.v)
+            return False
+        if not moved:
+            return False
+        self.position, clamped = roi_updater(config, self.position, self.v, roi_gain=settings.roi_gain)
+        return clamped
 
     def _plan(self, settings, warm):
         """One :class:`ScheduleEntry` per iteration; None for a constant η."""
