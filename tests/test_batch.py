@@ -13,13 +13,14 @@ from cmfpga.fixed import Q
 def test_flags_have_the_bits_of_the_hardware():
     assert {flag.name: flag.value for flag in Flag} == {
         "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
+        "SCHEDULE": 128,
     }  # fmt: skip
 
 
 def test_flags_as_text():
     assert Flag(0).text == ""
     assert Flag.OVERFLOW.text == "overflow"
-    assert Flag(127).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped"
+    assert Flag(255).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped|schedule"
     assert (Flag.ROI_CLAMPED | Flag.DEGENERATE).text == "degenerate|roi_clamped"
 
 

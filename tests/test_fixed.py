@@ -36,8 +36,10 @@ def apply(request):
 
 @pytest.mark.parametrize("shift", [1, 2, 3, 8, 20])
 def test_round_half_up(apply, shift):
-    expected = [math.floor(Fraction(value, 1 << shift) + Fraction(1, 2)) for value in VALUES]
-    assert apply(round_half_up, VALUES, shift) == expected
+    half = 1 << (shift - 1)
+    values = [*VALUES, *(k * half + d for k in (-3, -1, 1, 3) for d in (-1, 0, 1))]
+    expected = [math.floor(Fraction(value, 1 << shift) + Fraction(1, 2)) for value in values]
+    assert apply(round_half_up, values, shift) == expected
 
 
 def test_halves_go_up_on_both_sides_of_zero(apply):

@@ -226,8 +226,8 @@ OPTIONS = [
     (["--batch-events", str(10**30)], f"--batch-events {10**30}: at most 100 is allowed (max_batch_events)"),
     (["--engine", "fpga"], "argument --engine: invalid choice: 'fpga' (choose from "),
     (["--time-unit", "h"], "argument --time-unit: invalid choice: 'h' (choose from "),
-    (["--preset", "Paper"], "preset 'Paper': one of paper is needed"),
-    (["--preset", ""], "preset '': one of paper is needed"),
+    (["--preset", "Paper"], "preset 'Paper': one of paper, fast, "),
+    (["--preset", ""], "preset '': one of paper, fast, "),
     (["--sensor", "32"], "argument --sensor: '32': W,H, two whole numbers, is needed" + HINT),
     (["--sensor", "0,24"], "DOT: sensor of 0×24 px; 1 to 65536 each is allowed"),
     (["--sensor", f"{10**30},24"], f"DOT: sensor of {10**30}×24 px; 1 to 65536 each is allowed"),
@@ -332,8 +332,11 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
         (["--set", "roi_width=63"], "roi_width = 63: an even number of pixels is needed"),
         (["--set", "roi_height=4098", "--set", "sensor_height=4096"], "roi_height = 4098: 2 to 4096 is needed"),
         (["--set", "buffer_events=1048576"], "G = P·S − ΣI·ΣD needs 70 bits, more than the 63 "),
-        (["--set", "gradient=scan"], "gradient = 'scan': one of sweep is needed"),
-        (["--preset", "nope"], "preset 'nope': one of paper is needed"),
+        (["--set", "gradient=scan"], "gradient = 'scan': one of sweep, one_pass is needed"),
+        (["--preset", "fast", "--set", "cold=2:9"], "cold: '2:9': a log2 step of -6 to 4 is needed (Q5.6)"),
+        (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
+        (["--set", "ascent=sign"], "cold: '2:1*4': level 0 to 0 is needed (max_level)"),
+        (["--preset", "nope"], "preset 'nope': one of paper, fast, "),
         (["--set"], "argument --set: expected one argument" + HINT),
         (["paper"], "unrecognized arguments: paper" + HINT),
         (["--roi", "1,2"], "unrecognized arguments: --roi 1,2" + HINT),
@@ -343,6 +346,12 @@ def test_build(command, tmp_path, arguments, message):
     done = command(build, "--out", tmp_path / "out", *arguments)
     assert done.error.startswith(message) and done.out == ""
     assert not (tmp_path / "out").exists()
+
+
+def test_an_architecture_that_cannot_work(process):
+    """Found while the core is made; what was made of it is not complained about."""
+    done = process("build", "--preset", "full-frame", "--set", "tag_bits=4", "--out", "out")
+    assert done.error.startswith("tag_bits = 4: ") and "11520 words of a bank are needed" in done.error
 
 
 # ---------------------------------------------------------------- in processes of their own

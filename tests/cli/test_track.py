@@ -457,6 +457,24 @@ def test_the_float_engine_follows_the_star_nearly_alike(star, command, rows, tmp
     np.testing.assert_allclose(floats(other, "contrast"), floats(found, "contrast"), rtol=0.15)
 
 
+def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
+    """In a fifteenth of the cycles, Verilog and model alike."""
+    recording, options, slow, _ = star
+    for engine in ("rtl", "model"):
+        done = command(
+            track, recording, *options, "--preset", "fast", "--engine", engine, "--no-picture",
+            "--out", tmp_path / engine,
+        )  # fmt: skip
+        assert (done.status, done.err) == (0, "")
+    found = rows(tmp_path / "rtl")
+    assert rows(tmp_path / "model") == but_cycles(found) and flags(found) == [""] * 20
+    assert [row["iterations"] for row in found] == ["16"] + ["8"] * 19
+    x, vx = floats(found, "roi_x"), floats(found, "vx")
+    assert (np.diff(x[:18]) >= 0).all() and (np.abs(np.diff(x)) <= 4).all() and (vx[:17] > 0.8).all()
+    np.testing.assert_allclose(x, floats(slow, "roi_x"), atol=4)
+    assert floats(found, "cycles").sum() < floats(slow, "cycles").sum() / 15
+
+
 @pytest.mark.parametrize(
     "name, engine, options, vx, vy",
     [

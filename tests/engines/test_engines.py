@@ -10,7 +10,7 @@ from amaranth.hdl import Signal
 
 from cmfpga import engines
 from cmfpga.batch import BatchSettings, Flag
-from cmfpga.config import Config
+from cmfpga.config import Config, preset
 from cmfpga.engines import ENGINES, check_roi, make_engine, rtl, verilated
 from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.model import ModelEngine
@@ -146,11 +146,14 @@ def test_cycles_follow_the_formula(lives, verilated_core, name):
         )
 
 
-@pytest.mark.parametrize("name", ["first", "ends of v", "no step", "last"])
+@pytest.mark.parametrize("name", ["first", "one moment", "ends of v", "no step", "last"])
 def test_the_float_engine_crops_and_counts_the_same(lives, name):
     _, compiled, _, _, floating = lives[name]
     for field in ("events", "span", "roi", "iterations", *COUNTS):
         assert getattr(floating, field) == getattr(compiled, field), field
+    assert (floating.flags ^ compiled.flags) & ~Flag.SATURATED == Flag(0)
+    if not floating.iterations:
+        return
     one = CONFIG.weight_max
     np.testing.assert_allclose(floating.trace.v[0], compiled.trace.v[0] * CONFIG.v.step, atol=0.05)
     np.testing.assert_allclose(floating.trace.sum_i[0], compiled.trace.sum_i[0] / one, atol=0.3)
@@ -179,6 +182,25 @@ def test_random_batches(verilated_engine, rng):
         assert verilated_engine.v == model.v == expected.v
         seen |= expected.flags
     assert seen == Flag.DEGENERATE | Flag.OVERFLOW | Flag.SATURATED | Flag.ROI_CLAMPED
+
+
+def test_amaranth_simulates_the_fast_hardware_too(rng):
+    """Signs, levels, dither, one pass; schedules that change from batch to batch. (tests/cosim has its Verilog.)"""
+    config = preset("fast").replace(**HARDWARE, iterations=3, cold="2:1*2 1:0 0:-1", warm="1:0 0:-2")
+    simulated, model = AmaranthEngine(config), ModelEngine(config)
+    other = config.replace(cold="0:0*3", warm="0:-1*5 1:-2")
+    results = []
+    for fields, roi, count in (
+        (config, (8, 8), 60), (config, None, 60), (other, None, 0), (other, None, 90), (config, (9, 7), 70),
+        (other.replace(start="zero"), None, 80),
+    ):  # fmt: skip
+        events = make_events(rng, count)
+        result = simulated.run(events, BatchSettings.from_config(fields, roi))
+        assert without_cycles(result) == model.run(events, BatchSettings.from_config(fields, roi))
+        results.append(result)
+    assert [result.iterations for result in results] == [4, 2, 0, 6, 4, 3]  # a new ROI starts cold
+    assert all(result.flags & ~Flag.ROI_CLAMPED == Flag(0) for result in results if result.events)
+    assert all((result.cycles is None) == (not result.events) for result in results)
 
 
 # ---------------------------------------------------------------- the interface
@@ -310,7 +332,11 @@ def test_a_closed_core_is_not_used(compiler, rng):
     core = VerilatedCore(CONFIG, seed=5)
     core.close()
     core.close()  # safe
-    for use in (core.reset, lambda: core_run(core, make_events(rng, 3))):
+    for use in (
+        core.reset,
+        lambda: core_run(core, make_events(rng, 3)),
+        lambda: core.write_schedule(((0, 1),)),
+    ):
         with pytest.raises(ValueError, match="closed"):
             use()
 

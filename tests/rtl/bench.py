@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import torch
-from amaranth.hdl import Shape, Value
+from amaranth.hdl import Fragment, MemoryData, MemoryInstance, Shape, Value
 from amaranth.lib import data
 from amaranth.sim import Simulator
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from cmfpga.batch import BatchSettings, Flag
-from cmfpga.config import Config
+from cmfpga.config import Config, preset
 from cmfpga.reference.integer.core import IntegerCore
 
 NARROW = {
@@ -36,6 +36,22 @@ CONFIGS = {
     "fine": Config(**ODD, dt_frac=2, v_frac=1, position_frac=4, weight_frac=10, derivative_frac=9),
     "sensor": Config(**SENSOR),
 }
+
+#: With coarse levels and dither, sizes that are odd or no power of two among them.
+LEVELS = {
+    "fast": preset("fast"),
+    "fast odd": preset("fast").replace(
+        sensor_width=40, sensor_height=30, roi_width=23, roi_height=13, buffer_events=96, max_level=3
+    ),
+    "fast tiny": preset("fast").replace(
+        sensor_width=9, sensor_height=7, roi_width=3, roi_height=2, buffer_events=33, dither_frac=1
+    ),
+    # As the article's formats, with one coarse level, and a dither finer than a warped position.
+    "fast wide": Config(
+        **ODD | {"roi_width": 21, "roi_height": 10}, gradient="one_pass", ascent="sign", max_level=1, dither_frac=8,
+        position_frac=5, cold="1:0 0:-1", warm="0:-1",
+    ),
+}  # fmt: skip
 
 #: Probability of idle cycles before an item.
 GAPS = {"free": 0.0, "gaps": 0.4}
@@ -163,9 +179,32 @@ class Recording:
         return [cycle for cycle, _ in self.flows[name]]
 
 
-def simulate(top, *benches):
+class AnyContent:
+    """A platform whose memories start with random words: what a reset, which clears no RAM, may leave there."""
+
+    def __init__(self, rng):
+        self.rng = rng
+
+    def get_memory(self, memory):
+        """Hook of :class:`amaranth.lib.memory.Memory`: what is elaborated in its place."""
+        width = Shape.cast(memory.shape).width
+        bits = self.rng.integers(0, 2, (memory.depth, width)).tolist()
+        words = [sum(bit << n for n, bit in enumerate(word)) for word in bits]
+        # The memory itself is frozen by now: the same ports on one that is not.
+        content = MemoryData(shape=width, depth=memory.depth, init=words)
+        instance = MemoryInstance(data=content)
+        for port in memory.write_ports:
+            instance.write_port(domain=port.domain, addr=port.addr, data=Value.cast(port.data), en=port.en)
+        for port in memory.read_ports:
+            assert not port.transparent_for
+            word = Value.cast(port.data)
+            instance.read_port(domain=port.domain, addr=port.addr, data=word, en=port.en, transparent_for=())
+        return instance
+
+
+def simulate(top, *benches, platform=None):
     """Run until every bench has finished."""
-    simulator = Simulator(top)
+    simulator = Simulator(Fragment.get(top, platform))
     simulator.add_clock(1e-6)
     for bench in benches:
         simulator.add_testbench(bench)
@@ -179,7 +218,7 @@ def member(block, path):
     return block
 
 
-def play(block, script, *, flows=("o",), watch=()):
+def play(block, script, *, flows=("o",), watch=(), platform=None):
     """Play a script and record.
 
     ``script`` has one dictionary ``{path: value}`` per cycle. Inputs of one bit go back to 0 in a cycle that does not
@@ -210,7 +249,7 @@ def play(block, script, *, flows=("o",), watch=()):
                 recording.watch[name].append(port.get(ctx))
             await ctx.tick()
 
-    simulate(block, bench)
+    simulate(block, bench, platform=platform)
     return recording
 
 

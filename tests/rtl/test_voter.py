@@ -10,6 +10,7 @@ from cmfpga.rtl.voter import BilinearVoter
 from .bench import (
     CONFIGS,
     GAPS,
+    LEVELS,
     check_throughput,
     corners,
     edge_integers,
@@ -18,6 +19,7 @@ from .bench import (
     np,
     play,
     random_gaps,
+    shape_range,
     tensor,
     vote_payloads,
 )
@@ -116,3 +118,97 @@ def test_corners(data):
     event = st.tuples(*(integers_at_edges(*limit) for limit in limits(config)), integers_at_edges(-one, one))
     events = data.draw(st.lists(event, min_size=20, max_size=40))
     check(config, *(list(column) for column in zip(*events, strict=True)), [0] * len(events))
+
+
+# ---------------------------------------------------------------- coarse levels
+
+
+def check_levels(config, iterations, probability=0.0, seed=0):
+    """Iterations of (level, x, y, dt): the level changes while no event is in flight, as soon as it may.
+
+    Otherwise there are only random levels, so that one that is used too early or too late is found.
+    """
+    rng = np.random.default_rng(seed)
+    block = BilinearVoter(config)
+    top = shape_range(block.level.shape())[1]
+    script, pushed, expected, inside = [], [], [], []
+    for level, x, y, dt in iterations:
+        votes = voter(config, tensor(x), tensor(y), tensor(dt), level)
+        expected += vote_payloads(config, votes)
+        inside.append(votes.inside)
+        items = [{"dt": dt, "x": x, "y": y, "last": 0} for x, y, dt in zip(x, y, dt, strict=True)]
+        part, cycles = flow_script(block, items, random_gaps(rng, len(items), probability), rng, drain=0)
+        idle = [{} for _ in range(block.latency - 1)]
+        for cycle in [*part[cycles[0] :], *idle]:
+            cycle["level"] = level
+        pushed += [len(script) + cycle for cycle in cycles]
+        script += [*part, *idle]
+        if rng.random() < 0.5:
+            script += [{"level": int(rng.integers(top, endpoint=True))} for _ in range(rng.integers(1, 4))]
+    recording = play(block, [*script, *[{}] * 6])
+    for value, wanted in zip(recording.values(), expected, strict=True):
+        assert [bank if bank["valid"] else None for bank in value["banks"]] == wanted
+    popped = recording.cycles()
+    assert [out - into for out, into in zip(popped, pushed, strict=True)] == [block.latency] * len(pushed)
+    return inside
+
+
+def positions_at_level(config, level, rng, count):
+    """Anywhere that :class:`Warp` can give, and around the level's own borders above all."""
+    frac = config.position_frac
+    columns = []
+    for (low, high), size in zip(limits(config), config.level_size(level), strict=True):
+        cell = rng.choice([-2, -1, 0, 1, size - 2, size - 1, size, size + 1], count)
+        border = (cell << frac) + edge_integers(rng, 0, (1 << frac) - 1, count)
+        anywhere = rng.integers(low, high, count, endpoint=True)
+        columns.append(np.clip(np.where(rng.random(count) < 0.7, border, anywhere), low, high).tolist())
+    one = 1 << config.dt_frac
+    return *columns, edge_integers(rng, -one, one, count).tolist()
+
+
+@pytest.mark.parametrize("gap", GAPS)
+@pytest.mark.parametrize("name", LEVELS)
+def test_levels_match_model(name, gap, rng):
+    """Every change from one level to another, in iterations of a few events."""
+    config = LEVELS[name]
+    levels = [level for a in range(config.max_level + 1) for b in range(config.max_level + 1) for level in (a, b)]
+    check_levels(
+        config, [(level, *positions_at_level(config, level, rng, 8)) for level in levels], GAPS[gap], len(levels)
+    )
+
+
+@pytest.mark.parametrize("name", LEVELS)
+def test_every_border_cell_of_every_level(name):
+    """As at full resolution: exactly the corners inside the level's image vote."""
+    config = LEVELS[name]
+    half = 1 << (config.position_frac - 1)
+    iterations, wanted = [], []
+    for level in range(config.max_level + 1):
+        scale = 1 << level
+        size = [-(-size // scale) for size in (config.roi_width, config.roi_height)]
+        xs, ys = ([-2, -1, 0, 1, s - 2, s - 1, s] for s in size)
+        cells = [(column, row) for row in ys for column in xs]
+        raw = [[(place << config.position_frac) + half for place in axis] for axis in zip(*cells, strict=True)]
+        iterations.append((level, *raw, [1 << config.dt_frac] * len(cells)))
+        wanted.append(
+            [
+                sum(0 <= column + right < size[0] for right in (0, 1))
+                * sum(0 <= row + down < size[1] for down in (0, 1))
+                for column, row in cells
+            ]
+        )
+    inside = check_levels(config, iterations)
+    assert [votes.sum(-1).tolist() for votes in inside] == wanted
+
+
+@corners
+@given(st.data())
+def test_corners_with_levels(data):
+    config = LEVELS[data.draw(st.sampled_from(sorted(LEVELS)))]
+    one = 1 << config.dt_frac
+    event = st.tuples(*(integers_at_edges(*limit) for limit in limits(config)), integers_at_edges(-one, one))
+    iterations = []
+    for _ in range(4):
+        events = data.draw(st.lists(event, min_size=1, max_size=10))
+        iterations.append((data.draw(st.integers(0, config.max_level)), *map(list, zip(*events, strict=True))))
+    check_levels(config, iterations, data.draw(st.sampled_from([0.0, 0.4])), data.draw(st.integers(0, 100)))

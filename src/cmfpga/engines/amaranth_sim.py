@@ -1,10 +1,11 @@
 """The core in Amaranth's own simulator: no compiler needed, and a thousand times slower than Verilator."""
 
 import numpy as np
+from amaranth.lib import data
 from amaranth.sim import Simulator
 
 from ..rtl.core import Core
-from .rtl import RtlEngine, settings_values
+from .rtl import RtlEngine, schedule_table, settings_values
 
 
 class AmaranthEngine(RtlEngine):
@@ -18,17 +19,18 @@ class AmaranthEngine(RtlEngine):
     def __init__(self, config):
         super().__init__(config)
         self._core = Core(config)
-        self._job = None  # (events, settings) of the batch to simulate
+        self._job = None  # (events, settings, table of schedules) of the batch to simulate
         self._outcome = None
         self._simulator = Simulator(self._core)
         self._simulator.add_clock(1e-6)
         self._simulator.add_testbench(self._bench)
 
     def _simulate(self, events, settings):
-        self._job = (events, settings_values(self.config, settings))
+        table = schedule_table(self.config, settings)
+        self._job = (events, settings_values(self.config, settings), table)
         self._outcome = None
         # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
-        n, iterations = len(events), settings.iterations
+        n, iterations = len(events), max(settings.iterations, len(table))
         cycles = (
             2 * self._core.cycles(events=n, roi_events=n, iterations=iterations) + 2 * self.config.bank_words + 1000
         )
@@ -43,15 +45,18 @@ class AmaranthEngine(RtlEngine):
         while True:
             while self._job is None:
                 await ctx.tick()
-            events, values = self._job
+            events, values, table = self._job
             self._job = None
+            for address, (level, shift) in enumerate(table):
+                ctx.set(core.schedule_write.valid, 1)
+                ctx.set(core.schedule_write.payload, {"address": address, "entry": {"level": level, "shift": shift}})
+                await ctx.tick()
+                ctx.set(core.schedule_write.valid, 0)
             self._outcome = await self._batch(ctx, core, events, values)
 
     @staticmethod
     async def _batch(ctx, core, events, values):
-        start = {axis: values[f"v_start_{axis}"] for axis in "xy"}
-        plain = {name: value for name, value in values.items() if not name.startswith("v_start")}
-        ctx.set(core.settings, {**plain, "v_start": start})
+        ctx.set(core.settings, _nested(core.settings.shape(), values))
         rows = list(zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True))
         wrap = (1 << core.config.time_bits) - 1
         sent, trace = 0, []
@@ -72,6 +77,14 @@ class AmaranthEngine(RtlEngine):
                 trace.append((item.v.x, item.v.y, sums.i, sums.dx, sums.dy, sums.sx, sums.sy))
             if done:
                 return _result(result), np.array(trace, np.int64).reshape(-1, 7)
+
+
+def _nested(layout, values, prefix=""):
+    """Values by their Verilog port names, in the shape of a layout."""
+    return {
+        name: _nested(shape, values, f"{prefix}{name}_") if isinstance(shape, data.Layout) else values[prefix + name]
+        for name, shape in layout.members.items()
+    }
 
 
 def _result(payload):

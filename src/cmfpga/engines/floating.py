@@ -7,16 +7,16 @@ import torch
 
 from ..batch import BatchResult, Flag, Trace
 from ..fixed import saturate
-from ..reference.floating import ascend, evaluate, scaled_times
+from ..reference.floating import ascend, ascend_by_signs, dither, float64, scaled_times
 from ..reference.integer.roi_filter import roi_filter
 from .base import Engine
 
 
 class FloatEngine(Engine):
-    """Runs the article's equations in float64: what the arithmetic of the other engines is measured against.
+    """Runs the equations in float64: what the arithmetic of the other engines is measured against.
 
-    Cropping is the hardware's (it is exact); times, votes, gradients, v and the ROI's position are not rounded.
-    ``eta``, ``roi_gain`` and ``v_start`` are those that the hardware's formats can express.
+    Cropping is the hardware's (it is exact); times, dither, votes, gradients, v and the ROI's position are not rounded,
+    and v does not saturate. ``eta``, ``roi_gain`` and ``v_start`` are those that the hardware's formats can express.
     """
 
     name = "float"
@@ -25,6 +25,7 @@ class FloatEngine(Engine):
         super().__init__(config)
         torch.set_num_threads(1)  # tensors this small only get slower with more
         self._v = (0.0, 0.0)
+        self._tracking = False  # as in the integer core: v is that of an object that is being followed
         self._position = (0.0, 0.0)
 
     @property
@@ -36,6 +37,7 @@ class FloatEngine(Engine):
         flags = Flag(0)
         if settings.roi is not None:
             self._position = tuple(map(float, settings.roi))
+            self._tracking = False
         roi = self._crop()
         inside = roi_filter(config, events.t, events.x, events.y, roi=roi)
         n = min(len(inside.t), config.buffer_events)
@@ -45,14 +47,21 @@ class FloatEngine(Engine):
             (inside.time_span, Flag.TIME_SPAN),
         ):
             flags |= flag if count else Flag(0)
-        if n < max(1, settings.min_roi_events) or not inside.span or not settings.iterations:
+        warm = settings.start_last and (self._tracking or config.ascent == "constant")
+        if config.ascent == "sign":
+            plan = settings.warm if warm else settings.cold
+        else:
+            plan = range(settings.iterations)
+        if n < max(1, settings.min_roi_events) or not inside.span or not plan:
             flags |= Flag.DEGENERATE
+            self._tracking = False
             trace = Trace(v=np.array([self._v]), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
         else:
-            if not settings.start_last:
+            if not warm:
                 self._v = tuple(config.v.real(axis) for axis in settings.v_start)
-            trace = self._ascend(inside, n, settings)
+            trace = self._ascend(inside, n, settings, plan)
             self._v = tuple(trace.v[-1].tolist())
+            self._tracking = True
             flags |= self._move(config.roi_gain_format.real(settings.roi_gain))
         return BatchResult(
             events=inside.events,
@@ -70,19 +79,18 @@ class FloatEngine(Engine):
             trace=trace,
         )
 
-    def _ascend(self, inside, n, settings):
+    def _ascend(self, inside, n, settings, plan):
         config = self.config
-        size = {"width": config.roi_width, "height": config.roi_height}
-        x, y, dt = inside.x[:n], inside.y[:n], scaled_times(inside.t[:n], 0, inside.span)
-        eta = config.eta_format.real(settings.eta)
-        v = ascend(x, y, dt, **size, v_start=self._v, eta=eta, iterations=settings.iterations).v
-        steps = [evaluate(x, y, dt, at, **size) for at in v[:-1]]
-        return Trace(
-            v=v.numpy(),
-            sum_i=np.array([step.sum_i for step in steps]),
-            sum_d=np.array([(step.sum_dx, step.sum_dy) for step in steps]),
-            s=np.array([(step.s_x, step.s_y) for step in steps]),
-        )
+        x, y, dt = float64(inside.x[:n]), float64(inside.y[:n]), scaled_times(inside.t[:n], 0, inside.span)
+        if config.dither_frac:
+            x, y = (axis + offset for axis, offset in zip((x, y), dither(n), strict=True))
+        start = {"width": config.roi_width, "height": config.roi_height, "v_start": self._v}
+        if config.ascent == "sign":
+            done = ascend_by_signs(x, y, dt, **start, schedule=plan)
+        else:
+            eta = config.eta_format.real(settings.eta)
+            done = ascend(x, y, dt, **start, eta=eta, iterations=len(plan))
+        return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
 
     def _crop(self):
         return tuple(math.floor(axis + 0.5) for axis in self._position)

@@ -83,7 +83,7 @@ class VerilatedCore:
         rows = np.array(table, np.int64).reshape(-1, 2).T
         levels, shifts = (np.ascontiguousarray(row) for row in rows)
         pointers = (ctypes.c_void_p(levels.ctypes.data), ctypes.c_void_p(shifts.ctypes.data))
-        self._library.core_write_schedule(self._handle, *pointers, ctypes.c_int64(len(levels)))
+        self._library.core_write_schedule(self._open(), *pointers, ctypes.c_int64(len(levels)))
 
     def close(self):
         """Free the simulation. Safe to call twice."""

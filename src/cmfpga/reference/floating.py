@@ -1,8 +1,10 @@
-"""Contrast Maximization in float64, following the article equation by equation.
+"""Contrast Maximization in float64: the article, equation by equation, and what the robust ascent adds to it.
 
 This is the yardstick: pure functions on torch tensors, with no fixed-point rounding and no saturation. Names in
 parentheses, like (Eq. I_w), are the article's equation labels. Everything is differentiable in ``v``, so autograd
 can check the analytic gradient; nothing here uses autograd itself.
+
+Not the article's are :func:`dither`, the coarse levels of :func:`evaluate` and :func:`ascend_by_signs`.
 
 Conventions, for all functions:
 
@@ -76,6 +78,20 @@ def warp(x, y, dt, v):
     return x - dt * v[0], y - dt * v[1]
 
 
+#: α of the R2 sequence along x and y: 1/g and 1/g² with g³ = g + 1 (Roberts, 2018).
+R2 = (0.7548776662466927, 0.5698402909980532)
+
+
+def dither(n):
+    """Sub-pixel offsets (along x, along y) of a batch's n ROI events, in the order of their arrival: two float64 [n].
+
+    Event k, counted from 0, gets frac((k + ½)·α) − ½ px, in −½ … ½. Events lie on whole pixels, which makes v = 0 a
+    peak of the contrast whatever the motion is; offsets that cover the pixel evenly remove that peak.
+    """
+    k = torch.arange(n, dtype=torch.float64) + 0.5
+    return tuple((k * alpha).frac() - 0.5 for alpha in R2)
+
+
 # -------------------------------------------------------------------- votes and images
 
 
@@ -136,6 +152,19 @@ def iwe(x_warped, y_warped, width, height):
     return accumulate(votes.pixel, votes.weight, width, height)
 
 
+def at_level(position, level):
+    """Positions in the image whose pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½.
+
+    Its first pixel covers the first 2^level pixels, −½ … 2^level − ½.
+    """
+    return (position + 0.5) / (1 << level) - 0.5 if level else position
+
+
+def level_size(size, level):
+    """Pixels of an image at a coarse level along an axis that is ``size`` px long: ⌈size/2^level⌉."""
+    return -(-size // (1 << level))
+
+
 def _derivative_images(votes, dt, width, height):
     return (
         accumulate(votes.pixel, -dt * votes.by_x, width, height),
@@ -173,10 +202,14 @@ def gradient(image, derivative_x, derivative_y):
 class Iteration:
     """Every intermediate of one iteration, in real units (a full vote is 1.0).
 
+    At a coarse level the image is ⌈width/2^level⌉ × ⌈height/2^level⌉ pixels large and stands in the upper left corner
+    of the ROI's P pixels, the others being zero, as in the hardware's memory. So P, the means and the contrast are
+    those of all P pixels at every level. Derivatives are by v **in pixels of the level**: ∂I/∂(v/2^level).
+
     Parameters
     ----------
     v : float64 [2]
-        The velocity at which all was computed.
+        The velocity at which all was computed, in pixels of the sensor per half batch at every level.
     image, derivative_x, derivative_y : float64 [height, width]
         I, Dx, Dy.
     sum_i, sum_dx, sum_dy : float64 scalars
@@ -206,12 +239,15 @@ class Iteration:
     gradient: torch.Tensor
 
 
-def evaluate(x, y, dt, v, *, width, height):
-    """:class:`Iteration` of the events at velocity ``v``."""
+def evaluate(x, y, dt, v, *, width, height, level=0):
+    """:class:`Iteration` of the events at velocity ``v``, in pixels 2^level px wide."""
     dt, v = float64(dt), float64(v)
-    votes = bilinear_votes(*warp(x, y, dt, v), width, height)
-    image = accumulate(votes.pixel, votes.weight, width, height)
-    d_x, d_y = _derivative_images(votes, dt, width, height)
+    size = level_size(width, level), level_size(height, level)
+    votes = bilinear_votes(*(at_level(position, level) for position in warp(x, y, dt, v)), *size)
+    image, d_x, d_y = accumulate(votes.pixel, votes.weight, *size), *_derivative_images(votes, dt, *size)
+    if level:
+        rest = (0, width - size[0], 0, height - size[1])
+        image, d_x, d_y = (torch.nn.functional.pad(part, rest) for part in (image, d_x, d_y))
     sum_i, sum_dx, sum_dy = image.sum(), d_x.sum(), d_y.sum()
     s_x, s_y = (image * d_x).sum(), (image * d_y).sum()
     pixels = width * height
@@ -247,11 +283,35 @@ class Ascent:
         C at ``v[k]``; the contrast of the result itself is not part of an iteration.
     gradient : float64 [T, 2]
         ∇C at ``v[k]``.
+    sum_i : float64 [T]
+        ΣI at ``v[k]``.
+    sum_d, s, g : float64 [T, 2]
+        ΣD, S and G at ``v[k]``, along x and y.
     """
 
     v: torch.Tensor
     contrast: torch.Tensor
     gradient: torch.Tensor
+    sum_i: torch.Tensor
+    sum_d: torch.Tensor
+    s: torch.Tensor
+    g: torch.Tensor
+
+
+def _follow(x, y, dt, v_start, levels, step, **size):
+    """An :class:`Ascent`: v ← v + step(k, iteration k), at one level after the other."""
+    with torch.no_grad():  # a trace, not a graph
+        x, y, dt = float64(x), float64(y), float64(dt)
+        v = torch.empty(len(levels) + 1, 2, dtype=torch.float64, device=dt.device)
+        v[0] = float64(v_start)
+        scalars = torch.empty(len(levels), 10, dtype=torch.float64, device=dt.device)
+        for k, level in enumerate(levels):
+            now = evaluate(x, y, dt, v[k], level=level, **size)
+            sums = (now.sum_i, now.sum_dx, now.sum_dy, now.s_x, now.s_y, now.g_x, now.g_y)
+            scalars[k] = torch.stack((now.contrast, *now.gradient, *sums))
+            v[k + 1] = v[k] + step(k, now)
+    contrasts, gradients, sum_i, sum_d, s, g = scalars.split((1, 2, 1, 2, 2, 2), dim=1)
+    return Ascent(v, contrasts[:, 0], gradients, sum_i[:, 0], sum_d, s, g)
 
 
 def ascend(x, y, dt, *, width, height, v_start, eta, iterations):
@@ -259,14 +319,24 @@ def ascend(x, y, dt, *, width, height, v_start, eta, iterations):
 
     v does not saturate here, as it does in the hardware.
     """
-    with torch.no_grad():  # a trace, not a graph
-        x, y, dt = float64(x), float64(y), float64(dt)
-        v = torch.empty(iterations + 1, 2, dtype=torch.float64, device=dt.device)
-        contrasts = torch.empty(iterations, dtype=torch.float64, device=dt.device)
-        gradients = torch.empty(iterations, 2, dtype=torch.float64, device=dt.device)
-        v[0] = float64(v_start)
-        for k in range(iterations):
-            now = evaluate(x, y, dt, v[k], width=width, height=height)
-            contrasts[k], gradients[k] = now.contrast, now.gradient
-            v[k + 1] = v[k] + eta * now.gradient
-    return Ascent(v, contrasts, gradients)
+    return _follow(x, y, dt, v_start, [0] * iterations, lambda _, now: eta * now.gradient, width=width, height=height)
+
+
+def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):
+    """Ascent by signs: v ← v + step·sign(G), each axis by itself, coarse to fine. An :class:`Ascent`.
+
+    Parameters
+    ----------
+    schedule : sequence of (level, log2_step)
+        One pair per iteration, such as a :class:`cmfpga.schedule.ScheduleEntry`: pixels are 2^level px wide, the step
+        is 2^log2_step px per half batch. Where G is zero, v stays along that axis.
+
+    v does not saturate here, as it does in the hardware.
+    """
+    levels = [level for level, _ in schedule]
+    steps = [2.0**log2_step for _, log2_step in schedule]
+
+    def step(k, now):
+        return steps[k] * torch.stack((now.g_x, now.g_y)).sign()
+
+    return _follow(x, y, dt, v_start, levels, step, width=width, height=height)
