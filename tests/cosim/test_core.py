@@ -246,7 +246,7 @@ def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
         settings = BatchSettings.from_config(config.replace(iterations=2), (3, 2))
         core.write_schedule(schedule_table(config, settings))
         for wanted in (1, 2, 5, config.buffer_events):
-            x, y = rng.integers(config.sensor_width, size=9000), rng.integers(config.sensor_height, size=9000)
+            x, y = rng.integers(config.sensor_width, size=20_000), rng.integers(config.sensor_height, size=20_000)
             t = np.cumsum(rng.integers(1, 5, len(x)))
             inside = (x >= 3) & (x < 3 + config.roi_width) & (y >= 2) & (y < 2 + config.roi_height)
             end = int(np.flatnonzero(inside)[wanted - 1]) + 1
