@@ -3,8 +3,8 @@
 The suites are made by rules that look at events, never at results; docs/accuracy.md tells what they show.
 
 *Synthetic* (:func:`synthetic_cases`). An object moves at a constant, known velocity. For each batch these are drawn:
-its texture (sparse line segments, or dense), speed 0 to 9 px per half batch, direction, share of noise events 0 to 30 %,
-and a number of ROI events to aim at, 200 to 2000. The events are not thinned out: what an edge emits is what it
+its texture (sparse line segments, or dense), speed 0 to 9 px per half batch, direction, share of noise events 0 to
+30 %, and a number of ROI events to aim at, 200 to 2000. The events are not thinned out: what an edge emits is what it
 crosses. An edge is strong enough to emit :data:`EVENTS_PER_EDGE` events on average during the batch, so a slow object
 has edges of several contrast thresholds per pixel, up to :data:`MAX_CONTRAST`; and the object is as large as the number
 of events asks for, within limits: large enough to have a shape, small enough to stay in the ROI. A scene that gives

@@ -1,0 +1,328 @@
+"""Dither, coarse levels and the ascent by signs in float64: against loops, and the integer model against them."""
+
+from math import floor
+
+import numpy as np
+import pytest
+import torch
+
+from cmfpga.config import preset
+from cmfpga.dither import DITHER_BITS, FACTORS
+from cmfpga.reference.floating import (
+    R2,
+    ascend,
+    ascend_by_signs,
+    at_level,
+    contrast,
+    dither,
+    evaluate,
+    iwe,
+    level_size,
+    scaled_times,
+    warp,
+)
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.reference.integer.dither import dither as integer_dither
+from cmfpga.reference.integer.time_scaler import time_scaler
+from cmfpga.schedule import parse_schedule
+
+#: Formats so wide that the integer model has next to nothing to round.
+WIDE = preset("fast").replace(
+    roi_width=48, roi_height=36, buffer_events=1024, dt_frac=14, v_frac=14, position_frac=12, weight_frac=14,
+    derivative_frac=14, dither_frac=8, reciprocal_bits=17,
+)  # fmt: skip
+SIZES = [(16, 12), (13, 9), (7, 6)]
+
+
+def random_events(rng, width, height, n):
+    """Events (x, y, dt) in the whole ROI, its border included."""
+    return rng.integers(width, size=n), rng.integers(height, size=n), np.sort(rng.uniform(-1, 1, n))
+
+
+def moving_object(rng, v, n=600, width=48, height=36):
+    """Times (µs) and whole pixels of ``n`` events of points that move at ``v`` px per half batch, and of noise."""
+    t = np.sort(rng.integers(0, 20_000, n))
+    t[0], t[-1] = 0, 20_000
+    dt = scaled_times(t, 0, 20_000).numpy()
+    points = rng.uniform((14, 12), (width - 14, height - 12), (40, 2))
+    at = points[rng.integers(len(points), size=n)] + dt[:, None] * v
+    noise = rng.random(n) < 0.1
+    at[noise] = rng.uniform(0, (width - 1, height - 1), (noise.sum(), 2))
+    x, y = np.clip(np.floor(at + 0.5), 0, (width - 1, height - 1)).astype(np.int64).T
+    return t, x, y
+
+
+# -------------------------------------------------------------------- dither
+
+
+def test_the_constants_are_those_of_r2():
+    g = 1.3247179572447460
+    assert g**3 == pytest.approx(g + 1, abs=1e-15)
+    assert pytest.approx((1 / g, 1 / g**2), abs=1e-15) == R2
+
+
+def test_dither_is_the_sequence_written_as_a_loop():
+    x, y = dither(300)
+    assert x.dtype == y.dtype == torch.float64
+    for k in range(300):
+        for axis, alpha in ((x, 0.7548776662466927), (y, 0.5698402909980532)):
+            product = (k + 0.5) * alpha
+            assert float(axis[k]) == pytest.approx(product - floor(product) - 0.5, abs=1e-12)
+    assert [len(axis) for axis in dither(0)] == [0, 0]
+
+
+def test_dither_covers_the_pixel_evenly():
+    x, y = dither(4096)
+    assert float(x.min()) >= -0.5 and float(x.max()) < 0.5
+    counts, *_ = np.histogram2d(x, y, bins=8, range=[[-0.5, 0.5]] * 2)
+    assert counts.min() >= 56 and counts.max() <= 72  # 64 each; random offsets scatter from about 42 to 86
+
+
+def test_the_hardwares_dither_is_this_one_floored():
+    """Apart from its α, which has 24 fraction bits: half a unit off at most, times k."""
+    none = torch.zeros(2000, dtype=torch.int64)
+    config = WIDE.replace(dither_frac=8)
+    for exact, raw, factor, alpha in zip(dither(2000), integer_dither(config, none, none), FACTORS, R2, strict=True):
+        assert abs(factor - alpha * (1 << DITHER_BITS)) <= 0.5
+        below = exact - raw / 256
+        near = (exact * 256 - (exact * 256).round()).abs() < 0.05  # where 24 bits decide about the floor
+        assert bool(((below >= 0) & (below < 1 / 256))[~near].all()) and near.sum() < 300
+
+
+# -------------------------------------------------------------------- levels
+
+
+def loop_evaluate(x, y, dt, v, width, height, level):
+    """I, Dx, Dy at a level, event by event and corner by corner, in the corner of an image of the ROI's size."""
+    scale = 2**level
+    columns, rows = -(-width // scale), -(-height // scale)
+    images = np.zeros((3, height, width))
+    for x_k, y_k, dt_k in zip(x, y, dt, strict=True):
+        x_w = (x_k - dt_k * v[0] + 0.5) / scale - 0.5
+        y_w = (y_k - dt_k * v[1] + 0.5) / scale - 0.5
+        for i in (floor(x_w), floor(x_w) + 1):
+            for j in (floor(y_w), floor(y_w) + 1):
+                if 0 <= i < columns and 0 <= j < rows:
+                    across, down = 1 - abs(x_w - i), 1 - abs(y_w - j)
+                    right, below = (1 if i > x_w else -1), (1 if j > y_w else -1)
+                    images[:, j, i] += across * down, -dt_k * right * down, -dt_k * across * below
+    return images
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 3])
+@pytest.mark.parametrize(("width", "height"), SIZES)
+def test_levels_as_loops(width, height, level, rng):
+    close = {"rtol": 1e-12, "atol": 1e-11}
+    for _ in range(6):
+        x, y, dt = random_events(rng, width, height, int(rng.integers(1, 40)))
+        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(len(x)), strict=True))
+        v = rng.uniform(-4, 4, 2)
+        image, d_x, d_y = loop_evaluate(x, y, dt, v, width, height, level)
+        it = evaluate(x, y, dt, v, width=width, height=height, level=level)
+        np.testing.assert_allclose(it.image, image, **close)
+        np.testing.assert_allclose(it.derivative_x, d_x, **close)
+        np.testing.assert_allclose(it.derivative_y, d_y, **close)
+        pixels = width * height  # at every level
+        g = [pixels * (image * d).sum() - image.sum() * d.sum() for d in (d_x, d_y)]
+        np.testing.assert_allclose((it.g_x, it.g_y), g, **close)
+        np.testing.assert_allclose(it.contrast, (image**2).sum() / pixels - (image.sum() / pixels) ** 2, **close)
+        np.testing.assert_allclose(it.gradient, 2 * np.array(g) / pixels**2, **close)
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_gradient_at_a_level_equals_autograd(level, rng):
+    """By v in pixels of the level, so 2^level times that by v."""
+    size = [level_size(16, level), level_size(12, level)]
+    for _ in range(40):
+        x, y, dt = (torch.from_numpy(a).double() for a in random_events(rng, 16, 12, 30))
+        v = torch.from_numpy(rng.uniform(-4, 4, 2)).requires_grad_()
+        image = iwe(*(at_level(position, level) for position in warp(x, y, dt, v)), *size)
+        c = contrast(torch.nn.functional.pad(image, (0, 16 - size[0], 0, 12 - size[1])))
+        (auto,) = torch.autograd.grad(c, v)
+        it = evaluate(x, y, dt, v.detach(), width=16, height=12, level=level)
+        torch.testing.assert_close(it.gradient, auto * 2**level, rtol=1e-9, atol=1e-12)
+        torch.testing.assert_close(it.contrast, c.detach(), rtol=1e-12, atol=0)
+
+
+@pytest.mark.parametrize("level", [0, 1, 2, 3])
+def test_images_sum_to_the_votes_inside(level, rng):
+    """Events away from the border count fully at every level; those far outside not at all."""
+    x, y, dt = rng.integers(8, 24, 70), rng.integers(8, 24, 70), rng.uniform(-1, 1, 70)
+    inside = evaluate(x, y, dt, (2.3, -1.1), width=32, height=32, level=level)
+    assert float(inside.sum_i) == pytest.approx(70, abs=1e-11)
+    assert float(inside.sum_dx) == pytest.approx(0, abs=1e-11)
+    assert inside.image[level_size(32, level) :].abs().sum() + inside.image[:, level_size(32, level) :].abs().sum() == 0
+    assert float(evaluate(x, y, dt * 0 + 1, (200.0, 0.0), width=32, height=32, level=level).sum_i) == 0
+
+
+def test_a_coarse_pixel_covers_its_fine_ones():
+    """The middle of the first 2^level pixels is the middle of the first coarse one."""
+    for level in range(4):
+        middle = ((1 << level) - 1) / 2
+        image = evaluate([middle], [middle], [0.5], (0.0, 0.0), width=16, height=16, level=level).image
+        assert float(image[0, 0]) == 1.0 == float(image.sum())
+
+
+def test_level_zero_is_the_article(rng):
+    x, y, dt = random_events(rng, 12, 9, 40)
+    plain, level = (evaluate(x, y, dt, (0.7, 1.9), width=12, height=9, **more) for more in ({}, {"level": 0}))
+    assert torch.equal(plain.image, level.image) and torch.equal(plain.gradient, level.gradient)
+
+
+# -------------------------------------------------------------------- ascents
+
+
+def loop_signs(x, y, dt, v, schedule, width, height):
+    """All v of an ascent by signs, written with the loops above."""
+    pixels, trace = width * height, [tuple(v)]
+    for level, log2_step in schedule:
+        image, *derivatives = loop_evaluate(x, y, dt, trace[-1], width, height, level)
+        g = [pixels * (image * d).sum() - image.sum() * d.sum() for d in derivatives]
+        trace.append(tuple(a + 2.0**log2_step * np.sign(b) for a, b in zip(trace[-1], g, strict=True)))
+    return np.array(trace)
+
+
+def test_ascent_by_signs_as_loops(rng):
+    """Steps are powers of two, so v is exact and the loop must follow the same path."""
+    schedule = [(2, 1), (2, 0), (1, 0), (1, -1), (0, -2), (0, -5)]
+    for _ in range(5):
+        t, x, y = moving_object(rng, rng.uniform(-4, 4, 2), n=60)
+        dt = scaled_times(t, t[0], t[-1])
+        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(60), strict=True))
+        got = ascend_by_signs(x, y, dt, width=48, height=36, v_start=(0.5, -0.25), schedule=schedule)
+        np.testing.assert_array_equal(got.v, loop_signs(x, y, dt.numpy(), (0.5, -0.25), schedule, 48, 36))
+        for k, (level, _) in enumerate(schedule):
+            it = evaluate(x, y, dt, got.v[k], width=48, height=36, level=level)
+            assert got.g[k].tolist() == [float(it.g_x), float(it.g_y)]
+            assert got.s[k].tolist() == [float(it.s_x), float(it.s_y)]
+            assert got.sum_d[k].tolist() == [float(it.sum_dx), float(it.sum_dy)]
+            assert float(got.sum_i[k]) == float(it.sum_i) and float(got.contrast[k]) == float(it.contrast)
+
+
+def test_ascent_by_signs_finds_the_motion(rng):
+    config = preset("fast")
+    for v in ((5.0, -3.0), (-6.5, 0.5), (0.0, 4.0)):
+        t, x, y = moving_object(rng, v)
+        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(len(x)), strict=True))
+        events = x, y, scaled_times(t, t[0], t[-1])
+        size = {"width": 48, "height": 36}
+        cold = ascend_by_signs(*events, **size, v_start=(0.0, 0.0), schedule=config.cold_schedule)
+        assert np.hypot(*(cold.v[-1].numpy() - v)) < 0.3
+        start = np.add(v, (0.6, -0.7))
+        warm = ascend_by_signs(*events, **size, v_start=start, schedule=config.warm_schedule)
+        assert np.hypot(*(warm.v[-1].numpy() - v)) < 0.3
+
+
+def test_where_g_is_zero_v_stays():
+    """One event has no sharper image elsewhere, and none has no image at all."""
+    for n in (0, 1):
+        got = ascend_by_signs(
+            [8] * n, [6] * n, [0.0] * n, width=16, height=12, v_start=(1.0, 2.0), schedule=[(2, 1), (0, 0)]
+        )
+        assert got.v.tolist() == [[1.0, 2.0]] * 3
+    assert ascend_by_signs([], [], [], width=4, height=4, v_start=(1.0, 2.0), schedule=[]).v.tolist() == [[1.0, 2.0]]
+
+
+def test_the_constant_ascent_is_unchanged(rng):
+    """v ← v + η·∇C at full resolution, with the sums of each iteration beside it."""
+    x, y, dt = random_events(rng, 12, 9, 40)
+    trace = ascend(x, y, dt, width=12, height=9, v_start=(0.5, 0.25), eta=0.75, iterations=5)
+    v = torch.tensor([0.5, 0.25], dtype=torch.float64)
+    for k in range(5):
+        it = evaluate(x, y, dt, v, width=12, height=9)
+        assert torch.equal(trace.v[k], v) and torch.equal(trace.gradient[k], it.gradient)
+        assert torch.equal(trace.g[k], torch.stack((it.g_x, it.g_y)))
+        v = v + 0.75 * it.gradient
+    assert torch.equal(trace.v[5], v)
+
+
+# -------------------------------------------------------------------- the integer model
+
+
+def raw_iterations(config, t, x, y, v_start, schedule, exact_dither=False):
+    """Iterations of the integer model, and the float reference's at each of their velocities.
+
+    The reference gets the model's offsets, so that only arithmetic is compared, or the exact ones.
+    """
+    core = IntegerCore(config)
+    span = int(t[-1] - t[0])
+    since, x, y = torch.from_numpy(t - t[0]), torch.from_numpy(x), torch.from_numpy(y)
+    raw_dt, positions = time_scaler(config, since, span=span), integer_dither(config, x, y)
+    dt = scaled_times(since, 0, span)
+    if exact_dither:
+        exact = tuple(axis + offset for axis, offset in zip((x.double(), y.double()), dither(len(t)), strict=True))
+    else:
+        exact = tuple(axis.double() * 2.0**-config.dither_frac for axis in positions)
+    v = tuple(config.v.raw(axis) for axis in v_start)
+    size = {"width": config.roi_width, "height": config.roi_height}
+    for entry in schedule:
+        step, _ = core.iterate(*positions, raw_dt, v, entry=entry)
+        real_v = [config.v.real(axis) for axis in v]
+        yield step, evaluate(*exact, dt, real_v, level=entry.level, **size)
+        v = step.v_next
+
+
+def scale_of(it, pixels):
+    """Size of the terms that G is the difference of."""
+    centred = (it.image - it.image.mean()).abs()
+    return [float(pixels * (centred * (d - d.mean()).abs()).sum()) for d in (it.derivative_x, it.derivative_y)]
+
+
+def compare(config, rng, batches, tiny, exact_dither=False):
+    """(signs that differ though |G| is not tiny, signs compared, largest difference of G) over some ascents."""
+    wrong = compared = 0
+    worst = 0.0
+    schedule = parse_schedule("2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5", name="cold", max_level=2,
+                              v=config.v, entries=32)  # fmt: skip
+    unit = 2.0 ** -(config.weight_frac + config.derivative_frac)
+    for _ in range(batches):
+        t, x, y = moving_object(rng, rng.uniform(-6, 6, 2))
+        for step, exact in raw_iterations(config, t, x, y, (0.0, 0.0), schedule, exact_dither):
+            for raw, g, scale in zip(step.g, (exact.g_x, exact.g_y), scale_of(exact, config.pixels), strict=True):
+                worst = max(worst, abs(raw * unit - float(g)) / scale)
+                if abs(float(g)) > tiny * scale:
+                    compared += 1
+                    wrong += (raw > 0) != (float(g) > 0)
+    return wrong, compared, worst
+
+
+TINY = 0.01  # a few events on the other side of a grid line; of the size of the terms that G is the difference of
+
+
+def test_with_wide_formats_the_model_is_the_reference(rng):
+    """Iteration by iteration from the same v: G differs by less than 1 % of its terms' size, at every level."""
+    wrong, compared, worst = compare(WIDE, rng, 12, TINY)
+    print(f"largest difference {worst:.5f}; {compared} signs compared")
+    assert wrong == 0 and compared > 300
+    assert worst < TINY
+
+
+def test_the_model_differs_little_from_the_exact_dither(rng):
+    """With dither of 8 bits, floored: 1/512 px on average."""
+    wrong, compared, worst = compare(WIDE, rng, 12, 0.06, exact_dither=True)
+    print(f"largest difference {worst:.5f}; {compared} signs compared")
+    assert wrong == 0 and compared > 250
+    assert worst < 0.06
+
+
+def test_narrow_formats_differ(rng):
+    """The comparison above can fail: a few bits less are too few for it."""
+    narrow = WIDE.replace(dt_frac=8, position_frac=6, weight_frac=6, derivative_frac=6)
+    assert compare(narrow, rng, 12, TINY)[2] > 2 * TINY
+
+
+def test_no_dither_is_not_the_exact_dither(rng):
+    assert compare(WIDE.replace(dither_frac=0), rng, 12, 0.06, exact_dither=True)[2] > 0.1
+
+
+def test_images_agree_at_every_level(rng):
+    """Also pixel by pixel: the pixels' places, not only the sums."""
+    t, x, y = moving_object(rng, (3.0, -2.0))
+    schedule = [entry._replace(level=level) for level in (0, 1, 2) for entry in WIDE.warm_schedule[:1]]
+    for step, exact in raw_iterations(WIDE, t, x, y, (2.5, -1.5), schedule):
+        for raw, image, frac in (
+            (step.images.i, exact.image, WIDE.weight_frac),
+            (step.images.dx, exact.derivative_x, WIDE.derivative_frac),
+            (step.images.dy, exact.derivative_y, WIDE.derivative_frac),
+        ):
+            assert float((raw * 2.0**-frac - image).abs().mean()) < 0.01 * float(image.abs().mean()) + 1e-3
