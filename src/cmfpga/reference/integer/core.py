@@ -1,17 +1,15 @@
 """Model of :mod:`cmfpga.rtl.core`: batches in, velocities and a moving ROI out."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 
-from ...batch import BatchResult, Flag, Trace, clamp_roi, crop_position
+from ...batch import BatchResult, Flag, Trace
+from ..ingest import take_in
+from ..roi_follower import RoiFollower
 from .accumulator import Images, accumulator
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
-from .roi_filter import roi_filter
-from .roi_updater import roi_updater
-from .thinner import next_thinning, thinner
 from .time_scaler import time_scaler
 from .updater import gain, sign_updater, updater
 from .voter import voter
@@ -29,7 +27,6 @@ class IntegerIteration:
     v_next: tuple[int, int]
 
 
-@dataclass
 class IntegerCore:
     """The core's state between batches, and how a batch changes it.
 
@@ -45,11 +42,8 @@ class IntegerCore:
     tracking : bool
         Whether ``v`` is that of an object that is being followed: the sign ascent's warm schedule applies. A new ROI,
         a degenerate batch or a reset ends it.
-    position : pair of int
-        Raw ROI position, ``config.roi_x_format`` and ``config.roi_y_format``; the origin after a reset.
-    last_step, coming_step : pair of int
-        With two event buffers: the move that led to ``position``, and the last batch's, which follows when the next
-        batch has been cropped; None before the first batch.
+    follower : RoiFollower
+        Raw ROI position; the origin after a reset.
     thinning : int or None
         What would have brought the last batch down to its target.
     dt : int64 tensor
@@ -58,15 +52,14 @@ class IntegerCore:
         Intermediates of the last batch, where ``run`` was asked to keep them.
     """
 
-    config: object
-    v: tuple[int, int] = (0, 0)
-    tracking: bool = False
-    position: tuple[int, int] = (0, 0)
-    last_step: tuple[int, int] = (0, 0)
-    coming_step: tuple[int, int] | None = None
-    thinning: int | None = None
-    dt: torch.Tensor = field(default=None, repr=False)
-    iterations: list = field(default_factory=list, repr=False)
+    def __init__(self, config):
+        self.config = config
+        self.v = (0, 0)
+        self.tracking = False
+        self.follower = RoiFollower(config, 1 << config.roi_x_format.f)
+        self.thinning = None
+        self.dt = None
+        self.iterations = []
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
         """Process one batch.
@@ -87,104 +80,52 @@ class IntegerCore:
         BatchResult
         """
         config = self.config
-        flags = Flag.CUT if cut else Flag(0)
-        roi, clamped = self._crop(settings)
-        if clamped and (settings.roi is not None or config.buffers == 2):
-            flags |= Flag.ROI_CLAMPED
-
-        events = roi_filter(config, t, x, y, roi=roi)
-        factor = settings.thinning
-        if settings.thin_target and self.thinning:
-            factor = self.thinning
-        self.thinning = next_thinning(len(events.t), settings.thin_target)
-        event_t, event_x, event_y = thinner((events.t, events.x, events.y), factor)
-        thinned = len(events.t) - len(event_t)
-        n = min(len(event_t), config.buffer_events)
-        overflow = len(event_t) - n
-        for count, flag in (
-            (overflow, Flag.OVERFLOW),
-            (thinned, Flag.THINNED),
-            (events.time_back, Flag.TIME_BACK),
-            (events.time_span, Flag.TIME_SPAN),
-        ):
-            flags |= flag if count else Flag(0)
+        roi, limited = self.follower.crop(settings.roi)
+        if settings.roi is not None:
+            self.tracking = False
+        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning)
+        self.thinning = batch.next_thinning
+        flags = batch.flags | (Flag.CUT if cut else Flag(0))
 
         warm = settings.start_last and (self.tracking or config.ascent == "constant")
         plan = self._plan(settings, warm)
         self.iterations = []
         sums = []
         velocities = [self.v]
-        if n < max(1, settings.min_roi_events) or not events.span or not plan:
+        step = None
+        if not batch.enough(settings) or not plan:
             flags |= Flag.DEGENERATE
             self.tracking = False
         else:
             if not warm:
                 self.v = settings.v_start
             velocities = [self.v]
-            self.dt = time_scaler(config, event_t[:n], span=events.span)
-            positions = dither(config, event_x[:n], event_y[:n])
+            self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
+            positions = dither(config, batch.x, batch.y)
             batch_gain = gain(config, settings.eta)
             for entry in plan:
-                step, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
+                done, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
                 flags |= Flag.SATURATED if saturated else Flag(0)
-                self.v = step.v_next
-                velocities.append(step.v_next)
-                sums.append(step.sums)
+                self.v = done.v_next
+                velocities.append(done.v_next)
+                sums.append(done.sums)
                 if keep:
-                    self.iterations.append(step)
+                    self.iterations.append(done)
             self.tracking = True
-        if self._move(settings, moved=Flag.DEGENERATE not in flags):
-            flags |= Flag.ROI_CLAMPED
+            step = tuple(axis * settings.roi_gain for axis in self.v)
+        limited |= self.follower.move(step)
+        flags |= Flag.ROI_CLAMPED if limited else Flag(0)
 
         table = np.array(sums, np.int64).reshape(-1, 5)
         return BatchResult(
-            events=events.events,
-            roi_events=n,
-            outside=events.outside,
-            overflow=overflow,
-            thinned=thinned,
-            time_back=events.time_back,
-            time_span=events.time_span,
-            span=events.span,
+            **batch.counts,
             roi=roi,
-            roi_next=tuple(crop_position(config, p) for p in self._next_position()[0]),
+            roi_next=self.follower.next_corner,
             v=(config.v.real(self.v[0]), config.v.real(self.v[1])),
             iterations=len(sums),
             flags=flags,
             trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),
         )
-
-    def _crop(self, settings):
-        """Corner of the batch that begins, and whether it was limited to the sensor."""
-        config = self.config
-        if settings.roi is not None:
-            roi, clamped = clamp_roi(config, settings.roi)
-            self.position = tuple(c << config.roi_x_format.f for c in roi)
-            self.last_step, self.coming_step = (0, 0), (0, 0)
-            self.tracking = False
-            return roi, clamped
-        position, clamped = self._next_position()
-        if self.coming_step is not None:  # only now does the last batch's move take place
-            self.position, _ = roi_updater(config, self.position, self.coming_step, roi_gain=1)
-            self.last_step = self.coming_step
-        return tuple(crop_position(config, p) for p in position), clamped
-
-    def _next_position(self):
-        """Raw position of the next crop: with two buffers where the last known move, repeated, leads."""
-        if self.config.buffers == 1:
-            return self.position, False
-        return roi_updater(self.config, self.position, self.last_step, roi_gain=1)
-
-    def _move(self, settings, *, moved):
-        """The ROI follows v, at once or with the next batch; whether it was limited to the sensor."""
-        config = self.config
-        if config.buffers == 2:
-            self.coming_step = tuple(axis * settings.roi_gain if moved else 0 for axis in self.v)
-            return False
-        if not moved:
-            return False
-        self.position, clamped = roi_updater(config, self.position, self.v, roi_gain=settings.roi_gain)
-        return clamped
 
     def _plan(self, settings, warm):
         """One :class:`ScheduleEntry` per iteration; None for a constant η."""
