@@ -95,6 +95,7 @@ class Maker:
             "start_last": bool(rng.random() < 0.5),
             "v_start": tuple(int(v) for v in rng.integers(config.v.min, config.v.max + 1, 2) >> rng.integers(0, 9)),
             "min_roi_events": 1,
+            "thinning": int(rng.choice([1, 1, 1, 2, 5])),
         }
         return BatchSettings(**{**fields, **changes})
 
@@ -285,7 +286,7 @@ class Vectors:
         settings = [inputs[name.removeprefix("settings_")] for name in self.names("settings_")]
         self._put("batches", n, batch.stall, reset_after, *settings)
         outputs = {
-            **{name: getattr(result, name) for name in ("span", "events", "roi_events", "outside", "overflow")},
+            **{name: getattr(result, name) for name in ("span", "events", "roi_events", "outside", "overflow", "thinned")},
             **{name: getattr(result, name) for name in ("time_back", "time_span", "iterations")},
             "v_x": trace.v[-1][0],
             "v_y": trace.v[-1][1],
@@ -299,7 +300,7 @@ class Vectors:
         outputs |= dict(zip(("sums_i", "sums_dx", "sums_dy", "sums_sx", "sums_sy"), last_sums, strict=True))
         self._put("results", len(rows), *(outputs[name.removeprefix("result_")] for name in self.names("result_")))
         if reset_after:
-            self.model.v, self.model.position = (0, 0), (0, 0)
+            self.model = IntegerCore(config)
         else:
             self.seen |= result.flags
         return result
@@ -315,6 +316,8 @@ class Vectors:
             "EVENTS": len(self.words["events"]),
             "ITERATIONS": len(self.words["trace"]),
             "BANK_WORDS": config.bank_words,
+            # After a reset the banks are swept, and the sums of that sweep settle.
+            "CLEARING": config.bank_words + self.core.gradient_reader.latency,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.bank_words + 500),
             "GAP_BITS": GAP_BITS,
