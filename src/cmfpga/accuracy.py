@@ -391,32 +391,43 @@ def track_scores(speeds):
     """``track_checkerboard`` as scores."""
     (left, right), (top, bottom) = TRACK_BOUNDS
     vx, vy = speeds.T
-    good = (vx >= left) & (vx <= right) & (vy >= top) & (vy <= bottom)
+    good = (vx >= left) & (vx <= right) & (vy >= top) & (vy <= bottom)  # no NaN is
     return {
         "batches": len(speeds),
         "within_bounds": int(good.sum()),
-        "vx_px_per_s": [float(vx.min()), float(vx.max())],
-        "vy_px_per_s": [float(vy.min()), float(vy.max())],
+        "vx_px_per_s": [float(np.fmin.reduce(vx)), float(np.fmax.reduce(vx))],
+        "vy_px_per_s": [float(np.fmin.reduce(vy)), float(np.fmax.reduce(vy))],
     }
 
 
 # -------------------------------------------------------------------- studies
 
-#: Cold schedules to compare; the first is the configuration's.
-SCHEDULES = {
-    "the configuration's": None,
-    "one coarse step more": "2:1*5 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",
-    "one coarse step less": "2:1*3 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",
-    "first step 4 px": "2:2*2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",
-    "longer fine tail": "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5",
-    "longer at level 1": "2:1*4 2:0*2 1:0*2 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",
-    "level 0 earlier": "2:1*4 2:0*2 1:0 1:-1*2 1:-2 0:-1 0:-2 0:-3*2 0:-4 0:-5",
-    "from level 2 to 0": "2:1*4 2:0*2 2:-1*2 2:-2*2 0:-1 0:-2 0:-3*2 0:-4 0:-5",
-    "from level 1": "1:1*4 1:0*3 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",
-    "level 0 only": "0:1*4 0:0*3 0:-1*2 0:-2*3 0:-3*2 0:-4 0:-5",
-    "short, T = 12": "2:1*4 2:0 1:0 1:-1 1:-2 0:-2 0:-3 0:-4 0:-5",
-    "long, T = 23": "2:1*5 2:0*3 1:0*2 1:-1*3 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5*2",
-}
+#: Cold schedules to compare.
+SCHEDULES = (
+    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",
+    "2:1*5 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # a coarse step more
+    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # the same reach, a step less
+    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # smaller steps at level 1
+    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3 0:-3*2 0:-4 0:-5",
+    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 1:-4 0:-4 0:-5",
+    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5",  # a longer fine tail
+    "2:1*4 2:0*2 1:0 1:-1*2 1:-2 0:-1 0:-2 0:-3*2 0:-4 0:-5",  # full resolution earlier
+    "2:1*4 2:0*2 2:-1*2 2:-2*2 0:-1 0:-2 0:-3*2 0:-4 0:-5",  # no level 1
+    "1:1*4 1:0*3 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # no level 2
+    "0:1*4 0:0*3 0:-1*2 0:-2*3 0:-3*2 0:-4 0:-5",  # full resolution only
+    "2:1*4 2:0 1:0 1:-1 1:-2 0:-2 0:-3 0:-4 0:-5",  # short
+    "2:1*5 2:0*3 1:0*2 1:-1*3 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5*2",  # long
+)
+
+#: Warm schedules to compare.
+WARM_SCHEDULES = (
+    "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5",
+    "1:0 1:-1 1:-2*2 1:-3 0:-3 0:-4 0:-5",
+    "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",
+    "1:-1*3 1:-2 1:-3 0:-3 0:-4 0:-5",
+    "1:0 1:-1 1:-2 1:-3 0:-4 0:-5",
+    "1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",
+)
 
 #: Fraction bits of dt, v, position, weight, derivative, dither.
 WIDTHS = (
@@ -432,7 +443,7 @@ WIDTHS = (
 WIDTH_FIELDS = ("dt_frac", "v_frac", "position_frac", "weight_frac", "derivative_frac", "dither_frac")
 
 #: η of the article's ascent to choose the best of.
-PLAIN_ETAS = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
+PLAIN_ETAS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 
 STUDIES = ("plain", "peaks", "edges", "schedules", "widths")
 
@@ -440,15 +451,16 @@ STUDIES = ("plain", "peaks", "edges", "schedules", "widths")
 class _Report:
     """Prints tables, and keeps what ``--json`` writes."""
 
-    def __init__(self, options):
-        self.options = options
+    def __init__(self):
         self.results = {}
 
     def progress(self, cases):
         return tqdm(cases, unit="batch", disable=None, leave=False)
 
     def keep(self, name, values, scores):
-        self.results[name] = {"scores": scores, "values": np.asarray(values).tolist()}
+        values = np.asarray(values).astype(object)
+        values[values != values] = None  # JSON has no NaN
+        self.results[name] = {"scores": scores, "values": values.tolist()}
         return scores
 
     def table(self, title, heads, rows):
@@ -493,19 +505,20 @@ def _share_cells(scores):
 
 
 BINS = (
-    ("speed", "speed, px per half batch", (0, 1, 3, 6, 9)),
-    ("roi_events", "n, events", (0, 200, 600, 1200, 2001)),
-    ("noise", "noise, share of n", (0, 0.1, 0.2, 0.3)),
+    ("speed", "speed, px per half batch", ((0, 1), (1, 3), (3, 6), (6, 9), (1, 9))),
+    ("roi_events", "n, events", ((200, 600), (600, 1200), (1200, 2001))),
+    ("noise", "noise, share of n", ((0, 0.1), (0.1, 0.2), (0.2, 0.3))),
 )
 
 
 def _binned(cases, values):
     """Rows of errors by what the batches are made of."""
     groups = []
-    for name, title, edges in BINS:
+    for name, title, bins in BINS:
         facts = np.array([case.facts[name] for case in cases])
-        for low, high in pairwise(edges):
-            groups.append((f"{title}: {low} to {high}", (facts >= low) & (facts < high)))
+        for low, high in bins:
+            last = high - 1 if name == "roi_events" else high  # whole numbers
+            groups.append((f"{title}: {low} to {last}", (facts >= low) & (facts < high)))
     textures = np.array([case.facts["texture"] for case in cases])
     groups += [(f"texture: {texture}", textures == texture) for texture in SIZES]
     return [(title, *_error_cells(error_scores(values[chosen]))) for title, chosen in groups if chosen.any()]
@@ -550,13 +563,19 @@ def main(arguments=None):
         raise ConfigError(f"ROI of {config.roi_width}×{config.roi_height} px: the suites are for {ROI}×{ROI} px")
     if options.data is not None and not Path(options.data).is_dir():
         raise RecordingError(f"--data {options.data}: no such folder")
-    report = _Report(options)
+    if options.json:
+        Path(options.json).touch()  # say that it cannot be written before the work, not after it
+    report = _Report()
     if options.data is None:
         print("note: no folder of recordings (--data, $CMFPGA_DATA): synthetic batches only", file=sys.stderr)
-    if options.study:
-        _run_study(options, config, report)
-    else:
-        _run_suites(options, config, report)
+    try:
+        (_run_study if options.study else _run_suites)(options, config, report)
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ConfigError(
+            "torch is not installed, which all but --engine rtl need; pip install 'cmfpga[reference]'"
+        ) from None
     if options.json:
         text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)
         Path(options.json).write_text(text + "\n", encoding="utf-8")
@@ -570,12 +589,7 @@ def real_config(config):
 
 
 def _engine(name, config):
-    try:
-        return closing(make_engine(name, config))
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError(f"--engine {name}: torch is not installed; pip install 'cmfpga[reference]'") from None
+    return closing(make_engine(name, config))
 
 
 def _run_suites(options, config, report):
@@ -686,13 +700,23 @@ def _study_edges(config, engine, cases, real, report):
 def _study_schedules(config, engine, cases, real, report):
     if config.ascent != "sign":
         raise ConfigError(f"ascent = {config.ascent!r}: schedules belong to ascent = sign")
+    entries = max(config.schedule_entries, 64)
     rows = []
-    for name, cold in SCHEDULES.items():
-        changed = config.replace(cold=cold) if cold else config
-        cells = _row(report, f"schedule {name}", engine, changed, cases, real)
-        rows.append((name, f"`{changed.cold}`", str(len(changed.cold_schedule)), *cells))
+    for cold in SCHEDULES:
+        changed = config.replace(cold=cold, schedule_entries=entries)
+        cells = _row(report, f"cold {cold}", engine, changed, cases, real)
+        rows.append((f"`{cold}`", str(len(changed.cold_schedule)), *cells))
     title = f"Cold schedules, entries LEVEL:LOG2STEP*COUNT ({engine} engine)"
-    report.table(title, ("schedule", "entries", "T", *_row_heads(real)), rows)
+    report.table(title, ("schedule", "T", *_row_heads(real)), rows)
+    rows = []
+    for warm in WARM_SCHEDULES:
+        changed = config.replace(warm=warm, schedule_entries=entries)
+        with _engine(engine, changed) as runner:
+            values = errors(runner, cases, warm=True, progress=report.progress)
+        cells = _error_cells(report.keep(f"warm {warm}", values, error_scores(values)))[1:4]
+        rows.append((f"`{warm}`", str(len(changed.warm_schedule)), *cells))
+    title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
+    report.table(title, ("schedule", "T", *_row_heads([])), rows)
 
 
 def _study_widths(config, engine, cases, real, report):

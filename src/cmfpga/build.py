@@ -60,6 +60,7 @@ def ports(core):
 
 def describe(config, core, verilog):
     """Everything in ``build-info.json``, JSON-ready."""
+    iterations = len(config.cold_schedule) if config.ascent == "sign" else config.iterations
     return {
         "cmfpga": __version__,
         "amaranth": importlib.metadata.version("amaranth"),
@@ -78,8 +79,8 @@ def describe(config, core, verilog):
             "example": {
                 "N": 5000,
                 "n": 800,
-                "T": 100,
-                "cycles": core.cycles(events=5000, roi_events=800, iterations=100),
+                "T": iterations,
+                "cycles": core.cycles(events=5000, roi_events=800, iterations=iterations),
             },
         },
         "ports": ports(core),

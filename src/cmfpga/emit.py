@@ -59,7 +59,7 @@ def _strip_memory_contents(text):
             raise AssertionError("a memory has initial contents that are not zero")
         return ""
 
-    return re.sub(r"  initial begin\n(?:    \S+\[\d+\] = \S+;\n)+  end\n", check, text)
+    return re.sub(r"  initial begin\n(?:    \S+ ?\[\d+\] = \S+;\n)+  end\n", check, text)
 
 
 def _separate_initial_values(text):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from .errors import ConfigError
 
-_ENTRY = re.compile(r"(\d+):(-?\d+)(?:\*(\d+))?")
+_ENTRY = re.compile(r"(\d{1,9}):(-?\d{1,9})(?:\*(\d{1,9}))?")
 
 
 class ScheduleEntry(NamedTuple):

@@ -180,11 +180,8 @@ def test_plain_verilog_without_contents_or_attributes(files):
     assert info_of(files)["configuration_hash"][:16] in header and "SPDX-License-Identifier: BSD-2-Clause" in header
 
 
-def test_memories_have_no_initial_contents(files, request):
+def test_memories_have_no_initial_contents(files):
     """No RAM needs any, and an UltraRAM cannot have any."""
-    if info_of(files)["configuration"]["ascent"] == "sign":
-        reason = "emit keeps the zeros of the schedule's table, whose name is escaped: `\\table [0] = …`"
-        request.applymarker(pytest.mark.xfail(reason=reason, strict=True))
     assert b"initial begin" not in files["cmfpga_core.v"]
 
 

@@ -62,7 +62,7 @@ def test_passes(name, tmp_path):
 
 def test_the_vectors_are_worth_it():
     vectors = make_vectors.make_vectors(SMALL, batches=KINDS, seed=3)
-    assert vectors.seen == Flag(sum(Flag) - Flag.CUT)
+    assert vectors.seen == Flag(sum(Flag) - Flag.CUT - Flag.SCHEDULE)
     cut = make_vectors.make_vectors(CONFIGS["narrow formats"], batches=KINDS, seed=2)
     assert Flag.CUT in cut.seen
 
