@@ -95,7 +95,6 @@ class Maker:
             "start_last": bool(rng.random() < 0.5),
             "v_start": tuple(int(v) for v in rng.integers(config.v.min, config.v.max + 1, 2) >> rng.integers(0, 9)),
             "min_roi_events": 1,
-            "thinning": int(rng.choice([1, 1, 1, 2, 5])),
         }
         return BatchSettings(**{**fields, **changes})
 
@@ -117,6 +116,12 @@ class Maker:
 def steady(make, roi):
     """Events in and around the ROI, one per cycle."""
     return {"pixels": make.mixed(make.n, roi)}
+
+
+@kind
+def thinned(make, roi):
+    """Only every third ROI event is stored."""
+    return {"pixels": make.mixed(make.n, roi), "settings": {"thinning": 3}}
 
 
 @kind
@@ -286,7 +291,10 @@ class Vectors:
         settings = [inputs[name.removeprefix("settings_")] for name in self.names("settings_")]
         self._put("batches", n, batch.stall, reset_after, *settings)
         outputs = {
-            **{name: getattr(result, name) for name in ("span", "events", "roi_events", "outside", "overflow", "thinned")},
+            **{
+                name: getattr(result, name)
+                for name in ("span", "events", "roi_events", "outside", "overflow", "thinned")
+            },
             **{name: getattr(result, name) for name in ("time_back", "time_span", "iterations")},
             "v_x": trace.v[-1][0],
             "v_y": trace.v[-1][1],

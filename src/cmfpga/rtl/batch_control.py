@@ -121,9 +121,9 @@ class BatchControl(wiring.Component):
     def _ingest(self, m, idle, unsettled, cycles):
         config = self.config
         current = Signal(payloads.settings(config))
-        events, cut = Signal.like(self.taken_in.events), Signal()
+        events, cut = Signal(bits_for(config.max_batch_events), name="events"), Signal()
         swept = Signal()
-        timer = Signal(range(self._drain))
+        timer = Signal(range(self._drain), name="drain_timer")
         full, limit, roi_limit, ends, may_accept = Signal(), Signal(), Signal(), Signal(), Signal()
         accepted = events + 1
         # Events that have been accepted but may yet be stored. None is accepted if they could be one too many.
@@ -181,7 +181,7 @@ class BatchControl(wiring.Component):
     def _iterate(self, m, idle, ingest_cycles):
         config = self.config
         batch = self.batch
-        timer = Signal(range(self._move))
+        timer = Signal(range(max(2, self._move)), name="move_timer")
         too_few, final = Signal(), Signal()
         m.d.comb += [
             too_few.eq(
@@ -196,7 +196,7 @@ class BatchControl(wiring.Component):
             m, self.evaluate & self.iterating & ~final, self._replay_delay, name="next_replay", valid=True
         )
         m.d.sync += self.cycles.eq(self.cycles + 1)
-        with m.FSM(name="iterations_fsm"):
+        with m.FSM(name="iterate"):
             with m.State("IDLE"):
                 m.d.comb += idle.eq(1)
                 m.d.sync += [self.cycles.eq(ingest_cycles + 1), self.iterations.eq(0)]
