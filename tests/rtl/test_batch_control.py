@@ -454,7 +454,7 @@ def test_corners(data):
         "wait": st.integers(0, 30),
     }
     ends = {"count": st.integers(1, CONFIG.max_batch_events), "end": st.sampled_from(["last", "count"])}
-    by_roi = {"count": st.just(0), "end": st.just("roi"), "limit": st.integers(1, 4)}
+    by_roi = {"count": st.just(0), "end": st.just("roi"), "limit": st.integers(1, 3)}
     pattern = st.lists(st.booleans(), min_size=0, max_size=2).map(lambda inside: [*inside, True])
     plan = st.one_of(
         st.builds(Plan, **fields, **ends, stored=st.integers(0, CONFIG.buffer_events)),
