@@ -31,8 +31,8 @@ def table(report):
         "article reports for its design; which clock this core reaches is not known).",
         f"Programs: one thread of this machine's processor, {report['processor']}; median of {report['runs']} runs",
         "(lowest–highest), events in its cache. A GPU, where there is one, is named.",
-        "core: × is how many times as fast as the program the first core above it is at that clock: whole batch, and from",
-        "the last event on. Below 1 the program is faster.",
+        "core: × is how many times as fast as the program the first core above it is at that clock: whole batch, and",
+        "from the last event on. Below 1 the program is faster.",
     ]
     for case, rows in blocks:
         lines += ["", _title(case), _line(HEADER, widths), *(_line(row, widths) for row in rows)]
