@@ -87,6 +87,9 @@ PORTS = {
     "settings_roi_x": "left column of the ROI, px; limited to the sensor",
     "settings_roi_y": "top row of the ROI, px; limited to the sensor",
     "settings_batch_events": "end the batch after so many events; 0: only by `event_last`",
+    "settings_batch_roi_events": "end the batch when so many ROI events are stored; 0: off",
+    "settings_thinning": "store one ROI event in so many, 1 … 255",
+    "settings_thin_target": "choose that from the last batch so that about so many are stored; 0: off",
     "settings_iterations": "T",
     "settings_eta": "η, {eta}",
     "settings_roi_gain": "displacement of the ROI per v, {roi_gain}",
@@ -104,6 +107,7 @@ PORTS = {
     "result_roi_events": "n, events stored",
     "result_outside": "events outside the ROI",
     "result_overflow": "events in the ROI that the buffer had no room for",
+    "result_thinned": "ROI events left out by the thinning",
     "result_time_back": "events dropped because time stepped back",
     "result_time_span": "events dropped because they lie 2^span_bits µs or more after the first",
     "result_roi_x": "left column of the ROI of this batch, px",
@@ -165,11 +169,14 @@ def constants_table():
     core = elaborated(preset("paper"))
     parts = core.latencies
     iteration = {name: parts[name] for name in ("warp", "voter", "gradient_reader", "gradient", "updater")}
-    batch = {name: parts[name] for name in ("roi_filter", "reciprocal", "event_buffer", "time_scaler", "roi_updater")}
+    batch = {
+        name: parts[name]
+        for name in ("roi_filter", "thinner", "reciprocal", "event_buffer", "time_scaler", "roi_updater")
+    }
     rows = []
     for name, values, extra, why, total in (
         ("L, per iteration", iteration, -1, "−1 because the last swept address counts in P/4", core.iteration_latency),
-        ("per batch", batch, 1, "+1 for `OPEN`", core.batch_latency),
+        ("per batch", batch, 2, "+2 for `OPEN` and `JUDGE`", core.batch_latency),
     ):
         if sum(values.values()) + extra != total:
             raise AssertionError(f"{name}: {values} and {extra} do not make {total}")

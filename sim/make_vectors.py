@@ -119,6 +119,12 @@ def steady(make, roi):
 
 
 @kind
+def thinned(make, roi):
+    """Only every third ROI event is stored."""
+    return {"pixels": make.mixed(make.n, roi), "settings": {"thinning": 3}}
+
+
+@kind
 def hesitant(make, roi):
     """Gaps between the events, and a result that waits for long."""
     gaps = make.rng.integers(0, 6, make.n) * (make.rng.random(make.n) < 0.4)
@@ -285,7 +291,10 @@ class Vectors:
         settings = [inputs[name.removeprefix("settings_")] for name in self.names("settings_")]
         self._put("batches", n, batch.stall, reset_after, *settings)
         outputs = {
-            **{name: getattr(result, name) for name in ("span", "events", "roi_events", "outside", "overflow")},
+            **{
+                name: getattr(result, name)
+                for name in ("span", "events", "roi_events", "outside", "overflow", "thinned")
+            },
             **{name: getattr(result, name) for name in ("time_back", "time_span", "iterations")},
             "v_x": trace.v[-1][0],
             "v_y": trace.v[-1][1],
@@ -299,7 +308,7 @@ class Vectors:
         outputs |= dict(zip(("sums_i", "sums_dx", "sums_dy", "sums_sx", "sums_sy"), last_sums, strict=True))
         self._put("results", len(rows), *(outputs[name.removeprefix("result_")] for name in self.names("result_")))
         if reset_after:
-            self.model.v, self.model.position = (0, 0), (0, 0)
+            self.model = IntegerCore(config)
         else:
             self.seen |= result.flags
         return result

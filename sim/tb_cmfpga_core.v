@@ -31,6 +31,9 @@ module tb_cmfpga_core;
   reg [SETTINGS_ROI_X-1:0] settings_roi_x;
   reg [SETTINGS_ROI_Y-1:0] settings_roi_y;
   reg [SETTINGS_BATCH_EVENTS-1:0] settings_batch_events;
+  reg [SETTINGS_BATCH_ROI_EVENTS-1:0] settings_batch_roi_events;
+  reg [SETTINGS_THINNING-1:0] settings_thinning;
+  reg [SETTINGS_THIN_TARGET-1:0] settings_thin_target;
   reg [SETTINGS_ITERATIONS-1:0] settings_iterations;
   reg [SETTINGS_ETA-1:0] settings_eta;
   reg [SETTINGS_ROI_GAIN-1:0] settings_roi_gain;
@@ -49,6 +52,7 @@ module tb_cmfpga_core;
   wire [RESULT_ROI_EVENTS-1:0] result_roi_events;
   wire [RESULT_OUTSIDE-1:0] result_outside;
   wire [RESULT_OVERFLOW-1:0] result_overflow;
+  wire [RESULT_THINNED-1:0] result_thinned;
   wire [RESULT_TIME_BACK-1:0] result_time_back;
   wire [RESULT_TIME_SPAN-1:0] result_time_span;
   wire [RESULT_ROI_X-1:0] result_roi_x;
@@ -99,6 +103,9 @@ module tb_cmfpga_core;
     .settings_roi_x(settings_roi_x),
     .settings_roi_y(settings_roi_y),
     .settings_batch_events(settings_batch_events),
+    .settings_batch_roi_events(settings_batch_roi_events),
+    .settings_thinning(settings_thinning),
+    .settings_thin_target(settings_thin_target),
     .settings_iterations(settings_iterations),
     .settings_eta(settings_eta),
     .settings_roi_gain(settings_roi_gain),
@@ -117,6 +124,7 @@ module tb_cmfpga_core;
     .result_roi_events(result_roi_events),
     .result_outside(result_outside),
     .result_overflow(result_overflow),
+    .result_thinned(result_thinned),
     .result_time_back(result_time_back),
     .result_time_span(result_time_span),
     .result_roi_x(result_roi_x),
@@ -230,8 +238,8 @@ module tb_cmfpga_core;
   integer opened = 0;             // first cycle in which the core may take over the next batch's settings
 
   task drive_settings(input [SETTINGS_BITS-1:0] value);
-    {settings_roi_load, settings_roi_x, settings_roi_y, settings_batch_events, settings_iterations, settings_eta,
-      settings_roi_gain, settings_start_last, settings_v_start_x, settings_v_start_y,
+    {settings_roi_load, settings_roi_x, settings_roi_y, settings_batch_events, settings_batch_roi_events,
+      settings_thinning, settings_thin_target, settings_iterations, settings_eta, settings_roi_gain, settings_start_last, settings_v_start_x, settings_v_start_y,
       settings_min_roi_events} = value;
   endtask
 
@@ -292,6 +300,7 @@ module tb_cmfpga_core;
   reg [RESULT_ROI_EVENTS-1:0] roi_events;
   reg [RESULT_OUTSIDE-1:0] outside;
   reg [RESULT_OVERFLOW-1:0] overflow;
+  reg [RESULT_THINNED-1:0] thinned;
   reg [RESULT_TIME_BACK-1:0] time_back;
   reg [RESULT_TIME_SPAN-1:0] time_span;
   reg [RESULT_ROI_X-1:0] roi_x;
@@ -309,7 +318,7 @@ module tb_cmfpga_core;
 
   // The memories' words; the first port is at the top.
   task look_up_result;
-    {iterations, v_x, v_y, t_first, span, total, roi_events, outside, overflow, time_back, time_span, roi_x, roi_y,
+    {iterations, v_x, v_y, t_first, span, total, roi_events, outside, overflow, thinned, time_back, time_span, roi_x, roi_y,
       roi_next_x, roi_next_y, iterations_done, sums_i, sums_dx, sums_dy, sums_sx, sums_sy, cycles,
       flags} = results[batch];
   endtask
@@ -405,6 +414,7 @@ module tb_cmfpga_core;
       check("result_roi_events", result_roi_events, roi_events);
       check("result_outside", result_outside, outside);
       check("result_overflow", result_overflow, overflow);
+      check("result_thinned", result_thinned, thinned);
       check("result_time_back", result_time_back, time_back);
       check("result_time_span", result_time_span, time_span);
       check("result_roi_x", result_roi_x, roi_x);
@@ -443,7 +453,7 @@ module tb_cmfpga_core;
     else begin
       if (trace_valid !== 1'b0) check_iteration;
       now = {result_v_x, result_v_y, result_t_first, result_span, result_events, result_roi_events, result_outside,
-        result_overflow, result_time_back, result_time_span, result_roi_x, result_roi_y, result_roi_next_x,
+        result_overflow, result_thinned, result_time_back, result_time_span, result_roi_x, result_roi_y, result_roi_next_x,
         result_roi_next_y, result_iterations, result_sums_i, result_sums_dx, result_sums_dy, result_sums_sx,
         result_sums_sy, result_cycles, result_flags};
       if (waited != 0) begin

@@ -13,14 +13,14 @@ from cmfpga.fixed import Q
 def test_flags_have_the_bits_of_the_hardware():
     assert {flag.name: flag.value for flag in Flag} == {
         "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
-        "SCHEDULE": 128,
+        "SCHEDULE": 128, "THINNED": 256,
     }  # fmt: skip
 
 
 def test_flags_as_text():
     assert Flag(0).text == ""
     assert Flag.OVERFLOW.text == "overflow"
-    assert Flag(255).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped|schedule"
+    assert Flag(511).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped|schedule|thinned"
     assert (Flag.ROI_CLAMPED | Flag.DEGENERATE).text == "degenerate|roi_clamped"
 
 
@@ -34,6 +34,8 @@ def test_settings_of_a_configuration(start, start_last, v_start):
         roi=(3, 4), iterations=7, eta=768, roi_gain=24, start_last=start_last, v_start=v_start, min_roi_events=9
     )
     assert BatchSettings.from_config(config).roi is None
+    thin = BatchSettings.from_config(config.replace(thinning=5, thin_target=700))
+    assert (thin.thinning, thin.thin_target) == (5, 700)
 
 
 def test_settings_are_rounded_to_the_nearest():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import re
 import subprocess
 import sys
@@ -15,7 +16,10 @@ FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
 REAL = [name for name, field in FIELDS.items() if field.type is float]
 TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm"}
-RUNTIME = {"min_roi_events", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain", "cold", "warm"}
+RUNTIME = {
+    "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
+    "cold", "warm",
+}  # fmt: skip
 
 # Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
 LEAST = {
@@ -28,7 +32,7 @@ LEAST = {
 ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
-    "min_roi_events": {"buffer_events": 1 << 20},
+    "min_roi_events": {"buffer_events": 1 << 20}, "thin_target": {"buffer_events": 1 << 20},
 }  # fmt: skip
 
 
@@ -122,6 +126,7 @@ def test_choices(name, choices):
         ({"iterations": 1024}, "iterations = 1024: at most 1023 is allowed (max_iterations)"),
         ({"max_iterations": 99}, "iterations = 100: at most 99 is allowed (max_iterations)"),
         ({"min_roi_events": 2049}, "min_roi_events = 2049: at most 2048 is allowed (buffer_events)"),
+        ({"thin_target": 2049}, "thin_target = 2049: at most 2048 is allowed (buffer_events)"),
         ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
         ({"ascent": "sign"}, "cold: '2:1*4': level 0 to 0 is needed (max_level)"),
         ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 8 iterations; at most 32 are "),
@@ -140,6 +145,7 @@ def test_fields_that_do_not_go_together(changes, message):
         {"span_bits": 31},
         {"iterations": 1023},
         {"min_roi_events": 2048},
+        {"thin_target": 2048},
         {"sensor_width": 64, "sensor_height": 64},
     ],
     ids=str,
@@ -223,8 +229,10 @@ def test_presets_by_name():
 def test_runtime_fields_do_not_shape_the_hardware():
     assert {name for name, field in FIELDS.items() if field.metadata["runtime"]} == RUNTIME
     changed = Config(
-        min_roi_events=5, iterations=7, eta=0.5, start="given", v_start_x=1.0, v_start_y=-1.0, roi_gain=1.0
-    )
+        min_roi_events=5, thinning=3, thin_target=700, iterations=7, eta=0.5, start="given", v_start_x=1.0,
+        v_start_y=-1.0, roi_gain=1.0, cold="0:0", warm="0:-1",
+    )  # fmt: skip
+    assert all(getattr(changed, name) != getattr(Config(), name) for name in RUNTIME)
     assert changed.hardware_hash == Config().hardware_hash
     assert not RUNTIME & set(changed.hardware_fields)
 
@@ -243,7 +251,11 @@ def test_the_hash_is_the_same_in_every_process():
     script = "from cmfpga.config import Config; print(Config().hardware_hash)"
     hashes = {
         subprocess.run(
-            [sys.executable, "-c", script], env={"PYTHONHASHSEED": seed}, capture_output=True, text=True, check=True
+            [sys.executable, "-c", script],
+            env={**os.environ, "PYTHONHASHSEED": seed},
+            capture_output=True,
+            text=True,
+            check=True,
         ).stdout.strip()
         for seed in ("1", "2")
     }

@@ -35,9 +35,9 @@ class Recorder(Engine):
         self._at = settings.roi or self._at
         roi, self._at = self._at, (self._at[0] + 2, self._at[1] + 1)
         values = {
-            "events": len(events), "roi_events": 3, "outside": len(events) - 3, "overflow": 0, "time_back": 0,
-            "time_span": 0, "span": int(events.t[-1] - events.t[0]), "roi": roi, "roi_next": self._at, "v": self.v,
-            "iterations": 5, "flags": Flag(0), "trace": NO_TRACE,
+            "events": len(events), "roi_events": 3, "outside": len(events) - 3, "overflow": 0, "thinned": 0,
+            "time_back": 0, "time_span": 0, "span": int(events.t[-1] - events.t[0]), "roi": roi, "roi_next": self._at,
+            "v": self.v, "iterations": 5, "flags": Flag(0), "trace": NO_TRACE,
         }  # fmt: skip
         return BatchResult(**{**values, **self._result})
 

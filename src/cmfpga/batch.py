@@ -19,6 +19,7 @@ class Flag(enum.IntFlag):
     SATURATED = 32  # the gradient or v reached the end of its format in some iteration
     ROI_CLAMPED = 64  # the ROI's position was limited to the sensor
     SCHEDULE = 128  # an entry of the schedule was out of range, and limited
+    THINNED = 256  # ROI events were left out evenly, to keep their number down
 
     @property
     def text(self):
@@ -44,6 +45,9 @@ class BatchSettings:
         Raw ``config.v``.
     min_roi_events : int
         Fewer ROI events make the batch degenerate.
+    thinning, thin_target : int
+        Store one ROI event in ``thinning``; or, with a target other than 0, in as many as would have brought the last
+        batch's ROI events down to it.
     cold, warm : tuple of ScheduleEntry
         Sign ascent: the iterations of a batch without, and with, a last v; they replace ``iterations`` and ``eta``.
     """
@@ -55,6 +59,8 @@ class BatchSettings:
     start_last: bool
     v_start: tuple[int, int]
     min_roi_events: int
+    thinning: int = 1
+    thin_target: int = 0
     cold: tuple = ()
     warm: tuple = ()
 
@@ -70,6 +76,8 @@ class BatchSettings:
             start_last=config.start == "last",
             v_start=(config.v.raw(start[0]), config.v.raw(start[1])),
             min_roi_events=config.min_roi_events,
+            thinning=config.thinning,
+            thin_target=config.thin_target,
             cold=config.cold_schedule if config.ascent == "sign" else (),
             warm=config.warm_schedule if config.ascent == "sign" else (),
         )
@@ -98,14 +106,15 @@ class Trace:
 class BatchResult:
     """One batch's outcome.
 
-    ``events = roi_events + outside + overflow + time_back + time_span``, always: nothing is lost without being
-    counted.
+    ``events = roi_events + outside + overflow + thinned + time_back + time_span``, always: nothing is lost without
+    being counted.
     """
 
     events: int  # N
     roi_events: int  # n, stored in the buffer
     outside: int  # outside the ROI
     overflow: int  # in the ROI, but the buffer was full
+    thinned: int  # in the ROI, but left out by the thinning
     time_back: int  # dropped: time stepped back
     time_span: int  # dropped: later than span_bits can hold
     span: int  # t_N − t_1 in µs

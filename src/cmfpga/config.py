@@ -51,6 +51,9 @@ class Config:
 
     # Batches
     buffer_events: int = _field(2048, "ROI events that the event buffer holds", unit="events", low=1, high=1 << 20)
+    buffers: int = _field(
+        1, "event buffers; with 2 a batch is taken in while the one before is optimised", low=1, high=2
+    )
     max_batch_events: int = _field(
         65535, "largest batch, in events of the whole sensor", unit="events", low=1, high=(1 << 31) - 1
     )
@@ -58,6 +61,15 @@ class Config:
     span_bits: int = _field(24, "width of times relative to the batch's first event", unit="bits of µs", low=4, high=32)
     min_roi_events: int = _field(
         1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 20, runtime=True
+    )
+    thinning: int = _field(1, "store one ROI event in so many", low=1, high=255, runtime=True)
+    thin_target: int = _field(
+        0,
+        "choose the thinning so that about so many are stored; 0: off",
+        unit="events",
+        low=0,
+        high=1 << 20,
+        runtime=True,
     )
 
     # Ascent
@@ -117,6 +129,7 @@ class Config:
             )
         self._check_size("iterations", "max_iterations")
         self._check_size("min_roi_events", "buffer_events")
+        self._check_size("thin_target", "buffer_events")
         for name, fmt in (
             ("eta", self.eta_format),
             ("roi_gain", self.roi_gain_format),
@@ -451,6 +464,7 @@ class Config:
 _FAST = Config(
     gradient="one_pass",
     ascent="sign",
+    buffers=2,
     max_level=2,
     dt_frac=8,
     v_frac=6,

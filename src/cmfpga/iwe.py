@@ -6,11 +6,11 @@ The same equations as :mod:`cmfpga.reference.floating`, which the tests compare 
 import numpy as np
 
 
-def scaled_roi_events(config, events, roi):
+def scaled_roi_events(config, events, roi, *, thinned=False):
     """ROI events of a batch as the engines use them: columns and rows in the ROI, and dt in −1 … 1, float64 [n].
 
-    Empty where the batch has no range of time. Events after the buffer is full, or beyond ``span_bits``, are left
-    out, as in the hardware.
+    Empty where the batch has no range of time. Events beyond ``span_bits``, or after the buffer is full, are left out,
+    as in the hardware; of a ``thinned`` batch, all ROI events are returned, which the stored ones stand for.
     """
     since = events.t - events.t[0] if len(events) else events.t
     kept = since < 1 << config.span_bits
@@ -19,7 +19,7 @@ def scaled_roi_events(config, events, roi):
         return np.zeros((3, 0))
     x, y = events.x.astype(np.int64) - roi[0], events.y.astype(np.int64) - roi[1]
     kept &= (x >= 0) & (x < config.roi_width) & (y >= 0) & (y < config.roi_height)
-    index = np.flatnonzero(kept)[: config.buffer_events]
+    index = np.flatnonzero(kept)[: None if thinned else config.buffer_events]
     return np.stack([x[index], y[index], (2 * since[index] - span) / span])
 
 
@@ -37,7 +37,7 @@ def image_of_warped_events(x, y, dt, v, *, width, height):
     return image
 
 
-def contrast(config, events, roi, v):
+def contrast(config, events, roi, v, *, thinned=False):
     """Population variance of the image of warped events (Eq. C), in squared events per pixel."""
-    x, y, dt = scaled_roi_events(config, events, roi)
+    x, y, dt = scaled_roi_events(config, events, roi, thinned=thinned)
     return float(image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height).var())

@@ -57,7 +57,8 @@ class Gallery:
         return frame
 
     def _keep_sharpest(self, batch):
-        events = scaled_roi_events(self.config, batch.events, batch.result.roi)
+        thinned = bool(batch.result.thinned)
+        events = scaled_roi_events(self.config, batch.events, batch.result.roi, thinned=thinned)
         size = {"width": self.config.roi_width, "height": self.config.roi_height}
         still = image_of_warped_events(*events, (0, 0), **size)
         gain = batch.contrast - still.var()

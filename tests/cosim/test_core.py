@@ -59,6 +59,8 @@ def random_settings(config, rng, previous_roi):
         start_last=bool(rng.random() < 0.5),
         v_start=tuple(int(v) for v in rng.integers(config.v.min, config.v.max + 1, 2) >> rng.integers(0, 12)),
         min_roi_events=int(rng.choice([1, 1, 1, 4])),
+        thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
+        thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
         **(random_schedules(config, rng) if config.ascent == "sign" else {}),
     )
     return settings, clamp_roi(config, roi or previous_roi)[0]
@@ -73,6 +75,12 @@ def random_schedules(config, rng):
         )
         for name in ("cold", "warm")
     }
+
+
+def accounted(result):
+    """Events that a result says something of: all of them."""
+    lost = result.overflow + result.thinned + result.time_back + result.time_span
+    return result.roi_events + result.outside + lost
 
 
 def run_both(core, model, t, x, y, settings, **options):
@@ -106,8 +114,8 @@ def test_adversarial_batches_back_to_back(pair, rng):
         # The first batch is offered while the banks are swept after the reset, and has to wait.
         waited = values["measured_cycles"] - values["cycles"]
         assert 0 <= waited <= config.bank_depth + 8 if number == 0 else waited == 0
-        assert rtl.events == rtl.roi_events + rtl.outside + rtl.overflow + rtl.time_back + rtl.time_span == len(x)
-        if gaps is None and rtl.iterations:
+        assert accounted(rtl) == rtl.events == len(x)
+        if gaps is None and rtl.iterations and rtl.events >= core.core.shortest_batch:
             assert rtl.cycles == core.core.cycles(
                 events=rtl.events, roi_events=rtl.roi_events, iterations=rtl.iterations
             )
@@ -157,7 +165,7 @@ def test_reset_in_the_middle_of_a_batch(pair, rng):
         with pytest.raises(TimeoutError):
             core.run(t, x, y, settings_values(config, settings), max_cycles=stop_after)
         core.reset()
-        model.v, model.position, model.tracking = (0, 0), (0, 0), False
+        model = IntegerCore(config)
         _, rtl, expected, _ = run_both(core, model, t, x, y, settings)
         assert_same(rtl, expected)
 
@@ -173,6 +181,86 @@ def test_a_batch_ends_by_count_and_at_the_counter_s_limit(rng):
         assert (values["events"], values["accepted"]) == (events, events)
         assert bool(values["flags"] & 16) == cut
     core.close()
+
+
+def test_batches_back_to_back_without_a_pause(pair, rng):
+    """The next batch is offered while the one before is optimised; gaps and stalls change nothing but the time."""
+    core, _, batches = pair
+    config = core.config
+    names = list(PATTERNS)
+    for gaps, stalls in ((False, False), (True, False), (False, True), (True, True)):
+        core.reset()
+        model, roi = IntegerCore(config), (0, 0)
+        events, settings, expected = [], [], []
+        schedules = random_schedules(config, rng) if config.ascent == "sign" else {}
+        for number in range(batches // 4):
+            setting, roi = random_settings(config, rng, roi)
+            if number == 0 or rng.random() < 0.7:
+                setting = replace(setting, roi=None)
+            setting = replace(setting, **schedules)
+            x, y = PATTERNS[names[number % len(names)]](config, rng, roi)
+            t = times(config, rng, len(x))
+            events.append((t, x, y))
+            settings.append(settings_values(config, setting))
+            expected.append(model.run(t, x, y, setting))
+            roi = expected[-1].roi_next
+        count = sum(len(t) for t, _, _ in events)
+        core.write_schedule(schedule_table(config, setting))
+        results, traces = core.stream(
+            events,
+            settings,
+            gaps=rng.integers(0, 40, count) * (rng.random(count) < 0.2) if gaps else None,
+            stalls=rng.integers(0, 3000, len(events)) if stalls else None,
+        )
+        for values, trace, wanted in zip(results, traces, expected, strict=True):
+            assert_same(to_batch_result(config, values, trace), wanted)
+
+
+def test_sustained_rate_of_the_article_s_workload(rng):
+    """N = 5000, n = 800, warm: as long as the eight iterations take, the ingest of 5000 events is hidden."""
+    config = preset("fast")
+    core = VerilatedCore(config)
+    settings = BatchSettings.from_config(config, (80, 60))
+    core.write_schedule(schedule_table(config, settings))
+    inside = rng.permutation(np.arange(5000) < 800)
+    x = np.where(inside, 80 + rng.integers(64, size=5000), rng.integers(70, size=5000))
+    y = np.where(inside, 60 + rng.integers(64, size=5000), rng.integers(50, size=5000))
+    t = np.sort(rng.integers(40_000, size=5000))
+    still = settings_values(config, replace(settings, roi=None, roi_gain=0))
+    results, _ = core.stream([(t, x, y)] * 8, [settings_values(config, settings) | {"roi_gain": 0}, *[still] * 7])
+    assert [row["roi_events"] for row in results] == [800] * 8
+    assert [row["iterations"] for row in results] == [16, *[8] * 7]
+    periods = np.diff([row["valid"] for row in results])
+    # Eight iterations, from the hand-over to the result, and from there until the next ROI is settled: the next batch
+    # has been complete for long.
+    hand_over_to_result = core.core.batch_latency - core.core.drain
+    per_batch = 8 * (800 + core.core.iteration_latency) + hand_over_to_result + core.core.roi_updater.settle + 2
+    assert set(periods[1:].tolist()) == {per_batch} and per_batch <= 6900
+    core.close()
+
+
+def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
+    """Exactly at that event, however events arrive; what comes after it belongs to the next batch."""
+    for config in (CONFIGS["two by two"], CONFIGS["fast, odd sizes"]):
+        core, model = VerilatedCore(config), IntegerCore(config)
+        settings = BatchSettings.from_config(config.replace(iterations=2), (3, 2))
+        core.write_schedule(schedule_table(config, settings))
+        for wanted in (1, 2, 5, config.buffer_events):
+            x, y = rng.integers(config.sensor_width, size=20_000), rng.integers(config.sensor_height, size=20_000)
+            t = np.cumsum(rng.integers(1, 5, len(x)))
+            inside = (x >= 3) & (x < 3 + config.roi_width) & (y >= 2) & (y < 2 + config.roi_height)
+            end = int(np.flatnonzero(inside)[wanted - 1]) + 1
+            gaps = rng.integers(0, 9, len(x)) * (rng.random(len(x)) < 0.4) if wanted % 2 else None
+            values, trace, _ = core.run(
+                t, x, y, settings_values(config, settings) | {"batch_roi_events": wanted}, gaps=gaps, open_end=True
+            )
+            expected = model.run(t[:end], x[:end], y[:end], settings)
+            assert values["events"] == end
+            assert values["accepted"] == end or config.buffers == 2  # which begins the next batch at once
+            assert_same(to_batch_result(config, values, trace), expected)
+            core.reset()
+            model = IntegerCore(config)
+        core.close()
 
 
 def test_two_architectures_take_the_same_path(rng):

@@ -9,19 +9,20 @@ from cmfpga.rtl import accumulator
 
 @dataclass(frozen=True)
 class Mutant:
-    """One replacement in the source of :mod:`cmfpga.rtl.accumulator`."""
+    """One replacement in the source of a module."""
 
     name: str
     old: str
     new: str
+    original: types.ModuleType = accumulator
 
     def module(self):
         """The mutated module. Fails where the source has changed so that the mutant means nothing any more."""
-        source = inspect.getsource(accumulator)
+        source = inspect.getsource(self.original)
         count = source.count(self.old)
         assert count == 1, f"mutant {self.name!r} has to be rewritten: its pattern occurs {count} times:\n{self.old}"
-        module = types.ModuleType(f"{accumulator.__name__}_mutant")
-        module.__package__ = accumulator.__package__
+        module = types.ModuleType(f"{self.original.__name__}_mutant")
+        module.__package__ = self.original.__package__
         exec(compile(source.replace(self.old, self.new), f"<mutant {self.name}>", "exec"), module.__dict__)
         return module
 

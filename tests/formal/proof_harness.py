@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from amaranth.asserts import AnyConst, AnySeq
 from amaranth.back import rtlil
-from amaranth.hdl import Assume, ClockDomain, Elaboratable, Fragment, Module, Mux, Signal
+from amaranth.hdl import Assume, ClockDomain, Elaboratable, Fragment, Module, Mux, Signal, Value
 
 # Tools lie beside the interpreter in a virtual environment, whether or not it is activated.
 SEARCH_PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
@@ -78,9 +78,10 @@ class RowModel(Elaboratable):
 
     def elaborate(self, platform):
         m = Module()
-        anything = Signal.like(self.content)
+        content = Value.cast(self.content)
+        anything = Signal.like(content)
         m.d.comb += [
-            anything.eq(AnySeq(len(self.content))),
+            anything.eq(AnySeq(len(content))),
             self.written.eq(self.write.en & (self.write.addr == self.row)),
             self.collision.eq(self.written & self.read.en & (self.read.addr == self.row)),
         ]
@@ -88,7 +89,7 @@ class RowModel(Elaboratable):
             m.d.sync += self.content.eq(self.write.data)
         with m.If(self.read.en):
             known = (self.read.addr == self.row) & ~self.written
-            m.d.sync += self.read.data.eq(Mux(known, self.content, anything))
+            m.d.sync += Value.cast(self.read.data).eq(Mux(known, content, anything))
         return m
 
 
@@ -113,7 +114,7 @@ class Harness(Elaboratable):
         m = Module()
         m.domains.sync = self.sync
         # Elaborated here already: its memories have to be known to `properties`.
-        m.submodules.dut = Fragment.get(self.dut, platform)
+        m.submodules.dut = self.fragment = Fragment.get(self.dut, platform)
         m.d.comb += [platform.row.eq(AnyConst(len(platform.row))), Assume(platform.row < self.depth)]
         self.properties(m, platform.row, platform.memories)
         return m

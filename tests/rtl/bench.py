@@ -304,6 +304,9 @@ def held(timeline, length):
 
 # ---------------------------------------------------------------- the core
 
+#: Fields of a result that add up to its events.
+COUNTED = ("roi_events", "outside", "overflow", "thinned", "time_back", "time_span")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
@@ -311,8 +314,10 @@ class Batch:
 
     events: list  # (t, x, y)
     settings: BatchSettings
-    #: "last" marks the last event, "count" sets ``batch_events``; "cut" does neither.
+    #: "last" marks the last event, "count" sets ``batch_events``; "cut" does neither, nor does "roi".
     end: str = "last"
+    #: The batch ends with as many stored events, where "roi" is its end.
+    batch_roi_events: int = 0
 
     def raw_settings(self):
         """The core's ``settings``."""
@@ -322,6 +327,9 @@ class Batch:
             "roi_x": s.roi[0] if s.roi else 0,
             "roi_y": s.roi[1] if s.roi else 0,
             "batch_events": len(self.events) if self.end == "count" else 0,
+            "batch_roi_events": self.batch_roi_events,
+            "thinning": s.thinning,
+            "thin_target": s.thin_target,
             "iterations": s.iterations,
             "eta": s.eta,
             "roi_gain": s.roi_gain,
@@ -357,10 +365,11 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     result, o_valid, o_ready = Port(core.o.payload), Port(core.o.valid), Port(core.o.ready)
     settings = Port(core.settings)
     trace, trace_valid = Port(core.trace.payload), Port(core.trace.valid)
-    pixels, pixels_valid = Port(core.pixels.payload), Port(core.pixels.valid)
+    if not core.one_pass:
+        pixels, pixels_valid = Port(core.pixels.payload), Port(core.pixels.valid)
     noise = random_values(core.i.payload.shape(), rng)
     settings_noise = random_values(core.settings.shape(), rng)
-    outcomes = []
+    outcomes = [Outcome() for _ in batches]
     # Twice what all batches take one after the other, and as much again for idle cycles.
     limit = 500 + 2 * config.bank_words
     for batch in batches:
@@ -374,12 +383,10 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             for number, batch in enumerate(batches)
             for k, (t, x, y) in enumerate(batch.events)
         ]
-        position, offering, held = 0, False, None
-        outcomes.append(Outcome())
+        position, offering, held, finished = 0, False, None, 0
         for cycle in range(limit):
             # Input.
             number, k, payload = queue[position] if position < len(queue) else (len(batches), 0, None)
-            finished = sum(outcome.result is not None for outcome in outcomes)
             if not offering:
                 wanted = payload is not None and (eager or k > 0 or number == finished)
                 offering = wanted and rng.random() >= gap
@@ -389,10 +396,10 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             # Output.
             ready = rng.random() >= stall
             o_ready.set(ctx, int(ready))
-            current = outcomes[-1]
+            current = outcomes[finished]
             if trace_valid.get(ctx):
                 current.trace.append(trace.get(ctx))
-            if pixels_valid.get(ctx):
+            if not core.one_pass and pixels_valid.get(ctx):
                 current.pixels.append(pixels.get(ctx))
             if o_valid.get(ctx):
                 bits = result.get(ctx)
@@ -401,7 +408,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
                 held = None if ready else bits
                 if ready:
                     current.result = bits
-                    outcomes.append(Outcome())
+                    finished += 1
             else:
                 assert held is None, f"cycle {cycle}: the result went away before it was taken"
             if offering and i_ready.get(ctx):
@@ -411,15 +418,13 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             if before_tick and before_tick(ctx, cycle):
                 return
             await ctx.tick()
-            if len(outcomes) > len(batches):
+            if finished == len(batches):
                 # Nothing may follow the last result.
                 i_valid.set(ctx, 0)
                 for _ in range(30):
                     assert not (o_valid.get(ctx) or trace_valid.get(ctx) or i_ready.get(ctx))
                     await ctx.tick()
-                outcomes.pop()
                 return
-        current, finished = outcomes[-1], len(outcomes) - 1
         raise AssertionError(
             f"no result of batch {finished} of {len(batches)} after {limit} cycles: {position} of {len(queue)} events "
             f"accepted, {len(current.trace)} of {batches[finished].settings.iterations} iterations traced, "
@@ -432,7 +437,8 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
 def check_core(config, batches, outcomes, *, model=None, free=False):
     """Compare with the model, everything that leaves the core; returns the model's results.
 
-    ``free``: the source had no gap, so the closed formula holds.
+    ``free``: the source had no gap, and no batch was offered while another was under way, unless the core has one
+    buffer: the closed formula holds.
     """
     model = model or IntegerCore(config)
     results = []
@@ -446,20 +452,18 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
         assert result == {
             "v": {"x": model.v[0], "y": model.v[1]},
             "t_first": int(t[0]),
-            **{
-                name: getattr(wanted, name)
-                for name in ("span", "events", "roi_events", "outside", "overflow", "time_back", "time_span")
-            },
+            **{name: getattr(wanted, name) for name in ("span", "events", *COUNTED)},
             "roi": dict(zip("xy", wanted.roi, strict=True)),
             "roi_next": dict(zip("xy", wanted.roi_next, strict=True)),
             "iterations": wanted.iterations,
             "flags": int(wanted.flags),
         }, f"batch {number}"
-        assert wanted.events == sum(result[n] for n in ("roi_events", "outside", "overflow", "time_back", "time_span"))
+        assert wanted.events == sum(result[name] for name in COUNTED)
         steps = [{"v": dict(zip("xy", i.v, strict=True)), "sums": i.sums._asdict()} for i in model.iterations]
         assert outcome.trace == steps, f"batch {number}"
-        images = [words for iteration in model.iterations for words in bank_pixels(config, iteration.images)]
-        assert outcome.pixels == images, f"batch {number}: images"
+        if config.gradient == "sweep":
+            images = [words for iteration in model.iterations for words in bank_pixels(config, iteration.images)]
+            assert outcome.pixels == images, f"batch {number}: images"
         if not degenerate:
             assert sums == steps[-1]["sums"]
         assert cycles == outcome.done - outcome.opened
@@ -470,9 +474,23 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
 
 def cycles_of(config, result):
     """:meth:`Core.cycles` without a core: N + T·(n + P/4 + L) + constant, its latencies as numbers."""
-    power = config.pixels & (config.pixels - 1) == 0
-    per_iteration = result.roi_events + config.bank_words + (19 if power else 22)
-    return result.events + result.iterations * per_iteration + 15 + config.span_bits + config.reciprocal_bits + 1
+    events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
+    return events + result.iterations * (result.roi_events + per_iteration(config)) + constant_cycles(config)
+
+
+#: What a batch of fewer events takes with two buffers: the next ROI must be known.
+SHORTEST = 3
+
+
+def per_iteration(config):
+    """P/4 + L as a number, L in one pass; for a constant η."""
+    division = 0 if config.pixels & (config.pixels - 1) == 0 else 3
+    return division + (19 + config.bank_words if config.gradient == "sweep" else 18)
+
+
+def constant_cycles(config):
+    """Cycles of a batch that depend on neither N, n nor T, as a number; without dither."""
+    return config.span_bits + config.reciprocal_bits + (18 if config.buffers == 1 else 16)
 
 
 # ---------------------------------------------------------------- votes and images

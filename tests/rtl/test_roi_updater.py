@@ -1,5 +1,7 @@
 """ROI updater against its model: a position that keeps its fraction, limited to the sensor at every border."""
 
+import itertools
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from cmfpga.batch import clamp_roi, crop_position
 from cmfpga.config import Config
 from cmfpga.reference.integer.roi_updater import roi_updater
+from cmfpga.reference.roi_follower import RoiFollower
 from cmfpga.rtl.roi_updater import RoiUpdater
 
 from .bench import CONFIGS, ODD, TINY, corners, edge_integers, held, integers_at_edges, np, play, random_value
@@ -21,7 +24,10 @@ SHAPES = {
 
 
 def check(config, batches, seed=0):
-    """Batches of (corner to load or None, v, gain, whether to move); compares corner and flag in every cycle."""
+    """Batches of (corner to load or None, v, gain, whether to move); compares corner and flag in every cycle.
+
+    A move that is none is ``still`` half of the time, and no ``move`` at all otherwise.
+    """
     rng = np.random.default_rng(seed)
     block = RoiUpdater(config)
     script, position, clamped = [], (0, 0), False
@@ -32,6 +38,7 @@ def check(config, batches, seed=0):
         noise = {"x": random_value(config.x_bits, rng), "y": random_value(config.y_bits, rng)}
         noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.roi_gain_format.width, rng)}
         noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
+        noise["still"] = 0 if "v" in values else int(rng.integers(2))
         script.append({**noise, **values})
 
     def note(at):
@@ -57,12 +64,69 @@ def check(config, batches, seed=0):
             position, limited = roi_updater(config, position, v, roi_gain=gain)
             clamped |= limited
             note(start + block.latency)
+        elif rng.random() < 0.5:
+            for number in range(block.latency):
+                cycle(move=int(number == 0), still=1)
         cycle()
-    recording = play(block, script, flows=(), watch=("roi", "clamped")).watch
+    recording = play(block, script, flows=(), watch=("roi", "roi_next", "clamped")).watch
+    assert recording["roi_next"] == recording["roi"]
     for number, wanted in enumerate(held(timeline, len(script))):
         roi = recording["roi"][number]
         assert ((roi["x"], roi["y"]), bool(recording["clamped"][number])) == wanted, f"cycle {number}"
     return list(timeline.values())
+
+
+def check_ahead(config, batches, seed=0, *, hurry=False):
+    """As :func:`check` with two buffers: every batch is cropped before the move of the one ahead of it.
+
+    The move follows a batch's crop, after any time, and the next crop :attr:`RoiUpdater.settle` cycles later, with
+    ``hurry`` in the first cycle in which it may. Where a batch loads its ROI, nothing moves. Returns (corner, clamped)
+    of each batch.
+    """
+    config = config.replace(buffers=2)
+    rng = np.random.default_rng(seed)
+    block, follower = RoiUpdater(config), RoiFollower(config, 1 << config.roi_x_format.f)
+    script, crops, following = [], {0: ((0, 0), False)}, {}
+    step = None  # of the batch ahead: (v, gain, whether to move)
+
+    def cycle(**values):
+        noise = {"x": random_value(config.x_bits, rng), "y": random_value(config.y_bits, rng)}
+        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.roi_gain_format.width, rng)}
+        noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
+        noise["still"] = int(rng.integers(2))
+        script.append({**noise, **values})
+
+    def wait(longest=4):
+        for _ in range(0 if hurry else int(rng.integers(longest))):
+            cycle()
+
+    wait()
+    for load, *coming in batches:
+        if load is None:
+            cycle(new_batch=1)
+        else:
+            cycle(new_batch=1, load=1, x=load[0], y=load[1])
+        crops[len(script)] = follower.crop(load)
+        wait()
+        if load is None and step is not None:
+            v, gain, moves = step
+            cycle(move=1, v={"x": v[0], "y": v[1]}, roi_gain=gain, still=int(not moves))
+        # ``move`` is followed by settle − 1 cycles, and what comes then sees the next ROI.
+        for _ in range(block.settle - 1):
+            cycle()
+        following[len(script)] = follower.next_corner
+        wait(9)
+        following[len(script)] = follower.next_corner
+        step = coming
+        follower.move(tuple(axis * coming[1] for axis in coming[0]) if coming[2] else None)
+    cycle()
+    recording = play(block, script, flows=(), watch=("roi", "roi_next", "clamped")).watch
+    for number, (corner, clamped) in enumerate(held(crops, len(script))):
+        roi = recording["roi"][number]
+        assert ((roi["x"], roi["y"]), bool(recording["clamped"][number])) == (corner, clamped), f"cycle {number}"
+    for number, corner in following.items():
+        assert (recording["roi_next"][number]["x"], recording["roi_next"][number]["y"]) == corner, f"cycle {number}"
+    return list(crops.values())[1:]
 
 
 def random_batches(config, rng, count):
@@ -82,6 +146,64 @@ def random_batches(config, rng, count):
 def test_matches_model(name, rng):
     timeline = check(SHAPES[name], random_batches(SHAPES[name], rng, 150))
     assert {clamped for _, clamped in timeline} == {False, True}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("hurry", [False, True])
+def test_with_two_buffers_matches_model(name, hurry, rng):
+    crops = check_ahead(SHAPES[name], random_batches(SHAPES[name], rng, 250), hurry=hurry)
+    assert {clamped for _, clamped in crops} == {False, True}
+
+
+def test_with_two_buffers_the_last_move_is_repeated():
+    """A constant velocity is met exactly, one batch late; a batch that measured nothing stops it, a load resets it."""
+    config = SHAPES["default"]
+    unit, pixel = 1 << config.roi_gain_frac, 1 << config.v_frac
+    step = ((3 * pixel, -pixel), unit, True)
+    nothing = (step[0], unit, False)
+    batches = [((50, 60), *step), (None, *step), (None, *step), (None, *nothing), (None, *step), (None, *step)]
+    batches += [((50, 60), *step), (None, *step), (None, *step)]
+    # The first move is known when the second batch has been cropped, and then repeated for the third.
+    assert [corner for corner, _ in check_ahead(config, batches)] == [
+        (50, 60), (50, 60), (56, 58), (59, 57), (62, 56), (59, 57), (50, 60), (50, 60), (56, 58),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_with_two_buffers_clamps_at_every_border(name):
+    """The position and what is ahead of it, each on its own: by a unit and by far; and back."""
+    config = SHAPES[name]
+    unit = 1 << config.roi_gain_frac
+    speeds = (1, -1, 1 << config.v_frac, -1 << config.v_frac, config.v.max, config.v.min)
+    batches = []
+    for x, y in itertools.product((0, config.roi_x_max), (0, config.roi_y_max)):
+        for v in speeds:
+            for velocity in ((v, 0), (0, v), (v, -v - (v < 0))):
+                batches += [((x, y), velocity, unit, True), *[(None, velocity, unit, True)] * 2]
+                batches += [(None, (0, 0), unit, True), (None, velocity, 0, True), (None, velocity, unit, False)]
+    crops = check_ahead(config, batches)
+    assert {clamped for _, clamped in crops} == {False, True}
+
+
+def test_with_two_buffers_a_load_out_of_range():
+    config = SHAPES["odd"]
+    loads = [(config.roi_x_max + dx, config.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
+    loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
+    crops = check_ahead(config, [(load, (0, 0), 0, False) for load in loads])
+    wanted = [load[0] > config.roi_x_max or load[1] > config.roi_y_max for load in loads]
+    assert [clamped for _, clamped in crops] == wanted
+
+
+def test_settling_time():
+    """The cycle in which ``roi_next`` first shows a move, or a load: not later than promised."""
+    config = Config(buffers=2)
+    move = {"move": 1, "v": {"x": 4 << config.v_frac, "y": 0}, "roi_gain": 1 << config.roi_gain_frac}
+    idle = [{}] * 12
+    script = [{"new_batch": 1, "load": 1, "x": 20, "y": 9}, *idle, {"new_batch": 1}, move, *idle]
+    seen = [row["x"] for row in play(RoiUpdater(config), script, flows=(), watch=("roi_next",)).watch["roi_next"]]
+    loaded, moved = seen.index(20), seen.index(28)
+    assert loaded <= RoiUpdater.settle and moved - 14 <= RoiUpdater.settle
+    assert set(seen[loaded:15]) == {20} and set(seen[moved:]) == {28}
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -151,4 +273,6 @@ def test_corners(data):
         integers_at_edges(0, config.roi_gain_format.max),
         st.booleans(),
     )
-    check(config, data.draw(st.lists(batch, min_size=5, max_size=20)))
+    batches = data.draw(st.lists(batch, min_size=5, max_size=20))
+    check(config, batches)
+    check_ahead(config, batches, hurry=data.draw(st.booleans()))

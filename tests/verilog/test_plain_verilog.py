@@ -10,7 +10,7 @@ from cmfpga.emit import TOP
 BLOCKS = (
     "accumulator", "accumulator_bank_0", "accumulator_bank_1", "accumulator_bank_2", "accumulator_bank_3",
     "batch_control", "event_buffer", "gradient", "gradient_reader", "reciprocal", "roi_filter", "roi_updater",
-    "time_scaler", "updater", "voter", "warp",
+    "thinner", "time_scaler", "updater", "voter", "warp",
 )  # fmt: skip
 
 #: Words of SystemVerilog that a generator of Verilog may be tempted by.

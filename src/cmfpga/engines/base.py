@@ -90,7 +90,9 @@ class Engine(ABC):
     def _nothing(self, settings):
         """A batch without events never reaches the hardware; a new ROI waits for the next one."""
         return BatchResult(
-            **dict.fromkeys(("events", "roi_events", "outside", "overflow", "time_back", "time_span", "span"), 0),
+            **dict.fromkeys(
+                ("events", "roi_events", "outside", "overflow", "thinned", "time_back", "time_span", "span"), 0
+            ),
             roi=self.roi,
             roi_next=self.roi,
             v=self.v,

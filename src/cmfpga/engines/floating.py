@@ -1,14 +1,12 @@
 """The float64 reference as an engine."""
 
-import math
-
 import numpy as np
 import torch
 
 from ..batch import BatchResult, Flag, Trace
-from ..fixed import saturate
 from ..reference.floating import ascend, ascend_by_signs, dither, float64, scaled_times
-from ..reference.integer.roi_filter import roi_filter
+from ..reference.ingest import take_in
+from ..reference.roi_follower import RoiFollower
 from .base import Engine
 
 
@@ -26,7 +24,8 @@ class FloatEngine(Engine):
         torch.set_num_threads(1)  # tensors this small only get slower with more
         self._v = (0.0, 0.0)
         self._tracking = False  # as in the integer core: v is that of an object that is being followed
-        self._position = (0.0, 0.0)
+        self._follower = RoiFollower(config, 1.0)
+        self._thinning = None
 
     @property
     def v(self):
@@ -34,56 +33,47 @@ class FloatEngine(Engine):
 
     def _run(self, events, settings):
         config = self.config
-        flags = Flag(0)
+        roi, limited = self._follower.crop(settings.roi)
         if settings.roi is not None:
-            self._position = tuple(map(float, settings.roi))
             self._tracking = False
-        roi = self._crop()
-        inside = roi_filter(config, events.t, events.x, events.y, roi=roi)
-        n = min(len(inside.t), config.buffer_events)
-        for count, flag in (
-            (len(inside.t) - n, Flag.OVERFLOW),
-            (inside.time_back, Flag.TIME_BACK),
-            (inside.time_span, Flag.TIME_SPAN),
-        ):
-            flags |= flag if count else Flag(0)
+        batch = take_in(config, events.t, events.x, events.y, settings, roi=roi, last_thinning=self._thinning)
+        self._thinning = batch.next_thinning
+        flags = batch.flags
         warm = settings.start_last and (self._tracking or config.ascent == "constant")
         if config.ascent == "sign":
             plan = settings.warm if warm else settings.cold
         else:
             plan = range(settings.iterations)
-        if n < max(1, settings.min_roi_events) or not inside.span or not plan:
+        step = None
+        if not batch.enough(settings) or not plan:
             flags |= Flag.DEGENERATE
             self._tracking = False
             trace = Trace(v=np.array([self._v]), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
         else:
             if not warm:
                 self._v = tuple(config.v.real(axis) for axis in settings.v_start)
-            trace = self._ascend(inside, n, settings, plan)
+            trace = self._ascend(batch, settings, plan)
             self._v = tuple(trace.v[-1].tolist())
             self._tracking = True
-            flags |= self._move(config.roi_gain_format.real(settings.roi_gain))
+            gain = config.roi_gain_format.real(settings.roi_gain)
+            step = tuple(gain * axis for axis in self._v)
+        limited |= self._follower.move(step)
+        flags |= Flag.ROI_CLAMPED if limited else Flag(0)
         return BatchResult(
-            events=inside.events,
-            roi_events=n,
-            outside=inside.outside,
-            overflow=len(inside.t) - n,
-            time_back=inside.time_back,
-            time_span=inside.time_span,
-            span=inside.span,
+            **batch.counts,
             roi=roi,
-            roi_next=self._crop(),
+            roi_next=self._follower.next_corner,
             v=self._v,
             iterations=len(trace.sum_i),
             flags=flags,
             trace=trace,
         )
 
-    def _ascend(self, inside, n, settings, plan):
+    def _ascend(self, batch, settings, plan):
         config = self.config
-        x, y, dt = float64(inside.x[:n]), float64(inside.y[:n]), scaled_times(inside.t[:n], 0, inside.span)
+        x, y, dt = float64(batch.x), float64(batch.y), scaled_times(batch.t, 0, batch.counts["span"])
         if config.dither_frac:
-            x, y = (axis + offset for axis, offset in zip((x, y), dither(n), strict=True))
+            x, y = (axis + offset for axis, offset in zip((x, y), dither(len(x)), strict=True))
         start = {"width": config.roi_width, "height": config.roi_height, "v_start": self._v}
         if config.ascent == "sign":
             done = ascend_by_signs(x, y, dt, **start, schedule=plan)
@@ -91,12 +81,3 @@ class FloatEngine(Engine):
             eta = config.eta_format.real(settings.eta)
             done = ascend(x, y, dt, **start, eta=eta, iterations=len(plan))
         return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
-
-    def _crop(self):
-        return tuple(math.floor(axis + 0.5) for axis in self._position)
-
-    def _move(self, gain):
-        limits = (self.config.roi_x_max, self.config.roi_y_max)
-        target = tuple(p + gain * v for p, v in zip(self._position, self._v, strict=True))
-        self._position = tuple(saturate(p, 0.0, float(limit)) for p, limit in zip(target, limits, strict=True))
-        return Flag.ROI_CLAMPED if self._position != target else Flag(0)

@@ -149,4 +149,72 @@ int core_run(void *simulation, Run *run) {
     return TIMED_OUT;
 }
 
+// Batches offered without a pause between them, and results taken at once or after a stall.
+struct Stream {
+    const int64_t *settings;             // [batches][SETTINGS_VALUES], each from its batch's first offer on
+    const int64_t *t, *x, *y;            // events of all batches
+    const int64_t *ends;                 // [batches]: index behind each batch's last event
+    const int64_t *gaps;                 // idle cycles before each event, or null
+    const int64_t *stalls;               // [batches]: cycles for which each result is left waiting
+    int64_t batches, max_cycles;
+    int64_t *results;                    // [batches][RESULT_VALUES]
+    int64_t *offered, *valid;            // [batches]: cycle of the first offer, and of the result
+    int64_t *trace;                      // [trace_rows][TRACE_VALUES], of all batches
+    int64_t trace_rows;
+    int64_t trace_count, results_count;  // returned
+};
+
+int core_stream(void *simulation, Stream *run) {
+    Simulation &s = *static_cast<Simulation *>(simulation);
+    Vcore &top = *s.top;
+    int64_t event = 0, batch = 0, waited = -1;
+    int64_t gap = run->gaps ? run->gaps[0] : 0;
+    for (int64_t b = 0; b < run->batches; ++b) run->offered[b] = -1;
+    run->trace_count = run->results_count = 0;
+    for (int64_t cycle = 0; cycle < run->max_cycles; ++cycle) {
+        const bool offer = batch < run->batches && gap == 0;
+        top.event_valid = offer;
+        if (offer) {
+            set_settings(top, run->settings + SETTINGS_VALUES * batch);
+            set_event(top, run->t[event], run->x[event], run->y[event], event + 1 == run->ends[batch]);
+            if (run->offered[batch] < 0) run->offered[batch] = cycle;
+        }
+        const int64_t number = run->results_count;
+        top.result_ready = waited >= run->stalls[number];
+        s.settle();
+
+        if (top.trace_valid && run->trace_count < run->trace_rows)
+            get_trace(top, run->trace + TRACE_VALUES * run->trace_count);
+        run->trace_count += top.trace_valid;
+
+        const bool accepted = offer && top.event_ready;
+        bool taken = false;
+        if (top.result_valid) {
+            int64_t now[RESULT_VALUES], *kept = run->results + RESULT_VALUES * number;
+            get_result(top, now);
+            for (int k = 0; k < RESULT_VALUES; ++k) {
+                if (waited >= 0 && kept[k] != now[k]) return RESULT_CHANGED;
+                kept[k] = now[k];
+            }
+            if (++waited == 0) run->valid[number] = cycle;
+            taken = top.result_ready;
+        } else if (waited >= 0) {
+            return RESULT_CHANGED;
+        }
+        s.edge();
+        if (taken) {
+            waited = -1;
+            if (++run->results_count == run->batches) return DONE;
+        }
+        if (accepted) {
+            ++event;
+            if (event == run->ends[batch]) ++batch;
+            gap = run->gaps && batch < run->batches ? run->gaps[event] : 0;
+        } else if (gap > 0) {
+            --gap;
+        }
+    }
+    return TIMED_OUT;
+}
+
 }  // extern "C"

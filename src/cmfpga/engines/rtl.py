@@ -43,6 +43,9 @@ def settings_values(config, settings):
         "roi_x": x,
         "roi_y": y,
         "batch_events": 0,  # batches end with an event that is marked as the last
+        "batch_roi_events": 0,
+        "thinning": settings.thinning,
+        "thin_target": settings.thin_target,
         "iterations": settings.iterations,
         "eta": settings.eta,
         "roi_gain": settings.roi_gain,
@@ -86,7 +89,10 @@ def to_batch_result(config, result, trace):
     """A :class:`BatchResult` of raw port values."""
     v = (result["v_x"], result["v_y"])
     return BatchResult(
-        **{name: result[name] for name in ("events", "roi_events", "outside", "overflow", "time_back", "time_span")},
+        **{
+            name: result[name]
+            for name in ("events", "roi_events", "outside", "overflow", "thinned", "time_back", "time_span")
+        },
         span=result["span"],
         roi=(result["roi_x"], result["roi_y"]),
         roi_next=(result["roi_next_x"], result["roi_next_y"]),

@@ -30,6 +30,17 @@ class _Run(ctypes.Structure):
     )
 
 
+class _Stream(ctypes.Structure):
+    """``struct Stream`` of harness.cpp."""
+
+    _fields_ = (
+        [(name, ctypes.c_void_p) for name in ("settings", "t", "x", "y", "ends", "gaps", "stalls")]
+        + [(name, ctypes.c_int64) for name in ("batches", "max_cycles")]
+        + [(name, ctypes.c_void_p) for name in ("results", "offered", "valid", "trace")]
+        + [(name, ctypes.c_int64) for name in ("trace_rows", "trace_count", "results_count")]
+    )
+
+
 class VerilatedCore:
     """One simulated core, driven batch by batch.
 
@@ -157,6 +168,69 @@ class VerilatedCore:
             pixels = pixels[: run.pixel_count].reshape(run.trace_count, words, len(self.pixel_names))
         return values, trace, pixels
 
+    def stream(self, batches, settings, *, gaps=None, stalls=None):
+        """Several batches without a pause between them: the next one is offered while results are awaited.
+
+        Parameters
+        ----------
+        batches : list of (t, x, y)
+            Events; at least one per batch.
+        settings : list of dict
+            Settings inputs of each batch.
+        gaps : int array, optional
+            Idle cycles before each event of all batches.
+        stalls : list of int, optional
+            Clock cycles for which each result is left waiting.
+
+        Returns
+        -------
+        results : list of dict
+            Result ports of each batch; ``offered`` and ``valid`` are the cycles of its first offer and its result.
+        traces : list of int64 arrays [T, 7]
+        """
+        t, x, y = (np.ascontiguousarray(np.concatenate(axis), np.int64) for axis in zip(*batches, strict=True))
+        ends = np.cumsum([len(batch[0]) for batch in batches])
+        rows = np.array([[row[name] for name in self.settings_names] for row in settings], np.int64)
+        waits = None if gaps is None else np.ascontiguousarray(gaps, np.int64)
+        delays = np.array(stalls if stalls is not None else [0] * len(batches), np.int64)
+        plans = [max(int(row.get(name, 0)) for name in ("iterations", "cold_count", "warm_count")) for row in settings]
+        longest = sum(
+            self.core.cycles(events=len(batch[0]), roi_events=len(batch[0]), iterations=plan)
+            for batch, plan in zip(batches, plans, strict=True)
+        )
+        spare = int(delays.sum()) + (0 if waits is None else int(waits.sum())) + 2 * self.config.bank_depth
+        results = np.zeros((len(batches), len(self.result_names)), np.int64)
+        offered, valid = np.zeros((2, len(batches)), np.int64)
+        trace = np.zeros((max(1, sum(plans)), len(self.trace_names)), np.int64)
+        run = _Stream(
+            settings=rows.ctypes.data,
+            t=t.ctypes.data,
+            x=x.ctypes.data,
+            y=y.ctypes.data,
+            ends=ends.ctypes.data,
+            gaps=None if waits is None else waits.ctypes.data,
+            stalls=delays.ctypes.data,
+            batches=len(batches),
+            max_cycles=2 * longest + spare + 1000 * len(batches),
+            results=results.ctypes.data,
+            offered=offered.ctypes.data,
+            valid=valid.ctypes.data,
+            trace=trace.ctypes.data,
+            trace_rows=len(trace),
+        )
+        status = self._library.core_stream(self._handle, ctypes.byref(run))
+        if status == 1:
+            raise TimeoutError(f"{run.results_count} of {len(batches)} results after {run.max_cycles} clock cycles")
+        if status == 2:
+            raise AssertionError("a result changed while it was waiting to be taken")
+        values = [dict(zip(self.result_names, row, strict=True)) for row in results.tolist()]
+        for row, first, last in zip(values, offered.tolist(), valid.tolist(), strict=True):
+            row |= {"offered": first, "valid": last}
+        cuts = np.cumsum([row["iterations"] for row in values])
+        if run.trace_count != cuts[-1]:
+            raise AssertionError(f"{run.trace_count} iterations traced, {cuts[-1]} reported")
+        return values, np.split(trace[: run.trace_count], cuts[:-1])
+
 
 class VerilatedEngine(RtlEngine):
     """Runs the emitted Verilog in Verilator."""
@@ -267,6 +341,7 @@ def _ports_include(core):
     ]  # fmt: skip
     pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
     lines = [
+        f"enum {{ SETTINGS_VALUES = {len(settings)} }};",
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
         "static void set_schedule(Vcore &top, int64_t valid, int64_t address, int64_t level, int64_t shift) {",
         *schedule,

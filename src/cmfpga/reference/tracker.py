@@ -113,7 +113,7 @@ def track(engine, cutter, *, roi, batches=None):
             batch,
             result,
             t_ref=float(batch.t[0]) + result.span / 2 if len(batch) else None,
-            contrast=contrast(config, batch, result.roi, result.v),
+            contrast=contrast(config, batch, result.roi, result.v, thinned=bool(result.thinned)),
             flags=result.flags | (Flag.CUT if batch.cut_short else Flag(0)),
         )
         index += 1

@@ -22,6 +22,7 @@ from .roi_updater import RoiUpdater
 from .schedule import Schedule
 from .sign_updater import SignUpdater
 from .tagged_accumulator import TaggedAccumulator
+from .thinner import Thinner
 from .time_scaler import TimeScaler
 from .updater import Updater
 from .voter import BilinearVoter
@@ -92,6 +93,7 @@ class Core(wiring.Component):
     def _make_blocks(self):
         config = self.config
         self.roi_filter = RoiFilter(config)
+        self.thinner = Thinner(config)
         self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(config)
         self.dither = Dither(config) if config.dither_frac else None
@@ -110,7 +112,7 @@ class Core(wiring.Component):
         self.updater = SignUpdater(config) if self.signs else Updater(config)
         self.schedule = Schedule(config) if self.signs else None
         self.roi_updater = RoiUpdater(config)
-        self._drain = self.roi_filter.latency + 1
+        self.drain = self.roi_filter.latency + self.thinner.latency + 1
         self._feed = self.event_buffer.latency + self.time_scaler.latency + (self.dither.latency if self.dither else 0)
         self._evaluate = summing + self.gradient.latency + self.updater.latency
         if self.one_pass and not TaggedAccumulator.enough_idle_cycles(config, self.iteration_latency):
@@ -121,18 +123,19 @@ class Core(wiring.Component):
             )
         self.batch_control = BatchControl(
             config,
-            drain=self._drain,
+            drain=self.drain,
             replay_delay=self._evaluate - self._feed,
             move=self.roi_updater.latency,
+            settle=self.roi_updater.settle,
         )
 
     @property
     def blocks(self):
         """The blocks by name, in the order of data flow."""
         names = (
-            "batch_control", "roi_filter", "event_buffer", "reciprocal", "dither", "time_scaler", "warp", "voter",
-            "accumulator", "gradient_reader", "tagged_accumulator", "one_pass_gradient", "gradient", "updater",
-            "schedule", "roi_updater",
+            "batch_control", "roi_filter", "thinner", "event_buffer", "reciprocal", "dither", "time_scaler", "warp",
+            "voter", "accumulator", "gradient_reader", "tagged_accumulator", "one_pass_gradient", "gradient",
+            "updater", "schedule", "roi_updater",
         )  # fmt: skip
         return {name: block for name in names if (block := getattr(self, name, None)) is not None}
 
@@ -148,15 +151,25 @@ class Core(wiring.Component):
     @property
     def batch_latency(self):
         """Cycles of a batch that depend on neither N, n nor T."""
-        return self._drain + self.reciprocal.latency + self._feed + self.roi_updater.latency
+        move = self.roi_updater.latency if self.config.buffers == 1 else 1
+        return self.drain + self.batch_control.hand_over + self.reciprocal.latency + self._feed + move
+
+    @property
+    def shortest_batch(self):
+        """Events of the batches that take the longest of all short ones: those with fewer take as long.
+
+        With two buffers, a batch is handed over when the ROI of the next one is known.
+        """
+        return 0 if self.config.buffers == 1 else self.roi_updater.settle + 2 - self.drain
 
     def cycles(self, *, events, roi_events, iterations):
         """Clock cycles of a batch: N + T·(n + P/4 + L) + constant; without P/4 in one pass.
 
         From the cycle in which the first event is offered to the one in which the result is; events offered in every
-        cycle, batch not degenerate.
+        cycle, no other batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
         """
-        return events + iterations * (roi_events + self.sweep_cycles + self.iteration_latency) + self.batch_latency
+        per_iteration = roi_events + self.sweep_cycles + self.iteration_latency
+        return max(events, self.shortest_batch) + iterations * per_iteration + self.batch_latency
 
     @property
     def sweep_cycles(self):
@@ -189,20 +202,35 @@ class Core(wiring.Component):
         return m
 
     def _ingest(self, m):
-        """Crop, store, measure the time range."""
-        control = self.batch_control
+        """Crop, thin out, store, measure the time range."""
+        control, current = self.batch_control, self.settings
         connect(m, wiring.flipped(self.i), control.i)
         connect(m, control.o, self.roi_filter.i)
-        connect(m, self.roi_filter.o, self.event_buffer.i)
+        connect(m, self.roi_filter.o, self.thinner.i)
+        connect(m, self.thinner.o, self.event_buffer.i)
+        taken_in = control.taken_in
         m.d.comb += [
             control.settings.eq(self.settings),
             self.roi_filter.start.eq(control.open),
             self.roi_filter.roi.eq(self.roi_updater.roi),
+            self.thinner.start.eq(control.open),
+            self.thinner.thinning.eq(current.thinning),
+            self.thinner.target.eq(current.thin_target),
             self.event_buffer.clear.eq(control.open),
-            control.stored.eq(self.event_buffer.count),
-            control.span.eq(self.roi_filter.span),
+            self.event_buffer.take.eq(control.take),
+            taken_in.t_first.eq(self.roi_filter.t_first),
+            taken_in.span.eq(self.roi_filter.span),
+            taken_in.roi_events.eq(self.event_buffer.count),
+            taken_in.outside.eq(self.roi_filter.outside),
+            taken_in.overflow.eq(self.event_buffer.overflow),
+            taken_in.thinned.eq(self.thinner.thinned),
+            taken_in.time_back.eq(self.roi_filter.time_back),
+            taken_in.time_span.eq(self.roi_filter.time_span),
+            taken_in.roi.eq(self.roi_updater.roi),
+            taken_in.roi_next.eq(self.roi_updater.roi_next),
+            taken_in.clamped.eq(self.roi_updater.clamped),
             self.reciprocal.start.eq(control.divide),
-            self.reciprocal.span.eq(self.roi_filter.span),
+            self.reciprocal.span.eq(control.batch.span),
             control.divided.eq(self.reciprocal.done),
         ]
 
@@ -214,7 +242,7 @@ class Core(wiring.Component):
             connect(m, block.o, following.i)
         m.d.comb += [
             self.event_buffer.replay.eq(self.batch_control.replay),
-            self.time_scaler.span.eq(self.roi_filter.span),
+            self.time_scaler.span.eq(self.batch_control.batch.span),
             self.time_scaler.shift.eq(self.reciprocal.shift),
             self.time_scaler.mantissa.eq(self.reciprocal.mantissa),
             self.warp.v.eq(self.updater.v),
@@ -256,11 +284,11 @@ class Core(wiring.Component):
     def _ascend(self, m):
         """The gradient moves v."""
         control = self.batch_control
-        current = control.current
+        current = control.batch.settings
         m.d.comb += [
             self.updater.i.valid.eq(self.gradient.o.valid & control.iterating),
             self.updater.i.payload.eq(self.gradient.o.payload),
-            self.updater.new_batch.eq(control.open),
+            self.updater.new_batch.eq(control.take),
             self.updater.start.eq(current.v_start),
             control.updated.eq(self.updater.done),
         ]
@@ -275,16 +303,14 @@ class Core(wiring.Component):
         schedule = self.schedule
         tracking = Signal()
         warm = Signal()
-        with m.If(control.open & self.settings.roi_load):
-            m.d.sync += tracking.eq(0)
-        with m.Elif(control.done):
+        with m.If(control.done):
             m.d.sync += tracking.eq(~control.degenerate)
         m.d.comb += [
-            warm.eq(current.start_last & tracking),
+            warm.eq(current.start_last & tracking & ~current.roi_load),
             control.planned.eq(Mux(warm, current.warm.count, current.cold.count)),
             self.updater.load.eq(control.start & ~warm),
             self.updater.shift.eq(schedule.shift),
-            schedule.new_batch.eq(control.open),
+            schedule.new_batch.eq(control.take),
             schedule.load.eq(control.start),
             schedule.first.eq(Mux(warm, current.warm.first, current.cold.first)),
             schedule.advance.eq(self.updater.updating),
@@ -295,49 +321,53 @@ class Core(wiring.Component):
     def _follow(self, m):
         """The ROI follows; the result goes out."""
         control, roi = self.batch_control, self.roi_updater
-        roi_used = Signal(payloads.roi_corner(self.config))
         m.d.comb += [
             roi.new_batch.eq(control.open),
             roi.load.eq(self.settings.roi_load),
             roi.x.eq(self.settings.roi_x),
             roi.y.eq(self.settings.roi_y),
             roi.v.eq(self.updater.v),
-            roi.roi_gain.eq(control.current.roi_gain),
+            roi.roi_gain.eq(control.batch.settings.roi_gain),
             roi.move.eq(control.move),
+            roi.still.eq(control.degenerate),
         ]
-        with m.If(control.o.valid):
-            m.d.sync += roi_used.eq(roi.roi)
-        self._result(m, roi_used)
+        self._result(m)
 
-    def _result(self, m, roi_used):
-        """Nothing of this changes while a result waits, so it needs no registers of its own."""
-        control = self.batch_control
+    def _result(self, m):
+        """Nothing of this changes while a result waits."""
+        control, batch = self.batch_control, self.batch_control.batch
         result = self.o.payload
+        serial = self.config.buffers == 1  # then the ROI has moved already
         flags = {
             Flag.DEGENERATE: control.degenerate,
-            Flag.OVERFLOW: self.event_buffer.overflow != 0,
-            Flag.TIME_BACK: self.roi_filter.time_back != 0,
-            Flag.TIME_SPAN: self.roi_filter.time_span != 0,
-            Flag.CUT: control.cut,
+            Flag.OVERFLOW: batch.overflow != 0,
+            Flag.TIME_BACK: batch.time_back != 0,
+            Flag.TIME_SPAN: batch.time_span != 0,
+            Flag.CUT: batch.cut,
             Flag.SATURATED: self.updater.saturated,
-            Flag.ROI_CLAMPED: self.roi_updater.clamped,
+            Flag.ROI_CLAMPED: self.roi_updater.clamped if serial else batch.clamped,
             Flag.SCHEDULE: self.schedule.limited if self.schedule else 0,
+            Flag.THINNED: batch.thinned != 0,
         }
         sums = (self.one_pass_gradient if self.one_pass else self.gradient_reader).o
+        counted = (
+            "t_first",
+            "span",
+            "events",
+            "roi_events",
+            "outside",
+            "overflow",
+            "thinned",
+            "time_back",
+            "time_span",
+        )
         m.d.comb += [
             self.o.valid.eq(control.done),
             control.taken.eq(self.o.ready),
             result.v.eq(self.updater.v),
-            result.t_first.eq(self.roi_filter.t_first),
-            result.span.eq(self.roi_filter.span),
-            result.events.eq(control.events),
-            result.roi_events.eq(self.event_buffer.count),
-            result.outside.eq(self.roi_filter.outside),
-            result.overflow.eq(self.event_buffer.overflow),
-            result.time_back.eq(self.roi_filter.time_back),
-            result.time_span.eq(self.roi_filter.time_span),
-            result.roi.eq(roi_used),
-            result.roi_next.eq(self.roi_updater.roi),
+            *(result[name].eq(batch[name]) for name in counted),
+            result.roi.eq(batch.roi),
+            result.roi_next.eq(self.roi_updater.roi_next if serial else batch.roi_next),
             result.iterations.eq(control.iterations),
             result.sums.eq(sums.payload),
             result.cycles.eq(control.cycles),

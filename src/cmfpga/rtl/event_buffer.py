@@ -1,6 +1,6 @@
 """Event buffer: stores a batch's ROI events and replays them in every iteration."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -11,13 +11,13 @@ from . import payloads
 class EventBuffer(wiring.Component):
     """Stores events until it is full, then replays all of them, one per cycle, whenever asked.
 
-    The surplus of a full buffer is dropped and counted. One event per cycle in and out; the first event appears
-    :attr:`latency` cycles after ``replay``.
+    The surplus of a full buffer is dropped and counted. With two buffers, one is filled while the other is replayed.
+    One event per cycle in and out; the first event appears :attr:`latency` cycles after ``replay``.
 
     Parameters
     ----------
     config : Config
-        ``buffer_events`` is the depth.
+        ``buffer_events`` is the depth of each of ``buffers``.
 
     Members
     -------
@@ -26,7 +26,9 @@ class EventBuffer(wiring.Component):
     o : ``Out``, flow of :func:`payloads.replayed_event`
         The stored events in order; ``last`` marks the last one.
     clear : ``In(1)``
-        Forget everything. No event in this cycle.
+        Begin to fill: the other buffer, if there are two. No event in this cycle.
+    take : ``In(1)``
+        What has been filled is what will be replayed. No replay is under way.
     replay : ``In(1)``
         Begin a replay. Not while one is under way; at least one event must be stored.
     count, overflow : ``Out``
@@ -42,6 +44,7 @@ class EventBuffer(wiring.Component):
                 "i": In(payloads.flow(payloads.roi_event(config))),
                 "o": Out(payloads.flow(payloads.replayed_event(config))),
                 "clear": In(1),
+                "take": In(1),
                 "replay": In(1),
                 "count": Out(bits_for(config.buffer_events)),
                 "overflow": Out(bits_for(config.max_batch_events)),
@@ -51,13 +54,25 @@ class EventBuffer(wiring.Component):
     def elaborate(self, platform):
         depth = self.config.buffer_events
         m = Module()
-        m.submodules.events = events = memory.Memory(shape=payloads.roi_event(self.config), depth=depth, init=[])
+        two = self.config.buffers == 2
+        offset = 1 << bits_for(depth - 1)  # the second buffer begins at a power of two
+        m.submodules.events = events = memory.Memory(
+            shape=payloads.roi_event(self.config), depth=offset + depth if two else depth, init=[]
+        )
         write, read = events.write_port(), events.read_port()
+
+        filling, replaying = Signal(), Signal()  # which of two buffers
+        replayed = Signal.like(self.count)  # events of the one that is replayed
+        if two:
+            with m.If(self.clear):
+                m.d.sync += filling.eq(~filling)
+        with m.If(self.take):
+            m.d.sync += [replaying.eq(filling), replayed.eq(self.count)]
 
         full = Signal()
         m.d.comb += [
             full.eq(self.count == depth),
-            write.addr.eq(self.count),
+            write.addr.eq(self.count | Mux(filling, offset, 0)),
             write.data.eq(self.i.payload),
             write.en.eq(self.i.valid & ~full),
         ]
@@ -73,7 +88,7 @@ class EventBuffer(wiring.Component):
         reading_s1 = Signal()
         address_s1 = Signal(range(max(2, depth)))
         last_s1 = Signal()
-        m.d.comb += [last_s1.eq(address_s1 + 1 == self.count), read.addr.eq(address_s1)]
+        m.d.comb += [last_s1.eq(address_s1 + 1 == replayed), read.addr.eq(address_s1 | Mux(replaying, offset, 0))]
         with m.If(self.replay):
             m.d.sync += [reading_s1.eq(1), address_s1.eq(0)]
         with m.Elif(reading_s1):

@@ -7,6 +7,7 @@ from ..batch import Flag
 from ..fixed import bits_for
 
 CYCLE_BITS = 32
+THINNING_BITS = 8
 
 
 def flow(layout):
@@ -147,6 +148,9 @@ def settings(config):
             "roi_x": config.x_bits,
             "roi_y": config.y_bits,
             "batch_events": bits_for(config.max_batch_events),
+            "batch_roi_events": bits_for(config.buffer_events),
+            "thinning": THINNING_BITS,
+            "thin_target": bits_for(config.buffer_events),
             "iterations": bits_for(config.max_iterations),
             "eta": config.eta_format.width,
             "roi_gain": config.roi_gain_format.width,
@@ -173,10 +177,32 @@ def schedule_write(config):
     return data.StructLayout({"address": range(config.schedule_entries), "entry": schedule_entry(config)})
 
 
+def batch(config):
+    """All that is known of a batch when it has been taken in; the names are those of :func:`result`."""
+    members = result(config).members
+    names = (
+        "t_first",
+        "span",
+        "events",
+        "roi_events",
+        "outside",
+        "overflow",
+        "thinned",
+        "time_back",
+        "time_span",
+        "roi",
+        "roi_next",
+    )
+    return data.StructLayout(
+        {"settings": settings(config), "cut": 1, "clamped": 1, **{name: members[name] for name in names}}
+    )
+
+
 def result(config):
     """One batch's result (see :class:`cmfpga.batch.BatchResult`).
 
-    ``events = roi_events + outside + overflow + time_back + time_span``: no event is lost without being counted.
+    ``events = roi_events + outside + overflow + thinned + time_back + time_span``: no event is lost without being
+    counted.
     """
     count = bits_for(config.max_batch_events)
     return data.StructLayout(
@@ -188,6 +214,7 @@ def result(config):
             "roi_events": bits_for(config.buffer_events),
             "outside": count,
             "overflow": count,
+            "thinned": count,
             "time_back": count,
             "time_span": count,
             "roi": roi_corner(config),

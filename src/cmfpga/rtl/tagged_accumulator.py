@@ -101,6 +101,8 @@ class TaggedBank(wiring.Component):
         for name in pixel.members:
             m.d.comb += write.data[name].eq(total[3][name])
             m.d.sync += total[3][name].eq(base[name] + add_s2[name])
+        with m.If(~valid[2]):  # for who adds up I·d of all banks: the registers' reset, no logic
+            m.d.sync += self.o.payload.i.eq(0)
         return m
 
 
@@ -125,7 +127,8 @@ class TaggedAccumulator(wiring.Component):
     next_tag : ``In(1)``
         An iteration is over. At least one cycle after its last event.
     o : ``Out``, array of four :func:`payloads.tagged_step`
-        What each bank did for a vote; never valid for the sweep.
+        What each bank did for a vote; never valid for the sweep. A bank without a vote, beside one that has one, tells
+        of ``i`` = 0.
     swept : ``Out(1)``
         The sweep leaves the last address: after a reset, every word has been written.
     """

@@ -1,16 +1,15 @@
 """Model of :mod:`cmfpga.rtl.core`: batches in, velocities and a moving ROI out."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-import torch
 
-from ...batch import BatchResult, Flag, Trace, clamp_roi, crop_position
+from ...batch import BatchResult, Flag, Trace
+from ..ingest import take_in
+from ..roi_follower import RoiFollower
 from .accumulator import Images, accumulator
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
-from .roi_filter import roi_filter
-from .roi_updater import roi_updater
 from .time_scaler import time_scaler
 from .updater import gain, sign_updater, updater
 from .voter import voter
@@ -28,7 +27,6 @@ class IntegerIteration:
     v_next: tuple[int, int]
 
 
-@dataclass
 class IntegerCore:
     """The core's state between batches, and how a batch changes it.
 
@@ -44,20 +42,24 @@ class IntegerCore:
     tracking : bool
         Whether ``v`` is that of an object that is being followed: the sign ascent's warm schedule applies. A new ROI,
         a degenerate batch or a reset ends it.
-    position : pair of int
-        Raw ROI position, ``config.roi_x_format`` and ``config.roi_y_format``; the origin after a reset.
+    follower : RoiFollower
+        Raw ROI position; the origin after a reset.
+    thinning : int or None
+        What would have brought the last batch down to its target.
     dt : int64 tensor
         Scaled times of the last batch's ROI events.
     iterations : list of IntegerIteration
         Intermediates of the last batch, where ``run`` was asked to keep them.
     """
 
-    config: object
-    v: tuple[int, int] = (0, 0)
-    tracking: bool = False
-    position: tuple[int, int] = (0, 0)
-    dt: torch.Tensor = field(default=None, repr=False)
-    iterations: list = field(default_factory=list, repr=False)
+    def __init__(self, config):
+        self.config = config
+        self.v = (0, 0)
+        self.tracking = False
+        self.follower = RoiFollower(config, 1 << config.roi_x_format.f)
+        self.thinning = None
+        self.dt = None
+        self.iterations = []
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
         """Process one batch.
@@ -78,62 +80,47 @@ class IntegerCore:
         BatchResult
         """
         config = self.config
-        flags = Flag.CUT if cut else Flag(0)
+        roi, limited = self.follower.crop(settings.roi)
         if settings.roi is not None:
-            roi, clamped = clamp_roi(config, settings.roi)
-            self.position = tuple(c << config.roi_x_format.f for c in roi)
             self.tracking = False
-            flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
-        roi = tuple(crop_position(config, p) for p in self.position)
-
-        events = roi_filter(config, t, x, y, roi=roi)
-        n = min(len(events.t), config.buffer_events)
-        overflow = len(events.t) - n
-        for count, flag in (
-            (overflow, Flag.OVERFLOW),
-            (events.time_back, Flag.TIME_BACK),
-            (events.time_span, Flag.TIME_SPAN),
-        ):
-            flags |= flag if count else Flag(0)
+        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning)
+        self.thinning = batch.next_thinning
+        flags = batch.flags | (Flag.CUT if cut else Flag(0))
 
         warm = settings.start_last and (self.tracking or config.ascent == "constant")
         plan = self._plan(settings, warm)
         self.iterations = []
         sums = []
         velocities = [self.v]
-        if n < max(1, settings.min_roi_events) or not events.span or not plan:
+        step = None
+        if not batch.enough(settings) or not plan:
             flags |= Flag.DEGENERATE
             self.tracking = False
         else:
             if not warm:
                 self.v = settings.v_start
             velocities = [self.v]
-            self.dt = time_scaler(config, events.t[:n], span=events.span)
-            positions = dither(config, events.x[:n], events.y[:n])
+            self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
+            positions = dither(config, batch.x, batch.y)
             batch_gain = gain(config, settings.eta)
             for entry in plan:
-                step, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
+                done, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
                 flags |= Flag.SATURATED if saturated else Flag(0)
-                self.v = step.v_next
-                velocities.append(step.v_next)
-                sums.append(step.sums)
+                self.v = done.v_next
+                velocities.append(done.v_next)
+                sums.append(done.sums)
                 if keep:
-                    self.iterations.append(step)
+                    self.iterations.append(done)
             self.tracking = True
-            self.position, clamped = roi_updater(config, self.position, self.v, roi_gain=settings.roi_gain)
-            flags |= Flag.ROI_CLAMPED if clamped else Flag(0)
+            step = tuple(axis * settings.roi_gain for axis in self.v)
+        limited |= self.follower.move(step)
+        flags |= Flag.ROI_CLAMPED if limited else Flag(0)
 
         table = np.array(sums, np.int64).reshape(-1, 5)
         return BatchResult(
-            events=events.events,
-            roi_events=n,
-            outside=events.outside,
-            overflow=overflow,
-            time_back=events.time_back,
-            time_span=events.time_span,
-            span=events.span,
+            **batch.counts,
             roi=roi,
-            roi_next=tuple(crop_position(config, p) for p in self.position),
+            roi_next=self.follower.next_corner,
             v=(config.v.real(self.v[0]), config.v.real(self.v[1])),
             iterations=len(sums),
             flags=flags,

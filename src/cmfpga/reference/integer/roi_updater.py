@@ -1,6 +1,6 @@
-"""Model of :mod:`cmfpga.rtl.roi_updater`."""
+"""Model of :mod:`cmfpga.rtl.roi_updater`: one move."""
 
-from ...fixed import saturate
+from ..roi_follower import move_within
 
 
 def roi_updater(config, position, v, *, roi_gain):
@@ -11,7 +11,5 @@ def roi_updater(config, position, v, *, roi_gain):
     whether the sensor's border limited the move.
     """
     frac = config.roi_x_format.f
-    target = tuple(p + axis_v * roi_gain for p, axis_v in zip(position, v, strict=True))
     limits = (config.roi_x_max << frac, config.roi_y_max << frac)
-    moved = tuple(saturate(p, 0, limit) for p, limit in zip(target, limits, strict=True))
-    return moved, moved != target
+    return move_within(position, tuple(axis * roi_gain for axis in v), limits)

@@ -1,0 +1,60 @@
+"""What happens to a batch before its first iteration, the same in the integer model and the float reference."""
+
+from dataclasses import dataclass
+
+import torch
+
+from ..batch import Flag
+from .integer.roi_filter import roi_filter
+from .integer.thinner import next_thinning, thinner
+
+
+@dataclass(frozen=True)
+class TakenIn:
+    """A batch's stored events, and where the others went."""
+
+    t: torch.Tensor  # µs since t_1, [n]
+    x: torch.Tensor  # column in the ROI, [n]
+    y: torch.Tensor  # row in the ROI, [n]
+    counts: dict  # the counting fields of BatchResult, by name
+    flags: Flag
+    next_thinning: int | None  # what would have brought this batch down to its target
+
+    def enough(self, settings):
+        """Whether there is something to iterate over."""
+        return self.counts["roi_events"] >= max(1, settings.min_roi_events) and self.counts["span"] > 0
+
+
+def take_in(config, t, x, y, settings, *, roi, last_thinning):
+    """Crop, thin out and store a batch: :class:`TakenIn`.
+
+    Parameters
+    ----------
+    t, x, y : integer arrays
+        All events of the batch.
+    settings : BatchSettings
+    roi : pair of int
+        The ROI's corner.
+    last_thinning : int or None
+        ``next_thinning`` of the batch before.
+    """
+    inside = roi_filter(config, t, x, y, roi=roi)
+    found = len(inside.t)
+    factor = last_thinning if settings.thin_target and last_thinning else settings.thinning
+    kept = thinner((inside.t, inside.x, inside.y), factor)
+    n = min(len(kept[0]), config.buffer_events)
+    counts = {
+        "events": inside.events,
+        "roi_events": n,
+        "outside": inside.outside,
+        "overflow": len(kept[0]) - n,
+        "thinned": found - len(kept[0]),
+        "time_back": inside.time_back,
+        "time_span": inside.time_span,
+        "span": inside.span,
+    }
+    flags = Flag(0)
+    for flag in (Flag.OVERFLOW, Flag.THINNED, Flag.TIME_BACK, Flag.TIME_SPAN):
+        flags |= flag if counts[flag.name.lower()] else Flag(0)
+    stored = (axis[:n] for axis in kept)
+    return TakenIn(*stored, counts, flags, next_thinning(found, settings.thin_target))

@@ -1,0 +1,11 @@
+"""Model of :mod:`cmfpga.rtl.thinner`."""
+
+
+def next_thinning(count, target):
+    """The factor that would have brought ``count`` events down to ``target``, 1 to 255; None without a target."""
+    return min(255, max(1, -(-count // target))) if target else None
+
+
+def thinner(events, factor):
+    """The first of every ``factor`` events: a slice of each of ``events``, tensors of one length."""
+    return tuple(axis[::factor] for axis in events)
