@@ -1,0 +1,129 @@
+// What both C programs share: the job, cropping, the ascent. The including file has the gradient.
+//
+// float32 throughout, except v and the few operations per iteration that decide its step.
+
+#include <math.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+// The layout is repeated in c_program.py.
+typedef struct {
+    const int64_t *t;  // all events of the batch
+    const uint16_t *x, *y;
+    int64_t events;
+    int32_t roi_x, roi_y, width, height;
+    int32_t iterations, dither;
+    const int32_t *levels;  // sign ascent, one per iteration; null: constant eta
+    const double *steps;
+    double eta;
+    double v_start[2];
+    double v[2];  // returned
+} Job;
+
+typedef struct {
+    int n;                // events in the ROI
+    float *x, *y, *dt;    // in the ROI
+    int32_t *since;       // time since the first event of the batch
+    float *fx, *fy;       // fractions, and ...
+    int32_t *address;     // ... the pixel of each event's cell
+    float *image[3];
+} Work;
+
+// Room for events in fours, and for two pixels and more around the image.
+enum { ROUND = 4, BORDER = 4 };
+
+static void prepare(Work *work, const Job *job);
+static void gradient(Work *work, const Job *job, const double v[2], int level, double g[2]);
+
+static void *room(size_t bytes) { return aligned_alloc(64, (bytes + 127) / 64 * 64); }
+
+void work_free(Work *work) {
+    if (!work) return;
+    float *floats[] = {work->x, work->y, work->dt, work->fx, work->fy, work->image[0]};
+    for (size_t k = 0; k < sizeof floats / sizeof *floats; ++k) free(floats[k]);
+    free(work->since);
+    free(work->address);
+    free(work);
+}
+
+Work *work_new(const Job *job) {
+    const size_t events = (job->events + ROUND) * sizeof(float);
+    const size_t pixels = (size_t)(job->width + 2 * BORDER) * (job->height + 2 * BORDER) * sizeof(float);
+    Work *work = calloc(1, sizeof *work);
+    if (!work) return NULL;
+    float **arrays[] = {&work->x, &work->y, &work->dt, &work->fx, &work->fy};
+    int ok = 1;
+    for (size_t k = 0; k < sizeof arrays / sizeof *arrays; ++k) ok &= (*arrays[k] = room(events)) != NULL;
+    // Not a multiple of a page apart: the same pixel of the images would compete for the same places in the cache.
+    const size_t apart = (pixels + 4095) / 4096 * 4096 + 1344;
+    ok &= (work->image[0] = room(3 * apart)) != NULL;
+    for (int k = 1; k < 3; ++k) work->image[k] = work->image[0] + k * (apart / sizeof(float));
+    ok &= (work->since = room(events)) != NULL;
+    ok &= (work->address = room(events)) != NULL;
+    if (ok) return work;
+    work_free(work);
+    return NULL;
+}
+
+// Events of the ROI. First their numbers, without a branch that could be mispredicted.
+static void crop(Work *work, const Job *job) {
+    const uint16_t *restrict x = job->x, *restrict y = job->y;
+    int32_t *restrict index = work->address;  // not in use yet
+    const int32_t left = job->roi_x, top = job->roi_y;
+    const uint32_t width = job->width, height = job->height;
+    int n = 0;
+    for (int32_t k = 0; k < job->events; ++k) {
+        index[n] = k;
+        n += ((uint32_t)(x[k] - left) < width) & ((uint32_t)(y[k] - top) < height);
+    }
+    const int64_t first = job->events ? job->t[0] : 0;
+    for (int k = 0; k < n; ++k) {
+        work->x[k] = (float)(x[index[k]] - left);
+        work->y[k] = (float)(y[index[k]] - top);
+        work->since[k] = (int32_t)(job->t[index[k]] - first);
+    }
+    work->n = n;
+    if (job->dither) {
+        // frac((k + 1/2) * alpha) - 1/2 with the alphas of the R2 sequence: an overflow is what frac() does, and the
+        // sign bit turned over takes 1/2 away.
+        for (uint32_t k = 0; k < (uint32_t)n; ++k) {
+            const uint32_t along_x = 1621087444u + k * 3242174889u, along_y = 1223722707u + k * 2447445414u;
+            work->x[k] += (float)(int32_t)(along_x ^ 0x80000000u) * 0x1p-32f;
+            work->y[k] += (float)(int32_t)(along_y ^ 0x80000000u) * 0x1p-32f;
+        }
+    }
+}
+
+static void ascend(Work *work, Job *job) {
+    const int64_t span = job->events ? job->t[job->events - 1] - job->t[0] : 0;
+    job->v[0] = job->v_start[0];
+    job->v[1] = job->v_start[1];
+    if (!work->n || !span) return;
+    const float scale = (float)(2.0 / (double)span);
+    for (int k = 0; k < work->n; ++k) work->dt[k] = (float)work->since[k] * scale - 1.0f;
+    prepare(work, job);
+    const double rate = 2.0 * job->eta / ((double)job->width * job->height);
+    for (int k = 0; k < job->iterations; ++k) {
+        double g[2];
+        gradient(work, job, job->v, job->levels ? job->levels[k] : 0, g);
+        for (int axis = 0; axis < 2; ++axis)
+            job->v[axis] += job->levels ? job->steps[k] * ((g[axis] > 0) - (g[axis] < 0)) : rate * g[axis];
+    }
+}
+
+void run_batch(Work *work, Job *job, int64_t count) {
+    for (int64_t k = 0; k < count; ++k) {
+        crop(work, job);
+        ascend(work, job);
+    }
+}
+
+void run_ascent(Work *work, Job *job, int64_t count) {
+    for (int64_t k = 0; k < count; ++k) ascend(work, job);
+}
+
+// At one v, after a batch.
+void run_gradient(Work *work, const Job *job, const double *v, int32_t level, double *g) {
+    gradient(work, job, v, level, g);
+}

@@ -1,0 +1,238 @@
+"""``python -m cmfpga.bench``: cycles are those of the Verilog, the table and its JSON say what was measured."""
+
+import contextlib
+import io
+import json
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from cmfpga import bench, cli
+from cmfpga.config import preset
+from cmfpga.engines.rtl import find_compiler
+from cmfpga.opponents import c_program, report
+from cmfpga.opponents.workloads import make_workload
+from cmfpga.rtl.core import Core
+
+PAGE = Path(__file__).parents[2] / "docs" / "bench.md"
+
+
+@pytest.fixture
+def compiler():
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler")
+
+
+def command(*arguments):
+    return cli.run(bench.main, [*arguments])
+
+
+def test_the_articles_formula():
+    assert bench.article_cycles(events=5000, roi_events=800, pixels=64 * 64, iterations=100) == 194_100
+    assert bench.article_cycles(events=5000, roi_events=5000, pixels=240 * 180, iterations=90) == 1_433_030
+
+
+@pytest.mark.parametrize("ascent", [bench.CONSTANT, bench.COLD, bench.WARM])
+@pytest.mark.parametrize("name", ["paper", "fast"])
+def test_measured_cycles_equal_the_cores_formula(compiler, name, ascent):
+    if (name == "paper") != (ascent == bench.CONSTANT):
+        pytest.skip("this preset has the other ascent")
+    events, n = 1000, 800
+    batch = make_workload("w", events=events, roi_events=n)
+    config = preset(name)
+    if name == "paper":
+        case = bench._constant(batch, [bench.Design(name=name, config=config)], 7)
+    else:
+        case = next(each for each in bench._signs(batch, name, config) if each.ascent == ascent)
+    row = bench.measure(case, case.designs[0])
+    core = Core(config)
+    size = {"events": events, "roi_events": n}
+    assert row.measured and row.iterations == case.iterations
+    assert row.cycles == row.formula == core.cycles(**size, iterations=case.iterations)
+    assert row.per_iteration == row.cycles - core.cycles(**size, iterations=case.iterations - 1)
+    assert row.after_last == row.cycles - events
+    if config.buffers == 1:
+        assert row.cycles <= row.back_to_back <= row.cycles + 10 + config.bank_words
+    else:  # a batch is taken in while the one before is optimised, which takes longer here
+        assert row.after_last <= row.back_to_back <= row.after_last + 10 < row.cycles
+    if ascent != bench.CONSTANT:
+        assert row.v == pytest.approx(batch.v, abs=0.6)
+
+
+def test_another_number_of_iterations_is_noticed(compiler):
+    batch = make_workload("w", events=500, roi_events=100)
+    case = bench._constant(batch, [bench.Design(name="paper", config=preset("paper"))], 5)
+    wrong = bench.Case(**{**vars(case), "iterations": 6})
+    with pytest.raises(AssertionError, match="5 and 4 iterations on 100 events"):
+        bench.measure(wrong, wrong.designs[0])
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory):
+    """One quick run: its JSON, its text, and the seconds that this process worked for it."""
+    file = tmp_path_factory.mktemp("bench") / "bench.json"
+    printed = io.StringIO()
+    if find_compiler():
+        for case in bench.make_cases(quick=True):  # compiled simulators are kept: what is compiled once is not counted
+            bench._simulated(case.designs[0].config)
+    start = time.process_time()
+    with contextlib.redirect_stdout(printed):
+        assert command("--quick", "--runs", "1", "--json", str(file)) == 0
+    seconds = time.process_time() - start
+    return json.loads(file.read_text(encoding="utf-8")), printed.getvalue(), seconds
+
+
+def test_quick_is_quick(quick):
+    """Of the processor's time, which other work on the machine does not lengthen."""
+    assert quick[2] < 30
+
+
+def test_json_has_the_keys(quick):
+    numbers, _, _ = quick
+    assert set(numbers) == {
+        "version", "clock_mhz_assumed", "processor", "runs", "quick", "seconds", "missing", "programs", "cases",
+        "limits", "speed_ups",
+    }  # fmt: skip
+    assert numbers["clock_mhz_assumed"] == 210 and numbers["quick"] and numbers["runs"] == 1
+    assert [case["ascent"] for case in numbers["cases"]] == ["constant", "cold", "warm"]
+    for case in numbers["cases"]:
+        assert set(case) == {
+            "workload", "ascent", "events", "roi_events", "width", "height", "iterations", "true_v", "article_cycles",
+            "cores", "programs",
+        }  # fmt: skip
+        assert (case["events"], case["roi_events"], case["width"], case["height"]) == (5000, 800, 64, 64)
+        for core in case["cores"]:
+            assert set(core) == {
+                "name", "measured", "iterations", "cycles", "formula", "per_iteration", "after_last", "back_to_back",
+                "v",
+            }  # fmt: skip
+            assert core["cycles"] == core["formula"]
+        assert [program["name"] for program in case["programs"]] == list(numbers["programs"])
+        for program in case["programs"]:
+            assert set(program) == {"name", "how", "batch", "ascent", "v", "error"}
+            for what in ("batch", "ascent"):
+                assert 0 < program[what]["low"] <= program[what]["median"] <= program[what]["high"]
+    assert numbers["cases"][0]["article_cycles"] == 194_100
+
+
+def test_programs_agree_in_the_run_itself(quick):
+    numbers, _, _ = quick
+    names = set(numbers["programs"])
+    if not any("PyTorch" in name for name in names):
+        pytest.skip("PyTorch is not installed")
+    for case in numbers["cases"]:
+        assert all(program["error"] < 2e-5 for program in case["programs"])
+        if case["ascent"] != "constant":  # which ends where rounding takes it
+            assert len({tuple(program["v"]) for program in case["programs"]}) == 1
+
+
+def test_limits_hold(quick):
+    limits = quick[0]["limits"]
+    assert [limit["limit"] for limit in limits] == [820, 6800, 18500]
+    assert all(limit["holds"] for limit in limits)
+    core = Core(preset("fast"))
+    whole, warm = (core.cycles(events=5000, roi_events=800, iterations=count) for count in (16, 8))
+    assert [limit["value"] for limit in limits] == [(whole - warm) // 8, warm - 5000, whole]
+
+
+def test_ratios_name_opponent_and_clock(quick):
+    numbers, text, _ = quick
+    assert "at an assumed 210 MHz" in text and numbers["processor"] in text
+    opponents = [each["opponent"] for each in numbers["speed_ups"]]
+    assert all("on this CPU (" in each or "formula" in each for each in opponents)
+    cycles = numbers["cases"][1]["cores"][0]["cycles"]
+    assert f"{194_100 / cycles:.2f} × as fast as the article's formula, T = 100, at 210 MHz too" in text
+    for program in numbers["cases"][1]["programs"]:
+        ratio = program["batch"]["median"] / (cycles / 210e6)
+        assert any(abs(each["times"] / ratio - 1) < 1e-9 for each in numbers["speed_ups"])
+
+
+def test_what_is_missing_is_a_line(monkeypatch, capsys):
+    """No tool at all: the cycles are computed, and the lines say what is not there."""
+    monkeypatch.setattr(c_program.shutil, "which", lambda name: None)  # the C++ compiler is found the same way
+    monkeypatch.setitem(sys.modules, "numba", None)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert command("--quick", "--clock", "100") == 0
+    text = capsys.readouterr().out
+    for line in ("no C compiler", "numba is not installed", "PyTorch is not installed", "no C++ compiler was found"):
+        assert len(re.findall(f"^  {re.escape(line)}", text, re.MULTILINE)) == 1
+    assert re.search(
+        r"core, preset fast +16 +18,\d\d\d computed +8\d\d +13,\d\d\d cycles +13\d\.\d µs +18\d\.\d µs$", text, re.M
+    )
+    assert "on this CPU" not in text
+
+
+def test_a_gpu_is_called_a_gpu(quick):
+    numbers = json.loads(json.dumps(quick[0]))
+    gpu = {"name": "PyTorch float64, CUDA (Some GPU)", "how": "torch", "v": [0.0, 0.0], "error": 1e-16}
+    times = {"median": 0.1, "low": 0.05, "high": 0.2}
+    for case in numbers["cases"]:
+        case["programs"] = [{**gpu, "batch": times, "ascent": times}]
+    numbers["programs"] = {gpu["name"]: gpu["how"]}
+    lines, _, speed_ups = report.table(numbers)
+    assert all(each["opponent"].endswith("on this GPU") for each in speed_ups if "PyTorch" in each["opponent"])
+    assert sum("100.000 ms (50.000–200.000)" in line for line in lines) == 3
+
+
+def test_a_limit_that_is_broken_is_said(quick):
+    numbers = json.loads(json.dumps(quick[0]))
+    numbers["cases"][1]["cores"][0]["per_iteration"] = 821
+    lines, limits, _ = report.table(numbers)
+    assert not limits[0]["holds"] and any("821; at most 820: FAILS" in line for line in lines)
+
+
+@pytest.mark.parametrize("arguments, message", [
+    (["--json", "no/such/folder/x.json"], "its folder does not exist"),
+    (["--clock", "0"], "1 to 10000 MHz is needed"),
+    (["--clock", "nan"], "1 to 10000 MHz is needed"),
+    (["--runs", "0"], "a whole number of 1 or more is needed"),
+])  # fmt: skip
+def test_a_mistake_is_one_line(arguments, message, capsys):
+    assert command("--quick", *arguments) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("error: ") and message in error and error.count("\n") == 1
+
+
+def test_help_has_examples_and_the_page_has_the_options(tmp_path):
+    shown = subprocess.run(
+        [sys.executable, "-m", "cmfpga.bench", "--help"], cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout
+    usage, _, examples = shown.partition("examples:")
+    assert examples.count("python -m cmfpga.bench") >= 2
+    option = re.compile(r"--[a-z][a-z-]*")
+    lines = PAGE.read_text(encoding="utf-8").splitlines()
+    documented = {name for line in lines if line.startswith("| `--") for name in option.findall(line.split("|")[1])}
+    assert documented == set(option.findall(usage))
+
+
+def test_importing_it_loads_no_tool(tmp_path):
+    code = "import sys, cmfpga.bench; print(*sys.modules)"
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    ).stdout
+    assert not {"torch", "numba", "matplotlib"} & set(loaded.split())
+
+
+def test_all_cases_are_made():
+    """Those that a quick run leaves out too: the right sizes, and configurations that are allowed."""
+    cases = bench.make_cases()
+    assert [(case.workload.width, case.ascent, case.iterations) for case in cases] == [
+        (64, "constant", 100), (64, "cold", 16), (64, "warm", 8),
+        (240, "constant", 90), (240, "cold", 16), (240, "warm", 8),
+        (128, "cold", 16), (128, "warm", 8),
+    ]  # fmt: skip
+    for case in cases:
+        for design in case.designs:
+            cycles = Core(design.config).cycles(
+                events=len(case.workload.events), roi_events=case.workload.roi_events, iterations=case.iterations
+            )
+            assert cycles > 0 and case.workload.roi_events <= design.config.buffer_events
+    full = Core(cases[4].designs[0].config)
+    assert (
+        full.cycles(events=0, roi_events=5000, iterations=1) - full.cycles(events=0, roi_events=5000, iterations=0)
+        <= 5020
+    )
