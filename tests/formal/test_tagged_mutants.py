@@ -39,6 +39,6 @@ def test_proof_finds(mutant, tmp_path):
 @needs_solver
 @pytest.mark.parametrize("mutant", ACCUMULATOR, ids=str)
 def test_proof_of_the_accumulator_finds(mutant, tmp_path):
-    harness = TaggedAccumulatorHarness(mutant.module().TaggedAccumulator(tiny(4, 4)), 2, [2])
+    harness = TaggedAccumulatorHarness(mutant.module().TaggedAccumulator(tiny(2, 2)), 1, [2])
     outcome = run_sby(harness, "bmc", CYCLES, tmp_path)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log
