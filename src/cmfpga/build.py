@@ -4,13 +4,14 @@ import importlib.metadata
 import json
 import sys
 
-from . import __version__, cli
+from . import __version__, cli, resources
 from .emit import TOP, emit_verilog, sha256
 from .rtl.top import VerilogCore
 
 EXAMPLES = (
     "python -m cmfpga.build                                     # preset paper, into ./build",
     "python -m cmfpga.build --set roi_width=128 --set roi_height=128 --out build-128",
+    "python -m cmfpga.build --preset fast --resources --out build-fast",
     "python -m cmfpga.build --list-fields",
 )
 
@@ -147,20 +148,40 @@ def build(config, folder):
     return [folder / name for name in contents]
 
 
+def estimate(verilog):
+    """Write ``resources.json`` beside the Verilog at this path; returns what is in it, and its path."""
+    text = verilog.read_text(encoding="utf-8")
+    estimated = resources.estimate(text, report=lambda doing: print(f"note: {doing}", file=sys.stderr, flush=True))
+    path = verilog.with_name("resources.json")
+    path.write_text(json.dumps(estimated, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    return estimated, path
+
+
 def main(arguments=None):
     """Run the command; returns the exit status."""
     made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
-    made.add_argument("--json", action="store_true", help="print the paths as JSON")
+    made.add_argument("--json", action="store_true", help="print the paths (and the resources) as JSON")
+    made.add_argument(
+        "--resources", action="store_true", help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys (minutes)"
+    )
     cli.add_config_options(made)
     options = made.parse_args(arguments)
     config = cli.make_config(options)
+    if options.resources:
+        resources.require_yosys()  # before anything is written
     paths = build(config, cli.output_folder(options.out))
+    estimated = {}
+    if not options.json:
+        print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
+    if options.resources:
+        estimated, path = estimate(paths[0])
+        paths.append(path)
+        if not options.json:
+            print(f"wrote {path}\n{resources.text(estimated)}")
     if options.json:
-        print(json.dumps({"files": [str(path) for path in paths]}, indent=2))
-    else:
-        for path in paths:
-            print(f"wrote {path}")
+        shown = {"files": [str(path) for path in paths], **({"resources": estimated} if estimated else {})}
+        print(json.dumps(shown, indent=2, ensure_ascii=False))
     return 0
 
 
