@@ -1,0 +1,3 @@
+# Generated from boards/kv260/board.toml by boards/kv260/generate.py; do not edit.
+APP := cmfpga
+TOP := cmfpga_kv260
