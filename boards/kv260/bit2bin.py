@@ -59,6 +59,11 @@ def convert(bit):
     return fields, bytes(words)
 
 
+def plain_part(name):
+    """A part's name for comparison; for older families Vivado leaves out the leading "xc"."""
+    return name.lower().removeprefix("xc")
+
+
 def main(arguments=None):
     parser = argparse.ArgumentParser(
         description="Convert Vivado's .bit into the .bit.bin that Linux loads.",
@@ -72,11 +77,7 @@ def main(arguments=None):
     out = options.out or Path(f"{options.bit}.bin")
     try:
         fields, data = convert(options.bit.read_bytes())
-        # Older Vivado leaves out the leading "xc".
-        if (
-            options.part
-            and fields.get("part", "").removeprefix("xc").lower() != options.part.removeprefix("xc").lower()
-        ):
+        if options.part and plain_part(fields.get("part", "")) != plain_part(options.part):
             raise BitError(f"is for part {fields.get('part', '(none named)')}, not for {options.part}")
         out.write_bytes(data)
     except (OSError, BitError) as error:

@@ -243,7 +243,8 @@ def standard_catalog(inline_slice=False):
         IP("xilinx.com:ip:zynq_ultra_ps_e:3.5", PS_PARAMETERS, processing_system),
         IP("xilinx.com:ip:proc_sys_reset:5.0", {}, reset),
         IP("xilinx.com:ip:smartconnect:1.0",
-           {"NUM_SI": ("1", whole(1, 16)), "NUM_MI": ("1", whole(1, 16)), "NUM_CLKS": ("1", whole(1, 8))}, smartconnect),
+           {"NUM_SI": ("1", whole(1, 16)), "NUM_MI": ("1", whole(1, 16)), "NUM_CLKS": ("1", whole(1, 8))},
+           smartconnect),
         IP("xilinx.com:ip:axi_dma:7.1", DMA_PARAMETERS, dma),
         IP("xilinx.com:ip:axis_subset_converter:1.1", SUBSET_PARAMETERS, subset_converter),
         IP("xilinx.com:inline_hdl:ilslice:1.0" if inline_slice else "xilinx.com:ip:xlslice:1.0", SLICE_PARAMETERS,
@@ -262,8 +263,10 @@ def packaged_ip(component):
         name, kind = node.get("name"), node.get("kind")
         signals = {port.get("signal"): int(port.get("width")) for port in node.findall("port")}
         if kind in ("aximm", "axis"):
-            shape = {"bytes": signals["TDATA"] // 8, "user": signals.get("TUSER", 0),
-                     "keep": int("TKEEP" in signals), "last": int("TLAST" in signals)} if kind == "axis" else {}  # fmt: skip
+            shape = {} if kind == "aximm" else {
+                "bytes": signals["TDATA"] // 8, "user": signals.get("TUSER", 0),
+                "keep": int("TKEEP" in signals), "last": int("TLAST" in signals),
+            }  # fmt: skip
             interfaces[name] = Interface("axis" if kind == "axis" else "axi", node.get("mode"), clock, shape)
         else:
             pins[name] = Pin("O" if kind == "interrupt" else "I", {"clock": "clk", "reset": "rst_n"}.get(kind, "irq"))

@@ -46,7 +46,7 @@ def wait_on_run(state, _, handle):
     if run.name == "impl_1" and done:
         run_constraints(state)
         name = f"{state.design.name}_wrapper.bit"
-        (folder / name).write_bytes(vivado_reports.bitstream(state.part.removeprefix("xc")))
+        (folder / name).write_bytes(vivado_reports.bitstream(state.part))
 
 
 def run_constraints(state):
