@@ -71,7 +71,7 @@ def main(arguments=None):
     )
     parser.add_argument("bit", type=Path, help="the .bit")
     parser.add_argument("-o", "--out", type=Path, help="where to write (default: beside the .bit, with .bin added)")
-    parser.add_argument("--part", help="refuse a bitstream that is for another part, e.g. xck26-sfvc784-2LV-c")
+    parser.add_argument("--part", help="refuse a bitstream for another part than this one")
     parser.add_argument("--json", action="store_true", help="print the header's fields as JSON")
     options = parser.parse_args(arguments)
     out = options.out or Path(f"{options.bit}.bin")

@@ -252,7 +252,9 @@ def uio_conf(_):
 
 def make_variables(facts):
     """What the Makefile needs."""
-    return f"# {NOTE}\nAPP := {facts['design']['name']}\nTOP := {facts['design']['top']}\n"
+    design = facts["design"]
+    lines = ("APP", design["name"]), ("TOP", design["top"]), ("PART", part(facts)), ("CLOCK_MHZ", facts["clock"]["mhz"])
+    return f"# {NOTE}\n" + "".join(f"{name} := {value}\n" for name, value in lines)
 
 
 def python_module(facts):

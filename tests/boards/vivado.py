@@ -32,7 +32,7 @@ class Vivado:
     def __init__(self, found=None):
         self.found = {**FOUND, **(found or {})}
         self.state = State(self.found)
-        self.output, self.status = [], None
+        self.output, self.status, self.defect = [], None, None
         self.used = set()
         self.tcl = tkinter.Tcl()
         for name in REMOVED:
@@ -65,6 +65,9 @@ class Vivado:
             return (0, self._text(command(self.state, options, *rest)))
         except VivadoError as error:
             return (1, str(error) if str(error).startswith(f"{name}:") else f"{name}: {error}")
+        except Exception as error:  # a defect of the model itself; kept for source(), Tcl would swallow it
+            self.defect = error
+            return (1, f"the model fails: {error!r}")
 
     def _puts(self, words):
         if len(words) == 1:
@@ -90,6 +93,8 @@ class Vivado:
             if self.status is None:
                 self.output.append(f"ERROR: {error}")
                 self.status = 1
+        if self.defect is not None:
+            raise self.defect
         if self.status is None:
             self.status = 0
         return self.status

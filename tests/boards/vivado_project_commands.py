@@ -1,5 +1,6 @@
 """Commands of the strict model: projects, files, properties, boards, the IP catalog."""
 
+import shutil
 from pathlib import Path
 
 from vivado_catalog import packaged_ip
@@ -19,6 +20,10 @@ def create_project(state, options, name, folder="."):
         raise VivadoError("a project is open already")
     state.set_part(options.get("-part", ""))
     folder = Path(folder)
+    for old in [*folder.glob(f"{name}.*")]:
+        if "-force" not in options:
+            raise VivadoError(f"{old} exists")
+        shutil.rmtree(old)
     folder.mkdir(parents=True, exist_ok=True)
     state.project = state.store.add(
         Thing("project", name, {"PART": state.part, "DIRECTORY": str(folder), "board_part": "", "board_connections": "",

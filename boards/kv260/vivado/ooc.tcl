@@ -23,6 +23,7 @@ guarded {
         error "$verilog does not exist: make rtl"
     }
     file mkdir $folder
+    set folder [file normalize $folder]
 
     set clock_file [file join $folder clock.xdc]
     set channel [open $clock_file w]

@@ -21,6 +21,7 @@ guarded {
     }
     file delete -force $folder
     file mkdir $folder
+    set folder [file normalize $folder]
 
     create_project -force package [file join $folder project] -part $fact(part)
     add_files -norecurse [file normalize $verilog]
