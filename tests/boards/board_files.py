@@ -35,7 +35,8 @@ def stand_in(bytes_=8, user=1, address=16):
         ):  # fmt: skip
             direction = "input" if forward == master else "output"
             info = f"xilinx.com:interface:aximm:1.0 s_axi {channel}{signal}"
-            lines.append((f"s_axi_{channel}{signal}".lower(), direction, width, info, None))
+            parameter = "XIL_INTERFACENAME s_axi, PROTOCOL AXI4LITE" if channel + signal == "AWADDR" else None
+            lines.append((f"s_axi_{channel}{signal}".lower(), direction, width, info, parameter))
     for name, master in (("s_axis", False), ("m_axis", True)):
         for signal, width in (("TDATA", 8 * bytes_), ("TKEEP", bytes_), ("TUSER", user), ("TLAST", 1), ("TVALID", 1),
                               ("TREADY", 1)):  # fmt: skip

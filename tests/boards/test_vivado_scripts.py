@@ -245,6 +245,8 @@ IP_MISTAKES = {
     "interface not associated": ("s_axi:s_axis:m_axis", "s_axi:s_axis", "ASSOCIATED_BUSIF is s_axi s_axis"),
     "active-high reset": ("POLARITY ACTIVE_LOW", "POLARITY ACTIVE_HIGH", "POLARITY"),
     "edge interrupt": ("SENSITIVITY LEVEL_HIGH", "SENSITIVITY EDGE_RISING", "SENSITIVITY"),
+    "signal twice": ("s_axi BRESP", "s_axi RRESP", "has another port with signal RRESP"),
+    "other protocol": ("PROTOCOL AXI4LITE", "PROTOCOL AXI4", "PROTOCOL"),
     "other module name": ("module cmfpga_kv260(", "module cmfpga_core(", "no module cmfpga_kv260"),
     "wrong bus": ("xilinx.com:signal:interrupt:1.0", "xilinx.com:signal:clock:1.0", "ports missing"),
 }  # fmt: skip

@@ -84,7 +84,7 @@ def infer(verilog, top):
         bus, name, signal = info
         interface = interfaces.setdefault(name, Inferred(name, bus))
         if interface.bus != bus or signal in interface.ports:
-            raise VivadoError(f"port {port}: contradicts another port of interface {name}")
+            raise VivadoError(f"port {port}: {name} has another port with signal {signal}, or another bus")
         interface.ports[signal] = (port, direction, width)
         words = [word.strip() for word in attributes.get("X_INTERFACE_PARAMETER", "").split(",") if word.strip()]
         for word in words:
@@ -111,6 +111,8 @@ def check_parameters(interfaces):
             raise VivadoError(f"reset {interface.name}: POLARITY must say ACTIVE_LOW, AXI's resets are")
         if interface.kind == "interrupt" and interface.parameters.get("SENSITIVITY") != "LEVEL_HIGH":
             raise VivadoError(f"interrupt {interface.name}: SENSITIVITY must say LEVEL_HIGH")
+        if interface.kind == "aximm" and interface.parameters.get("PROTOCOL") != "AXI4LITE":
+            raise VivadoError(f"interface {interface.name}: PROTOCOL must say AXI4LITE")
         if interface.kind == "clock":
             for key in ("ASSOCIATED_BUSIF", "ASSOCIATED_RESET"):
                 for name in filter(None, interface.parameters.get(key, "").split(":")):
