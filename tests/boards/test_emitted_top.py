@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from board_files import BOARD
@@ -12,7 +13,7 @@ import cmfpga.build
 
 tkinter = pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
 
-if "--top" not in open(cmfpga.build.__file__, encoding="utf-8").read():
+if "--top" not in Path(cmfpga.build.__file__).read_text(encoding="utf-8"):
     pytest.skip("python -m cmfpga.build has no --top in this checkout", allow_module_level=True)
 
 

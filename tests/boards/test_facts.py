@@ -119,6 +119,19 @@ def check_ports(interfaces, tcl):
     assert int(tcl["dma_address_width"]) == kv260.DMA_ADDRESS_BITS
 
 
+def test_the_guide_says_the_same(facts):
+    guide = text_of("README.md")
+    for text in (
+        kv260.PART, facts["board"]["board_part"], kv260.VLNV, f"0x{kv260.REGISTERS_ADDRESS:08X}",
+        f"{facts['clock']['mhz']} MHz (in fact {kv260.CLOCK_HZ / 1e6:.3f} MHz)", f"SPI {kv260.INTERRUPT_SPI}",
+        f"`{facts['control']['port']}` with {facts['control']['data_width']} bits",
+        f"`{facts['memory']['port']}` with {facts['memory']['data_width']} bits",
+        f"`/dev/{kv260.BUFFER_EVENTS}`\n({kv260.BUFFER_EVENTS_SIZE >> 20} MiB)", f"`{kv260.UIO_DMA}`",
+        f"Vivado {facts['design']['vivado_minimum']} or newer", f"clk/{kv260.LINUX_CLOCK}/clk_enable_count",
+    ):  # fmt: skip
+        assert text in guide, text
+
+
 def test_no_fact_is_written_down_again():
     """What people write by hand holds no address, part or pin: those come from the generated files."""
     for path in [

@@ -262,6 +262,10 @@ def test_mistake_in_the_top_is_caught(name, tmp_path, rtl):
     assert not (tmp_path / "ip" / "component.xml").exists()
 
 
+def test_there_are_as_many_mistakes_as_the_documents_say():
+    assert len(MISTAKES) + len(IP_MISTAKES) > 40
+
+
 def test_registers_over_each_other_are_caught(tmp_path, rtl):
     rtl[1].write_text(
         REGISTERS.replace("set register", "foreach name {A B} {\n set register", 1).replace("CTRL", "$name")[:-2]
