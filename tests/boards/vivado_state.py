@@ -11,6 +11,7 @@ from vivado_design import BlockDesign
 from vivado_objects import Store, Thing, VivadoError
 
 COMMANDS = {}
+TCL = tkinter.Tcl()  # to read lists; the scripts have their own
 
 
 def command(name, usage=""):
@@ -36,7 +37,8 @@ class State:
 
     @staticmethod
     def split(text):
-        return tkinter.Tcl().splitlist(text)
+        """The words of a Tcl list."""
+        return TCL.splitlist(text)
 
     def things(self, text, *kinds):
         """The objects of a list of handles; an empty list is an error, as most commands of Vivado say."""
