@@ -36,7 +36,7 @@ DEMO_FIELDS = {"eta": 4.0}
 
 def _parser():
     made = cli.parser("track", "Follow an object through a recording of events.", EXAMPLES)
-    made.add_argument("recording", nargs="?", metavar="RECORDING", help="HDF5, DAVIS text (.txt, .zip), .npz or .npy")
+    cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
     made.add_argument("--roi", type=cli.pair("X,Y"), metavar="X,Y", help="left column and top row of the ROI, px")
     size = made.add_argument_group("batches (one of; default: --batch-events 5000)").add_mutually_exclusive_group()
     size.add_argument("--batch-events", type=cli.positive, metavar="N", help="events of the whole sensor")
@@ -51,8 +51,7 @@ def _parser():
         help="rtl: the emitted Verilog, cycle by cycle; model: the same in integers (needs torch); "
         "float: the article's equations (needs torch) (default: rtl)",
     )
-    made.add_argument("--sensor", type=cli.pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")
-    made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
+    cli.add_recording_options(made)
     made.add_argument("--out", default="cmfpga-track", metavar="DIR", help="folder for track.csv and track.png")
     made.add_argument("--no-picture", action="store_true", help="write track.csv only")
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
@@ -89,6 +88,9 @@ def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
         return None, open_recording(options.recording, time_unit=options.time_unit, sensor=options.sensor)
+    for name, value in (("--sensor W,H", options.sensor), ("--time-unit", options.time_unit)):
+        if value is not None:
+            raise ConfigError(f"{name}: a RECORDING is needed; the synthetic scene has its own")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
 

@@ -211,7 +211,8 @@ OPTIONS = [
     (["--roi", "8.0,9"], "argument --roi: '8.0,9': X,Y, two whole numbers, is needed" + HINT),
     (["--roi", ""], "argument --roi: '': X,Y, two whole numbers, is needed" + HINT),
     (["--roi", "nan,inf"], "argument --roi: 'nan,inf': X,Y, two whole numbers, is needed" + HINT),
-    (["--roi", "-1,5"], "argument --roi: expected one argument" + HINT),
+    (["--roi", "-1,5"], "ROI at -1,5: 0,0 to 24,16 is needed for 8×8 px on a sensor of 32×24 px"),
+    (["--roi=--"], "argument --roi: '--' is no value" + HINT),
     (["--roi"], "argument --roi: expected one argument" + HINT),
     (["--batches", "0"], "argument --batches: '0': a whole number of 1 or more is needed" + HINT),
     (["--batches", "-1"], "argument --batches: '-1': a whole number of 1 or more is needed" + HINT),
@@ -272,13 +273,19 @@ OPTIONS = [
 
 @pytest.mark.parametrize("arguments, message", OPTIONS, ids=[" ".join(row[0])[:40] for row in OPTIONS])
 def test_options(refused, dot, arguments, message):
-    error = refused(dot, *([] if "--roi" in arguments else DOT), *arguments)
+    error = refused(dot, *([] if arguments and arguments[0].startswith("--roi") else DOT), *arguments)
     assert error.startswith(message.replace("DOT", str(dot))), error
     assert len(error) < 700
 
 
 def test_a_recording_needs_an_roi(refused, dot):
     assert refused(dot) == "--roi X,Y: the ROI's left column and top row are needed with a recording"
+
+
+@pytest.mark.parametrize("option", [["--sensor", "32,24"], ["--time-unit", "us"]])
+def test_what_is_said_of_a_recording_that_is_not_there(command, tmp_path, option):
+    error = command(track, *MODEL, *option, "--out", tmp_path).error
+    assert error.startswith(option[0]) and error.endswith("a RECORDING is needed; the synthetic scene has its own")
 
 
 def test_two_recordings_side_by_side(refused, dot):

@@ -4,7 +4,7 @@ from . import aedat2, cameras, hdf5, numpy_files, text
 from .arrays import Events
 from .batches import Batch, BatchCutter
 from .columns import MemoryRecording
-from .hdf5 import write_hdf5
+from .hdf5 import Hdf5Writer, write_hdf5
 from .motion import Motion
 from .recording import Format, Recording, formats, open_recording, register_format
 from .synthetic import Scene, Synthetic, generate
@@ -18,6 +18,7 @@ __all__ = [
     "BatchCutter",
     "Events",
     "Format",
+    "Hdf5Writer",
     "MemoryRecording",
     "Motion",
     "Recording",
