@@ -119,16 +119,14 @@ def test_bash(script, tmp_path, words, expected):
     if bash is None:
         pytest.skip("no bash")
     (tmp_path / "rec.h5").touch()
-    program = (
-        f'source {script}; COMP_WORDS=(cmfpga "$@"); COMP_CWORD=$#; _shtab_cmfpga; printf "%s\\n" "${{COMPREPLY[@]}}"'
-    )
+    asked = 'COMP_WORDS=(cmfpga "$@"); COMP_CWORD=$#; _shtab_cmfpga; printf "%s\\n" "${COMPREPLY[@]}"'
     done = subprocess.run(
         [bash, "-c", f"source {script}; {asked}", "bash", *words],
         cwd=tmp_path,
         capture_output=True,
         text=True,
         timeout=60,
-    )
+    )  # fmt: skip
     assert done.stdout.split() == expected, done.stderr
 
 
