@@ -14,6 +14,7 @@ from .errors import UserError
 
 #: Module and purpose of each subcommand, in the order of the help.
 COMMANDS = {
+    "info": ("info", "what a recording holds, and an ROI and batches that suit it"),
     "track": ("track", "follow objects through a recording"),
     "build": ("build", "emit the accelerator as Verilog"),
     "bench": ("bench", "cycles of the accelerator, and times of programs for the same"),
