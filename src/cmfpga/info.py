@@ -197,9 +197,10 @@ def _text(options, recording, survey, config, proposals):
             f"{found.start_event:,} on, {found.batch_events:,} events a batch"
         )
         yield f"  because {found.reason}."
+        vx, vy = found.px_per_s
         yield (
-            f"  Velocity there: {found.px_per_s[0]:,.0f}, {found.px_per_s[1]:,.0f} px/s; contrast {found.gain:.2f} times "
-            f"that at rest; {found.roi_events:,} events of a batch in the ROI."
+            f"  Velocity there: {vx:,.0f}, {vy:,.0f} px/s; contrast {found.gain:.2f} times that "
+            f"at rest; {found.roi_events:,} of a batch's events in the ROI."
         )
         if "thinning" in found.fields:
             yield (
@@ -259,7 +260,7 @@ def _draw(path, recording, survey, config, proposals):
     if hot:
         x, y, _ = zip(*hot, strict=True)
         above.plot(x, y, "o", markerfacecolor="none", color="tab:orange", label="hot pixel")
-        above.legend()
+        figure.legend(loc="outside upper right")
     for k, found in enumerate(proposals):
         corner = np.subtract(found.roi, 0.5)
         above.add_patch(

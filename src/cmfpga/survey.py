@@ -225,6 +225,14 @@ class Proposal:
         return math.hypot(*self.v)
 
     @property
+    def text(self):
+        """The proposal in one line."""
+        return (
+            f"ROI {self.roi[0]},{self.roi[1]} from event {self.start_event} on, {self.batch_events} events a batch: "
+            f"{self.reason}"
+        )
+
+    @property
     def reason(self):
         """One sentence for people."""
         speed = math.hypot(*self.px_per_s)
@@ -485,5 +493,5 @@ def require(proposals, count, recording):
     """``proposals``, if there are ``count``; otherwise :exc:`ConfigError`, in one line."""
     if len(proposals) < count:
         what = "nothing moves" if not proposals else f"only {len(proposals)} of {count} objects move"
-        raise ConfigError(f"{recording.name}: --roi auto: {what} clearly enough; --roi X,Y is needed (cmfpga info)")
+        raise ConfigError(f"{recording.name}: --roi auto: {what} clearly enough; --roi X,Y is needed")
     return proposals

@@ -279,7 +279,8 @@ def test_options(refused, dot, arguments, message):
 
 
 def test_a_recording_needs_an_roi(refused, dot):
-    assert refused(dot) == "--roi X,Y: the ROI's left column and top row are needed with a recording"
+    expected = "--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto"
+    assert refused(dot) == expected
 
 
 @pytest.mark.parametrize("option", [["--sensor", "32,24"], ["--time-unit", "us"]])
@@ -430,11 +431,11 @@ def test_parsers_of_options():
 
 # ---------------------------------------------------------------- anything
 
-# Values that are small if they are good, so that no example runs long. (Not "--", which Python 3.11's argparse takes
-# out of "--roi=--" and gives an empty list.)
+# Values that are small if they are good, so that no example runs long.
 VALUES = st.sampled_from(
-    ["", "0", "-1", "1", "2", "8", "-0", "1.0", "8,9", "8,", "٣", "1_0", " 8", "nan", "-inf", "1e400", "-1e-400", "0x8",
-     "1e1", "=", "8=8", "last", "zero", "ä", "\n", "\t", "-", "'", "%s", "\udce9", "\0", "model", "us", "9" * 40]
+    ["", "--", "auto", "a=8,9", "0", "-1", "1", "2", "8", "-0", "1.0", "8,9", "8,", "٣", "1_0", " 8", "nan", "-inf",
+     "1e400", "-1e-400", "0x8", "1e1", "=", "8=8", "last", "zero", "ä", "\n", "\t", "-", "'", "%s", "\udce9", "\0",
+     "model", "us", "9" * 40]
 )  # fmt: skip
 FIELDS = st.sampled_from(
     ["eta", "iterations", "roi_width", "roi_height", "buffer_events", "start", "v_start_x", "roi_gain", "dt_frac",
@@ -463,6 +464,8 @@ def test_any_options_work_or_are_refused(command, dot, small, tmp_path_factory, 
     size = [] if any(part.startswith("--batch-") for part in given) else ["--batch-events", "50"]
     done = command(track, dot, *DOT, *MODEL, "--batches", "2", "--out", out, *small, *size, *given)
     if done.status == 0:
-        assert done.out.startswith(("1 batches", "2 batches")) and (out / "track.csv").exists()
+        several = given.count("--roi") + sum(part.startswith("--roi=") for part in given) > 0
+        assert done.out.startswith(("0: ",) if several else ("1 batches", "2 batches"))
+        assert (out / f"track{'-0' * several}.csv").exists()
     else:
         assert done.error and done.out == ""
