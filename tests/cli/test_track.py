@@ -285,8 +285,15 @@ def test_all_events_at_one_moment(command, rows, dot_events, small, tmp_path):
 
 
 def test_no_event_in_the_roi(command, rows, dot_events, small, tmp_path):
+    """Said in one line; the CSV is there, and every batch is flagged."""
     corner = Events(dot_events.t, dot_events.x % 8, dot_events.y % 8, dot_events.p)
-    found, _ = run_model(command, rows, tmp_path, corner, "--roi", "24,16", "--batch-events", "90", *small)
+    write_hdf5(tmp_path / "events.h5", corner, 32, 24)
+    done = command(
+        track, tmp_path / "events.h5", "--roi", "24,16", "--batch-events", "90", *small, "--engine", "model",
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert done.error == "ROI at 24,16: none of the events is in it, in 6 batches; an ROI with an object is needed"
+    found = rows(tmp_path)
     assert flags(found) == ["degenerate"] * 6 and {row["roi_events"] for row in found} == {"0"}
     assert {(row["roi_x"], row["roi_y"]) for row in found} == {("24", "16")}
 
