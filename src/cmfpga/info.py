@@ -1,21 +1,27 @@
 """``python -m cmfpga.info``: what a recording holds, and an ROI and batches that suit it."""
 
 import argparse
+import contextlib
 import json
+import math
 import shlex
+import statistics
 import sys
 
 import numpy as np
 from tqdm import tqdm
 
 from . import cli
-from .errors import RecordingError
-from .events import open_recording
+from .engines import make_engine
+from .errors import ConfigError, RecordingError
+from .events import BatchCutter, open_recording
+from .reference.tracker import track
 from .survey import Survey, propose
 
 EXAMPLES = (
     "python -m cmfpga.info rec.h5",
     "python -m cmfpga.info rec.raw --objects 3 --json",
+    "python -m cmfpga.info rec.h5 --check 10           # and whether the proposal keeps what it promises",
     "python -m cmfpga.info events.txt --sensor 240,180 --png frame.png --no-frame",
     "python -m cmfpga.info rec.h5 --preset fast --set roi_width=48 --set roi_height=48",
 )
@@ -36,6 +42,10 @@ def _parser():
     )  # fmt: skip
     made.add_argument("--objects", type=_objects, default=1, metavar="N", help="propose up to N ROIs (default: 1)")
     made.add_argument("--no-proposal", action="store_true", help="only say what the recording holds")
+    made.add_argument(
+        "--check", type=cli.positive, metavar="B",
+        help="track B batches of each proposal by the integer model (needs torch), and say how far the image moved",
+    )  # fmt: skip
     made.add_argument("--no-frame", action="store_true", help="do not show the events in the terminal")
     cli.files(made.add_argument("--png", metavar="FILE", help="write a picture of the events and the ROIs to FILE"))
     cli.add_recording_options(made)
@@ -70,12 +80,13 @@ def main(arguments=None):
                 proposals = propose(
                     recording, survey, config, count=options.objects, start_event=options.start_event, tick=bar.update
                 )
+        checked = [check(recording, config, found, options.check) for found in proposals] if options.check else []
         if options.png is not None:
             _draw(options.png, recording, survey, config, proposals)
     if options.json:
-        print(json.dumps(_report(options, recording, survey, config, proposals), indent=2, ensure_ascii=False))
+        print(json.dumps(_report(options, recording, survey, config, proposals, checked), indent=2, ensure_ascii=False))
     else:
-        print("\n".join(_text(options, recording, survey, config, proposals)))
+        print("\n".join(_text(options, recording, survey, config, proposals, checked)))
     if broken is not None:
         raise broken
     return 0
@@ -102,6 +113,25 @@ def _config(options, recording, survey):
     )
 
 
+def check(recording, config, proposal, batches):
+    """|v| in px per half batch of each of so many batches at most, as the integer model tracks them; needs torch."""
+    try:
+        engine = make_engine("model", config.replace(**proposal.fields))
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ConfigError("--check: torch is not installed; pip install 'cmfpga[reference]'") from None
+    with contextlib.closing(engine):
+        cutter = BatchCutter(
+            recording,
+            start_event=proposal.start_event,
+            events=proposal.batch_events,
+            max_events=engine.config.max_batch_events,
+        )
+        tracked = [*track(engine, cutter, roi=proposal.roi, batches=batches)]
+    return [math.hypot(*batch.result.v) for batch in tracked if batch.v_px_per_s is not None]
+
+
 def track_arguments(proposal):
     """What ``track`` is told for a proposal, as a list of words."""
     words = ["--roi", "{},{}".format(*proposal.roi), "--batch-events", str(proposal.batch_events)]
@@ -121,7 +151,7 @@ def _command(options, proposal):
     return shlex.join(words)
 
 
-def _report(options, recording, survey, config, proposals):
+def _report(options, recording, survey, config, proposals, checked):
     bin_us, rate = survey.rate(_RATE_BINS)
     return {
         "file": options.recording,
@@ -153,13 +183,14 @@ def _report(options, recording, survey, config, proposals):
                 "fields": found.fields,
                 "reason": found.reason,
                 "command": _command(options, found),
+                **({"checked_px_per_half_batch": checked[k]} if checked else {}),
             }
-            for found in proposals
+            for k, found in enumerate(proposals)
         ],
     }
 
 
-def _text(options, recording, survey, config, proposals):
+def _text(options, recording, survey, config, proposals, checked):
     """Lines for people."""
     rows, columns = survey.counts.shape
     sensor = f"{recording.width}×{recording.height} px"
@@ -209,9 +240,28 @@ def _text(options, recording, survey, config, proposals):
             )
         if "max_batch_events" in found.fields:
             yield "  The hardware has to count further than by default (max_batch_events)."
+        if checked and checked[k]:
+            px = checked[k]
+            yield (
+                f"  Checked: in {len(px)} batches the integer model found {statistics.median(px):.1f} px per half "
+                f"batch (median; {min(px):.1f} to {max(px):.1f})."
+            )
         yield f"  {_command(options, found)}"
     if len(proposals) < options.objects:
         yield f"Only {len(proposals)} of {options.objects} objects move clearly at one time."
+
+
+def table_row(found):
+    """Cells of a line about a proposal (as in the JSON) in the documentation's table."""
+    px = found["checked_px_per_half_batch"]
+    return [
+        "{},{}".format(*found["roi"]),
+        f"{found['start_event']:,}",
+        f"{found['batch_events']:,}",
+        f"{found['batch_us'] / 1e3:,.3g}",
+        "{:,.0f}, {:,.0f}".format(*found["px_per_s"]),
+        f"{statistics.median(px):.1f} ({min(px):.1f} to {max(px):.1f}; {len(px)})",
+    ]
 
 
 def _levels(survey):

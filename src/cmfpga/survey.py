@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .dither import DITHER_BITS, FACTORS
-from .errors import ConfigError
+from .errors import ConfigError, RecordingError
 from .events import Events
 
 #: Motion that the proposal aims at, px per half batch, and what is accepted.
@@ -33,7 +33,7 @@ _MIN_ROI_EVENTS = 150
 _FIRST_ROI_EVENTS = 600
 _REACH_PX = 10  # velocities that the grid holds, px per half window
 _MIN_GAIN = 1.08  # contrast at the peak, to that at v = 0
-_MIN_CLARITY = 0.02  # see estimate
+_MIN_CLARITY = 0.03  # see estimate
 _AGREE = 0.35  # how far the velocity of other windows may differ, relative
 
 
@@ -153,9 +153,11 @@ def estimate(x, y, dt, width, height):
             if max(map(abs, v)) > _REACH_PX + 2:
                 break
     still = _contrast(x, y, dt, (0.0, 0.0), width, height, 0)
+    # With a border that no event leaves: what is lost there says nothing of the peak.
     ring = [(v[0] + 3 * math.cos(a), v[1] + 3 * math.sin(a)) for a in np.arange(16) * math.pi / 8]
-    peak = _contrast(x, y, dt, v, width, height, 1)
-    clarity = 1 - max(_contrast(x, y, dt, near, width, height, 1) for near in ring) / max(peak, 1e-12)
+    wide = (x + 16, y + 16, dt)
+    peak, *around = (_contrast(*wide, near, width + 32, height + 32, 1) for near in (v, *ring))
+    clarity = 1 - max(around) / max(peak, 1e-12)
     return np.array(v), best / max(still, 1e-12), clarity
 
 
@@ -308,7 +310,12 @@ class _Window:
         self._ended = False
 
     def _grow(self):
-        chunk = None if self._ended or len(self._events) >= _READ_EVENTS else next(self._chunks, None)
+        try:
+            chunk = None if self._ended or len(self._events) >= _READ_EVENTS else next(self._chunks, None)
+        except RecordingError:  # what comes before the damage can still be looked at
+            if not len(self._events):
+                raise
+            chunk = None
         if chunk is None:
             self._ended = True
             return False
