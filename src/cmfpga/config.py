@@ -482,8 +482,11 @@ PRESETS = {
     "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 
+#: What the commands take if no preset is given.
+DEFAULT_PRESET = "fast"
 
-def preset(name):
+
+def preset(name=DEFAULT_PRESET):
     """The preset called ``name``."""
     try:
         return PRESETS[name]
