@@ -12,18 +12,20 @@ import types
 
 from tqdm import tqdm
 
-from . import cli, tracking
+from . import cli, report, tracking
 from .engines import ENGINES, check_roi
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .picture import Gallery
 from .reference.tracker import COLUMNS, track
+from .report.kept import FILE, Kept
 
 EXAMPLES = (
     "python -m cmfpga.track        # a synthetic scene, with its true motion",
     "python -m cmfpga.track rec.h5 --roi 100,30 --batch-events 5000 --start-event 15000 --batches 20",
     "python -m cmfpga.track events.txt --roi 60,40 --batch-us 20000 --engine model --out track",
     "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set eta=0.5",
+    "python -m cmfpga.track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
 )
 
 #: The scene that is tracked without a recording (it turns a corner in the middle), and what suits it: batches in which
@@ -59,8 +61,20 @@ def _parser():
     )
     made.add_argument("--sensor", type=cli.pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")
     made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
-    made.add_argument("--out", default="cmfpga-track", metavar="DIR", help="folder for track.csv and track.png")
+    made.add_argument(
+        "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
+    )
     made.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    made.add_argument(
+        "--report", action="store_true", help="write report.html, and track.npz for python -m cmfpga.report"
+    )
+    made.add_argument(
+        "--clock",
+        type=report.clock,
+        default=report.CLOCK_MHZ,
+        metavar="MHZ",
+        help=f"clock that you assume the hardware to reach, MHz (default: {report.CLOCK_MHZ:g})",
+    )
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
     cli.add_config_options(made)
     return made
@@ -137,6 +151,7 @@ def _roi(options, truth, config):
 def _track(options, config, roi, cutter, recording, folder, truth):
     """Run all batches; writes the files, prints the summary, returns the tracked batches' essentials."""
     tracked = []
+    kept = _kept(options, config, recording, truth) if options.report else None
     with contextlib.closing(_engine(options, config)) as engine, (folder / "track.csv").open("w", newline="") as file:
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
@@ -148,8 +163,9 @@ def _track(options, config, roi, cutter, recording, folder, truth):
         for batch in bar:
             writer.writerow(batch.row())
             tracked.append((batch.events.t[[0, -1]] if len(batch.events) else None, batch.v_px_per_s, batch.result))
-            if gallery:
-                gallery.add(batch)
+            for collector in (gallery, kept):
+                if collector:
+                    collector.add(batch)
     if not tracked:
         raise ConfigError(
             f"{recording.name}: too few events for one batch after event {options.start_event} ({cutter.leftover} left)"
@@ -158,6 +174,10 @@ def _track(options, config, roi, cutter, recording, folder, truth):
     if gallery:
         written.append(folder / "track.png")
         gallery.save(written[-1])
+    if kept:
+        written += [folder / FILE, folder / report.PAGE]
+        kept.save(written[-2])
+        _write_page(kept, written[-1], options)
     _summarise(options, config, engine.name, tracked, cutter, written)
     return tracked
 
@@ -176,6 +196,19 @@ def _engine(options, config):
 
 def _gallery(config, recording, truth):
     return Gallery(config, recording.name, truth.motion if truth else None)
+
+
+def _kept(options, config, recording, truth):
+    from .report.page import plotly_script
+
+    plotly_script()  # if it is missing, that is told before the work
+    return Kept(config, options.engine, recording.name, truth.motion if truth else None)
+
+
+def _write_page(kept, path, options):
+    from .report.page import write_page
+
+    write_page(kept, path, clock_mhz=options.clock)
 
 
 def _summarise(options, config, engine, tracked, cutter, written):
@@ -198,7 +231,8 @@ def _summarise(options, config, engine, tracked, cutter, written):
     if cycles:
         print(
             f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "
-            f"{sum(cycles) / len(cycles) / 210e6 * 1e3:.3f} ms at an assumed clock of 210 MHz"
+            f"{sum(cycles) / len(cycles) / options.clock / 1e3:.3f} ms "
+            f"at an assumed clock of {options.clock:g} MHz"
         )
     for path in written:
         print(f"wrote {path}")

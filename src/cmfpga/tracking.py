@@ -7,7 +7,6 @@ import warnings
 
 import numpy as np
 
-from .batch import Flag
 from .config import DEFAULT_PRESET, preset
 from .engines import check_roi, make_engine
 from .errors import ConfigError, RecordingError
@@ -15,8 +14,10 @@ from .events import BatchCutter, Events, MemoryRecording, Synthetic, open_record
 from .events.recording import Recording
 from .picture import Gallery
 from .reference import tracker
-from .reference.integer.thinner import next_thinning
 from .reference.tracker import COLUMNS
+from .replay import Replay
+from .report import CLOCK_MHZ
+from .report.kept import Kept
 
 #: Events of a batch where nothing else is said.
 BATCH_EVENTS = 5000
@@ -211,8 +212,8 @@ class Tracking:
         self._columns = {name: [] for name in COLUMNS}
         self._first_events = []
         self._runs = []
-        self._following = False  # as in the engines: the batch before measured v, so the warm schedule applies
-        self._thinning = None  # as in the engines: what the batch before asks for
+        self._replay = Replay(config)
+        self._kept = Kept(config, engine, source.name, source.motion)
         self._gallery = Gallery(config, source.name, source.motion)
 
     def add(self, batch):
@@ -236,22 +237,9 @@ class Tracking:
         self._rows.append(batch.row())
         self.results.append(result)
         self._first_events.append(batch.events.first_event)
-        self._runs.append(self._settings_of(result))
+        self._runs.append(self._replay.settings_of(result))
         self._gallery.add(batch)
-
-    def _settings_of(self, result):
-        """(schedule entries of the iterations, thinning) that the engine used for this batch."""
-        config = self.config
-        plan = (None,) * result.iterations
-        if config.ascent == "sign":
-            warm = config.start == "last" and self._following
-            plan = (config.warm_schedule if warm else config.cold_schedule)[: result.iterations]
-        thinning = self._thinning if config.thin_target and self._thinning else config.thinning
-        if result.events:
-            self._following = Flag.DEGENERATE not in result.flags
-            found = result.roi_events + result.overflow + result.thinned
-            self._thinning = next_thinning(found, config.thin_target)
-        return plan, thinning
+        self._kept.add(batch)
 
     def __len__(self):
         return len(self.results)
@@ -299,6 +287,20 @@ class Tracking:
         if path is not None:
             figure.savefig(path)
         return figure
+
+    def report(self, path, *, clock_mhz=CLOCK_MHZ):
+        """Write the page of ``track --report``: one HTML file that needs nothing else. Needs plotly.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        clock_mhz : float
+            Assumed clock of the hardware, MHz.
+        """
+        from .report.page import write_page
+
+        write_page(self._kept, path, clock_mhz=clock_mhz)
 
     def trace(self, batch):
         """Every intermediate of a batch: :class:`~cmfpga.tracing.BatchTrace`. Needs torch.
