@@ -40,9 +40,9 @@ def turning():
     scene = generate(
         seed=1, texture="lines", position=(70.0, 90.0), velocity=pieces, duration_us=500_000, noise=0.05,
     )  # fmt: skip
-    config = preset("fast")
+    config = preset("fast").replace(buffer_events=4096)
     roi = scene.roi_start(config.roi_width, config.roi_height)
-    return keep(config, scene.recording("turning"), roi=roi, size=1640, motion=scene.motion)
+    return keep(config, scene.recording("turning"), roi=roi, size=3280, motion=scene.motion)
 
 
 @pytest.fixture(scope="session")
@@ -54,7 +54,7 @@ def flagged():
         min_roi_events=150,
     )  # fmt: skip
     return keep(
-        config, scene.recording("</script><b>&amp; $x$"), roi=(14, 18), size=400, batches=12, motion=scene.motion
+        config, scene.recording("</script><b>&amp; $x$"), roi=(14, 18), size=200, batches=12, motion=scene.motion
     )
 
 
@@ -71,7 +71,7 @@ def browser():
         pytest.skip("no Chromium and its driver: apt-get install chromium chromium-driver")
     options = webdriver.ChromeOptions()
     options.binary_location = program
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage"):
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars"):
         options.add_argument(argument)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     made = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))

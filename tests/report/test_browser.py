@@ -2,6 +2,7 @@
 
 import base64
 
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -168,17 +169,13 @@ def test_two_widths_dark_and_light(opened, turning, tmp_path, width, theme):
     ink = report.do("return document.getElementById('velocity').layout.font.color")
     assert (ink == "#16181d") == (theme == "light")
     sizes = report.do(
-        "return [...document.querySelectorAll('.plot')].map(p => [p.getBoundingClientRect().width, p.querySelector('svg') !== null])"
+        "return [...document.querySelectorAll('.plot')]"
+        ".map(p => [p.getBoundingClientRect().width, p.querySelector('svg') !== null])"
     )
     assert len(sizes) == 8 and all(wide > 250 and drawn for wide, drawn in sizes)
-    picture = base64.b64decode(
-        report.browser.execute_cdp_cmd("Page.captureScreenshot", {"format": "png", "captureBeyondViewport": True})[
-            "data"
-        ]
-    )
+    shot = {"format": "png", "captureBeyondViewport": True}
+    picture = base64.b64decode(report.browser.execute_cdp_cmd("Page.captureScreenshot", shot)["data"])
     (tmp_path / "page.png").write_bytes(picture)
-    import matplotlib.image
-
     pixels = matplotlib.image.imread(tmp_path / "page.png")[..., :3]
     assert pixels.shape[1] == width and pixels.std() > 0.1
     assert (pixels.mean() > 0.6) == (theme == "light")

@@ -1,16 +1,11 @@
 """What a track keeps for its report."""
 
-import json
-
 import numpy as np
 import pytest
 
-from cmfpga import report
 from cmfpga.config import preset
-from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording
 from cmfpga.iwe import image_of_warped_events
-from cmfpga.reference.tracker import COLUMNS
 from cmfpga.report import kept as module
 from cmfpga.report.kept import FILE, Kept
 from cmfpga.report.page import render
@@ -60,44 +55,3 @@ def test_large_sensors_are_binned():
     kept = keep(config, MemoryRecording(events, 1280, 720), roi=(600, 300), size=1000)
     assert kept.frame_bin == 4 and kept.details[0].frame.shape == (180, 320)
     assert kept.details[1].frame.sum() == 1000
-
-
-def test_damaged_files(turning, tmp_path, command):
-    path = tmp_path / FILE
-    turning.save(path)
-    whole = path.read_bytes()
-    for content in (b"", b"nonsense", whole[: len(whole) // 2], whole[:-30]):
-        path.write_bytes(content)
-        assert command(report, tmp_path).error == f"{path}: damaged, or not written by track --report"
-    with np.load(_written(path, whole)) as file:
-        data = dict(file)
-    for name in ("rows", "since", "levels"):
-        np.savez(path, **{key: value for key, value in data.items() if key != name})
-        assert "damaged" in command(report, tmp_path).error
-    np.savez(path, **{**data, "rows": data["rows"][:, : len(COLUMNS) - 1]})
-    assert "damaged" in command(report, tmp_path).error
-    head = json.loads(str(data["head"]))
-    for change, message in (
-        ({"version": 99}, "version 99: 1 is needed"),
-        ({"config": {"roi_width": -1}}, "roi_width = -1"),
-    ):
-        np.savez(path, **{**data, "head": np.array(json.dumps({**head, **change}))})
-        with pytest.raises(ConfigError, match=message):
-            Kept.load(path)
-
-
-def _written(path, content):
-    path.write_bytes(content)
-    return path
-
-
-def test_mistakes(tmp_path, command, turning):
-    assert command(report, tmp_path / "none").error.startswith(f"{tmp_path / 'none'}: no such folder")
-    assert command(report, tmp_path).error == f"{tmp_path}: has no track.npz; track again with --report"
-    for clock in ("0", "-5", "fast", "inf", "nan", "20000"):
-        assert (
-            "a number of MHz, more than 0, at most 10000, is needed"
-            in command(report, tmp_path, "--clock", clock).error
-        )
-    turning.save(tmp_path / FILE)
-    assert "No such file" in command(report, tmp_path, "--out", tmp_path / "no" / "where.html").error

@@ -1,5 +1,8 @@
 """What a report says in words."""
 
+import gc
+import warnings
+
 import numpy as np
 import pytest
 
@@ -33,7 +36,8 @@ def config(turning):
 @pytest.mark.parametrize(
     "step, words",
     [
-        ((5, 0), "to the right"), ((5, 5), "down and to the right"), ((0, 3), "down"), ((-2, 2), "down and to the left"),
+        ((5, 0), "to the right"), ((5, 5), "down and to the right"), ((0, 3), "down"),
+        ((-2, 2), "down and to the left"),
         ((-9, 1), "to the left"), ((-3, -3), "up and to the left"), ((1, -9), "up"), ((4, -3), "up and to the right"),
     ],
 )  # fmt: skip
@@ -80,8 +84,8 @@ def test_a_hardware_that_does_not_keep_up(config):
     kept = made_up(config, roi=[(0, 0), (9, 0), (18, 0)], speed=(9, 0), cycles=10_000_000)
     kept.spans[1] = 60_000
     assert Story(kept, 210.0).lead.endswith(
-        "the hardware would not keep up at an assumed clock of 210 MHz: 1 of 2 batches take longer to compute than they "
-        "last, batch 0 47.6 ms for 20.0 ms."
+        "the hardware would not keep up at an assumed clock of 210 MHz: 1 of 2 batches take longer to compute than "
+        "they last, batch 0 47.6 ms for 20.0 ms."
     )
     assert "would keep up: at an assumed clock of 1000 MHz" in Story(kept, 1000.0).lead
 
@@ -99,7 +103,7 @@ def test_nothing_measured(config):
 def test_of_a_synthetic_track(turning):
     story = Story(turning, 210.0)
     assert "moved 4" in story.lead and " down and to the right, then " in story.lead
-    assert " px up and to the right within 0.50 s, at about 1" in story.lead
+    assert " px up and to the right within 0.48 s, at about 1" in story.lead
     assert "keep up" in story.lead and "not keep up" not in story.lead
     assert story.notes[0].endswith("the velocities fit.") and "px/s off in the median" in story.notes[1]
     assert story.notes[2] == f"None of the {len(turning.rows)} batches has a flag: nothing unusual happened."
@@ -123,7 +127,25 @@ def test_velocities_that_do_not_fit(turning):
     wrong = Kept(turning.config, "model", "wrong")
     wrong.__dict__.update(turning.__dict__)
     wrong.details = [dataclasses.replace(detail, v=-detail.v) for detail in turning.details]
-    assert "do not trust the velocities" in Story(wrong, 210.0).notes[0]
+    story = Story(wrong, 210.0)
+    assert "do not trust the velocities" in story.notes[0]
+    assert story.lead.startswith("Doubtful, see the first remark: the object in the orange frame moved")
+
+
+def test_an_object_that_is_lost(config):
+    kept = made_up(config, roi=[(10 * k, 30) for k in range(6)], speed=(500, 0))
+    at = COLUMNS.index("vx_px_per_s")
+    for k in (3, 4):
+        kept.rows[k] = (*kept.rows[k][:at], "", "", *kept.rows[k][at + 2 :])
+    assert "within 0.06 s, at about 500 px/s, until it was lost after batch 2; the hardware" in Story(kept, 210.0).lead
+
+
+def test_no_warning_of_unused_hardware(turning):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Story(turning, 210.0)
+        gc.collect()
+    assert not caught
 
 
 @pytest.mark.parametrize(

@@ -181,7 +181,7 @@ class Kept:
     def load(cls, path):
         """What :meth:`save` wrote. Raises :exc:`ConfigError` for anything else."""
         try:
-            with np.load(path, allow_pickle=False) as file:
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
                 data = {name: file[name] for name in file.files}
             head = json.loads(str(data["head"]))
             if head["version"] != VERSION:

@@ -144,7 +144,7 @@ def _data(kept, story):
             {
                 "batch": detail.batch,
                 "events": len(detail.x),
-                "v": [plain(pair) for pair in detail.v],
+                "v": detail.v.tolist(),
                 "levels": detail.levels.tolist(),
             }
             for detail in details
@@ -155,7 +155,7 @@ def _data(kept, story):
     arrays = [steps, *([getattr(detail, name) for detail in details] for name in ("x", "y", "frame"))]
     little = {2: "<u2", 4: "<u4"}
     raw = b"".join(a.astype(little.get(a.itemsize, a.dtype)).tobytes() for group in arrays for a in group)
-    return head, zlib.compress(raw, 9)
+    return head, zlib.compress(raw, 6)
 
 
 def _level_choice(kept):
