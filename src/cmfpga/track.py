@@ -75,6 +75,12 @@ def _parser():
         metavar="MHZ",
         help=f"clock that you assume the hardware to reach, MHz (default: {report.CLOCK_MHZ:g})",
     )
+    made.add_argument(
+        "--wave",
+        type=cli.natural,
+        metavar="BATCH",
+        help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
+    )
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
     cli.add_config_options(made)
     return made
@@ -152,6 +158,7 @@ def _track(options, config, roi, cutter, recording, folder, truth):
     """Run all batches; writes the files, prints the summary, returns the tracked batches' essentials."""
     tracked = []
     kept = _kept(options, config, recording, truth) if options.report else None
+    waves = _waves(options, config) if options.wave is not None else None
     with contextlib.closing(_engine(options, config)) as engine, (folder / "track.csv").open("w", newline="") as file:
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
@@ -163,7 +170,7 @@ def _track(options, config, roi, cutter, recording, folder, truth):
         for batch in bar:
             writer.writerow(batch.row())
             tracked.append((batch.events.t[[0, -1]] if len(batch.events) else None, batch.v_px_per_s, batch.result))
-            for collector in (gallery, kept):
+            for collector in (gallery, kept, waves):
                 if collector:
                     collector.add(batch)
     if not tracked:
@@ -178,6 +185,8 @@ def _track(options, config, roi, cutter, recording, folder, truth):
         written += [folder / FILE, folder / report.PAGE]
         kept.save(written[-2])
         _write_page(kept, written[-1], options)
+    if waves:
+        written += _write_waves(waves, folder)
     _summarise(options, config, engine.name, tracked, cutter, written)
     return tracked
 
@@ -209,6 +218,22 @@ def _write_page(kept, path, options):
     from .report.page import write_page
 
     write_page(kept, path, clock_mhz=options.clock)
+
+
+def _waves(options, config):
+    from .wave import WaveTaker
+
+    if options.batches and options.wave >= options.batches:
+        raise ConfigError(
+            f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
+        )
+    return WaveTaker(config, options.engine, options.wave)
+
+
+def _write_waves(waves, folder):
+    from .wave import write_waves
+
+    return write_waves(waves.record(), folder, f"batch-{waves.wanted}")
 
 
 def _summarise(options, config, engine, tracked, cutter, written):
