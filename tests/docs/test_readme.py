@@ -2,8 +2,8 @@
 
 Every ``python`` block is a whole program; a ``text`` block right behind it is its output. Of ``console`` blocks, lines
 that begin with ``$ python -m cmfpga`` or ``$ cmfpga`` are run, in a folder that holds recordings, and so are
-``$ head -n`` and ``$ echo $?``. Lines below a command are its output, where there are any; ``…`` stands for anything in a line, and
-alone for any lines.
+``$ head -n`` and ``$ echo $?``. Lines below a command are its output, where there are any; ``…`` stands for anything in
+a line, and alone for any lines.
 """
 
 import os
