@@ -3,15 +3,16 @@
 Three kinds of event words, little-endian in memory, chosen by the register ``INPUT.FORMAT``:
 
 ``EVT21`` (Prophesee EVT 2.1)
-    64-bit vectors: type [63:60] (0: darker, 1: brighter), time [59:54], column [53:43], row [42:32], and 32 bits [31:0]:
-    bit k is an event at column + k. A word of type 8 gives the time's 28 high bits [59:32] for all that follow.
+    64-bit vectors: type [63:60] (0: darker, 1: brighter), time [59:54], column [53:43], row [42:32], and 32 bits
+    [31:0]: bit k is an event at column + k. A word of type 8 gives the time's 28 high bits [59:32] for all that follow.
 ``EVT20`` (Prophesee EVT 2.0)
-    Two 32-bit words in each 64-bit word, the lower one first: type [31:28], time [27:22], column [21:11], row [10:0], or
-    with type 8 the time's high bits [27:0].
+    Two 32-bit words in each 64-bit word, the lower one first: type [31:28], time [27:22], column [21:11], row [10:0],
+    or with type 8 the time's high bits [27:0].
 ``PACKED`` (our own)
     One event: time [63:32], polarity [31], row [30:16], column [15:0]. In C a struct of ``uint16_t x, y; uint32_t t``.
 
-Layouts of the first two as in Prophesee's documentation (https://docs.prophesee.ai, "EVT 2.0 Format", "EVT 2.1 Format").
+Layouts of the first two as in Prophesee's documentation (https://docs.prophesee.ai, "EVT 2.0 Format", "EVT 2.1
+Format").
 Time stamps are in µs and wrap: after 34 bits in EVT 2.x, after 32 bits in packed words.
 """
 
@@ -21,16 +22,7 @@ import numpy as np
 
 from .errors import RecordingError
 from .registers import FORMATS, PACKET_BEATS
-
-#: Types of EVT 2.x words.
-TIME_HIGH = 0x8
-EVENT_TYPES = (0x0, 0x1)
-#: Known types without an event of the sensor: external trigger, others, continued.
-OTHER_TYPES = (0xA, 0xE, 0xF)
-
-LOW_BITS = 6  # of a time stamp, beside each event; 28 high bits come in words of their own
-HIGH_BITS = 28
-COLUMN_BITS = 11
+from .word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS, TIME_HIGH
 
 
 def encode(events, form, *, swap=False):
@@ -90,8 +82,8 @@ def encode_evt20(t, x, y, p):
 def encode_evt21(t, x, y, p):
     """EVT 2.1 vectors: uint64 array.
 
-    Neighbours in ``t``, ``x``, … become one vector where they differ in the column alone, and increase within 32 columns
-    that begin at a multiple of 32: so the order stays.
+    Neighbours become one vector where they differ in the column alone, and increase within 32 columns that begin at a
+    multiple of 32: so the order stays.
     """
     t, x, y, p = _columns(t, x, y, p, ("column", COLUMN_BITS), ("row", COLUMN_BITS))
     if not len(t):
