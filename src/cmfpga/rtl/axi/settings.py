@@ -86,7 +86,7 @@ class Settings(wiring.Component):
         return m
 
     def _targets(self, asked, link):
-        """Where a setting goes: into the core's settings (``v_start_x`` is ``v_start.x``), or the batch end's, or both."""
+        """Where a setting goes: the core's settings (``v_start_x`` is ``v_start.x``), the batch end's, or both."""
         found = []
         for part in (asked.core, asked.end):
             members = part.shape().members
