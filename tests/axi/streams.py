@@ -29,11 +29,12 @@ class Passage:
         return len(self.pulses[name])
 
 
-def pass_through(block, items, flow, rng, *, expect, pulses=(), inputs=None, each_cycle=None, tail=12):
+def pass_through(block, items, flow, rng, *, expect, pulses=(), inputs=None, consumer=None, tail=12):
     """Offer ``items`` at ``block.i``, take what comes from ``block.o`` until ``expect`` items came; a :class:`Passage`.
 
     What is offered stays until it is taken, and so must what the block offers; random values stand on the input while
-    nothing is offered. ``inputs`` are constant. ``tail`` cycles more show that nothing else comes.
+    nothing is offered. ``inputs`` are constant. ``tail`` cycles more show that nothing else comes. With a ``consumer``,
+    which says in each cycle whether it is ready, and is told what it took, the block may take back an offer.
     """
     gap, stall = FLOWS[flow]
     passage = Passage(pulses={name: [] for name in pulses})
@@ -53,20 +54,24 @@ def pass_through(block, items, flow, rng, *, expect, pulses=(), inputs=None, eac
             valid.set(ctx, int(offering))
             payload.set(ctx, items[position] if offering else next(noise))
             accepting = rng.random() >= stall
+            if consumer:
+                accepting = consumer(ctx, cycle, accepting)
             out_ready.set(ctx, int(accepting))
-            if each_cycle:
-                each_cycle(ctx, cycle)
             for name, signal in watched.items():
                 if ctx.get(signal):
                     passage.pulses[name].append(cycle)
             if out_valid.get(ctx):
                 value = out.get(ctx)
-                assert held is None or value == held, f"cycle {cycle}: {held} became {value} while it waited"
+                assert held is None or consumer or value == held, (
+                    f"cycle {cycle}: {held} became {value} while it waited"
+                )
                 held = None if accepting else value
                 if accepting:
                     passage.out.append((cycle, value))
+                    if consumer:
+                        consumer.took(value)
             else:
-                assert held is None, f"cycle {cycle}: {held} went away before it was taken"
+                assert held is None or consumer, f"cycle {cycle}: {held} went away before it was taken"
             if offering and ready.get(ctx):
                 passage.taken.append(cycle)
                 position, offering = position + 1, False

@@ -35,6 +35,7 @@ def split_batches(config, tokens, ends):
     """
     wrap, half = 1 << config.time_bits, 1 << (config.time_bits - 1)
     batches, batch, empty = [], [], 0
+    completed = False  # the last token completed the number: an end that follows at once is that batch's
 
     def close(cut=False):
         columns = np.array(batch, np.int64).reshape(-1, 3).T
@@ -49,11 +50,13 @@ def split_batches(config, tokens, ends):
                     close()
             batch.append((token.t, token.x, token.y))
             marked = token.end and ends.by_tlast
-            if marked or len(batch) in (ends.events, config.max_batch_events):
+            completed = not marked and len(batch) in (ends.events, config.max_batch_events)
+            if marked or completed:
                 close(cut=not marked and len(batch) != ends.events)
         elif token.end and ends.by_tlast:
             if batch:
                 close()
             else:
-                empty += 1
+                empty += not completed
+            completed = False
     return batches, batch, empty

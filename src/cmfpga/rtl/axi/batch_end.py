@@ -93,8 +93,17 @@ class BatchEnd(wiring.Component):
             self.holding.eq(held.event),
             leaves.eq(self.o.valid & self.o.ready),
         ]
+        # An end right behind an event that completed the number is that batch's.
+        completed = Signal()
         with m.If(leaves):
-            m.d.sync += [held.event.eq(0), commanded.eq(0), count.eq(number)]
+            m.d.sync += [
+                held.event.eq(0),
+                commanded.eq(0),
+                count.eq(number),
+                completed.eq(by_number & ~self.o.payload.last & ~arrives),
+            ]
+        with m.Elif(arrives):
+            m.d.sync += completed.eq(0)
 
         # Events take the place of the one that leaves; ends without an event belong to the one that waits.
         m.d.comb += [
@@ -107,7 +116,7 @@ class BatchEnd(wiring.Component):
         with m.Elif(ends):
             with m.If(self.holding & ~held.end & ~commanded & ~leaves):
                 m.d.sync += held.end.eq(1)
-            with m.Else():
+            with m.Elif(~completed & ~(leaves & by_number & ~self.o.payload.last)):
                 m.d.comb += self.empty_end.eq(self.settings.by_tlast)
 
         # The command waits for what is on its way.
