@@ -1,7 +1,7 @@
 """Measures the presets again and writes ``baselines.json`` (minutes):
 
-    python tests/resources/update.py
-    python docs/generate.py            puts them into the documentation
+python tests/resources/update.py
+python docs/generate.py            puts them into the documentation
 """
 
 import json
