@@ -48,3 +48,9 @@ def outcome(simulation):
 def test_registers(outcome, test):
     wrong, said = outcome("cocotb_registers", test)
     assert wrong is None, said
+
+
+@pytest.mark.parametrize("test", names_in("cocotb_batches"))
+def test_batches(outcome, test):
+    wrong, said = outcome("cocotb_batches", test)
+    assert wrong is None, said
