@@ -1,6 +1,5 @@
 """The AXI top in a cocotb simulation, as software and DMA see it."""
 
-import itertools
 import json
 import os
 import random
@@ -156,12 +155,12 @@ class Board:
     async def send(self, words, *, keep=None, wait=True):
         """One packet of 64-bit words, TLAST with the last; ``keep`` has one mask a word."""
         data = np.asarray(words, "<u8").tobytes()
-        keep = None if keep is None else list(itertools.chain(*(((k >> n & 1) for n in range(8)) for k in keep)))
+        keep = None if keep is None else [mask >> n & 1 for mask in keep for n in range(8)]
         await self.source.send(AxiStreamFrame(data, tkeep=keep))
         if wait:
-            await with_timeout(self.source.wait(), 100, "ms")
+            await with_timeout(self.source.wait(), 1, "ms")
 
-    async def packet(self, *, timeout=20):
+    async def packet(self, *, timeout=1):
         """The next packet on m_axis, as 64-bit words; TKEEP must be all ones."""
         frame = await with_timeout(self.sink.recv(compact=False), timeout, "ms")
         assert all(frame.tkeep), "TKEEP is not all ones"
