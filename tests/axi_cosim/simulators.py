@@ -92,8 +92,8 @@ class Simulation:
                 always=True,
             )
 
-    def run(self, module, *, seed=1, **environment):
-        """Run all tests of a module in this folder: ``{name: what was wrong, or None}``, and the log."""
+    def run(self, module, tests, *, seed=1, **environment):
+        """Run these tests of a module in this folder: ``{name: what was wrong, or None}``, and the log."""
         log, results = self.folder / f"{module}.log", self.folder / f"{module}.xml"
         extra = {
             "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path]),
@@ -101,6 +101,7 @@ class Simulation:
             "CMFPGA_CONFIG": json.dumps(self.config.to_dict()),
             "COCOTB_LOG_LEVEL": "WARNING",
             "COCOTB_ANSI_OUTPUT": "0",
+            "COCOTB_TEST_FILTER": rf"\.({'|'.join(tests)})$",
             **environment,
         }
         with pytest.MonkeyPatch.context() as patched:
