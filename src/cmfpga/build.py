@@ -11,10 +11,10 @@ from .rtl.axi.top import KV260Top
 from .rtl.top import VerilogCore
 
 EXAMPLES = (
-    "python -m cmfpga.build                                     # preset paper, into ./build",
-    "python -m cmfpga.build --set roi_width=128 --set roi_height=128 --out build-128",
-    "python -m cmfpga.build --preset fast --resources --out build-fast",
-    "python -m cmfpga.build --preset fast --top kv260         # with AXI ports and registers, for Vivado",
+    "python -m cmfpga.build                                     # preset fast, into ./build",
+    "python -m cmfpga.build --preset fast-128 --out build-128",
+    "python -m cmfpga.build --preset paper --resources --out build-paper",
+    "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
     "python -m cmfpga.build --list-fields",
 )
 
