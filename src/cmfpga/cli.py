@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from . import __version__
-from .config import PRESETS, Config, preset
+from .config import DEFAULT_PRESET, PRESETS, Config, preset
 from .errors import ConfigError, UserError
 
 #: What stands before a command's name in its help: that of ``python -m cmfpga.NAME``, or of the command ``cmfpga``.
@@ -96,7 +96,12 @@ def parser_of(main):
 def add_config_options(made):
     """``--preset``, ``--set`` and ``--list-fields``."""
     group = made.add_argument_group("configuration")
-    group.add_argument("--preset", default="paper", metavar="P", help=f"one of: {', '.join(PRESETS)} (default: paper)")
+    group.add_argument(
+        "--preset",
+        default=DEFAULT_PRESET,
+        metavar="P",
+        help=f"one of: {', '.join(PRESETS)} (default: {DEFAULT_PRESET})",
+    )
     group.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"
     )

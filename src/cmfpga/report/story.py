@@ -1,0 +1,234 @@
+"""A track in plain words: what moved, where to, how fast, and whether the hardware would keep up."""
+
+import functools
+import gc
+import math
+import warnings
+
+import numpy as np
+from amaranth.hdl import UnusedElaboratable
+
+from ..batch import Flag
+from ..dither import DITHER_BITS, FACTORS
+from ..iwe import image_of_warped_events
+from ..rtl.core import Core
+
+#: From the right, clockwise on the screen (y points down), in steps of 45°.
+DIRECTIONS = (
+    "to the right",
+    "down and to the right",
+    "down",
+    "down and to the left",
+    "to the left",
+    "up and to the left",
+    "up",
+    "up and to the right",
+)
+
+#: A path is told leg by leg if it has no more of them.
+MAX_LEGS = 4
+
+#: Where velocities are right, contrast grows at least so many times; the demo's noisy scene reaches 1.2.
+SHARPER = 1.1
+
+
+def direction(dx, dy):
+    """The nearest of :data:`DIRECTIONS`."""
+    return DIRECTIONS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
+
+
+def corners(points, tolerance):
+    """Indices of the points that a path can be simplified to: none of the others is farther from it than ``tolerance``.
+
+    By halving at the farthest point (Ramer 1972; Douglas and Peucker 1973).
+    """
+    first, last = points[0], points[-1]
+    along = last - first
+    share = np.clip((points - first) @ along / max(along @ along, 1e-12), 0, 1)
+    distance = np.hypot(*(points - first - share[:, None] * along).T)
+    far = int(distance.argmax())
+    if distance[far] <= tolerance:
+        return [0, len(points) - 1]
+    return corners(points[: far + 1], tolerance)[:-1] + [far + k for k in corners(points[far:], tolerance)]
+
+
+def hardware_cycles(kept):
+    """Clock cycles of each batch, NaN for a degenerate one; and whether they are by the formula, not counted."""
+    counted = kept.numbers("cycles")
+    if not np.isnan(counted).all():
+        return counted, False
+    names = ("events", "roi_events", "iterations")
+    columns = [[int(number) for number in kept.numbers(name)] for name in names]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
+        core = Core(kept.config)
+        cycles = [
+            core.cycles(**dict(zip(names, batch, strict=True))) if batch[-1] else np.nan
+            for batch in zip(*columns, strict=True)
+        ]
+        del core
+        gc.collect()  # it would warn when it is freed
+    return np.array(cycles), True
+
+
+class Story:
+    """Sentences about a track.
+
+    Parameters
+    ----------
+    kept : Kept
+    clock_mhz : float
+        Assumed clock of the hardware.
+
+    Attributes
+    ----------
+    cycles : float64 array [B]
+        Clock cycles of each batch; NaN where there are none.
+    by_formula : bool
+        The engine has no clock, so they are those that the cycle formula gives.
+    compute_us : float64 array [B]
+        Time that they take.
+    margin : float64 array [B]
+        How many times as long the batch lasts.
+    """
+
+    def __init__(self, kept, clock_mhz):
+        self.kept, self.clock_mhz = kept, clock_mhz
+        self.cycles, self.by_formula = hardware_cycles(kept)
+        self.compute_us = self.cycles / clock_mhz
+        spans = np.array(kept.spans, np.float64)
+        with np.errstate(invalid="ignore"):
+            self.margin = np.where(spans > 0, spans / self.compute_us, np.nan)
+
+    @functools.cached_property
+    def flags(self):
+        """``{flag's name: number of batches that have it}``, in the order of bits; only those that occur."""
+        texts = [set(text.split("|")) for text in self.kept.column("flags")]
+        counts = {flag.text: sum(flag.text in text for text in texts) for flag in Flag}
+        return {name: count for name, count in counts.items() if count}
+
+    @property
+    def lead(self):
+        """The answer in one sentence."""
+        sentence = f"{self._motion()} {self._hardware()}"
+        return sentence if self.fits else f"Doubtful, see the first remark: {sentence[0].lower()}{sentence[1:]}"
+
+    @property
+    def measured(self):
+        """Which batches measured a velocity: bool [B]."""
+        return ~np.isnan(self.kept.numbers("vx_px_per_s"))
+
+    def _motion(self):
+        if not self.measured.any():
+            return "Nothing could be measured: no batch had enough events in the ROI (the orange frame);"
+        kept = self.kept
+        begin, end = kept.numbers("t_ref_us")[self.measured][[0, -1]]
+        seconds = (end - begin + np.array(kept.spans)[self.measured][[0, -1]].sum() / 2) / 1e6
+        speed = np.hypot(kept.numbers("vx_px_per_s"), kept.numbers("vy_px_per_s"))[self.measured]
+        fastest = f", up to {speed.max():.0f} px/s" if speed.max() > 1.3 * np.median(speed) else ""
+        return (
+            f"The object in the orange frame {self._path()} within {seconds:.2f} s, "
+            f"at about {np.median(speed):.0f} px/s{fastest}{self._lost()};"
+        )
+
+    def _lost(self):
+        """What became of an object that was no longer measured in the end."""
+        last = int(np.flatnonzero(self.measured)[-1])
+        if last + 1 == len(self.measured):
+            return ""
+        return f", until it was lost after batch {last}"
+
+    def _path(self):
+        points = np.array([*zip(self.kept.numbers("roi_x"), self.kept.numbers("roi_y"), strict=True)])
+        points = np.vstack([points, self.kept.roi_next])
+        extent = np.hypot(*np.ptp(points, axis=0))
+        if extent < 2:
+            return "stayed where it was"
+        legs = np.diff(points[corners(points, max(3.0, 0.1 * extent))], axis=0)
+        if len(legs) <= MAX_LEGS:
+            return "moved " + ", then ".join(f"{np.hypot(*leg):.0f} px {direction(*leg)}" for leg in legs)
+        length, whole = np.hypot(*legs.T).sum(), points[-1] - points[0]
+        end = f"{np.hypot(*whole):.0f} px {direction(*whole)} from" if np.hypot(*whole) >= 1 else "at"
+        return f"moved along a path of about {length:.0f} px that ends {end} where it began,"
+
+    def _hardware(self):
+        timed = ~np.isnan(self.margin)
+        if not timed.any():
+            return "so there is nothing to say about the hardware's speed."
+        clock = f"at an assumed clock of {self.clock_mhz:g} MHz"
+        worst = int(np.nanargmin(self.margin))
+        span, took, margin = self.kept.spans[worst] / 1e3, self.compute_us[worst] / 1e3, self.margin[worst]
+        slow = int((self.margin[timed] < 1).sum())
+        if slow:
+            return (
+                f"the hardware would not keep up {clock}: {slow} of {timed.sum()} batches take longer to compute than "
+                f"they last, batch {worst} {number(took)} ms for {number(span)} ms."
+            )
+        return (
+            f"the hardware would keep up: {clock} even the tightest batch, number {worst}, is computed in "
+            f"{number(took)} ms and lasts {number(span)} ms, {number(margin)} times as long."
+        )
+
+    @property
+    def notes(self):
+        """Further sentences, each by itself: how far to trust the first."""
+        found = []
+        gain = self.gain
+        if gain is not None:
+            found.append(
+                f"Moved back by the velocities found, the events make an image of {gain:.2f} times the contrast that "
+                "they have as they came (dithered; median over the batches)"
+                + (": the velocities fit." if self.fits else ". That is hardly more: do not trust the velocities.")
+            )
+        truths = np.array(self.kept.truths)
+        if not np.isnan(truths).all():
+            found_v = np.stack([self.kept.numbers("vx_px_per_s"), self.kept.numbers("vy_px_per_s")], axis=1)
+            error = np.hypot(*(found_v - truths)[self.measured].T)
+            if len(error):
+                found.append(
+                    f"The true motion of this recording is known: the velocities are {np.median(error):.0f} px/s off "
+                    f"in the median, {error.max():.0f} px/s at worst."
+                )
+        flagged = sum(bool(text) for text in self.kept.column("flags"))
+        total = len(self.kept.rows)
+        if flagged:
+            which = ", ".join(f"{name} in {count}" for name, count in self.flags.items())
+            found.append(f"{flagged} of {total} batches have flags: {which}.")
+        else:
+            found.append(f"None of the {total} batches has a flag: nothing unusual happened.")
+        return found
+
+    @property
+    def fits(self):
+        """Whether the velocities found make the image sharper, as they should; True where nothing was measured."""
+        return self.gain is None or self.gain > SHARPER
+
+    @functools.cached_property
+    def gain(self):
+        """How many times the contrast at v = 0 that at the found v is, in the median; None if nothing was measured."""
+        config, ratios = self.kept.config, []
+        for detail in self.kept.details:
+            span = self.kept.spans[detail.batch]
+            if not len(detail.levels) or not span:
+                continue
+            dt = (2 * detail.since.astype(np.float64) - span) / span
+            # Dithered whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
+            x, y = (axis + offset for axis, offset in zip((detail.x, detail.y), _dither(len(dt)), strict=True))
+            still, moved = (
+                image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height)
+                for v in ((0.0, 0.0), detail.v[-1])
+            )
+            ratios.append(moved.var() / still.var())
+        return float(np.median(ratios)) if ratios else None
+
+
+def _dither(n):
+    """Offsets of n events along x and y: the sequence of :mod:`cmfpga.dither`, in float64, −½ … ½ px."""
+    half_steps = 2 * np.arange(n) + 1
+    return [half_steps * factor / 2 ** (DITHER_BITS + 1) % 1 - 0.5 for factor in FACTORS]
+
+
+def number(value):
+    """Three significant digits, without an exponent."""
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    return f"{value:,.{digits}f}"
