@@ -15,13 +15,15 @@ PACKAGE = Path(cmfpga.__file__).parent
 CLEAN = {
     "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
     "batch": (["cmfpga.batch"], ["amaranth", "torch"]),
-    "events": (["cmfpga.events", "cmfpga.iwe"], ["amaranth", "torch", "matplotlib"]),
+    "events": (["cmfpga.events", "cmfpga.iwe"], ["amaranth", "torch", "matplotlib", "faery"]),
     "tracker": (["cmfpga.reference.tracker"], ["amaranth", "torch", "matplotlib"]),
     "reference": (["cmfpga.reference.floating", "cmfpga.reference.integer.core"], ["amaranth"]),
     "rtl": (["cmfpga.rtl.top", "cmfpga.emit"], ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"]),
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib"]),
+    "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
+    "command": (["cmfpga.command"], ["amaranth", "numpy", "torch"]),
 }
 
 #: Packages of the library, and what no file of theirs may import anywhere, not even inside a function.
