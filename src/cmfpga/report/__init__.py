@@ -32,7 +32,7 @@ def clock(text):
 
 def _parser():
     made = cli.parser("report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
-    made.add_argument("folder", metavar="DIR", help="the folder that track --report wrote (its track.npz is read)")
+    made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
     made.add_argument(
         "--clock",
         type=clock,
