@@ -1,4 +1,4 @@
-"""Verilog of the core, the same bytes for the same configuration, version and Yosys."""
+"""Verilog of the core, or of a top around it: the same bytes for the same configuration, version and Yosys."""
 
 import hashlib
 import os
@@ -10,28 +10,31 @@ from amaranth.back import verilog
 from . import __version__
 
 TOP = "cmfpga_core"
+AXI_TOP = "cmfpga_kv260"
 
 
-def emit_verilog(core):
-    """The core as Verilog-2001 text: one module per block, ``cmfpga_core`` on top.
+def emit_verilog(core, name=TOP):
+    """The core, or a top around it, as Verilog-2001 text: one module per block, ``name`` on top.
 
     Parameters
     ----------
-    core : VerilogCore
+    core : VerilogCore or KV260Top
         Only the hardware fields of its configuration matter.
+    name : str
+        Of the top module; the names of the others begin with it.
     """
     # The Yosys that comes with Amaranth: another one orders and names things differently.
     os.environ["AMARANTH_USE_YOSYS"] = "builtin"
     ports = [*core.inputs.values(), *core.outputs.values()]
-    text = verilog.convert(core, name=TOP, ports=ports, emit_src=False, strip_internal_attrs=True)
+    text = verilog.convert(core, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
     text = re.sub(r" *\(\* init = .*? \*\)\n", "", text)
     text = _separate_initial_values(text)
     text = _complete_cases(text)
     text = re.sub(r"= ! ", "= ~| ", text)  # the same for any width, and what linters expect of a vector
-    text = _plain_module_names(text)
-    text = _order_ports(text, ["clk", "rst", *core.inputs, *core.outputs])
-    return _header(core.config) + text.partition("\n")[2]
+    text = _plain_module_names(text, name)
+    text = _order_ports(text, name, core.port_order)
+    return _header(core.config, name) + text.partition("\n")[2]
 
 
 def sha256(text):
@@ -39,9 +42,9 @@ def sha256(text):
     return hashlib.sha256(text.encode()).hexdigest()
 
 
-def _header(config):
+def _header(config, name):
     return (
-        f"// {TOP}: Contrast Maximization for event cameras, emitted by cmfpga {__version__}.\n"
+        f"// {name}: Contrast Maximization for event cameras, emitted by cmfpga {__version__}.\n"
         f"// Configuration {config.hardware_hash[:16]}; its fields are in build-info.json.\n"
         "// SPDX-License-Identifier: BSD-2-Clause\n"
     )
@@ -89,16 +92,16 @@ def _complete_cases(text):
     return "\n".join(lines)
 
 
-def _plain_module_names(text):
+def _plain_module_names(text, top):
     """``\\cmfpga_core.voter `` (an escaped name) becomes ``cmfpga_core_voter``."""
-    return re.sub(rf"\\({TOP}(?:\.\w+)+) ", lambda match: match[1].replace(".", "_") + " ", text)
+    return re.sub(rf"\\({top}(?:\.\w+)+) ", lambda match: match[1].replace(".", "_") + " ", text)
 
 
-def _order_ports(text, order):
+def _order_ports(text, top, order):
     """List the top module's ports in the order of the diagram, clock and reset first."""
-    head = re.search(rf"^module {TOP}\((.*?)\);", text, re.DOTALL | re.MULTILINE)
+    head = re.search(rf"^module {top}\((.*?)\);", text, re.DOTALL | re.MULTILINE)
     names = re.findall(r"\w+", head[1])
     if sorted(names) != sorted(order):
-        raise AssertionError(f"ports of {TOP}: {set(names) ^ set(order)}")
+        raise AssertionError(f"ports of {top}: {set(names) ^ set(order)}")
     wrapped = textwrap.fill(", ".join(order), 118, initial_indent="  ", subsequent_indent="  ")
-    return text[: head.start()] + f"module {TOP}(\n{wrapped}\n);" + text[head.end() :]
+    return text[: head.start()] + f"module {top}(\n{wrapped}\n);" + text[head.end() :]

@@ -18,7 +18,9 @@ from cmfpga import accuracy, cli
 from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.errors import RecordingError
+from cmfpga.events import BatchCutter, open_recording
 from cmfpga.iwe import image_of_warped_events
+from cmfpga.reference.tracker import track
 from cmfpga.schedule import ScheduleEntry
 
 FAST = preset("fast")
@@ -174,7 +176,7 @@ def test_warm(synthetic):
 )
 def test_cold_is_missed_without(config, synthetic):
     scores = error_scores(config, synthetic[:PART])
-    assert not any(reaches(scores, **{name: bar}) for name, bar in COLD.items())
+    assert not reaches(scores, **COLD)
 
 
 def test_warm_is_missed_from_elsewhere(synthetic):
@@ -209,6 +211,18 @@ def test_the_articles_ascent_misses_by_far(synthetic):
 def test_track(engine, data_dir):
     runner = make_engine(engine, accuracy.track_config(FAST))
     scores = accuracy.track_scores(accuracy.track_checkerboard(runner, data_dir))
+    assert scores["batches"] == scores["within_bounds"] == accuracy.TRACK_BATCHES
+
+
+def test_thinned_track(data_dir):
+    """At most 1024 events of 11,000."""
+    runner = make_engine("model", accuracy.track_config(FAST, thinned=True))
+    with open_recording(data_dir / accuracy.TRACK_FILE) as recording:
+        cutter = BatchCutter(recording, events=accuracy.TRACK_EVENTS, max_events=FAST.max_batch_events)
+        results = [batch.result for batch in track(runner, cutter, roi=accuracy.TRACK_ROI, batches=10)]
+    assert all(600 < result.roi_events <= 1024 and result.thinned > 9 * result.roi_events for result in results)
+    runner = make_engine("model", accuracy.track_config(FAST, thinned=True))
+    scores = accuracy.track_scores(accuracy.track_checkerboard(runner, data_dir), thinned=True)
     assert scores["batches"] == scores["within_bounds"] == accuracy.TRACK_BATCHES
 
 

@@ -1,9 +1,9 @@
 """The code in README.md, docs/ and boards/ works as printed.
 
 Every ``python`` block is a whole program; a ``text`` block right behind it is its output. Of ``console`` blocks, lines
-that begin with ``$ python -m cmfpga`` are run, in a folder that holds recordings, and so are ``$ head -n``
-and ``$ echo $?``. Lines below a command are its output, where there are any; ``…`` stands for anything in a line, and
-alone for any lines.
+that begin with ``$ python -m cmfpga`` or ``$ cmfpga`` are run, in a folder that holds recordings, and so are
+``$ head -n`` and ``$ echo $?``. Lines below a command are its output, where there are any; ``…`` stands for anything in
+a line, and alone for any lines.
 """
 
 import os
@@ -89,7 +89,9 @@ def commands(text):
 
 
 def runnable(text):
-    return [item for item in commands(text) if item[0].startswith(("python -m cmfpga", "head -n ", "echo $?"))]
+    return [
+        item for item in commands(text) if item[0].startswith(("python -m cmfpga", "cmfpga ", "head -n ", "echo $?"))
+    ]
 
 
 @pytest.mark.parametrize("text, output", [block for block in blocks("console") if runnable(block.values[0])])
@@ -102,11 +104,18 @@ def test_console(text, output, workplace, request):
             assert expected == f"{status}\n"
             continue
         words = shlex.split(command, comments=True)
+        if words[0] == "cmfpga":
+            words = ["python", "-m", *words]
         if words[0] == "head":
             got = "".join((workplace / words[3]).read_text().splitlines(keepends=True)[: int(words[2])])
             assert_output(expected, got)
             continue
-        if "cmfpga.track" in words and not {"model", "float", "--help", "--list-fields"} & set(words):
+        if ("cmfpga.track" in words or words[2:4] == ["cmfpga", "track"]) and not {
+            "model",
+            "float",
+            "--help",
+            "--list-fields",
+        } & set(words):
             if find_compiler() is None:
                 pytest.skip("no C++ compiler: the simulation would take hours")
         status, got = run([sys.executable, *words[1:]], workplace)

@@ -54,6 +54,11 @@ class VerilogCore(Core):
                 else:
                     self._add(f"{prefix}_{name}", inside.shape(), inside, is_input)
 
+    @property
+    def port_order(self):
+        """Names of all ports, clock and reset first."""
+        return ["clk", "rst", *self.inputs, *self.outputs]
+
     def _add(self, name, shape, inside, is_input):
         port = Signal(shape, name=name)
         self._links.append((port, inside, is_input))

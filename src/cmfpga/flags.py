@@ -1,0 +1,22 @@
+"""What was unusual about a batch."""
+
+import enum
+
+
+class Flag(enum.IntFlag):
+    """What was unusual about a batch. The hardware's ``flags`` output has these bits."""
+
+    DEGENERATE = 1  # too few ROI events, or t_1 = t_N, or T = 0: v stays, the ROI does not move by it
+    OVERFLOW = 2  # more ROI events than the buffer holds; the surplus was dropped
+    TIME_BACK = 4  # events whose time steps back were dropped
+    TIME_SPAN = 8  # events later than the span that relative times can hold were dropped
+    CUT = 16  # the batch reached max_batch_events before its end was marked
+    SATURATED = 32  # the gradient or v reached the end of its format in some iteration
+    ROI_CLAMPED = 64  # the ROI's position was limited to the sensor
+    SCHEDULE = 128  # an entry of the schedule was out of range, and limited
+    THINNED = 256  # ROI events were left out evenly, to keep their number down
+
+    @property
+    def text(self):
+        """Lower-case names joined by ``|``; empty where no bit is set."""
+        return "|".join(flag.name.lower() for flag in Flag if flag in self)

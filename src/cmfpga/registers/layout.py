@@ -1,0 +1,195 @@
+"""What a register map is made of: fields, registers, and the map that finds them by name.
+
+Imports neither Amaranth nor NumPy, so that a driver on the board can use it.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+#: What software and hardware do with a field.
+ACCESS = {
+    "constant": "read only; fixed in this build",
+    "status": "read only; driven by the hardware",
+    "stored": "read and write",
+    "flag": "read and write; the hardware changes it too",
+    "sticky": "set by the hardware; writing 1 clears it, writing 0 leaves it",
+    "command": "writing 1 acts once; reads as 0",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """Some bits of a register.
+
+    Parameters
+    ----------
+    name : str
+        In upper case, unique in its register.
+    lsb, width : int
+        Position and number of bits.
+    access : str
+        A key of :data:`ACCESS`.
+    doc : str
+        One line.
+    unit : str
+    reset : int
+        Value after a reset (of a signed field: the signed value).
+    signed : bool
+        Two's complement.
+    low, high : int or None
+        Smallest and largest value that is allowed; others are limited to them and flagged. None: whatever fits.
+    values : dict of str to int
+        Names of values.
+    link : str
+        What stands behind the field: the name of a setting, a result, a counter or a signal of the hardware.
+    link_lsb : int
+        The field's lowest bit in it.
+    """
+
+    name: str
+    lsb: int
+    width: int
+    access: str
+    doc: str
+    unit: str = ""
+    reset: int = 0
+    signed: bool = False
+    low: int | None = None
+    high: int | None = None
+    values: dict = field(default_factory=dict)
+    link: str = ""
+    link_lsb: int = 0
+
+    @property
+    def mask(self):
+        """The field's bits in its register."""
+        return ((1 << self.width) - 1) << self.lsb
+
+    @property
+    def writable(self):
+        """Whether a write does anything."""
+        return self.access not in ("constant", "status")
+
+    def pack(self, value):
+        """Bits of ``value`` at their place in the register; :exc:`ValueError` where it does not fit."""
+        value = self.values.get(value, value)
+        low, high = self.range
+        if not low <= value <= high:
+            raise ValueError(f"{self.name} = {value}: {low} to {high} is needed")
+        return (int(value) << self.lsb) & self.mask
+
+    def unpack(self, word):
+        """The field's value in a register's ``word``."""
+        value = (int(word) & self.mask) >> self.lsb
+        return value - (1 << self.width) if self.signed and value >> (self.width - 1) else value
+
+    @property
+    def range(self):
+        """Smallest and largest value that the bits can hold."""
+        if self.signed:
+            return -(1 << (self.width - 1)), (1 << (self.width - 1)) - 1
+        return 0, (1 << self.width) - 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class Register:
+    """A 32-bit word of the map, or ``count`` of them in a row.
+
+    Parameters
+    ----------
+    name : str
+        In upper case, unique in the map.
+    offset : int
+        Bytes from the start of the map, a multiple of 4.
+    group : str
+        A heading of the documentation.
+    doc : str
+        One line.
+    fields : tuple of Field
+        From the lowest bit on.
+    count : int
+        More than 1: an array with a stride of 4 bytes.
+    """
+
+    name: str
+    offset: int
+    group: str
+    doc: str
+    fields: tuple
+    count: int = 1
+
+    def __getitem__(self, name):
+        """The field called ``name``."""
+        for candidate in self.fields:
+            if candidate.name == name:
+                return candidate
+        raise KeyError(f"{self.name} has no field {name}; it has {', '.join(f.name for f in self.fields)}")
+
+    @property
+    def reset(self):
+        """The word after a reset."""
+        return sum(f.pack(f.reset) for f in self.fields)
+
+    def pack(self, **values):
+        """A word of field values; fields that are not named are 0."""
+        return sum(self[name].pack(value) for name, value in values.items())
+
+    def unpack(self, word):
+        """``{field name: value}`` of a word."""
+        return {f.name: f.unpack(word) for f in self.fields}
+
+
+@dataclass(frozen=True)
+class RegisterMap:
+    """All registers, in order of their offsets.
+
+    Raises
+    ------
+    ValueError
+        Names, offsets or bits are used twice, or do not fit.
+    """
+
+    registers: tuple
+    #: Bytes that the map takes up; a power of two.
+    size: int = 0x1000
+
+    def __post_init__(self):
+        words, names = set(), set()
+        for register in self.registers:
+            span = range(register.offset, register.offset + 4 * register.count, 4)
+            if register.offset % 4 or span[-1] >= self.size or words & set(span) or register.name in names:
+                raise ValueError(f"{register.name} at {register.offset:#x}: used twice, or out of place")
+            words |= set(span)
+            names.add(register.name)
+            bits = 0
+            for f in register.fields:
+                if f.access not in ACCESS or f.lsb + f.width > 32 or bits & f.mask:
+                    raise ValueError(f"{register.name}.{f.name}: bits used twice or out of place, or a wrong access")
+                bits |= f.mask
+
+    @cached_property
+    def by_name(self):
+        """``{name: register}``."""
+        return {register.name: register for register in self.registers}
+
+    def __getitem__(self, name):
+        return self.by_name[name]
+
+    def __contains__(self, name):
+        return name in self.by_name
+
+    def __iter__(self):
+        return iter(self.registers)
+
+    def group(self, name):
+        """The registers of one group."""
+        return tuple(register for register in self.registers if register.group == name)
+
+    def linked(self, group):
+        """``{link: ((register, field), …)}`` of a group, the parts of a value from its lowest bit on."""
+        found = {}
+        for register in self.group(group):
+            for f in register.fields:
+                if f.link:
+                    found.setdefault(f.link, []).append((register, f))
+        return {link: tuple(sorted(parts, key=lambda part: part[1].link_lsb)) for link, parts in found.items()}

@@ -1,0 +1,1 @@
+"""The core behind AXI ports: event words in, result packets out, registers."""

@@ -1,0 +1,144 @@
+"""Batch end: marks the last event of each batch."""
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for
+from .. import payloads as core
+from . import payloads
+
+
+class BatchEnd(wiring.Component):
+    """Ends batches with TLAST, on command, by their duration, or by their number of events.
+
+    Each event waits here until it is known whether it is its batch's last: until the next one comes (which may be later
+    than the batch's duration allows), or TLAST, or the command; not at all if it completes the number. So whatever
+    ends a batch, there is an event to mark. An event outside t_first − duration … t_first + duration ends the batch
+    before it: a jump of the clock costs one batch, and not all that follow.
+
+    The number itself is counted by the core; here it is only known when it is complete.
+
+    One event per cycle; latency :attr:`latency` cycle, if the next event is there.
+
+    Members
+    -------
+    i : ``In``, stream of :func:`payloads.sensor_token`
+    o : ``Out``, stream of :func:`cmfpga.rtl.payloads.event`
+    settings : ``In``, :func:`payloads.end_settings`
+        Taken over with ``opened``.
+    go : ``In(1)``
+        A batch may begin.
+    opened, taken : ``In(1)``
+        The core begins a batch with the event that is offered; it has taken the last one of a batch.
+    end_batch : ``In(1)``
+        End the batch with the events that have come, when ``idle``.
+    idle : ``In(1)``
+        No event is on its way to ``i``.
+    taking_in, holding : ``Out(1)``
+        Between ``opened`` and ``taken``; an event waits.
+    empty_end : ``Out(1)``
+        One cycle: the end of a batch that has no event.
+    """
+
+    latency = 1
+
+    def __init__(self, config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(stream.Signature(payloads.sensor_token(config))),
+                "o": Out(stream.Signature(core.event(config))),
+                "settings": In(payloads.end_settings(config)),
+                **dict.fromkeys(("go", "opened", "taken", "end_batch", "idle"), In(1)),
+                **dict.fromkeys(("taking_in", "holding", "empty_end"), Out(1)),
+            }
+        )
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        current = Signal(payloads.end_settings(config))
+        held = Signal(payloads.sensor_token(config))
+        commanded = Signal()  # the held event was made the last one
+        count = Signal(bits_for(config.max_batch_events))  # events of the batch that have left
+        t_begin, t_end = Signal(config.time_bits), Signal(config.time_bits)
+        by_time, by_number, followed, leaves = Signal(), Signal(), Signal(), Signal()
+        arrives, ends = Signal(), Signal()
+
+        # Is the held event the last one?
+        number = Signal.like(count)
+        m.d.comb += [
+            number.eq(count + 1),
+            by_number.eq((number == current.batch_events) | (number == config.max_batch_events)),
+            followed.eq(self.i.valid & self.i.payload.event),
+            by_time.eq(
+                (current.duration != 0)
+                & followed
+                & (
+                    (self.i.payload.t - t_begin)[config.time_bits - 1]
+                    | ~(self.i.payload.t - t_end)[config.time_bits - 1]
+                )
+            ),
+        ]
+        m.d.comb += [
+            self.o.payload.t.eq(held.t),
+            self.o.payload.x.eq(held.x),
+            self.o.payload.y.eq(held.y),
+            self.o.payload.last.eq((held.end & current.by_tlast) | commanded | by_time),
+            self.o.valid.eq(
+                self.holding
+                & ((self.taking_in & (self.o.payload.last | followed | by_number)) | (~self.taking_in & self.go))
+            ),
+            self.holding.eq(held.event),
+            leaves.eq(self.o.valid & self.o.ready),
+        ]
+        # An end right behind an event that completed the number is that batch's.
+        completed = Signal()
+        with m.If(leaves):
+            m.d.sync += [
+                held.event.eq(0),
+                commanded.eq(0),
+                count.eq(number),
+                completed.eq(by_number & ~self.o.payload.last & ~arrives),
+            ]
+        with m.Elif(arrives):
+            m.d.sync += completed.eq(0)
+
+        # Events take the place of the one that leaves; ends without an event belong to the one that waits.
+        m.d.comb += [
+            self.i.ready.eq(~self.i.payload.event | ~self.holding | leaves),
+            arrives.eq(self.i.valid & self.i.ready),
+            ends.eq(arrives & ~self.i.payload.event & self.i.payload.end),
+        ]
+        with m.If(arrives & self.i.payload.event):
+            m.d.sync += held.eq(self.i.payload)
+        with m.Elif(ends):
+            with m.If(self.holding & ~held.end & ~commanded & ~leaves):
+                m.d.sync += held.end.eq(1)
+            with m.Elif(~completed & ~(leaves & by_number & ~self.o.payload.last)):
+                m.d.comb += self.empty_end.eq(self.settings.by_tlast)
+
+        # The command waits for what is on its way.
+        waiting = Signal()
+        with m.If(self.end_batch):
+            m.d.sync += waiting.eq(1)
+        with m.Elif(waiting & self.idle & ~self.i.valid):
+            m.d.sync += waiting.eq(0)
+            with m.If(self.holding & ~leaves):
+                m.d.sync += commanded.eq(1)
+            with m.Else():
+                m.d.comb += self.empty_end.eq(1)
+
+        # Batches.
+        with m.If(self.opened):
+            m.d.sync += [
+                self.taking_in.eq(1),
+                count.eq(0),
+                current.eq(self.settings),
+                t_begin.eq(held.t - self.settings.duration),
+                t_end.eq(held.t + self.settings.duration),
+            ]
+        with m.Elif(self.taken):
+            m.d.sync += self.taking_in.eq(0)
+        return m

@@ -1,0 +1,101 @@
+"""AXI4-Lite slave: one write and one read at a time, both answered with OKAY."""
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ...registers.declaration import ADDRESS_BITS
+from . import payloads
+
+
+class LiteSlave(wiring.Component):
+    """Turns AXI4-Lite transfers into writes and reads of registers.
+
+    Address and data of a write may come in any order. A write takes effect in the cycle after both have come, its
+    answer follows a cycle later; a read's data comes :attr:`read_latency` cycles after its address, and one more. The
+    address's lowest two bits are ignored; beyond the map writes do nothing and reads return 0. One write per three
+    cycles. All outputs are low in a reset and in the cycle after it.
+
+    Parameters
+    ----------
+    size : int
+        Bytes of the map, a power of two.
+    read_latency : int
+        Cycles from ``read_address`` to ``read_data``.
+
+    Members
+    -------
+    aw, ar : ``In``, streams of addresses
+    w : ``In``, stream of ``data`` and ``strb``
+    b, r : ``Out``, streams without a payload, and of data
+    write : ``Out``, flow of :func:`payloads.write`
+    read_address : ``Out``
+        Word address.
+    read_data : ``In``
+    """
+
+    def __init__(self, size, *, read_latency):
+        self._size = size
+        self._read_latency = read_latency
+        super().__init__(
+            {
+                "aw": In(stream.Signature(ADDRESS_BITS)),
+                "w": In(stream.Signature(payloads.write_data())),
+                "b": Out(stream.Signature(0)),
+                "ar": In(stream.Signature(ADDRESS_BITS)),
+                "r": Out(stream.Signature(32)),
+                "write": Out(stream.Signature(payloads.write(), always_ready=True)),
+                "read_address": Out(payloads.write()["address"].shape),
+                "read_data": In(32),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        self._writes(m)
+        self._reads(m)
+        return m
+
+    def _writes(self, m):
+        """``ready`` falls when an address, or data, was taken, and rises with the answer."""
+        address, written = Signal(ADDRESS_BITS), Signal(payloads.write_data())
+        have_address, have_data, both = Signal(), Signal(), Signal()
+        m.d.comb += [
+            both.eq(have_address & have_data),
+            self.write.valid.eq(both & ((address & (self._size - 1)) == address)),
+            self.write.payload.address.eq(address[2:]),
+            self.write.payload.data.eq(written.data),
+            self.write.payload.strobe.eq(written.strb),
+        ]
+        free = Signal()  # no answer waits
+        m.d.comb += free.eq(~self.b.valid | self.b.ready)
+        for channel, have, kept in ((self.aw, have_address, address), (self.w, have_data, written)):
+            with m.If(channel.valid & channel.ready):
+                m.d.sync += [have.eq(1), kept.eq(channel.payload), channel.ready.eq(0)]
+            with m.Elif(~have & free & ~both):
+                m.d.sync += channel.ready.eq(1)
+        with m.If(both):
+            m.d.sync += [have_address.eq(0), have_data.eq(0), self.b.valid.eq(1)]
+        with m.Elif(self.b.ready):
+            m.d.sync += self.b.valid.eq(0)
+
+    def _reads(self, m):
+        beyond = Signal()
+        stage = Signal(self._read_latency + 1)  # one-hot: how long ago the address was taken
+        busy = Signal()
+        m.d.comb += busy.eq(stage.any() | (self.r.valid & ~self.r.ready))
+        with m.If(self.ar.valid & self.ar.ready):
+            m.d.sync += [
+                self.read_address.eq(self.ar.payload[2:]),
+                beyond.eq((self.ar.payload & (self._size - 1)) != self.ar.payload),
+                self.ar.ready.eq(0),
+                stage.eq(1),
+            ]
+        with m.Else():
+            m.d.sync += [self.ar.ready.eq(~busy), stage.eq(stage << 1)]
+        with m.If(stage[-1]):
+            m.d.sync += [self.r.valid.eq(1), self.r.payload.eq(self.read_data)]
+            with m.If(beyond):
+                m.d.sync += self.r.payload.eq(0)
+        with m.Elif(self.r.ready):
+            m.d.sync += self.r.valid.eq(0)

@@ -1,0 +1,49 @@
+"""Named layouts of what travels between the blocks of the AXI top."""
+
+from amaranth.lib import data
+
+from ...fixed import bits_for
+from .. import payloads as core
+
+DATA_BITS = 64
+KEEP_BITS = DATA_BITS // 8
+
+
+def beat():
+    """A transfer on AXI4-Stream."""
+    return data.StructLayout({"data": DATA_BITS, "keep": KEEP_BITS, "last": 1, "user": 1})
+
+
+def token(config):
+    """What a decoder makes of words: an event, the end of a packet (TLAST), or both.
+
+    ``x`` and ``y`` are as in the word, perhaps outside the sensor; ``known`` says that ``t`` is.
+    """
+    return data.StructLayout({"t": config.time_bits, "x": 16, "y": 16, "known": 1, "event": 1, "end": 1})
+
+
+def sensor_token(config):
+    """A token whose event, if it has one, lies on the sensor."""
+    return data.StructLayout({"t": config.time_bits, "x": config.x_bits, "y": config.y_bits, "event": 1, "end": 1})
+
+
+def settings(config):
+    """The core's settings, and where batches end."""
+    return data.StructLayout({"core": core.settings(config), "end": end_settings(config)})
+
+
+def end_settings(config):
+    """Where batches end: after so many events, before an event so much later than the first, with TLAST; 0: not."""
+    return data.StructLayout(
+        {"batch_events": bits_for(config.max_batch_events), "duration": config.span_bits, "by_tlast": 1}
+    )
+
+
+def write_data():
+    """The write data channel of AXI4-Lite."""
+    return data.StructLayout({"data": 32, "strb": 4})
+
+
+def write():
+    """A write to a register: word address in the map, data, and which bytes count."""
+    return data.StructLayout({"address": 10, "data": 32, "strobe": 4})

@@ -1,0 +1,111 @@
+"""Schedule store: the table of schedules as software writes it, copied into the core between batches."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for
+from .. import payloads as core
+from . import payloads
+
+
+class ScheduleStore(wiring.Component):
+    """Holds what software wrote. Once something was, and no batch is under way, the entries up to the last one written
+    since the reset are copied into the core's table, one a cycle; until then no batch may begin.
+
+    A reset clears no memory: entries keep what was written before it.
+
+    Parameters
+    ----------
+    config : Config
+    register : Register
+        The array of entries.
+
+    Members
+    -------
+    write : ``In``, flow of :func:`payloads.write`
+        All writes; those to the table count.
+    read_address : ``In``
+    read_data : ``Out``
+        ``latency`` cycles later; 0 for other addresses.
+    lock, quiet : ``In(1)``
+        Do not copy now; no batch is under way.
+    o : ``Out``, flow of :func:`cmfpga.rtl.payloads.schedule_write`
+    pending, blocking : ``Out(1)``
+        Something was written that has not been copied; no batch may begin because of it.
+    limited : ``Out(1)``
+        An entry was out of range when the table was copied.
+    """
+
+    def __init__(self, config, register, *, latency):
+        self.config = config
+        self.register = register
+        self._latency = latency
+        super().__init__(
+            {
+                "write": In(stream.Signature(payloads.write(), always_ready=True)),
+                "read_address": In(payloads.write()["address"].shape),
+                "read_data": Out(32),
+                "lock": In(1),
+                "quiet": In(1),
+                "o": Out(core.flow(core.schedule_write(config))),
+                **dict.fromkeys(("pending", "blocking", "limited"), Out(1)),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        count, first = self.register.count, self.register.offset // 4
+        entry = data.StructLayout({f.name: f.width for f in self.register.fields})
+        fields = {f.name: f for f in self.register.fields}
+        assert {f.width for f in fields.values()} == {8}, "bytes are written one by one"
+        m.submodules.table = table = memory.Memory(shape=entry.size, depth=count, init=[])
+        put = table.write_port(granularity=8)
+        show, copy = table.read_port(domain="comb"), table.read_port(domain="comb")
+
+        # Software.
+        write = self.write.payload
+        bits = bits_for(count - 1)
+        mine = Signal()
+        m.d.comb += [
+            mine.eq((write.address >= first) & (write.address < first + count)),
+            put.addr.eq((write.address - first)[:bits]),
+            put.data.eq(write.data),
+            put.en.eq(Mux(self.write.valid & mine, write.strobe[: len(put.en)], 0)),
+            show.addr.eq((self.read_address - first)[:bits]),
+        ]
+        shown = Mux((self.read_address >= first) & (self.read_address < first + count), show.data, 0)
+        for k in range(self._latency - 1):
+            stage = Signal(entry.size, name=f"read_s{k + 1}")
+            m.d.sync += stage.eq(shown)
+            shown = stage
+        m.d.sync += self.read_data.eq(shown)
+
+        # The core.
+        position, copying = Signal(range(count)), Signal()
+        last = Signal(range(count))
+        found = data.View(entry, copy.data)
+        level, shift = self.o.payload.entry.level, self.o.payload.entry.shift
+        m.d.comb += [
+            copy.addr.eq(position),
+            self.o.valid.eq(copying),
+            self.o.payload.address.eq(position),
+            self.blocking.eq(copying | (self.pending & ~self.lock)),
+        ]
+        wrong = []
+        for target, value, f in ((level, found.LEVEL, fields["LEVEL"]), (shift, found.SHIFT, fields["SHIFT"])):
+            wrong.append(value > f.high)
+            m.d.comb += target.eq(Mux(value > f.high, f.high, value))
+        with m.If(copying & (wrong[0] | wrong[1])):
+            m.d.sync += self.limited.eq(1)
+        with m.If(copying):
+            m.d.sync += position.eq(position + 1)
+            with m.If(position == last):
+                m.d.sync += [copying.eq(0), self.pending.eq(0), position.eq(0)]
+        with m.Elif(self.pending & self.quiet & ~self.lock):
+            m.d.sync += [copying.eq(1), self.limited.eq(0)]
+        with m.If(put.en.any()):  # again from the start, also in the middle of a copy
+            m.d.sync += [self.pending.eq(1), copying.eq(0), position.eq(0)]
+            with m.If(put.addr > last):
+                m.d.sync += last.eq(put.addr)
+        return m

@@ -1,0 +1,1 @@
+"""Blocks of the AXI top, each against its model."""

@@ -1,0 +1,246 @@
+"""``python -m cmfpga.info``: what it says of made-up and of real recordings."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+import pytest
+
+from cmfpga import info, track
+from cmfpga.errors import RecordingError
+from cmfpga.events import Events, generate, open_recording, write_hdf5
+
+FAST = ["--preset", "fast"]
+DOCS = Path(__file__).parents[2] / "docs" / "info.md"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return generate(seed=1, velocity=(80.0, 40.0), position=(80.0, 60.0), duration_us=500_000, hot_pixels=3, noise=0.1)
+
+
+@pytest.fixture(scope="module")
+def recording(scene, tmp_path_factory):
+    path = tmp_path_factory.mktemp("info") / "my scene.h5"
+    write_hdf5(path, scene.events, 240, 180)
+    return path
+
+
+def test_text(command, scene, recording):
+    done = command(info, recording, *FAST)
+    assert (done.status, done.err) == (0, "")
+    events = scene.events
+    for line in (
+        f"{recording}: HDF5",
+        "sensor      240×180 px",
+        f"events      {len(events):,}, {events.p.mean():.0%} of them ON",
+        f"span        {(events.t[-1] - events.t[0]) / 1e6:.6g} s, from {events.t[0]:,} µs to {events.t[-1]:,} µs",
+        "time unit   us (the format or the file says so)",
+        f"rate        {len(events) / (events.t[-1] - events.t[0]) * 1e6:,.0f} events/s on average; each sign is ",
+        "hot pixels  ",
+        "Proposal: ROI ",
+        "  because the image moves at ",
+        "  cmfpga track ",
+    ):
+        assert f"\n{line}" in f"\n{done.out}", line
+    (bars,) = [line for line in done.out.splitlines() if re.fullmatch(r" {12}[ ▁-█]+  0 to [\d,]+", line)]
+    assert 30 <= len(bars.partition("  0")[0].strip()) <= 60
+
+
+def test_the_frame(command, scene, recording):
+    """The object, and nothing else, is dark; the ROI's corners stand around it."""
+    lines = command(info, recording, *FAST).out.splitlines()
+    frame = [line[1:-1] for line in lines if line.startswith("|")]
+    assert len(frame) == 29 and {len(line) for line in frame} == {78}
+    dark = [(x, y) for y, line in enumerate(frame) for x, sign in enumerate(line) if sign in "#%@"]
+    x, y = np.array(dark).T * np.array([[240 / 78], [180 / 29]])
+    assert 60 < x.min() < x.max() < 145 and 35 < y.min() < y.max() < 105
+    assert sum(line.count(corner) for line in frame for corner in "┌┐└┘") == 4
+    assert not any(line.startswith("|") for line in command(info, recording, *FAST, "--no-frame").out.splitlines())
+
+
+def test_json(command, scene, recording):
+    done = command(info, recording, *FAST, "--json", "--check", 3)
+    report = json.loads(done.out)
+    events = scene.events
+    assert (report["file"], report["format"], report["sensor"]) == (str(recording), "HDF5", [240, 180])
+    assert (report["events"], report["on_events"]) == (len(events), int(events.p.sum()))
+    assert (report["t_first_us"], report["t_last_us"]) == (events.t[0], events.t[-1])
+    assert len(report["hot_pixels"]) == 3 and report["roi_size"] == [64, 64]
+    total = sum(rate * report["rate_bin_us"] / 1e6 for rate in report["rate_per_s"][:-1])
+    assert 0.9 * len(events) < total < len(events)
+    (found,) = report["proposals"]
+    np.testing.assert_allclose(found["px_per_s"], (80, 40), atol=10)
+    assert 3 <= found["px_per_half_batch"] <= 5 and len(found["checked_px_per_half_batch"]) == 3
+    assert all(3 <= px <= 5 for px in found["checked_px_per_half_batch"])
+    with open_recording(recording) as again:
+        assert again.num_events > found["start_event"] + found["batch_events"]
+
+
+def test_the_command_that_it_proposes_works(command, rows, recording, tmp_path):
+    (found,) = json.loads(command(info, recording, *FAST, "--json").out)["proposals"]
+    words = shlex.split(found["command"])
+    assert words[:3] == ["cmfpga", "track", str(recording)]
+    done = command(track, *words[2:], "--engine", "model", "--no-picture", "--batches", 3, "--out", tmp_path)
+    assert (done.status, done.err) == (0, "")
+    told = rows(tmp_path)
+    done = command(
+        track, recording, "--roi", "auto", *FAST, "--engine", "model", "--no-picture", "--batches", 3, "--json",
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert done.status == 0 and done.err.startswith("note: track: ROI ") and done.err.count("\n") == 1
+    summary = json.loads(done.out)
+    assert rows(tmp_path) == told
+    for name in ("roi", "batch_events", "start_event", "fields"):
+        assert summary[name] == found[name]
+    assert 3 <= summary["median_px_per_half_batch"] <= 5
+
+
+def test_batches_that_are_told_stay(command, rows, recording, tmp_path):
+    options = [*FAST, "--engine", "model", "--no-picture", "--batches", 2, "--out", tmp_path]
+    done = command(track, recording, "--roi", "auto", "--batch-events", 1234, *options)
+    assert done.status == 0 and {row["events"] for row in rows(tmp_path)} == {"1234"}
+    done = command(track, recording, "--roi", "auto", "--set", "thinning=1", *options, "--json")
+    assert json.loads(done.out)["config"]["thinning"] == 1
+
+
+def test_options_of_the_recording_are_in_the_command(command, scene, tmp_path):
+    path = tmp_path / "a.npz"
+    events = scene.events
+    np.savez(path, t=events.t * 1000, x=events.x, y=events.y, p=events.p)
+    done = command(info, path, "--sensor", "240,180", "--time-unit", "ns", *FAST, "--set", "roi_width=48", "--json")
+    words = json.loads(done.out)["proposals"][0]["command"]
+    assert words.endswith("--sensor 240,180 --time-unit ns --preset fast --set roi_width=48")
+
+
+def test_a_sensor_that_nobody_tells(command, scene, tmp_path):
+    np.savez(tmp_path / "a.npz", t=scene.events.t, x=scene.events.x, y=scene.events.y, p=scene.events.p)
+    done = command(info, tmp_path / "a.npz", *FAST)
+    covered = f"{scene.events.x.max() + 1}×{scene.events.y.max() + 1}"
+    assert done.status == 0 and f"sensor      not said; the events cover {covered} px\n" in done.out
+    assert "time unit   us (guessed)\n" in done.out and "Proposal: ROI " in done.out
+
+
+def test_a_picture(command, recording, tmp_path):
+    done = command(info, recording, *FAST, "--png", tmp_path / "a.png")
+    assert done.status == 0
+    pixels = matplotlib.image.imread(tmp_path / "a.png")[..., :3]
+    red = np.abs(pixels - (0.8392, 0.1529, 0.1569)).max(axis=2) < 0.02
+    assert pixels.shape[0] > 500 and red.mean() > 1e-4
+    assert command(info, recording, *FAST, "--no-proposal", "--png", tmp_path / "b.png").status == 0
+    pixels = matplotlib.image.imread(tmp_path / "b.png")[..., :3]
+    assert not (np.abs(pixels - (0.8392, 0.1529, 0.1569)).max(axis=2) < 0.02).any()
+
+
+def test_two_objects(command, tmp_path):
+    events = Events.concatenate(
+        generate(seed=k, position=place, velocity=speed, duration_us=400_000).events
+        for k, (place, speed) in enumerate((((60.0, 50.0), (70.0, 0.0)), ((170.0, 130.0), (0.0, -110.0))))
+    )
+    path = tmp_path / "two.h5"
+    write_hdf5(path, events[np.argsort(events.t, kind="stable")], 240, 180)
+    done = command(info, path, *FAST, "--objects", 2)
+    assert "Proposal 0: ROI " in done.out and "Proposal 1: ROI " in done.out
+    assert "┌0" in done.out and "┌1" in done.out
+    done = command(info, path, *FAST, "--objects", 3, "--no-frame")
+    assert done.status == 0 and done.out.endswith("Only 2 of 3 objects move clearly at one time.\n")
+
+
+def test_nothing_that_moves(command, tmp_path):
+    rng = np.random.default_rng(1)
+    write_hdf5(
+        tmp_path / "noise.h5", Events(np.arange(30_000), *rng.integers(100, size=(2, 30_000)), [0] * 30_000), 100, 100
+    )
+    done = command(info, tmp_path / "noise.h5", *FAST)
+    assert done.status == 0 and done.out.endswith("\nNo proposal: nothing moves clearly in any 64×64 px.\n")
+    assert "Proposal" not in command(info, tmp_path / "noise.h5", "--no-proposal").out
+    done = command(track, tmp_path / "noise.h5", "--roi", "auto", *FAST, "--engine", "model", "--out", tmp_path)
+    assert done.error.endswith("noise.h5: --roi auto: nothing moves clearly enough; --roi X,Y is needed")
+    assert done.out == ""
+
+
+def test_a_truncated_file_is_described_and_refused(command, recording, tmp_path):
+    """What there is, is told; then one line, and status 2."""
+    table_of = open_recording(recording)
+    events = Events.concatenate(table_of.chunks())
+    words = np.zeros((len(events), 2), ">u4")
+    words[:, 0] = (179 - events.y.astype(int)) << 22 | (239 - events.x.astype(int)) << 12 | events.p.astype(int) << 11
+    words[:, 1] = events.t
+    header = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+    (tmp_path / "a.aedat").write_bytes(header + words.tobytes()[:-3])
+    done = command(info, tmp_path / "a.aedat", *FAST)
+    assert f"events      {len(events) - 1:,}, " in done.out and "Proposal: ROI " in done.out
+    assert done.error == (
+        f"{tmp_path / 'a.aedat'}: truncated: 5 of 8 bytes of the last record are there; "
+        f"the {len(events) - 1} events before were read"
+    )
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["missing.h5"], "missing.h5: no such file"),
+        ([], "the following arguments are required: RECORDING"),
+        (["PATH", "--objects", "5"], "argument --objects: '5': 1 to 4 is needed"),
+        (["PATH", "--start-event", "99999999"], "PATH: first event 99999999; 0 to "),
+        (["PATH", "--png", "FOLDER/a.png"], "FOLDER/a.png: No such file or directory"),
+        (["PATH", "--preset", "x"], "preset 'x': one of "),
+        (["PATH", "--set", "roi_width=9999"], "roi_width = 9999: 2 to 4096 is needed"),
+        (["PATH", "--sensor", "100,100"], "PATH: x of event "),
+    ],
+)
+def test_mistakes(command, recording, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    done = command(
+        info, *(part.replace("PATH", str(recording)) for part in arguments), *FAST[: 2 * ("x" not in arguments)]
+    )
+    assert done.error.startswith(message.replace("PATH", str(recording)))
+
+
+def test_check_asks_for_torch(process, recording):
+    done = process("info", recording, *FAST, "--check", 1, without=["torch"])
+    assert done.error == "--check: torch is not installed; pip install 'cmfpga[reference]'"
+
+
+def test_the_rest_needs_no_torch(process, recording):
+    done = process("info", recording, *FAST, without=["torch", "matplotlib"], PYTHONIOENCODING="ascii")
+    assert (done.status, done.err) == (0, "") and "Proposal: ROI" in done.out
+
+
+# -------------------------------------------------------------------- real recordings
+
+ROW = re.compile(r"^\| `(\S+\.\w+)` \| (.*) \|$", re.MULTILINE)
+
+
+def documented():
+    """``[(file, cells of its row)]`` of the table of real recordings in the documentation."""
+    return [(name, rest.split(" | ")) for name, rest in ROW.findall(DOCS.read_text(encoding="utf-8"))]
+
+
+def test_the_table_has_all_recordings(data_dir):
+    assert {name for name, _ in documented()} >= {path.name for path in data_dir.glob("*.h5")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name, cells", documented(), ids=[name for name, _ in documented()])
+def test_the_table_is_what_the_command_says(command, data_dir, name, cells):
+    path = next(folder / name for folder in (data_dir, data_dir / "original_formats") if (folder / name).exists())
+    try:
+        with open_recording(path):
+            pass
+    except RecordingError as error:
+        if "needs the package" in str(error):
+            pytest.skip(str(error))
+        raise
+    done = command(info, path, "--preset", "fast", "--check", 10, "--json")
+    proposals = json.loads(done.out)["proposals"]
+    if cells[0] == "none":
+        assert not proposals
+        return
+    (found,) = proposals
+    assert info.table_row(found) == cells
+    checked = sorted(found["checked_px_per_half_batch"])
+    assert 3 <= checked[len(checked) // 2] <= 5
