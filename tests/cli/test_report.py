@@ -37,6 +37,21 @@ def test_track_writes_it_and_report_writes_it_again(command, tmp_path, engine):
     assert done.out == f"wrote {tmp_path / 'report.html'}\n" and b"210 MHz" in (tmp_path / "report.html").read_bytes()
 
 
+def test_several_objects(command, tmp_path):
+    """Each has its page; ``report`` writes all of them."""
+    rois = ["--roi", "a=40,60", "--roi", "track=60,60"]
+    done = command(track, *FAST, "--engine", "model", "--batches", 1, *rois, "--report", "--out", tmp_path)
+    assert (done.status, done.err) == (0, "")
+    pages = {name: (tmp_path / name).read_bytes() for name in ("report-a.html", "report-track.html")}
+    for name in pages:
+        (tmp_path / name).unlink()
+    done = command(report, tmp_path)
+    assert done.out == "".join(f"wrote {tmp_path / name}\n" for name in pages)
+    assert {name: (tmp_path / name).read_bytes() for name in pages} == pages
+    told = command(report, tmp_path, "--out", tmp_path / "x.html").error
+    assert told == f"--out: {tmp_path} has 2 tracks; their pages can only be written there"
+
+
 def test_files_are_listed_as_json(command, tmp_path):
     done = command(track, *FAST, "--engine", "model", "--batches", 1, "--report", "--json", "--out", tmp_path)
     names = ["track.csv", "track.npz", "report.html"]

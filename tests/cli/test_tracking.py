@@ -268,12 +268,26 @@ def test_batches_without_events_or_motion(dot_events):
         trace = tracking.trace(batch)
         assert len(trace) == tracking.iterations[batch] == len(trace.levels)
         assert [trace[k].level for k in range(len(trace))] == trace.levels.tolist()
-    # After the pause nothing is followed, so the ascent begins cold again.
-    assert tracking.iterations[3] == 0 and tracking.iterations[[0, 1, 6]].tolist() in ([8, 3, 8], [8, 3, 3])
+    # A window without events never reaches the hardware, which goes on where it was.
+    assert tracking.iterations.tolist() == [8, 3, 3, 0, 0, 0, 3, 3]
     with pytest.raises(IndexError):
         tracking.trace(0)[8]
     with pytest.raises(ConfigError, match="batch 8: 0 to 7 is needed"):
         tracking.trace(8)
+
+
+@pytest.mark.parametrize("engine", ["model", "float"])
+def test_after_a_degenerate_batch_the_ascent_begins_cold(dot_events, engine):
+    """All events of batch 2 lie far from the ROI."""
+    x = np.where(np.arange(600) // 90 == 2, 0, dot_events.x)
+    y = np.where(np.arange(600) // 90 == 2, 0, dot_events.y)
+    elsewhere = Events(dot_events.t, x, y, dot_events.p)
+    tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), start="last", min_roi_events=10)
+    assert tracking.flags[2] == "degenerate" and tracking.iterations.tolist()[:4] == [8, 3, 0, 8]
+    for batch in range(6):
+        trace = tracking.trace(batch)
+        assert [trace[k].level for k in range(len(trace))] == trace.levels.tolist()
+    assert tracking.trace(3).levels.tolist() == [2, 2, 1, 1, 1, 0, 0, 0]
 
 
 def test_a_recording_that_has_changed(dot_events, tmp_path):

@@ -21,7 +21,9 @@ CLEAN = {
     "rtl": (["cmfpga.rtl.top", "cmfpga.emit"], ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"]),
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
-    "track": (["cmfpga.track"], ["torch", "matplotlib"]),
+    "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
+    "report": (["cmfpga.report", "cmfpga.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
+    "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
     "command": (["cmfpga.command"], ["amaranth", "numpy", "torch"]),
 }

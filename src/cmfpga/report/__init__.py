@@ -30,9 +30,14 @@ def clock(text):
     return value
 
 
+def page_name(file):
+    """``report-NAME.html`` of ``track-NAME.npz``."""
+    return file.replace("track", "report", 1).removesuffix(".npz") + ".html"
+
+
 def _parser():
     made = cli.parser("report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
-    made.add_argument("folder", metavar="DIR", help="the folder that track --report wrote (its track.npz is read)")
+    made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
     made.add_argument(
         "--clock",
         type=clock,
@@ -53,9 +58,13 @@ def main(arguments=None):
     folder = Path(options.folder)
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder; the one that track --report wrote is needed")
-    if not (folder / FILE).is_file():
+    files = sorted(folder.glob(f"{Path(FILE).stem}*.npz"))  # one for each object that was tracked
+    if not files:
         raise ConfigError(f"{folder}: has no {FILE}; track again with --report")
-    page = Path(options.out) if options.out else folder / PAGE
-    write_page(Kept.load(folder / FILE), page, clock_mhz=options.clock)
-    print(f"wrote {page}")
+    if options.out and len(files) > 1:
+        raise ConfigError(f"--out: {folder} has {len(files)} tracks; their pages can only be written there")
+    for file in files:
+        page = Path(options.out) if options.out else folder / page_name(file.name)
+        write_page(Kept.load(file), page, clock_mhz=options.clock)
+        print(f"wrote {page}")
     return 0
