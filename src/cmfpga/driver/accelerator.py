@@ -334,8 +334,17 @@ class Accelerator:
     def _wait_done(self, events):
         """Until ISR says so, by interrupt or by looking."""
         deadline = time.monotonic() + self.timeout
-        while not self._read("ISR")["DONE"]:
+        while True:
             left = deadline - time.monotonic()
+            came = not self.interrupt or self.backend.wait_interrupt(max(left, 0))
+            done = self._read("ISR")["DONE"]
+            if done and came:
+                break
+            if done:
+                raise DeviceTimeout(
+                    f"{self.backend.name}: the result came, but no interrupt within {self.timeout:g} s; "
+                    f"interrupt=False does without{self._hint()}"
+                )
             if left <= 0:
                 raise DeviceTimeout(
                     f"{self.backend.name}: no result within {self.timeout:g} s of a batch of {events} events: "
@@ -343,11 +352,6 @@ class Accelerator:
                 )
             if not self.interrupt:
                 time.sleep(min(POLL_SECONDS, left))
-            elif not self.backend.wait_interrupt(left) and self._read("ISR")["DONE"]:
-                raise DeviceTimeout(
-                    f"{self.backend.name}: the result came, but no interrupt within {self.timeout:g} s; "
-                    f"interrupt=False does without{self._hint()}"
-                )
         self._clear_interrupts()
 
     def _receive(self, timeout):
@@ -407,7 +411,9 @@ class Accelerator:
             self._write_once(self.registers[name], word)
         if "SCHEDULE" in self.registers:
             declared = self.registers["SCHEDULE"]
-            for k, (level, shift) in enumerate(schedule_table(self.config, settings)):
+            table = schedule_table(self.config, settings)
+            table += ((0, 0),) * (declared.count - len(table))  # no RAM of a simulation begins with zeros
+            for k, (level, shift) in enumerate(table):
                 self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift), 4 * k)
         self._write("ROI_LOAD", LOAD=load)
 
