@@ -5,6 +5,7 @@ clock, as on a board.
 """
 
 import ctypes
+import functools
 import threading
 import time
 
@@ -24,6 +25,15 @@ SLICE_CYCLES = 20_000
 CYCLES, INTERRUPT, PACKET, SENT = range(4)
 
 
+@functools.cache  # it takes seconds to find out that nothing is to be compiled
+def _library(config):
+    library = ctypes.CDLL(str(compile_axi_library(KV260Top(config))))
+    library.axi_new.restype = ctypes.c_void_p
+    for name in ("axi_unsent", "axi_take", "axi_cycles"):
+        getattr(library, name).restype = ctypes.c_int64
+    return library
+
+
 class SimulatedTop:
     """One simulated AXI top; may be used by several threads.
 
@@ -36,12 +46,9 @@ class SimulatedTop:
     """
 
     def __init__(self, config, *, seed=1):
-        self._library = library = ctypes.CDLL(str(compile_axi_library(KV260Top(config))))
-        library.axi_new.restype = ctypes.c_void_p
-        for name in ("axi_unsent", "axi_take", "axi_cycles"):
-            getattr(library, name).restype = ctypes.c_int64
+        self._library = _library(config)
         self._lock = threading.RLock()
-        self._handle = ctypes.c_void_p(library.axi_new(seed))
+        self._handle = ctypes.c_void_p(self._library.axi_new(seed))
         self.reset()
 
     def _call(self, name, *arguments):

@@ -17,6 +17,10 @@ from .errors import DeviceError
 from .facts import BUFFER_EVENTS, BUFFER_RESULTS, LINUX_CLOCK, UIO_DMA, UIO_REGISTERS
 
 
+def _open(path):
+    return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+
+
 class Mapping:
     """Registers of a UIO device.
 
@@ -54,21 +58,19 @@ class UioDevice:
         As in ``/sys/class/uio/uio*/name``.
     root : path
         ``/``; another folder for tests.
-    mapping : callable
-        Makes what gives access to its words, of a file descriptor and a size.
     """
 
-    def __init__(self, name, *, root="/", mapping=Mapping):
+    def __init__(self, name, *, root="/"):
         self.name = name
         folder = self._find(Path(root), name)
         self.size = int((folder / "maps" / "map0" / "size").read_text(), 0)
         path = Path(root) / "dev" / folder.name
         try:
-            self._file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+            self._file = _open(path)
         except OSError as error:
             raise DeviceError(f"{path}: {error.strerror}; are you root, or in its group?") from None
         try:
-            self._words = mapping(self._file, self.size)
+            self._words = Mapping(self._file, self.size)
         except OSError as error:
             os.close(self._file)
             raise DeviceError(f"{path}: cannot be mapped: {error.strerror}") from None
@@ -128,7 +130,7 @@ class UdmaBuffer:
             self.address = self._number("phys_addr")
             self.size = self._number("size")
             self._coherent = bool(self._number("dma_coherent")) if (self._folder / "dma_coherent").exists() else False
-            file = os.open(Path(root) / "dev" / name, os.O_RDWR | os.O_CLOEXEC)
+            file = _open(Path(root) / "dev" / name)
         except OSError as error:
             raise DeviceError(
                 f"{error.filename}: {error.strerror}; is the module u-dma-buf loaded, and the overlay?"
@@ -174,8 +176,6 @@ class UioBackend(DmaBackend):
         Names of the buffers.
     root : path
         ``/``; another folder for tests.
-    mapping : callable
-        See :class:`UioDevice`.
 
     Raises
     ------
@@ -193,20 +193,12 @@ class UioBackend(DmaBackend):
         events=BUFFER_EVENTS,
         results=BUFFER_RESULTS,
         root="/",
-        mapping=Mapping,
     ):
         self._root = Path(root)
         self._check_clock()
-        with contextlib.ExitStack() as opened:
-            parts = [
-                opened.enter_context(contextlib.closing(part))
-                for part in (
-                    UioDevice(registers, root=root, mapping=mapping),
-                    UioDevice(dma, root=root, mapping=mapping),
-                    UdmaBuffer(events, root=root),
-                    UdmaBuffer(results, root=root),
-                )
-            ]
+        makers = ((UioDevice, registers), (UioDevice, dma), (UdmaBuffer, events), (UdmaBuffer, results))
+        with contextlib.ExitStack() as opened:  # all of them, or none
+            parts = [opened.enter_context(contextlib.closing(make(part, root=root))) for make, part in makers]
             opened.pop_all()
         super().__init__(*parts)
 
