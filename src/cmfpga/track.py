@@ -8,7 +8,7 @@ import sys
 from tqdm import tqdm
 
 from . import cli
-from .engines import ENGINES, check_roi, make_engine
+from .engines import AXI, ENGINES, check_roi, make_engine
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .reference.tracker import COLUMNS, track
@@ -47,9 +47,9 @@ def _parser():
     made.add_argument(
         "--engine",
         default="rtl",
-        choices=ENGINES,
-        help="rtl: the emitted Verilog, cycle by cycle; model: the same in integers (needs torch); "
-        "float: the article's equations (needs torch) (default: rtl)",
+        choices=(*ENGINES, AXI),
+        help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
+        "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
     )
     made.add_argument("--sensor", type=cli.pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")
     made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")

@@ -37,7 +37,12 @@ def _module(parent, name, vlnv, module, *, parameters=(), buses=(), registers=()
 def _registers(parent, registers):
     for register in registers:
         node = ElementTree.SubElement(parent, "REGISTER", NAME=register.name)
-        properties = {"DESCRIPTION": register.doc, "ADDRESS_OFFSET": register.offset, "SIZE": 32, "ACCESS": "read-write"}
+        properties = {
+            "DESCRIPTION": register.doc,
+            "ADDRESS_OFFSET": register.offset,
+            "SIZE": 32,
+            "ACCESS": "read-write",
+        }
         for key, value in properties.items():
             ElementTree.SubElement(node, "PROPERTY", NAME=key, VALUE=str(value))
         fields = ElementTree.SubElement(node, "FIELDS")
@@ -79,9 +84,7 @@ def write_hwh(path, *, vlnv, registers_address, dma_address, registers):
             IS_INSTRUCTION="FALSE", MASTERBUSINTERFACE="M_AXI_HPM0_FPD", MEMTYPE="REGISTER", SLAVEBUSINTERFACE=bus,
         )  # fmt: skip
     ElementTree.SubElement(processor, "PERIPHERALS")
-    _module(
-        modules, "cmfpga_0", vlnv, "cmfpga", buses=[("s_axi", "aximm", "SLAVE", "control")], registers=registers
-    )
+    _module(modules, "cmfpga_0", vlnv, "cmfpga", buses=[("s_axi", "aximm", "SLAVE", "control")], registers=registers)
     _module(
         modules, "axi_dma_0", "xilinx.com:ip:axi_dma:7.1", "axi_dma",
         buses=[("S_AXI_LITE", "aximm", "SLAVE", "control")],

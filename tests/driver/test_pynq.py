@@ -21,8 +21,8 @@ from .test_simulation import REGISTERS, model_run, within, works
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of the processor, which PYNQ does not support, and of its dependencies
     pynq = pytest.importorskip("pynq", reason="pynq is missing: pip install --no-deps -r tests/driver/pynq.txt")
-    import pynq.lib.dma
     from pynq import overlay as pynq_overlay
+    from pynq.lib.dma import DMA
     from pynqmetadata.frontends import Metadata
     from pynqmetadata.views.runtime import RuntimeMetadataParser
 
@@ -84,9 +84,7 @@ class Overlay:
         self.device = Device(self.board, **options)
         declared = [register for register in REGISTERS if register.count == 1]
         path = folder / "cmfpga.hwh"
-        write_hwh(
-            path, vlnv=vlnv, registers_address=Board.REGISTERS, dma_address=Board.DMA, registers=declared
-        )
+        write_hwh(path, vlnv=vlnv, registers_address=Board.REGISTERS, dma_address=Board.DMA, registers=declared)
         parser = RuntimeMetadataParser(Metadata(input=str(path)))
         self.description = pynq_overlay._complete_description(
             parser.ip_dict, parser.hierarchy_dict, False, {}, self.device, None
@@ -126,7 +124,7 @@ def with_interrupt(overlay, **options):
 def test_pynq_binds_the_class(top, tmp_path, vlnv):
     overlay = Overlay(top, tmp_path, vlnv=vlnv)
     assert overlay.description["ip"]["cmfpga_0"]["driver"] is CmfpgaIP
-    assert type(overlay.cmfpga_0) is CmfpgaIP and type(overlay.axi_dma_0) is pynq.lib.dma.DMA
+    assert type(overlay.cmfpga_0) is CmfpgaIP and type(overlay.axi_dma_0) is DMA
     assert overlay.cmfpga_0.mmio.base_addr == Board.REGISTERS and isinstance(overlay.cmfpga_0.mmio, pynq.MMIO)
 
 
@@ -180,7 +178,7 @@ def test_hardware_of_another_version_is_refused(top, tmp_path, capsys):
 
 
 def test_another_configuration_is_refused(overlay):
-    with pytest.raises(WrongHardware, match="^PYNQ: the hardware has the configuration"):
+    with pytest.raises(WrongHardware, match=r"^PYNQ: the hardware has the configuration"):
         overlay.cmfpga_0.accelerator(overlay.axi_dma_0, CONFIG.replace(buffer_events=32))
 
 

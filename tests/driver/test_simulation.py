@@ -80,9 +80,18 @@ def test_cycles_are_those_of_the_core(accelerator, rng):
 def test_every_setting_reaches_the_hardware(accelerator, rng):
     """Settings one after the other, without a reset: what is not written again must be as it was."""
     model = ModelEngine(CONFIG)
-    changes = ({}, {"min_roi_events": 60}, {"thinning": 3}, {"thin_target": 8}, {"roi_gain": 1.0},
-               {"start": "given", "v_start_x": -1.5, "v_start_y": 2.0}, {"start": "zero"},
-               {"cold": "1:-1*3", "warm": "0:-2"}, {"start": "given", "v_start_x": 0.5, "cold": "0:0 1:1"}, {})  # fmt: skip
+    changes = (
+        {},
+        {"min_roi_events": 60},
+        {"thinning": 3},
+        {"thin_target": 8},
+        {"roi_gain": 1.0},
+        {"start": "given", "v_start_x": -1.5, "v_start_y": 2.0},
+        {"start": "zero"},
+        {"cold": "1:-1*3", "warm": "0:-2"},
+        {"start": "given", "v_start_x": 0.5, "cold": "0:0 1:1"},
+        {},
+    )
     seen = Flag(0)
     for number, change in enumerate(changes):
         settings = BatchSettings.from_config(CONFIG.replace(**change), (8, 4) if number == 0 else None)
@@ -219,7 +228,7 @@ def test_result_that_does_not_come(accelerator):
     [
         ("ID", {"MAGIC": 0xFFFFFFFF}, r"ID reads 0xffffffff, not 0x434d4158; is the bitstream loaded"),
         ("ID", {"MAGIC": 0}, r"ID reads 0x00000000"),
-        ("VERSION", {"MAJOR": 9, "MINOR": 8, "PATCH": 7}, r"made by cmfpga 9\.8\.7, this driver is .*install cmfpga 9\.8\.7"),
+        ("VERSION", {"MAJOR": 9, "MINOR": 8, "PATCH": 7}, r"made by cmfpga 9\.8\.7, this .*install cmfpga 9\.8\.7"),
         ("VERSION", {"PATCH": 9999}, r"made by cmfpga \d+\.\d+\.9999"),
         ("CAPS", {"MAP": 77}, r"version 77 of the register map, this driver 1"),
         ("BUILD", {"HASH": 0xDEADBEEF}, rf"configuration deadbeef, not {CONFIG.hardware_hash[:8]}"),
@@ -294,7 +303,10 @@ def test_interrupt_that_never_comes(accelerator, backend, rng, monkeypatch):
         return False
 
     monkeypatch.setattr(backend, "wait_interrupt", dead)
-    with within(5), pytest.raises(DeviceTimeout, match=r"the result came, but no interrupt within 0\.1 s; interrupt=False"):
+    with (
+        within(5),
+        pytest.raises(DeviceTimeout, match=r"the result came, but no interrupt within 0\.1 s; interrupt=False"),
+    ):
         accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
     accelerator.interrupt = False
     accelerator.reset()
@@ -408,7 +420,7 @@ def test_self_test_notices(accelerator, backend, monkeypatch):
         return words
 
     monkeypatch.setattr(backend, "receive", wrong)
-    with pytest.raises(DeviceError, match="golden batch's sums is .*; the integer model says"):
+    with pytest.raises(DeviceError, match=r"golden batch's sums is .*; the integer model says"):
         accelerator.self_test()
     monkeypatch.undo()
     assert accelerator.self_test()["counters"] == "1200 events in, 1 result"

