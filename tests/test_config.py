@@ -32,7 +32,7 @@ LEAST = {
 ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
-    "min_roi_events": {"buffer_events": 1 << 20}, "thin_target": {"buffer_events": 1 << 20},
+    "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
 }  # fmt: skip
 
 
@@ -128,9 +128,9 @@ def test_choices(name, choices):
         ({"min_roi_events": 2049}, "min_roi_events = 2049: at most 2048 is allowed (buffer_events)"),
         ({"thin_target": 2049}, "thin_target = 2049: at most 2048 is allowed (buffer_events)"),
         ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
-        ({"ascent": "sign"}, "cold: '2:1*4': level 0 to 0 is needed (max_level)"),
+        ({"ascent": "sign"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
         ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 8 iterations; at most 32 are "),
-        ({"buffer_events": 1 << 20}, "G = P·S − ΣI·ΣD needs 70 bits, more than the 63 that the exact integer model"),
+        ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 70 bits, more than the 63 that the exact integer model"),
         ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
     ],
 )

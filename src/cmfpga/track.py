@@ -1,9 +1,14 @@
 """``python -m cmfpga.track``: follow an object through a recording."""
 
+import argparse
 import contextlib
 import csv
 import json
+import math
+import re
+import statistics
 import sys
+from dataclasses import dataclass, field
 
 from tqdm import tqdm
 
@@ -18,6 +23,8 @@ EXAMPLES = (
     "python -m cmfpga.track rec.h5 --roi 100,30 --batch-events 5000 --start-event 15000 --batches 20",
     "python -m cmfpga.track events.txt --roi 60,40 --batch-us 20000 --engine model --out track",
     "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set eta=0.5",
+    "python -m cmfpga.track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
+    "python -m cmfpga.track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
 )
 
 #: The scene that is tracked without a recording (it turns a corner in the middle), and what suits it: batches in which
@@ -36,8 +43,12 @@ DEMO_FIELDS = {"eta": 4.0}
 
 def _parser():
     made = cli.parser("track", "Follow an object through a recording of events.", EXAMPLES)
-    made.add_argument("recording", nargs="?", metavar="RECORDING", help="HDF5, DAVIS text (.txt, .zip), .npz or .npy")
-    made.add_argument("--roi", type=cli.pair("X,Y"), metavar="X,Y", help="left column and top row of the ROI, px")
+    cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
+    made.add_argument(
+        "--roi", type=_roi_option, action="append", metavar="[NAME=]X,Y",
+        help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects, each with its own core "
+        "and CSV",
+    )  # fmt: skip
     size = made.add_argument_group("batches (one of; default: --batch-events 5000)").add_mutually_exclusive_group()
     size.add_argument("--batch-events", type=cli.positive, metavar="N", help="events of the whole sensor")
     size.add_argument("--batch-us", type=cli.positive, metavar="D", help="duration, µs")
@@ -51,13 +62,73 @@ def _parser():
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
         "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
     )
-    made.add_argument("--sensor", type=cli.pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")
-    made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
+    cli.add_recording_options(made)
     made.add_argument("--out", default="cmfpga-track", metavar="DIR", help="folder for track.csv and track.png")
     made.add_argument("--no-picture", action="store_true", help="write track.csv only")
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
     cli.add_config_options(made)
     return made
+
+
+@dataclass(kw_only=True)
+class _Object:
+    """One object to follow: what was asked for, what follows from it, and what was found.
+
+    Parameters
+    ----------
+    name : str
+        Of its files: ``track-NAME.csv``; empty: ``track.csv``.
+    roi : (int, int) or None
+        Left column and top row, px; None until it is chosen (``auto``).
+    proposal : Proposal or None
+        What was chosen.
+    """
+
+    name: str
+    roi: tuple | None
+    proposal: object = None
+    config: object = None
+    cutter: object = None
+    gallery: object = None
+    batches: int = 0
+    flagged: int = 0
+    seen: int = 0  # ROI events of all batches
+    cycles: list = field(default_factory=list)
+    speeds: list = field(default_factory=list)  # |v| of each batch that measured one, px per half batch
+    truth: list = field(default_factory=list)  # times and velocity of each batch, where the true one is known
+    roi_next: tuple | None = None
+    files: list = field(default_factory=list)
+
+    @property
+    def stem(self):
+        """Of its files' names."""
+        return f"track-{self.name}" if self.name else "track"
+
+    def add(self, batch, with_truth):
+        """Take a tracked batch; its arrays are not kept."""
+        result = batch.result
+        self.batches += 1
+        self.flagged += bool(result.flags)
+        self.seen += result.roi_events + result.overflow + result.thinned
+        self.roi_next = result.roi_next
+        if result.cycles is not None:
+            self.cycles.append(result.cycles)
+        if batch.v_px_per_s is not None:
+            self.speeds.append(math.hypot(*result.v))
+        if with_truth:
+            self.truth.append((batch.events.t[[0, -1]] if len(batch.events) else None, batch.v_px_per_s))
+        if self.gallery:
+            self.gallery.add(batch)
+
+
+def _roi_option(text):
+    """``(name or None, (x, y) or None)`` of ``[NAME=]X,Y`` or ``[NAME=]auto``."""
+    name, equals, place = text.rpartition("=")
+    if equals and not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,39}", name):
+        raise argparse.ArgumentTypeError(
+            f"{text[:60]!r}: a name of letters, digits, '-' and '_' is needed before the '='"
+        )
+    return name or None, None if place == "auto" else cli.pair("X,Y")(place)
 
 
 def main(arguments=None):
@@ -66,22 +137,15 @@ def main(arguments=None):
     truth, recording = _open(options)
     with recording:
         config = cli.make_config(options, **_sensor_fields(options, recording), **(DEMO_FIELDS if truth else {}))
-        roi = _roi(options, truth, config)
-        events = _batch_events(options)
-        _check_batch("--batch-events", events, config)
-        _check_batch("--batch-roi-events", options.batch_roi_events, config)
-        cutter = BatchCutter(
-            recording,
-            start_event=options.start_event,
-            events=events,
-            duration_us=options.batch_us,
-            roi_events=options.batch_roi_events,
-            max_events=config.max_batch_events,
-        )
+        objects = _objects(options, truth, config)
+        _choose(options, objects, recording, config)
+        for one in objects:
+            _prepare(options, one, config, recording)
         folder = cli.output_folder(options.out)
-        batches = _track(options, config, roi, cutter, recording, folder, truth)
+        _track(options, config, objects, recording, folder, truth)
     if not options.json and truth is not None:
-        _print_truth(truth, batches)
+        for one in objects:
+            _print_truth(truth, one.truth)
     return 0
 
 
@@ -89,6 +153,9 @@ def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
         return None, open_recording(options.recording, time_unit=options.time_unit, sensor=options.sensor)
+    for name, value in (("--sensor W,H", options.sensor), ("--time-unit", options.time_unit)):
+        if value is not None:
+            raise ConfigError(f"{name}: a RECORDING is needed; the synthetic scene has its own")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
 
@@ -119,41 +186,107 @@ def _check_batch(option, size, config):
         raise ConfigError(f"{option} {size}: at most {config.max_batch_events} is allowed (max_batch_events)")
 
 
-def _roi(options, truth, config):
-    if options.roi is not None:
-        check_roi(config, options.roi)  # before a simulator is compiled in vain
-        return options.roi
-    if truth is None:
-        raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording")
-    return truth.roi_start(config.roi_width, config.roi_height)
+def _objects(options, truth, config):
+    """The objects that ``--roi`` asks for; of several, those without a name have their number."""
+    asked = options.roi
+    if not asked:
+        if truth is None:
+            raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto")
+        asked = [(None, truth.roi_start(config.roi_width, config.roi_height))]
+    objects = []
+    for k, (name, roi) in enumerate(asked):
+        if roi is not None:
+            check_roi(config, roi)  # before a simulator is compiled in vain
+        objects.append(_Object(name=name or ("" if len(asked) == 1 else str(k)), roi=roi))
+    names = [one.name for one in objects]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"--roi: the name {name!r} is given twice; each object needs a name of its own")
+    return objects
 
 
-def _track(options, config, roi, cutter, recording, folder, truth):
-    """Run all batches; writes the files, prints the summary, returns the tracked batches' essentials."""
-    tracked = []
-    with contextlib.closing(_engine(options, config)) as engine, (folder / "track.csv").open("w", newline="") as file:
-        if engine.note:
-            print(f"note: {engine.note}", file=sys.stderr)
-        gallery = None if options.no_picture else _gallery(config, recording, truth)
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        steps = track(engine, cutter, roi=roi, batches=options.batches)
-        bar = tqdm(steps, total=_total(options, recording, cutter), unit="batch", disable=None)
-        for batch in bar:
-            writer.writerow(batch.row())
-            tracked.append((batch.events.t[[0, -1]] if len(batch.events) else None, batch.v_px_per_s, batch.result))
-            if gallery:
-                gallery.add(batch)
-    if not tracked:
-        raise ConfigError(
-            f"{recording.name}: too few events for one batch after event {options.start_event} ({cutter.leftover} left)"
-        )
-    written = [folder / "track.csv"]
-    if gallery:
-        written.append(folder / "track.png")
-        gallery.save(written[-1])
-    _summarise(options, config, engine.name, tracked, cutter, written)
-    return tracked
+def _choose(options, objects, recording, config):
+    """Fill in the ROIs that ``auto`` asks for."""
+    wanted = [one for one in objects if one.roi is None]
+    if not wanted:
+        return
+    from .info import survey_all
+    from .survey import Survey, propose, require
+
+    # Where the user or the other objects are; or else where something moves.
+    start = options.start_event if options.start_event or len(wanted) < len(objects) else None
+    survey = Survey(recording.width, recording.height)
+    survey_all(recording, survey)
+    proposals = propose(recording, survey, config, count=len(wanted), start_event=start)
+    for one, found in zip(wanted, require(proposals, len(wanted), recording), strict=True):
+        one.roi, one.proposal = found.roi, found
+        print(f"note: {one.stem}: {found.text}", file=sys.stderr)
+    options.start_event = proposals[0].start_event
+
+
+def _prepare(options, one, config, recording):
+    """An object's configuration and cutter."""
+    events, changes = _batch_events(options), {}
+    if one.proposal and not (options.batch_events or options.batch_us or options.batch_roi_events):
+        events = one.proposal.batch_events
+        given = cli.config_changes(options)
+        changes = {name: value for name, value in one.proposal.fields.items() if name not in given}
+    one.config = config.replace(**changes)
+    _check_batch("--batch-events", events, one.config)
+    _check_batch("--batch-roi-events", options.batch_roi_events, one.config)
+    one.cutter = BatchCutter(
+        recording,
+        start_event=options.start_event,
+        events=events,
+        duration_us=options.batch_us,
+        roi_events=options.batch_roi_events,
+        max_events=one.config.max_batch_events,
+    )
+
+
+def _track(options, config, objects, recording, folder, truth):
+    """Run all batches, those of several objects in turn; writes the files, prints the summary."""
+    with contextlib.ExitStack() as stack:
+        running = []
+        for one in objects:
+            engine = stack.enter_context(contextlib.closing(_engine(options, one.config)))
+            if engine.note and not running:
+                print(f"note: {engine.note}", file=sys.stderr)
+            one.gallery = None if options.no_picture else _gallery(one.config, recording, truth)
+            one.files.append(folder / f"{one.stem}.csv")
+            file = stack.enter_context(one.files[0].open("w", newline=""))
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(COLUMNS)
+            running.append((one, writer, track(engine, one.cutter, roi=one.roi, batches=options.batches)))
+        totals = [_total(options, recording, one.cutter) for one in objects]
+        total = None if None in totals else sum(totals)
+        with tqdm(total=total, unit="batch", disable=None) as bar:
+            while running:
+                for step in [*running]:
+                    one, writer, batches = step
+                    batch = next(batches, None)
+                    if batch is None:
+                        running.remove(step)
+                        continue
+                    writer.writerow(batch.row())
+                    one.add(batch, truth is not None)
+                    bar.update()
+    for one in objects:
+        if not one.batches:
+            raise ConfigError(
+                f"{recording.name}: too few events for one batch after event {options.start_event} "
+                f"({one.cutter.leftover} left)"
+            )
+        if not one.seen:
+            raise ConfigError(
+                f"ROI at {one.roi[0]},{one.roi[1]}: none of the events is in it, in {one.batches} batches; an ROI with "
+                "an object is needed"
+            )
+    for one in objects:
+        if one.gallery:
+            one.files.append(folder / f"{one.stem}.png")
+            one.gallery.save(one.files[-1])
+    _summarise(options, config, engine.name, objects)
 
 
 def _total(options, recording, cutter):
@@ -181,36 +314,58 @@ def _gallery(config, recording, truth):
     return Gallery(config, recording.name, truth.motion if truth else None)
 
 
-def _summarise(options, config, engine, tracked, cutter, written):
-    cycles = [result.cycles for _, _, result in tracked if result.cycles is not None]
-    flagged = sum(bool(result.flags) for _, _, result in tracked)
+def _summarise(options, config, engine, objects):
+    alone = len(objects) == 1
+    cycles = [count for one in objects for count in one.cycles]
     if options.json:
-        summary = {
-            "engine": engine,
-            "batches": len(tracked),
-            "events_left_over": cutter.leftover,
-            "flagged_batches": flagged,
-            "cycles": sum(cycles) if cycles else None,
-            "roi_next": list(tracked[-1][2].roi_next),
-            "files": [str(path) for path in written],
-            "config": config.to_dict(),
-        }
+        entries = [_entry(one) for one in objects]
+        if alone:
+            summary = {"engine": engine, **entries[0], "config": objects[0].config.to_dict()}
+        else:
+            summary = {"engine": engine, "objects": entries, "config": config.to_dict()}
         print(json.dumps(summary, indent=2))
         return
-    print(f"{len(tracked)} batches tracked ({engine} engine), {flagged} with flags, {cutter.leftover} events left over")
+    for one in objects:
+        who = "" if alone and not one.name else f"{one.name}: "
+        print(
+            f"{who}{one.batches} batches tracked ({engine} engine), {one.flagged} with flags, "
+            f"{one.cutter.leftover} events left over"
+        )
     if cycles:
         print(
             f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "
             f"{sum(cycles) / len(cycles) / 210e6 * 1e3:.3f} ms at an assumed clock of 210 MHz"
         )
-    for path in written:
-        print(f"wrote {path}")
+    for one in objects:
+        for path in one.files:
+            print(f"wrote {path}")
+
+
+def _entry(one):
+    """An object's part of the summary."""
+    entry = {
+        "batches": one.batches,
+        "events_left_over": one.cutter.leftover,
+        "flagged_batches": one.flagged,
+        "cycles": sum(one.cycles) if one.cycles else None,
+        "roi_next": list(one.roi_next),
+        "files": [str(path) for path in one.files],
+    }
+    if one.name:
+        entry = {"name": one.name, "roi": list(one.roi), **entry}
+    if one.proposal:
+        entry["roi"] = list(one.roi)
+        entry["batch_events"] = one.cutter.size if one.cutter.mode == "events" else None
+        entry["start_event"] = one.proposal.start_event
+        entry["fields"] = one.proposal.fields
+        entry["median_px_per_half_batch"] = statistics.median(one.speeds) if one.speeds else None
+    return entry
 
 
 def _print_truth(truth, tracked):
     """The true motion beside the found one, batch by batch."""
     print("batch   true vx, vy [px/s]      found vx, vy [px/s]")
-    for index, (times, speed, _) in enumerate(tracked):
+    for index, (times, speed) in enumerate(tracked):
         if speed is None:
             print(f"{index:5}   (degenerate)")
             continue

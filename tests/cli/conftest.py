@@ -93,7 +93,7 @@ def small():
     """Options that choose the small hardware, for recordings that say how large their sensor is."""
     fields = {**HARDWARE, "iterations": 15, "eta": 0.1, "min_roi_events": 3}
     del fields["sensor_width"], fields["sensor_height"]
-    return [part for name, value in fields.items() for part in ("--set", f"{name}={value}")]
+    return ["--preset", "paper", *(part for name, value in fields.items() for part in ("--set", f"{name}={value}"))]
 
 
 def _dot_events():

@@ -138,11 +138,22 @@ def test_a_recording_that_turns_bad_after_some_batches(refused, rows, tmp_path):
     assert len(rows(tmp_path / "out")) in (0, 3)  # a chunk is checked as a whole
 
 
-@pytest.mark.parametrize("name", ["davis346_traffic.aedat4", "prophesee_spinner_640x480_evt2.raw",
-                                  "davis240c_translboxes_imu.aedat", "../README.md"])  # fmt: skip
-def test_other_real_files(refused, data_dir, name):
-    error = refused(data_dir / "original_formats" / name, *DOT)
-    assert name.rpartition("/")[2] in error and ("format not known" in error or "4 are needed" in error)
+@pytest.mark.parametrize("name", ["davis346_traffic.aedat4", "prophesee_spinner_640x480_evt2.raw"])
+@pytest.mark.parametrize("share", [0.5, 0.9])
+def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
+    """What was tracked before the place where the file ends is kept."""
+    content = (data_dir / "original_formats" / name).read_bytes()
+    path = tmp_path / name
+    path.write_bytes(content[: int(share * len(content)) // 4 * 4 + 1])
+    done = command(
+        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "iterations=1", "--out", tmp_path
+    )
+    assert done.error.startswith(f"{path}: ") and "truncated" in done.error
+    assert len(rows(tmp_path)) >= 2
+
+
+def test_another_real_file(refused, data_dir):
+    assert "4 are needed" in refused(data_dir / "README.md", *DOT)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes on this system")
@@ -200,7 +211,8 @@ OPTIONS = [
     (["--roi", "8.0,9"], "argument --roi: '8.0,9': X,Y, two whole numbers, is needed" + HINT),
     (["--roi", ""], "argument --roi: '': X,Y, two whole numbers, is needed" + HINT),
     (["--roi", "nan,inf"], "argument --roi: 'nan,inf': X,Y, two whole numbers, is needed" + HINT),
-    (["--roi", "-1,5"], "argument --roi: expected one argument" + HINT),
+    (["--roi", "-1,5"], "ROI at -1,5: 0,0 to 24,16 is needed for 8×8 px on a sensor of 32×24 px"),
+    (["--roi=--"], "argument --roi: '--' is no value" + HINT),
     (["--roi"], "argument --roi: expected one argument" + HINT),
     (["--batches", "0"], "argument --batches: '0': a whole number of 1 or more is needed" + HINT),
     (["--batches", "-1"], "argument --batches: '-1': a whole number of 1 or more is needed" + HINT),
@@ -248,7 +260,7 @@ OPTIONS = [
     (["--set", "iterations=1e400"], "iterations = '1e400': an integer is needed"),
     (["--set", "iterations=0"], "iterations = 0: 1 to 65535 is needed"),
     (["--set", "iterations=16"], "iterations = 16: at most 15 is allowed (max_iterations)"),
-    (["--set", f"buffer_events={10**30}"], f"buffer_events = {10**30}: 1 to 1048576 is needed"),
+    (["--set", f"buffer_events={10**30}"], f"buffer_events = {10**30}: 1 to 131072 is needed"),
     (["--set", "roi_width=7"], "roi_width = 7: an even number of pixels is needed"),
     (["--set", "start=first"], "start = 'first': one of zero, given, last is needed"),
     (["--set", "eta=0.1", "--set", "eta=x"], "eta = 'x': a number is needed"),
@@ -261,13 +273,20 @@ OPTIONS = [
 
 @pytest.mark.parametrize("arguments, message", OPTIONS, ids=[" ".join(row[0])[:40] for row in OPTIONS])
 def test_options(refused, dot, arguments, message):
-    error = refused(dot, *([] if "--roi" in arguments else DOT), *arguments)
+    error = refused(dot, *([] if arguments and arguments[0].startswith("--roi") else DOT), *arguments)
     assert error.startswith(message.replace("DOT", str(dot))), error
     assert len(error) < 700
 
 
 def test_a_recording_needs_an_roi(refused, dot):
-    assert refused(dot) == "--roi X,Y: the ROI's left column and top row are needed with a recording"
+    expected = "--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto"
+    assert refused(dot) == expected
+
+
+@pytest.mark.parametrize("option", [["--sensor", "32,24"], ["--time-unit", "us"]])
+def test_what_is_said_of_a_recording_that_is_not_there(command, tmp_path, option):
+    error = command(track, *MODEL, *option, "--out", tmp_path).error
+    assert error.startswith(option[0]) and error.endswith("a RECORDING is needed; the synthetic scene has its own")
 
 
 def test_two_recordings_side_by_side(refused, dot):
@@ -329,13 +348,14 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["--set", "roi_width=63"], "roi_width = 63: an even number of pixels is needed"),
+        (["--set", "gradient=sweep", "--set", "roi_width=63"], "roi_width = 63: an even number of pixels is needed"),
         (["--set", "roi_height=4098", "--set", "sensor_height=4096"], "roi_height = 4098: 2 to 4096 is needed"),
-        (["--set", "buffer_events=1048576"], "G = P·S − ΣI·ΣD needs 70 bits, more than the 63 "),
+        (["--set", "buffer_events=131073"], "buffer_events = 131073: 1 to 131072 is needed"),
+        (["--preset", "paper", "--set", "buffer_events=131072"], "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 "),
         (["--set", "gradient=scan"], "gradient = 'scan': one of sweep, one_pass is needed"),
         (["--preset", "fast", "--set", "cold=2:9"], "cold: '2:9': a log2 step of -6 to 4 is needed (Q5.6)"),
         (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
-        (["--set", "ascent=sign"], "cold: '2:1*4': level 0 to 0 is needed (max_level)"),
+        (["--preset", "paper", "--set", "ascent=sign"], "cold: '2:2': level 0 to 0 is needed (max_level)"),
         (["--preset", "nope"], "preset 'nope': one of paper, fast, "),
         (["--set"], "argument --set: expected one argument" + HINT),
         (["paper"], "unrecognized arguments: paper" + HINT),
@@ -412,11 +432,11 @@ def test_parsers_of_options():
 
 # ---------------------------------------------------------------- anything
 
-# Values that are small if they are good, so that no example runs long. (Not "--", which Python 3.11's argparse takes
-# out of "--roi=--" and gives an empty list.)
+# Values that are small if they are good, so that no example runs long.
 VALUES = st.sampled_from(
-    ["", "0", "-1", "1", "2", "8", "-0", "1.0", "8,9", "8,", "٣", "1_0", " 8", "nan", "-inf", "1e400", "-1e-400", "0x8",
-     "1e1", "=", "8=8", "last", "zero", "ä", "\n", "\t", "-", "'", "%s", "\udce9", "\0", "model", "us", "9" * 40]
+    ["", "--", "auto", "a=8,9", "0", "-1", "1", "2", "8", "-0", "1.0", "8,9", "8,", "٣", "1_0", " 8", "nan", "-inf",
+     "1e400", "-1e-400", "0x8", "1e1", "=", "8=8", "last", "zero", "ä", "\n", "\t", "-", "'", "%s", "\udce9", "\0",
+     "model", "us", "9" * 40]
 )  # fmt: skip
 FIELDS = st.sampled_from(
     ["eta", "iterations", "roi_width", "roi_height", "buffer_events", "start", "v_start_x", "roi_gain", "dt_frac",
@@ -445,6 +465,8 @@ def test_any_options_work_or_are_refused(command, dot, small, tmp_path_factory, 
     size = [] if any(part.startswith("--batch-") for part in given) else ["--batch-events", "50"]
     done = command(track, dot, *DOT, *MODEL, "--batches", "2", "--out", out, *small, *size, *given)
     if done.status == 0:
-        assert done.out.startswith(("1 batches", "2 batches")) and (out / "track.csv").exists()
+        several = given.count("--roi") + sum(part.startswith("--roi=") for part in given) > 0
+        assert done.out.startswith(("0: ",) if several else ("1 batches", "2 batches"))
+        assert (out / f"track{'-0' * several}.csv").exists()
     else:
         assert done.error and done.out == ""

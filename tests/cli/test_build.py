@@ -15,8 +15,8 @@ from cmfpga.config import Config
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 FAST = {"gradient": "one_pass", "ascent": "sign", "max_level": 2, "dither_frac": 4}
 COMMON = {
-    "batch_control", "event_buffer", "gradient", "reciprocal", "roi_filter", "roi_updater", "time_scaler", "updater",
-    "voter", "warp",
+    "batch_control", "event_buffer", "gradient", "reciprocal", "roi_filter", "roi_updater", "thinner", "time_scaler",
+    "updater", "voter", "warp",
 }  # fmt: skip
 
 
@@ -53,7 +53,7 @@ def emitted(command, tmp_path_factory):
         key = json.dumps(fields, sort_keys=True)
         if key not in made:
             folder = tmp_path_factory.mktemp("build")
-            done = command(build, *sets(fields), "--out", folder)
+            done = command(build, "--preset", "paper", *sets(fields), "--out", folder)
             assert (done.status, done.err) == (0, "")
             assert done.out.splitlines() == [
                 f"wrote {folder / name}" for name in ("cmfpga_core.v", "build-info.json", "build-info.md")
@@ -75,7 +75,9 @@ def test_two_processes_write_the_same_bytes(process, emitted, tmp_path):
     """Other hash seeds, other folders, one of them without torch; and a third time in this process."""
     here = emitted(**TINY)
     for seed, without in (("0", ()), ("12345", ("torch",))):
-        done = process("build", *sets(TINY), "--out", f"new/{seed}", without=without, PYTHONHASHSEED=seed)
+        done = process(
+            "build", "--preset", "paper", *sets(TINY), "--out", f"new/{seed}", without=without, PYTHONHASHSEED=seed
+        )
         assert (done.status, done.err) == (0, ""), without
         assert contents(tmp_path / "new" / seed) == here
 
@@ -126,7 +128,7 @@ def test_a_system_yosys_is_not_asked(emitted, command, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{fake.parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("AMARANTH_USE_YOSYS", "system")
     assert shutil.which("yosys") == str(fake)
-    done = command(build, *sets(TINY), "--out", tmp_path / "out")
+    done = command(build, "--preset", "paper", *sets(TINY), "--out", tmp_path / "out")
     assert done.status == 0 and contents(tmp_path / "out") == emitted(**TINY)
 
 
@@ -182,7 +184,7 @@ def test_plain_verilog_without_contents_or_attributes(files):
 
 def test_memories_have_no_initial_contents(files):
     """No RAM needs any, and an UltraRAM cannot have any."""
-    assert b"initial begin" not in files["cmfpga_core.v"]
+    assert b"initial begin\n" not in files["cmfpga_core.v"]
 
 
 def test_the_listed_ports_are_those_of_the_top_module(files):
@@ -275,7 +277,7 @@ def test_help_and_version(command):
 
 
 def test_as_a_module(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("sys.argv", ["build", "--set", "roi_width=3"])
+    monkeypatch.setattr("sys.argv", ["build", "--set", "gradient=sweep", "--set", "roi_width=3"])
     with pytest.raises(SystemExit) as caught, pytest.warns(RuntimeWarning, match="found in sys.modules"):
         runpy.run_module("cmfpga.build", run_name="__main__")
     assert caught.value.code == 2

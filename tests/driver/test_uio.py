@@ -49,6 +49,8 @@ class Linux:
             with (tree / "dev" / name).open("r+b") as file:
                 self.board.memory.add(address, mmap.mmap(file.fileno(), size))
 
+    backend_class = UioBackend
+
     def backend(self):
         return UioBackend(root=self.tree)
 

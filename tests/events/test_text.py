@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cmfpga.errors import RecordingError
 from cmfpga.events import open_recording, text
-from cmfpga.events.textlines import LineError, parse_fast, parse_line
+from cmfpga.events.textlines import Layout, LineError, parse_fast, parse_line
 
 
 @pytest.fixture
@@ -275,3 +275,78 @@ def test_speed(txt, rng, helpers):
         rate = count / (time.process_time() - begin)
     assert count == 300_000
     assert rate > 300_000  # about 2 million/s; line by line would be 0.15
+
+
+# -------------------------------------------------------------------- CSV with names
+
+
+@pytest.mark.parametrize(
+    "header, rows",
+    [
+        ("t,x,y,p", "1000,1,2,1\n2000,3,4,0\n"),
+        ("timestamp,x,y,polarity", "1000,1,2,1\n2000,3,4,0\n"),
+        ("timestamp [us];x;y;polarity", "1000;1;2;1\n2000;3;4;0\n"),
+        ('"x","y","t (ms)","p"', "1,2,1,True\n3,4,2,False\n"),
+        ("x,y,on,t_s", "1,2,1,0.001\n3,4,0,0.002\n"),
+        ("x y pol time", "1 2 1 1000\n3 4 0 2000\n"),
+        (",t,x,y,p,note", "0,1000,1,2,1,7\n1,2000,3,4,0,7\n"),
+        ("id,t,x,y,p,quality", "a,1000,1,2,1,0.5\nb,2000,3,4,0,nan\n"),
+        ("# x y p t", "1 2 1 1000\n3 4 0 2000\n"),
+        ("# made on Monday\n240,180\n#x,y,t [ns],p", "1,2,1000000,1\n3,4,2000000,0\n"),
+    ],
+)
+def test_names_of_columns(txt, helpers, header, rows):
+    events = read(txt(f"{header}\n{rows}", "a.csv"), helpers)
+    assert events.t.tolist() == [1000, 2000]
+    assert (events.x.tolist(), events.y.tolist(), events.p.tolist()) == ([1, 3], [2, 4], [1, 0])
+
+
+def test_what_names_say_of_unit_and_sensor(txt):
+    path = txt("t_ns,x@240,y@180,on\n1000000,239,2,1\n", "a.csv")
+    with open_recording(path) as recording:
+        assert (recording.time_unit, recording.time_unit_source) == ("ns", "file")
+        assert (recording.width, recording.height) == (240, 180)
+    with open_recording(path, time_unit="us", sensor=(300, 200)) as recording:
+        assert (recording.time_unit, recording.time_unit_source) == ("us", "given")
+        assert recording.width == 300
+
+
+def test_csv_as_faery_writes_it(tmp_path, helpers, rng):
+    faery = pytest.importorskip("faery")
+    events = helpers.make_events(rng)
+    table = np.zeros(len(events), faery.EVENTS_DTYPE)
+    for name, column in (("t", events.t), ("x", events.x), ("y", events.y), ("on", events.p)):
+        table[name] = column
+    faery.events_stream_from_array(table, (240, 180)).to_file(tmp_path / "a.csv")
+    with open_recording(tmp_path / "a.csv") as recording:
+        assert (recording.width, recording.height) == (240, 180)
+        found = helpers.read_all(recording)
+    helpers.assert_same(found, events)
+
+
+@pytest.mark.parametrize(
+    "content, message",
+    [
+        ("t,x,y,p\n1,2,3\n", "line 2: 3 fields in '1,2,3'; 4 are needed (t x y p)"),
+        ("a,x,y,t,p\n0,1,2,3\n", "line 2: 4 fields in '0,1,2,3'; 5 are needed (… x y t p)"),
+        ("t,x,y,polarity,t\n0,1,2,3,4\n", "polarity of event 0 is 3"),
+        ("when,x,y,p\n0,1,2,1\n", "line 1: t is 'when'; a number is needed"),
+        ("t,x,y,p\nt,x,y,p\n1,2,3,1\n", "line 2: t is 't'; a number is needed"),
+        ("t,x@0,y@180,p\n1,2,3,1\n", "line 1: sensor of 0×180 px"),
+        ("t,x,y,p\n", "no events"),
+    ],
+)
+def test_names_that_do_not_fit(txt, content, message):
+    with pytest.raises(RecordingError) as error, open_recording(txt(content, "a.csv")) as recording:
+        list(recording.chunks())
+    assert message in str(error.value) and "\n" not in str(error.value)
+
+
+@given(st.lists(st.tuples(*[st.integers(0, 999)] * 6), min_size=1, max_size=9), st.permutations(range(6)))
+@settings(max_examples=50, deadline=None)
+def test_fast_and_slow_reader_agree_on_any_layout(rows, order):
+    layout = Layout(*order[:4], fields=6)
+    block = "".join(",".join(map(str, row)) + "\n" for row in rows).encode()
+    expected = [tuple(row[k] for k in order[:4]) for row in rows]
+    assert [parse_line(line, 0, layout) for line in block.splitlines()] == expected
+    assert list(map(tuple, np.stack(parse_fast(block, 0, layout), axis=1).tolist())) == expected

@@ -1,7 +1,7 @@
-"""Measures the presets again and writes ``baselines.json`` (minutes):
+"""Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
 
-    python tests/resources/update.py
-    python docs/generate.py            puts them into the documentation
+python tests/resources/update.py
+python docs/generate.py
 """
 
 import json
@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 from cmfpga import resources
+from cmfpga.accuracy import WIDTH_FIELDS, WIDTHS
 from cmfpga.config import preset
 from cmfpga.emit import emit_verilog
 from cmfpga.rtl.top import VerilogCore
@@ -17,15 +18,36 @@ PATH = Path(__file__).with_name("baselines.json")
 PRESETS = ("paper", "fast")
 
 
-def measure(name):
-    """What is kept of the estimate of a preset."""
-    print(f"preset {name}", file=sys.stderr)
-    found = resources.estimate(
-        emit_verilog(VerilogCore(preset(name))), report=lambda doing: print(f"  {doing}", file=sys.stderr)
-    )
-    return {part: found[part] for part in ("yosys", "total", "sum_of_blocks", "blocks")}
+def emitted(config):
+    return emit_verilog(VerilogCore(config))
+
+
+def measure_preset(name, report=None):
+    """Of every block of a preset."""
+    found = resources.estimate(emitted(preset(name)), **({"report": report} if report else {}))
+    return {part: found[part] for part in ("estimate", "yosys", "total", "sum_of_blocks", "blocks")}
+
+
+def measure_widths(widths):
+    """Of ``fast`` with other fraction bits: a row of the study of word widths."""
+    return resources.core(emitted(preset("fast").replace(**dict(zip(WIDTH_FIELDS, widths, strict=True)))))
+
+
+def main():
+    def report(doing):
+        print(f"  {doing}", file=sys.stderr, flush=True)
+
+    presets, rows = {}, {}
+    for name in PRESETS:
+        print(f"preset {name}", file=sys.stderr)
+        presets[name] = measure_preset(name, report)
+    for widths in WIDTHS:
+        name = ", ".join(map(str, widths))
+        report(f"widths {name}")
+        rows[name] = measure_widths(widths)
+    PATH.write_text(json.dumps({"presets": presets, "widths": rows}, indent=1) + "\n", encoding="utf-8")
+    print(f"wrote {PATH.name}")
 
 
 if __name__ == "__main__":
-    PATH.write_text(json.dumps({name: measure(name) for name in PRESETS}, indent=1) + "\n", encoding="utf-8")
-    print(f"wrote {PATH.name}")
+    main()

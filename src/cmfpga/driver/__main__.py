@@ -1,5 +1,6 @@
 """``python -m cmfpga.driver``: the accelerator's self-test, on a board or on the simulated Verilog."""
 
+import contextlib
 import json
 import sys
 
@@ -30,13 +31,10 @@ def main(arguments=None):
     options = made.parse_args(arguments)
     config = cli.make_config(options)
     interrupt = False if options.no_interrupt else None
-    backend = _backend(options.backend, config)
-    try:
+    with contextlib.closing(_backend(options.backend, config)) as backend:
         accelerator = Accelerator(backend, config, timeout=options.timeout, interrupt=interrupt)
         found = accelerator.self_test()
         accelerator.close()
-    finally:
-        backend.close()
     if options.json:
         print(json.dumps(found, indent=2, ensure_ascii=False))
     else:

@@ -9,11 +9,15 @@ import numpy as np
 from ..batch import BatchSettings
 from ..engines.base import Engine
 from ..engines.rtl import schedule_table, settings_values
+from ..errors import ConfigError
 from ..registers import FORMATS, PACKET_BEATS, register_map
 from ..words import encode, setting_words, split_packets
 from .errors import DeviceError, DeviceTimeout
 from .identity import identify
 from .results import WireResult, from_words
+
+#: Seconds that a time-out may have.
+LONGEST_SECONDS = 86_400
 
 #: Seconds between two looks where no interrupt says when to look.
 POLL_SECONDS = 0.0005
@@ -55,10 +59,12 @@ class Accelerator:
     def __init__(self, backend, config=None, *, form="PACKED", timeout=10.0, interrupt=None):
         if form not in FORMATS:
             raise ValueError(f"format {form!r}: one of {', '.join(FORMATS)} is needed")
+        if interrupt and not backend.has_interrupt:
+            raise DeviceError(f"{backend.name}: there is no interrupt to wait for; interrupt=False does without")
         self.backend = backend
         self.config = identify(backend, config)
         self.registers = register_map(self.config)
-        self.timeout = timeout
+        self.timeout = _checked(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
         self.form = form
         self.engine = _AcceleratorEngine(self)
@@ -163,8 +169,9 @@ class Accelerator:
     def send(self, words, timeout=None):
         """Send words to ``s_axis``, once those before them have been taken; see :func:`cmfpga.words.encode`."""
         words = np.ascontiguousarray(words, np.uint64)
+        timeout = self.timeout if timeout is None else _checked(timeout)
         for first in range(0, len(words), self.backend.max_words):
-            self.backend.wait_sent(self.timeout if timeout is None else timeout)
+            self.backend.wait_sent(timeout)
             self.backend.send(words[first : first + self.backend.max_words])
 
     def results(self, count, timeout=None):
@@ -180,8 +187,9 @@ class Accelerator:
         DeviceTimeout
             One did not come in time; the others stay.
         """
+        timeout = self.timeout if timeout is None else _checked(timeout)
         for _ in range(count):
-            yield self._receive(self.timeout if timeout is None else timeout)
+            yield self._receive(timeout)
 
     def stop(self, timeout=None):
         """End :meth:`start`: end the batch under way with the events that have come, begin no other.
@@ -193,7 +201,7 @@ class Accelerator:
         list of WireResult
             Those that were not fetched.
         """
-        deadline = time.monotonic() + (self.timeout if timeout is None else timeout)
+        deadline = time.monotonic() + (self.timeout if timeout is None else _checked(timeout))
         self._write("CTRL")  # begin no other
         if self._status("TAKING_IN"):
             self._write("CTRL", END_BATCH=1)
@@ -205,6 +213,7 @@ class Accelerator:
         with contextlib.suppress(DeviceTimeout):  # those that came before, and were not fetched
             while True:
                 found.append(self._receive(0))
+                self._check_time(deadline, "results do not end")
         self._streaming = False
         if self._status("EVENTS_WAITING") or not self._sent():
             self.reset()
@@ -431,11 +440,18 @@ class Accelerator:
     @contextlib.contextmanager
     def _other_timeout(self, timeout):
         usual = self.timeout
-        self.timeout = usual if timeout is None else timeout
+        self.timeout = usual if timeout is None else _checked(timeout)
         try:
             yield
         finally:
             self.timeout = usual
+
+
+def _checked(timeout):
+    """A time-out that ends."""
+    if not 0 <= timeout <= LONGEST_SECONDS:
+        raise ConfigError(f"time-out {timeout} s: 0 to {LONGEST_SECONDS} s is allowed")
+    return timeout
 
 
 class _AcceleratorEngine(Engine):

@@ -1,16 +1,16 @@
 """Events in: recordings, synthetic scenes, and batches cut from them."""
 
-from . import hdf5, numpy_files, text
+from . import aedat2, cameras, hdf5, numpy_files, text
 from .arrays import Events
 from .batches import Batch, BatchCutter
 from .columns import MemoryRecording
-from .hdf5 import write_hdf5
+from .hdf5 import Hdf5Writer, write_hdf5
 from .motion import Motion
 from .recording import Format, Recording, formats, open_recording, register_format
 from .synthetic import Scene, Synthetic, generate
 
 # Text is registered first: it matches loosely, so it must be asked last.
-for _format in (*text.FORMATS, *hdf5.FORMATS, *numpy_files.FORMATS):
+for _format in (*text.FORMATS, *aedat2.FORMATS, *cameras.FORMATS, *hdf5.FORMATS, *numpy_files.FORMATS):
     register_format(_format)
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "BatchCutter",
     "Events",
     "Format",
+    "Hdf5Writer",
     "MemoryRecording",
     "Motion",
     "Recording",

@@ -12,6 +12,8 @@ Attributes, of the data set, its group or the root: ``unit``, ``units`` or ``tim
 width). A file with ``t_offset`` and ``ms_to_idx`` is of DSEC, 640×480 px.
 """
 
+import contextlib
+import os
 from pathlib import Path
 
 import h5py
@@ -127,11 +129,106 @@ def _scalar(value):
     return value[0] if len(value) == 1 else value
 
 
-def write_hdf5(path, events, width, height, **attrs):
-    """Writes a recording that :func:`open_recording` reads back unchanged. An existing file is replaced.
+class Hdf5Writer:
+    """Writes a recording piece by piece, in bounded memory; a context manager. An existing file is replaced.
 
     Layout: ``/events/t`` int64 µs, ``/events/x`` and ``/events/y`` uint16, ``/events/p`` uint8, compressed; root
     attributes ``sensor_width``, ``sensor_height``, ``num_events``, ``t_first_us``, ``t_last_us``.
+
+    Parameters
+    ----------
+    path : str or Path
+    width, height : int
+        Size of the sensor, px.
+
+    Raises
+    ------
+    RecordingError
+        The sensor's size is not allowed, the file cannot be written, or, at the end, there were no events.
+    """
+
+    def __init__(self, path, width, height):
+        self.path = Path(path)
+        self._sensor = check_sensor((width, height), path)
+        self._file = None
+        self._first = self._last = None
+        self._count = 0
+
+    def __enter__(self):
+        with self._errors():
+            self._file = h5py.File(self.path, "w")
+        return self
+
+    def __exit__(self, kind, *_):
+        with self._errors():
+            if kind is None and self._count:
+                width, height = self._sensor
+                self._file.attrs.update(
+                    sensor_width=width,
+                    sensor_height=height,
+                    num_events=self._count,
+                    t_first_us=self._first,
+                    t_last_us=self._last,
+                )
+            self._file.close()
+        if kind is None and not self._count:
+            raise RecordingError(f"{self.path}: no events to write")
+
+    @contextlib.contextmanager
+    def _errors(self):
+        try:
+            yield
+        except OSError as error:
+            reason = os.strerror(error.errno) if error.errno else one_line(error)  # HDF5's own text is long
+            raise RecordingError(f"{self.path}: cannot be written: {reason}") from None
+
+    def write(self, events):
+        """Append :class:`Events`, which follow the last ones in time."""
+        if not len(events):
+            return
+        with self._errors():
+            for name in NAMES:
+                values = getattr(events, name)
+                if not self._count:
+                    # Small recordings keep small chunks; a chunk is never larger than the first piece.
+                    self._file.create_dataset(
+                        f"events/{name}", data=values, maxshape=(None,), chunks=(min(len(values), _STORED_CHUNK),),
+                        compression="gzip", shuffle=True,
+                    )  # fmt: skip
+                    continue
+                column = self._file[f"events/{name}"]
+                column.resize(self._count + len(events), axis=0)
+                column[self._count :] = values
+            self._file["events/t"].attrs["unit"] = "microseconds"
+        self._first = int(events.t[0]) if self._first is None else self._first
+        self._last = int(events.t[-1])
+        self._count += len(events)
+
+    def attributes(self, **attrs):
+        """Further root attributes: strings, numbers, arrays of numbers."""
+        with self._errors():
+            self._file.attrs.update(attrs)
+
+    def ground_truth(self, times, velocities, start):
+        """The true motion, constant piece by piece, as ``/ground_truth/motion/t``, ``velocity`` and ``start``.
+
+        Parameters
+        ----------
+        times : [N]
+            Begin of each piece, µs.
+        velocities : [N, 2]
+            (vx, vy) of each piece, px/s.
+        start : [2]
+            Position of the object's centre at the first of the times, px.
+        """
+        with self._errors():
+            group = self._file.create_group("ground_truth/motion")
+            for name, values, unit in (("t", times, "us"), ("velocity", velocities, "px/s"), ("start", start, "px")):
+                group.create_dataset(name, data=values).attrs["unit"] = unit
+
+
+def write_hdf5(path, events, width, height, **attrs):
+    """Writes a recording that :func:`open_recording` reads back unchanged; see :class:`Hdf5Writer`.
 
     Parameters
     ----------
@@ -148,27 +245,11 @@ def write_hdf5(path, events, width, height, **attrs):
     RecordingError
         There are no events, the sensor's size is not allowed, or the file cannot be written.
     """
-    path = Path(path)
-    width, height = check_sensor((width, height), path)
     if not len(events):
         raise RecordingError(f"{path}: no events to write")
-    try:
-        with h5py.File(path, "w") as file:
-            for name in NAMES:
-                values = getattr(events, name)
-                chunk = (min(len(values), _STORED_CHUNK),)
-                file.create_dataset(f"events/{name}", data=values, chunks=chunk, compression="gzip", shuffle=True)
-            file["events/t"].attrs["unit"] = "microseconds"
-            file.attrs.update(
-                sensor_width=width,
-                sensor_height=height,
-                num_events=len(events),
-                t_first_us=int(events.t[0]),
-                t_last_us=int(events.t[-1]),
-            )
-            file.attrs.update(attrs)
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be written: {one_line(error)}") from None
+    with Hdf5Writer(path, width, height) as writer:
+        writer.write(events)
+        writer.attributes(**attrs)
 
 
 def _matches(head, path):

@@ -1,14 +1,19 @@
-"""Text recordings, plain or in a zip archive: one event ``t x y p`` per line, as in the DAVIS 240C data set.
+"""Text recordings, plain or in a zip archive: one event ``t x y p`` per line, as in the DAVIS 240C data set, or CSV.
 
-Fields are separated by blanks or commas. Empty lines and what follows ``#`` are skipped. One line with two integers,
-width and height of the sensor, may stand before the first event. An archive holds one ``.txt`` or ``.csv`` file, or
-several of which one is ``events.txt``.
+Fields are separated by blanks, commas or semicolons. Empty lines and what follows ``#`` are skipped. One line with two
+integers, width and height of the sensor, may stand before the first event. An archive holds one ``.txt`` or ``.csv``
+file, or several of which one is ``events.txt``.
+
+A line of names before the first event, also as a comment, says which column is which (names: see ``columns.NAMES``,
+and ``on`` for the polarity); other columns are skipped. Behind a name may stand the unit of t (``t [us]``, ``t_us``),
+or the sensor's size (``x@240,y@180``, as ``faery`` writes it). Without names the columns are t, x, y, p.
 
 Times are converted from their decimal digits, so they are exact to half a microsecond. The text is read in blocks,
 never as a whole; how many events there are is only known at its end.
 """
 
 import contextlib
+import re
 import zipfile
 import zlib
 from itertools import islice
@@ -16,10 +21,11 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
-from .columns import one_line
-from .recording import Format, Recording, check_sensor
-from .textlines import LineError, parse_fast, parse_line, split_line
-from .units import POWER, SAMPLE_EVENTS, guess_unit
+from .columns import match_names, one_line
+from .recording import Format, check_sensor
+from .streamed import StreamedRecording
+from .textlines import PLAIN, Layout, LineError, parse_fast, parse_line, split_line
+from .units import POWER, SAMPLE_EVENTS, find_unit, guess_unit
 
 _BLOCK_BYTES = 1 << 20
 _MAX_LINE_BYTES = 4096
@@ -28,7 +34,7 @@ _READ_ERRORS = (OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error)
 _FRACTION_LINES = 1000
 
 
-class TextRecording(Recording):
+class TextRecording(StreamedRecording):
     """Events of a text file, or of the text member ``member`` of a zip archive."""
 
     def __init__(self, path, *, time_unit=None, sensor=None, member=None):
@@ -42,36 +48,41 @@ class TextRecording(Recording):
             time_unit=time_unit,
             time_unit_source="given" if time_unit else "assumed",
         )
-        self._skip_lines, header_sensor = self._read_header()
+        self._skip_lines, self._layout, header_sensor, header_unit = self._read_header()
         if sensor is None and header_sensor is not None:
             self.width, self.height = header_sensor
-        if time_unit is None:
+        if time_unit is None and header_unit is not None:
+            self.time_unit, self.time_unit_source = header_unit, "file"
+        elif time_unit is None:
             self.time_unit = self._guess_unit()
-        with contextlib.closing(self._parsed()) as blocks:
-            if next(blocks, None) is None:
-                raise RecordingError(f"{self.name}: no events")
+        self._require_events()
 
     def _read_header(self):
-        """Number of lines before the first event, and the sensor's size if one of them gives it."""
-        sensor, skip = None, 0
+        """Number of lines before the first event, the layout of a line, and the sensor and unit that they give."""
+        layout, sensor, unit, skip = None, None, None, 0
         with contextlib.closing(self._lines()) as lines:
             for number, line in lines:
                 fields = split_line(line)
-                if len(fields) == 2 and sensor is None and all(field.isdecimal() for field in fields):
-                    sensor = check_sensor(map(int, fields), f"{self.name}, line {number}")
+                where = f"{self.name}, line {number}"
+                names = None if layout else _column_names(line, comment=not fields)
+                if names:
+                    layout, unit, size = names
+                    sensor = check_sensor(size, where) if size else sensor
+                elif len(fields) == 2 and sensor is None and all(field.isdecimal() for field in fields):
+                    sensor = check_sensor(map(int, fields), where)
                 elif fields:
                     break
                 skip = number
-        return skip, sensor
+        return skip, layout or PLAIN, sensor, unit
 
     def _guess_unit(self):
         with contextlib.closing(self._lines()) as lines:
             for number, line in islice(lines, self._skip_lines, self._skip_lines + _FRACTION_LINES):
                 self._parse_line(number, line, 0)  # the first odd line is reported whatever the unit is
                 fields = split_line(line)
-                if fields and float(fields[0]) % 1:
+                if fields and float(fields[self._layout.t]) % 1:
                     return "s"
-        with contextlib.closing(self._parsed(power=0)) as blocks:
+        with contextlib.closing(self._pieces(power=0)) as blocks:
             parts = []
             for columns in blocks:
                 parts.append(columns[0])
@@ -102,7 +113,7 @@ class TextRecording(Recording):
                         rest += content
                     if len(rest) > _MAX_LINE_BYTES:
                         raise RecordingError(
-                            f"{self.name}, line {number}: more than {_MAX_LINE_BYTES} bytes; 't x y p' is needed"
+                            f"{self.name}, line {number}: more than {_MAX_LINE_BYTES} bytes; '{PLAIN.text}' is needed"
                         )
         except _READ_ERRORS as error:
             raise RecordingError(
@@ -117,11 +128,11 @@ class TextRecording(Recording):
 
     def _parse_line(self, number, line, power):
         try:
-            return parse_line(line, power)
+            return parse_line(line, power, self._layout)
         except LineError as error:
             raise RecordingError(f"{self.name}, line {number}: {error}") from None
 
-    def _parsed(self, power=None):
+    def _pieces(self, power=None):
         """Yields columns (t, x, y, p), int64, of one block each; t in µs, or times ``10**power``."""
         power = POWER[self.time_unit] if power is None else power
         for first, block in self._blocks():
@@ -129,7 +140,7 @@ class TextRecording(Recording):
                 lines = block.split(b"\n")
                 skip = min(self._skip_lines + 1 - first, len(lines))
                 first, block = first + skip, b"\n".join(lines[skip:])
-            columns = parse_fast(block, power)
+            columns = parse_fast(block, power, self._layout)
             if columns is None:
                 rows = (self._parse_line(number, line, power) for number, line in enumerate(block.split(b"\n"), first))
                 rows = np.array([row for row in rows if row is not None], np.int64).reshape(-1, 4)
@@ -137,32 +148,27 @@ class TextRecording(Recording):
             if len(columns[0]):
                 yield columns
 
-    def _columns(self, start, size):
-        kept, count, total = [], 0, 0
-        for columns in self._parsed():
-            length = len(columns[0])
-            skip = min(max(start - total, 0), length)
-            total += length
-            if skip == length:
-                continue
-            kept.append([column[skip:] for column in columns])
-            count += length - skip
-            while count >= size:
-                joined = _join(kept)
-                # As many chunks as there are, then keep the rest: each event is copied once.
-                for at in range(0, count - size + 1, size):
-                    yield [column[at : at + size] for column in joined]
-                rest = count % size
-                kept = [[column[count - rest :] for column in joined]] if rest else []
-                count = rest
-        if total <= start:
-            raise self._start_error(start, total)
-        if count:
-            yield _join(kept)
+
+# A column's name, and what may follow it: its unit in brackets or after an underscore, or @ and the sensor's size.
+_NAME = re.compile(r"([a-z]+)(?:(?:\s*[\[(]|_|\s+)([a-zµμ]+)[\])]?|@(\d+))?")
 
 
-def _join(parts):
-    return [np.concatenate(columns) for columns in zip(*parts, strict=True)]
+def _column_names(line, comment):
+    """``(layout, unit or None, size of the sensor or None)`` if a line names t, x, y and p; otherwise None."""
+    text = line.decode("utf-8", "replace").strip()
+    if comment:
+        text = text.lstrip("#").strip()
+    fields = re.split(r"\s*[,;\t]\s*" if re.search(r"[,;\t]", text) else r"\s+", text.lower())
+    matches = [_NAME.fullmatch(field.strip("\"' ")) for field in fields]
+    names = [match[1] if match else "" for match in matches]
+    names = ["p" if name == "on" else name for name in names]
+    found = match_names(names)
+    if len(found) < 4 or len(names) != len(fields):
+        return None
+    at = {column: names.index(name) for column, name in found.items()}
+    sizes = [matches[at[axis]][3] for axis in "xy"]
+    unit = matches[at["t"]][2]
+    return Layout(**at, fields=len(fields)), find_unit(unit), tuple(map(int, sizes)) if all(sizes) else None
 
 
 def _is_text(head, path):

@@ -1,10 +1,11 @@
-"""Lines of text, ``t x y p``, to columns of integers: exact decimals, and two ways of reading that agree.
+"""Lines of text, such as ``t x y p``, to columns of integers: exact decimals, and two ways of reading that agree.
 
 :func:`parse_fast` reads a block of plain lines with NumPy, some million lines a second, and gives up on anything
 unusual. :func:`parse_line` reads one line, whatever its form, and says what is wrong with it.
 """
 
 import re
+from dataclasses import dataclass
 from decimal import ROUND_HALF_DOWN, ROUND_HALF_UP, Decimal
 
 import numpy as np
@@ -21,10 +22,38 @@ _FAST_DIGITS = 19
 # What a byte is to the fast reader.
 _ODD, _SPACE, _DIGIT, _DOT, _MINUS = range(5)
 _CLASS = np.full(256, _ODD, np.uint8)
-_CLASS[[*b" \t\r\n,"]] = _SPACE
+_CLASS[[*b" \t\r\n,;"]] = _SPACE
 _CLASS[[*b"0123456789"]] = _DIGIT
 _CLASS[ord(".")] = _DOT
 _CLASS[ord("-")] = _MINUS
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which field of a line is which column.
+
+    Parameters
+    ----------
+    t, x, y, p : int
+        Index of the field, from 0.
+    fields : int
+        Number of fields of a line.
+    """
+
+    t: int = 0
+    x: int = 1
+    y: int = 2
+    p: int = 3
+    fields: int = 4
+
+    @property
+    def text(self):
+        """What a line needs to be, for messages: ``t x y p``."""
+        names = {self.t: "t", self.x: "x", self.y: "y", self.p: "p"}
+        return " ".join(names.get(k, "…") for k in range(self.fields))
+
+
+PLAIN = Layout()
 
 
 class LineError(ValueError):
@@ -32,36 +61,42 @@ class LineError(ValueError):
 
 
 def split_line(line):
-    """Fields of a line (bytes): separated by blanks or commas; what follows ``#`` is a comment."""
-    return line.partition(b"#")[0].replace(b",", b" ").decode("utf-8", "replace").split()
+    """Fields of a line (bytes): separated by blanks, commas or semicolons; what follows ``#`` is a comment."""
+    return line.partition(b"#")[0].replace(b",", b" ").replace(b";", b" ").decode("utf-8", "replace").split()
 
 
-def parse_line(line, power):
+def parse_line(line, power, layout=PLAIN):
     """``(t, x, y, p)`` of a line (bytes), or None for an empty one or a comment.
 
     Parameters
     ----------
     power : int
         t is multiplied by ``10**power`` and rounded to the nearest integer, halves up.
+    layout : Layout
+        Where the columns are; other fields are not looked at.
 
     Raises
     ------
     LineError
-        There are not four fields, or one of them is not a number of its kind.
+        There are more or fewer fields than the layout has, or one of them is not a number of its kind.
     """
     fields = split_line(line)
     if not fields:
         return None
-    if len(fields) != 4:
-        raise LineError(f"{len(fields)} field{'s' * (len(fields) > 1)} in {_shown(line)}; 4 are needed (t x y p)")
-    number = _number("t", fields[0])
+    if len(fields) != layout.fields:
+        raise LineError(
+            f"{len(fields)} field{'s' * (len(fields) > 1)} in {_shown(line)}; "
+            f"{layout.fields} are needed ({layout.text})"
+        )
+    t_text, x, y, p = (fields[k] for k in (layout.t, layout.x, layout.y, layout.p))
+    number = _number("t", t_text)
     # Rounded before it is scaled: only that is exact for any number of digits.
     number = number.quantize(Decimal((0, (1,), -power)), ROUND_HALF_UP if number >= 0 else ROUND_HALF_DOWN)
     t = int(number.scaleb(power))
     if abs(t) >= LIMIT_US:
-        raise LineError(f"t is {fields[0][:40]}; less than 2^62 µs is allowed")
-    p = {"true": "1", "false": "0"}.get(fields[3].lower(), fields[3])
-    return t, _whole("x", fields[1]), _whole("y", fields[2]), _whole("p", p)
+        raise LineError(f"t is {t_text[:40]}; less than 2^62 µs is allowed")
+    p = {"true": "1", "false": "0"}.get(p.lower(), p)
+    return t, _whole("x", x), _whole("y", y), _whole("p", p)
 
 
 def _number(name, text):
@@ -89,11 +124,11 @@ def _shown(line):
     return ascii(text if len(text) <= 40 else text[:37] + "...")
 
 
-def parse_fast(block, power):
+def parse_fast(block, power, layout=PLAIN):
     """Columns (t, x, y, p), int64, of a block of whole lines (bytes); or None if a line needs :func:`parse_line`.
 
-    Plain lines are four numbers without exponent or plus sign, t not negative, and x, y, p without a point; or
-    nothing but blanks. ``power`` is as in :func:`parse_line`.
+    Plain lines are numbers without exponent or plus sign, t not negative, and all but t without a point; or
+    nothing but blanks. ``power`` and ``layout`` are as in :func:`parse_line`.
     """
     data = np.frombuffer(block, np.uint8)
     kind = _CLASS[data]
@@ -105,23 +140,23 @@ def parse_fast(block, power):
     starts, ends = edges[0::2], edges[1::2]
     if len(ends) < len(starts):  # the last line has no line feed
         ends = np.append(ends, len(data))
-    if len(starts) % 4:
+    if len(starts) % layout.fields:
         return None
-    if not _four_per_line(data, starts):
+    starts, ends = starts.reshape(-1, layout.fields), ends.reshape(-1, layout.fields)
+    if not _one_row_per_line(data, starts):
         return None
-    starts, ends = starts.reshape(-1, 4), ends.reshape(-1, 4)
     minus = np.flatnonzero(kind == _MINUS)
-    # A minus may only lead x, y or p; the digit loop starts behind it.
+    # A minus may only lead a field other than t; the digit loop starts behind it.
     negative = kind[starts] == _MINUS
-    if np.count_nonzero(negative) != len(minus) or negative[:, 0].any():
+    if np.count_nonzero(negative) != len(minus) or negative[:, layout.t].any():
         return None
     begins = starts + negative
     dots = np.flatnonzero(kind == _DOT)
-    t = _decimals(data, begins[:, 0], ends[:, 0], dots, power)
+    t = _decimals(data, begins[:, layout.t], ends[:, layout.t], dots, power)
     if t is None:
         return None
     columns = [t]
-    for k in (1, 2, 3):
+    for k in (layout.x, layout.y, layout.p):
         value = _integers(data, begins[:, k], ends[:, k])
         if value is None:
             return None
@@ -129,10 +164,10 @@ def parse_fast(block, power):
     return columns
 
 
-def _four_per_line(data, starts):
-    """Whether each line that is not blank has four of the fields that begin at ``starts`` (a multiple of four)."""
-    line = np.searchsorted(np.flatnonzero(data == ord("\n")), starts).reshape(-1, 4)
-    return bool((line[:, 0] == line[:, 3]).all() and (line[1:, 0] > line[:-1, 0]).all())
+def _one_row_per_line(data, starts):
+    """Whether each line that is not blank has just the fields of one row of ``starts``."""
+    line = np.searchsorted(np.flatnonzero(data == ord("\n")), starts)
+    return bool((line[:, 0] == line[:, -1]).all() and (line[1:, 0] > line[:-1, 0]).all())
 
 
 def _integers(data, begins, ends):

@@ -61,6 +61,11 @@ def parse_unit(text, where):
     return unit
 
 
+def find_unit(text):
+    """One of ``TIME_UNITS`` for a unit as people write it, or None for anything else."""
+    return _BY_SPELLING.get((text or "").strip().lower())
+
+
 def guess_unit(t):
     """Unit of the time stamps ``t``, the first ones of a recording (numbers, as stored), by steps 3 and 4 above."""
     t = np.asarray(t)[:SAMPLE_EVENTS]

@@ -32,7 +32,7 @@ WRAPPER_FLAGS = {"WIRE": 16, "CONFIG_RANGE": 17}
 INTERRUPTS = {
     "DONE": "a result came",
     "READY": "a batch began: START may be set again, and the settings of the next batch written",
-    "OVERFLOW": "a result with dropped ROI events",
+    "OVERFLOW": "ROI events of a batch were dropped: the buffer was full",
     "WIRE": "a word or event was dropped at the input: COUNT_FORMAT_ERRORS, COUNT_BEFORE_TIME, COUNT_OUT_OF_SENSOR",
     "TIME": "a time stamp stepped back, or beyond the span: COUNT_TIME_HIGH_BACK, COUNT_TIME_BACK, COUNT_TIME_SPAN",
     "CONFIG_RANGE": "a batch began with a setting that had to be limited",

@@ -1,6 +1,6 @@
 """Tagged accumulator: four banks of wide words that never need clearing between iterations."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Const, Module, Mux, Signal
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -64,24 +64,28 @@ class TaggedBank(wiring.Component):
         add_s2 = Signal(operation["add"].shape, reset_less=True)
         read_s2 = Signal(word, reset_less=True)
         total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (3, 4, 5)}
+        found = Signal(pixel.size)
         base = Signal(pixel)
 
-        # Stage 1: the RAM reads. Which younger sums will replace what it returns, and do they count?
+        # Stage 1: the RAM reads. Which younger sum, if any, will replace what it returns, and does it count?
         m.d.sync += [add_s1.eq(self.i.payload.add), add_s2.eq(add_s1), read_s2.eq(read.data)]
-        matches, same = {}, {}
-        for stage in (3, 4, 5):
-            matches[stage] = Signal(name=f"match_s{stage}", reset_less=True)
-            same[stage] = Signal(name=f"same_s{stage}", reset_less=True)
-            m.d.sync += [
-                matches[stage].eq(valid[stage - 1] & (address[stage - 1] == address[1])),
-                same[stage].eq(tag[stage - 1] == tag[1]),
-            ]
+        forwarded_s2 = Signal(2, reset_less=True)  # none, or the sum of stage 3, 4, 5: a word bit's choice is one LUT6
+        same_s2 = Signal(reset_less=True)
+        forwarded, same = Const(0, 2), Const(0, 1)
+        for number, stage in ((3, 5), (2, 4), (1, 3)):  # the youngest wins
+            match = Signal(name=f"match_s{stage}")
+            m.d.comb += match.eq(valid[stage - 1] & (address[stage - 1] == address[1]))
+            forwarded = Mux(match, number, forwarded)
+            same = Mux(match, tag[stage - 1] == tag[1], same)
+        m.d.sync += [forwarded_s2.eq(forwarded), same_s2.eq(same)]
 
-        # Stage 2: output register; the youngest matching sum wins; another tag means zero.
-        m.d.comb += base.as_value().eq(Mux(read_s2.tag == tag[2], read_s2.as_value()[: pixel.size], 0))
-        for stage in (5, 4, 3):
-            with m.If(matches[stage]):
-                m.d.comb += base.as_value().eq(Mux(same[stage], total[stage].as_value(), 0))
+        # Stage 2: output register; another tag means zero.
+        words = [read_s2.as_value()[: pixel.size], *(total[stage].as_value() for stage in (3, 4, 5))]
+        low, high = forwarded_s2
+        m.d.comb += [
+            found.eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
+            base.as_value().eq(Mux(Mux(forwarded_s2 == 0, read_s2.tag == tag[2], same_s2), found, 0)),
+        ]
 
         # Stage 3: write. Stages 4, 5 only remember.
         m.d.comb += [
@@ -100,7 +104,7 @@ class TaggedBank(wiring.Component):
         ]
         for name in pixel.members:
             m.d.comb += write.data[name].eq(total[3][name])
-            m.d.sync += total[3][name].eq(base[name] + add_s2[name])
+            m.d.sync += total[3][name].eq(add_s2[name] + base[name])
         with m.If(~valid[2]):  # for who adds up I·d of all banks: the registers' reset, no logic
             m.d.sync += self.o.payload.i.eq(0)
         return m

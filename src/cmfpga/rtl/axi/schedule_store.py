@@ -10,8 +10,10 @@ from . import payloads
 
 
 class ScheduleStore(wiring.Component):
-    """Holds what software wrote. Once something was, and no batch is under way, all of it is copied into the core's
-    table, one entry a cycle; until then no batch may begin.
+    """Holds what software wrote. Once something was, and no batch is under way, the entries up to the last one written
+    since the reset are copied into the core's table, one a cycle; until then no batch may begin.
+
+    A reset clears no memory: entries keep what was written before it.
 
     Parameters
     ----------
@@ -81,6 +83,7 @@ class ScheduleStore(wiring.Component):
 
         # The core.
         position, copying = Signal(range(count)), Signal()
+        last = Signal(range(count))
         found = data.View(entry, copy.data)
         level, shift = self.o.payload.entry.level, self.o.payload.entry.shift
         m.d.comb += [
@@ -96,11 +99,13 @@ class ScheduleStore(wiring.Component):
         with m.If(copying & (wrong[0] | wrong[1])):
             m.d.sync += self.limited.eq(1)
         with m.If(copying):
-            m.d.sync += position.eq(Mux(position == count - 1, 0, position + 1))
-            with m.If(position == count - 1):
-                m.d.sync += [copying.eq(0), self.pending.eq(0)]
+            m.d.sync += position.eq(position + 1)
+            with m.If(position == last):
+                m.d.sync += [copying.eq(0), self.pending.eq(0), position.eq(0)]
         with m.Elif(self.pending & self.quiet & ~self.lock):
             m.d.sync += [copying.eq(1), self.limited.eq(0)]
         with m.If(put.en.any()):  # again from the start, also in the middle of a copy
             m.d.sync += [self.pending.eq(1), copying.eq(0), position.eq(0)]
+            with m.If(put.addr > last):
+                m.d.sync += last.eq(put.addr)
         return m

@@ -1,0 +1,326 @@
+#!/usr/bin/env python3
+"""Makes the files of this folder that hold facts, from ``board.toml``.
+
+    python boards/kv260/generate.py            # write them, print what changed
+    python boards/kv260/generate.py --check    # exit status 1 and their names, if some are not current
+
+Needs Python 3.11 and nothing else.
+"""
+
+import argparse
+import json
+import sys
+import tomllib
+from pathlib import Path
+
+FOLDER = Path(__file__).resolve().parent
+ROOT = FOLDER.parents[1]
+NOTE = "Generated from boards/kv260/board.toml by boards/kv260/generate.py; do not edit."
+
+#: What a field of an AFI register means (device-tree-xlnx: common_proc.tcl); the two directions count differently.
+AFI_SLAVE = {128: 0, 64: 1, 32: 2}
+AFI_MASTER = {32: 0, 64: 1, 128: 2}
+
+
+class FactError(ValueError):
+    """``board.toml`` contradicts itself."""
+
+
+def load(path=FOLDER / "board.toml"):
+    """The facts, checked against each other. Raises :class:`FactError` with one line."""
+    facts = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    check(facts)
+    return facts
+
+
+def check(facts):
+    """Refuse facts that cannot all be true."""
+    control, memory, dma = facts["control"], facts["memory"], facts["dma"]
+    low, high = control["window"], control["window"] + control["window_size"]
+    blocks = [(name, control[name]["address"], control[name]["size"]) for name in ("cmfpga", "dma")]
+    for name, address, size in blocks:
+        if size < 4096 or size & (size - 1) or address % size:
+            raise FactError(f"control.{name}: {address:#x} must be a multiple of its size {size:#x}, a power of two")
+        if not low <= address <= high - size:
+            raise FactError(f"control.{name}: {address:#x} is outside of {control['port']}'s window from {low:#x}")
+    (_, first, first_size), (_, second, second_size) = blocks
+    if first < second + second_size and second < first + first_size:
+        raise FactError("control.cmfpga and control.dma overlap")
+    if facts["ip"]["control_address_width"] != (control["cmfpga"]["size"] - 1).bit_length():
+        raise FactError("ip.control_address_width does not span control.cmfpga.size")
+    if control["data_width"] not in AFI_MASTER or memory["data_width"] not in AFI_SLAVE:
+        raise FactError("control.data_width and memory.data_width must be 32, 64 or 128")
+    if dma["data_width"] != facts["ip"]["stream_data_width"]:
+        raise FactError("dma.data_width must be ip.stream_data_width: nothing between them changes the width")
+    if memory["ddr_high"][0] + memory["ddr_high"][1] > 1 << dma["address_width"]:
+        raise FactError("dma.address_width does not reach the end of memory.ddr_high")
+    for name in ("events", "results"):
+        size = facts["linux"][f"buffer_{name}_size"]
+        if size % 4096 or size >= 1 << dma["length_width"]:
+            raise FactError(f"linux.buffer_{name}_size must be whole pages, less than 2^{dma['length_width']} bytes")
+    if abs(facts["clock"]["hertz"] - facts["clock"]["mhz"] * 1_000_000) > 20 * facts["clock"]["mhz"]:
+        raise FactError("clock.hertz and clock.mhz differ by more than 20 ppm: change both")
+
+
+def part(facts):
+    """What Vivado calls the device."""
+    return "{device}-{package}-{speed}".format(**facts["board"])
+
+
+def vlnv(facts):
+    """What Vivado and PYNQ call the IP."""
+    return "{vendor}:{library}:{name}:{version}".format(**facts["ip"])
+
+
+def afi(facts):
+    """``(register, value)`` pairs of the ports in use; the others are left alone."""
+    control, memory = facts["control"], facts["memory"]
+    pairs = [(register, AFI_SLAVE[memory["data_width"]]) for register in memory["afi_registers"]]
+    return [*pairs, (control["afi_register"], AFI_MASTER[control["data_width"]] << control["afi_shift"])]
+
+
+def facts_tcl(facts):
+    """What the Vivado scripts read: one array, ``fact``."""
+    board, clock, control, memory = facts["board"], facts["clock"], facts["control"], facts["memory"]
+    dma, ip, fan = facts["dma"], facts["ip"], facts["board"]["fan"]
+    values = {
+        "name": facts["design"]["name"],
+        "top": facts["design"]["top"],
+        "block_design": facts["design"]["block_design"],
+        "vivado_minimum": facts["design"]["vivado_minimum"],
+        "part": part(facts),
+        "board_part": board["board_part"],
+        "board_part_pattern": board["board_part_pattern"],
+        "carrier_connector": board["carrier_connector"],
+        "carrier": board["carrier"],
+        "fan_port": fan["port"],
+        "fan_timer_bit": fan["timer_bit"],
+        "clock_mhz": clock["mhz"],
+        "clock_hertz": clock["hertz"],
+        "vlnv": vlnv(facts),
+        "ip_vendor": ip["vendor"],
+        "ip_library": ip["library"],
+        "ip_name": ip["name"],
+        "ip_version": ip["version"],
+        "ip_interfaces": "{" + " ".join(word for line in ip["interfaces"] for word in line) + "}",
+        "stream_bytes": ip["stream_data_width"] // 8,
+        "stream_user_width": ip["stream_user_width"],
+        "control_port": control["port"],
+        "control_use": f"CONFIG.PSU__USE__{_use(control)}",
+        "control_width_parameter": f"CONFIG.PSU__{control['parameter']}__DATA_WIDTH",
+        "control_width": control["data_width"],
+        "control_clock_pin": control["clock_pin"],
+        "control_unused": "{" + " ".join(f"CONFIG.PSU__USE__{name}" for name in control["unused"]) + "}",
+        "cmfpga_address": f"{control['cmfpga']['address']:#x}",
+        "cmfpga_size": f"{control['cmfpga']['size']:#x}",
+        "dma_address": f"{control['dma']['address']:#x}",
+        "dma_size": f"{control['dma']['size']:#x}",
+        "memory_port": memory["port"],
+        "memory_use": f"CONFIG.PSU__USE__{_use(memory)}",
+        "memory_width_parameter": f"CONFIG.PSU__{memory['parameter']}__DATA_WIDTH",
+        "memory_width": memory["data_width"],
+        "memory_clock_pin": memory["clock_pin"],
+        "memory_segments": f"{memory['parameter']}/{memory['segment']}",
+        "memory_excluded": "{" + " ".join(memory["excluded"]) + "}",
+        "ddr_low_offset": f"{memory['ddr_low'][0]:#x}",
+        "ddr_low_size": f"{memory['ddr_low'][1]:#x}",
+        "ddr_high_offset": f"{memory['ddr_high'][0]:#x}",
+        "ddr_high_size": f"{memory['ddr_high'][1]:#x}",
+        "dma_length_width": dma["length_width"],
+        "dma_address_width": dma["address_width"],
+        "dma_burst": dma["burst"],
+        "dma_data_width": dma["data_width"],
+    }
+    width = max(map(len, values))
+    return f"# {NOTE}\n" + "".join(f"set fact({name}){' ' * (width - len(name))} {v}\n" for name, v in values.items())
+
+
+def _use(port):
+    """``MAXIGP0`` → ``M_AXI_GP0``: the PS names a port's switch and its width differently."""
+    return port["parameter"].replace("AXIGP", "_AXI_GP")
+
+
+def xdc(facts):
+    """The only pin, and the bitstream's properties."""
+    fan = facts["board"]["fan"]
+    port = f"[get_ports {{{fan['port']}}}]"
+    return f"""\
+# {NOTE}
+# No clock here: the block design brings the constraint of pl_clk0, a second one would be a duplicate.
+set_property PACKAGE_PIN {fan["pin"]} {port}
+set_property IOSTANDARD {fan["iostandard"]} {port}
+set_property SLEW {fan["slew"]} {port}
+set_property DRIVE {fan["drive"]} {port}
+set_property BITSTREAM.GENERAL.COMPRESS TRUE [current_design]
+set_property BITSTREAM.CONFIG.OVERTEMPSHUTDOWN ENABLE [current_design]
+"""
+
+
+def ooc_xdc(facts):
+    """The clock of the core alone, for out-of-context runs of your own; ``ooc.tcl`` makes its own."""
+    return (
+        f"# {NOTE}\n# set_property USED_IN out_of_context on this file: in a design the clock comes from outside.\n"
+        f"create_clock -name aclk -period {1000 / facts['clock']['mhz']:.3f} [get_ports aclk]\n"
+    )
+
+
+def dtso(facts):
+    """The device-tree overlay. Labels, not paths, name the targets: the paths differ between kernels."""
+    clock, control, interrupt, linux = facts["clock"], facts["control"], facts["interrupt"], facts["linux"]
+    name = facts["design"]["name"]
+    pairs = ", ".join(f"<{register} {value:#x}>" for register, value in afi(facts))
+
+    def uio(label, node, block, extra=""):
+        address, size = control[block]["address"], control[block]["size"]
+        return f"""\
+	{label}: {node}@{address:x} {{
+		compatible = "generic-uio";
+		linux,uio-name = "{node}";
+		reg = <0x0 {address:#x} 0x0 {size:#x}>;
+		clocks = <&zynqmp_clk {clock["linux_clock"]}>;
+{extra}	}};
+"""
+
+    def buffer(which):
+        device = linux[f"buffer_{which}"]
+        return f"""\
+	cmfpga_{which}: {device} {{
+		compatible = "ikwzm,u-dma-buf";
+		device-name = "{device}";
+		size = <{linux[f"buffer_{which}_size"]:#x}>;
+		dma-mask = <{facts["dma"]["address_width"]}>;
+	}};
+"""
+
+    irq = (
+        "\t\tinterrupt-parent = <&gic>;\n"
+        f"\t\tinterrupts = <0 {interrupt['gic_spi'] + interrupt['line']} {interrupt['trigger']}>;\n"
+    )
+    return f"""\
+/* {NOTE} */
+/dts-v1/;
+/plugin/;
+
+&fpga_full {{
+	#address-cells = <2>;
+	#size-cells = <2>;
+	firmware-name = "{name}.bit.bin";
+	resets = <&zynqmp_reset {clock["linux_reset"]}>;
+}};
+
+&amba {{
+	#address-cells = <2>;
+	#size-cells = <2>;
+
+	/* Widths of the ports between PS and PL; must equal the block design's. */
+	cmfpga_afi: afi0 {{
+		compatible = "xlnx,afi-fpga";
+		config-afi = {pairs};
+	}};
+
+	/* Keeps the PL's clock running: without a user Linux turns it off, and the first register access hangs. */
+	cmfpga_clock: clocking0 {{
+		compatible = "xlnx,fclk";
+		#clock-cells = <0>;
+		clocks = <&zynqmp_clk {clock["linux_clock"]}>;
+		assigned-clocks = <&zynqmp_clk {clock["linux_clock"]}>;
+		assigned-clock-rates = <{clock["hertz"]}>;
+		clock-output-names = "fabric_clk";
+	}};
+
+{uio("cmfpga_registers", linux["uio_cmfpga"], "cmfpga", irq)}
+{uio("cmfpga_dma", linux["uio_dma"], "dma")}
+{buffer("events")}
+{buffer("results")}}};
+"""
+
+
+def shell_json(_):
+    """What dfx-mgr reads: one flat slot, no xclbin (as AMD's, Prophesee's and corundum's applications)."""
+    return json.dumps({"shell_type": "XRT_FLAT", "num_slots": "1"}) + "\n"
+
+
+def bif(facts):
+    """For those who prefer bootgen to ``bit2bin.py``."""
+    return f"/* {NOTE} */\nall:\n{{\n\t[destination_device = pl] {facts['design']['name']}.bit\n}}\n"
+
+
+def uio_conf(_):
+    """Tells the UIO driver which nodes are its own."""
+    return f"# {NOTE}\noptions uio_pdrv_genirq of_id=generic-uio\n"
+
+
+def make_variables(facts):
+    """What the Makefile needs."""
+    design = facts["design"]
+    lines = ("APP", design["name"]), ("TOP", design["top"]), ("PART", part(facts)), ("CLOCK_MHZ", facts["clock"]["mhz"])
+    return f"# {NOTE}\n" + "".join(f"{name} := {value}\n" for name, value in lines)
+
+
+def python_module(facts):
+    """Constants for the driver, which is installed without this folder."""
+    control, linux, dma = facts["control"], facts["linux"], facts["dma"]
+    lines = [
+        ("APPLICATION", f'"{facts["design"]["name"]}"', "name for ``xmutil loadapp``"),
+        ("BOARD", '"KV260"', None),
+        ("PART", f'"{part(facts)}"', None),
+        ("VLNV", f'"{vlnv(facts)}"', "of the packaged IP; PYNQ binds by it"),
+        ("MODULE_VLNV", f'"xilinx.com:module_ref:{facts["design"]["top"]}:1.0"', "if added as a module reference"),
+        ("CLOCK_HZ", f"{facts['clock']['hertz']:_}", "of ``pl_clk0``"),
+        ("LINUX_CLOCK", '"pl0_ref"', "below /sys/kernel/debug/clk"),
+        ("REGISTERS_ADDRESS", f"0x{control['cmfpga']['address']:08X}", None),
+        ("REGISTERS_SIZE", f"{control['cmfpga']['size']:#x}", "bytes"),
+        ("REGISTERS_WIDTH", f"{facts['ip']['control_data_width']}", "bits"),
+        ("DMA_ADDRESS", f"0x{control['dma']['address']:08X}", None),
+        ("DMA_SIZE", f"{control['dma']['size']:#x}", "bytes"),
+        ("DMA_LENGTH_BITS", f"{dma['length_width']}", "a transfer has less than 2**26 bytes"),
+        ("DMA_ADDRESS_BITS", f"{dma['address_width']}", None),
+        ("STREAM_WIDTH", f"{facts['ip']['stream_data_width']}", "bits; buffers are aligned to it"),
+        ("INTERRUPT_SPI", f"{facts['interrupt']['gic_spi'] + facts['interrupt']['line']}", "number at the GIC"),
+        ("UIO_REGISTERS", f'"{linux["uio_cmfpga"]}"', "in /sys/class/uio/uio*/name"),
+        ("UIO_DMA", f'"{linux["uio_dma"]}"', "the same"),
+        ("BUFFER_EVENTS", f'"{linux["buffer_events"]}"', "/dev/… and /sys/class/u-dma-buf/…"),
+        ("BUFFER_EVENTS_SIZE", f"{linux['buffer_events_size']:#x}", "bytes"),
+        ("BUFFER_RESULTS", f'"{linux["buffer_results"]}"', "the same"),
+        ("BUFFER_RESULTS_SIZE", f"{linux['buffer_results_size']:#x}", "bytes"),
+    ]
+    names = "".join(f"{name} = {value}{'  # ' + comment if comment else ''}\n" for name, value, comment in lines)
+    return f'"""Facts of the KV260 design that software needs.\n\n{NOTE}\n"""\n\n{names}'
+
+
+#: File, relative to the repository, and what makes its text.
+FILES = {
+    "boards/kv260/facts.mk": make_variables,
+    "boards/kv260/vivado/facts.tcl": facts_tcl,
+    "boards/kv260/vivado/kv260.xdc": xdc,
+    "boards/kv260/vivado/cmfpga_ooc.xdc": ooc_xdc,
+    "boards/kv260/sw/cmfpga.dtso": dtso,
+    "boards/kv260/sw/cmfpga.bif": bif,
+    "boards/kv260/sw/shell.json": shell_json,
+    "boards/kv260/sw/uio.conf": uio_conf,
+    "src/cmfpga/kv260.py": python_module,
+}
+
+
+def main(arguments=None):
+    parser = argparse.ArgumentParser(description="Make the files that hold facts of the KV260 from board.toml.")
+    parser.add_argument("--check", action="store_true", help="write nothing; exit status 1 if a file is not current")
+    options = parser.parse_args(arguments)
+    try:
+        facts = load()
+    except (FactError, tomllib.TOMLDecodeError) as error:
+        print(f"error: board.toml: {error}", file=sys.stderr)
+        return 2
+    texts = {ROOT / name: make(facts) for name, make in FILES.items()}
+    stale = [path for path, text in texts.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
+    for path in stale:
+        if options.check:
+            print(f"not current: {path.relative_to(ROOT)}; run python boards/kv260/generate.py", file=sys.stderr)
+        else:
+            path.write_text(texts[path], encoding="utf-8")
+            print(path.relative_to(ROOT))
+    return 1 if options.check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,267 @@
+"""The cameras' own formats: AEDAT 4, Prophesee RAW and DAT, Event Stream. Decoded by ``faery``, an optional package.
+
+``pip install 'cmfpga[formats]'`` brings it. It streams: of a file only some thousand events are in memory at a time.
+Its times, columns and rows are taken as they are; x = 0 is the left column and y = 0 the top row in all four.
+
+Sensor: AEDAT 4, DAT and Event Stream name its size. RAW does in a line ``% geometry WxH`` or ``% format …;width=W``; of
+older files without it the camera's plugin tells the generation of the sensor. Where nothing does, it is not known.
+
+Formats: https://gitlab.com/inivation/inivation-docs (AEDAT 4), https://docs.prophesee.ai/stable/data (EVT 2.0, 2.1, 3.0
+and DAT), https://github.com/neuromorphic-paris/event_stream (Event Stream).
+"""
+
+import re
+import struct
+
+from ..errors import RecordingError
+from .columns import one_line
+from .recording import HEAD_BYTES, Format
+from .streamed import StreamedRecording
+from .units import to_us
+
+EXTRA = "pip install 'cmfpga[formats]'"
+
+# Bytes of a word of each version of RAW; a file that ends within one was truncated.
+_WORD_BYTES = {"2.0": 4, "2.1": 8, "3.0": 2}
+_VERSIONS = {"2": "2.0", "2.0": "2.0", "EVT2": "2.0", "2.1": "2.1", "EVT21": "2.1",
+             "3": "3.0", "3.0": "3.0", "EVT3": "3.0"}  # fmt: skip
+_DAT_EVENT_BYTES = 8
+# What faery is told where a file does not name the sensor: all that the formats' coordinates can be.
+_ANY_SENSOR = {"evt": (1 << 11, 1 << 11), "dat": (1 << 14, 1 << 14)}
+# Sensors by the plugin that wrote a RAW file of old: hal_plugin_gen3_fx3, hal_plugin_gen41_evk3, …
+_PLUGINS = (("gen3", (640, 480)), ("gen4", (1280, 720)), ("imx636", (1280, 720)), ("genx320", (320, 320)))
+_MAX_HEADER_LINES = 200
+
+_AEDAT4 = b"#!AER-DAT4"
+_AEDAT4_BEGIN = 18  # the magic line, and four bytes of the header's length
+
+
+class CameraRecording(StreamedRecording):
+    """Events of a file that ``faery`` decodes.
+
+    Parameters
+    ----------
+    kind : {"aedat", "evt", "dat", "es"}
+        As faery calls the format.
+    format : str
+        For people.
+    file_sensor : (int, int) or None
+        What the file says.
+    """
+
+    def __init__(self, path, *, kind, format, time_unit=None, sensor=None, file_sensor=None):
+        self._kind = kind
+        self._faery = _import_faery(path, format)
+        super().__init__(
+            path=path,
+            name=str(path),
+            format=format,
+            sensor=sensor or file_sensor,
+            num_events=None,
+            time_unit=time_unit or "us",
+            time_unit_source="given" if time_unit else "file",
+        )
+        if self.width is None:
+            self.width, self.height = self._decoder_sensor() or (None, None)
+        self._require_events()
+
+    def _stream(self):
+        return self._faery.events_stream_from_file(
+            self.path, file_type=self._kind, dimensions_fallback=_ANY_SENSOR.get(self._kind, (1, 1))
+        )
+
+    def _decoder_sensor(self):
+        if self._kind in _ANY_SENSOR:
+            return None
+        try:
+            return tuple(map(int, self._stream().dimensions()))
+        except BaseException as error:
+            raise self._error(error, 0) from None
+
+    def _pieces(self):
+        count = 0
+        stream = None
+        try:
+            stream = iter(self._stream())
+            while (events := next(stream, None)) is not None:
+                if len(events):
+                    t = to_us(events["t"], self.time_unit, self.name, count)
+                    count += len(events)
+                    yield t, events["x"], events["y"], events["on"]
+        except (GeneratorExit, RecordingError):
+            raise
+        except BaseException as error:
+            raise self._error(error, count) from None
+        finally:
+            if stream is not None:
+                stream.close()
+        if rest := self._truncated_bytes():
+            raise RecordingError(f"{self.name}: truncated: {rest}; the {count} events before were read")
+
+    def _error(self, error, count):
+        # A defect in faery's compiled part shows as pyo3's PanicException, which is no Exception.
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise error
+        after = f"after {count} events" if count else "from its begin"
+        return RecordingError(
+            f"{self.name}: {self.format} cannot be read {after} (truncated or damaged): {one_line(error)}"
+        )
+
+    def _truncated_bytes(self):
+        """What tells that the file ends too early, though all of it was decoded; or None."""
+        size = self.path.stat().st_size
+        with self.path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        if self._kind == "aedat":
+            table = _data_table_position(head)
+            return f"{size:,} bytes of more than {table:,}" if table > size else None
+        if self._kind == "es":
+            return None
+        fields, begin = prophesee_header(head)
+        if self._kind == "evt":
+            word = _WORD_BYTES[_evt_version(fields)]
+            rest = (size - begin) % word
+        else:
+            word = _DAT_EVENT_BYTES
+            rest = (size - begin - 2) % word
+        return f"{rest} of {word} bytes of the last word are there" if rest else None
+
+
+def _import_faery(path, format):
+    try:
+        import faery
+    except ModuleNotFoundError as error:
+        if error.name != "faery":
+            raise
+        raise RecordingError(f"{path}: reading {format} needs the package faery: {EXTRA}") from None
+    return faery
+
+
+# -------------------------------------------------------------------- Prophesee
+
+
+def prophesee_header(head):
+    """``({key: value}, bytes of it)`` of the lines ``% key value`` at the begin of a file (bytes)."""
+    fields, at = {}, 0
+    for _ in range(_MAX_HEADER_LINES):
+        end = head.find(b"\n", at)
+        if not head.startswith(b"%", at) or end < 0:
+            break
+        key, _, value = head[at + 1 : end].decode("latin-1").strip().partition(" ")
+        fields[key.lower()] = value.strip()
+        at = end + 1
+        if key.lower() == "end":
+            break
+    return fields, at
+
+
+def _evt_version(fields):
+    """``"2.0"``, ``"2.1"`` or ``"3.0"``; None if the header names none of them."""
+    return _VERSIONS.get(fields.get("format", "").partition(";")[0].upper()) or _VERSIONS.get(fields.get("evt", ""))
+
+
+def _is_prophesee(head):
+    return head.startswith(b"% ") or head.startswith(b"%\n")
+
+
+def _is_dat(head, path):
+    if not _is_prophesee(head):
+        return False
+    fields, _ = prophesee_header(head)
+    return "evt" not in fields and "format" not in fields and ("version" in fields or "data" in fields)
+
+
+def _is_raw(head, path):
+    return _is_prophesee(head) and not _is_dat(head, path)
+
+
+def _raw_sensor(fields):
+    sizes = (
+        re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", "")),
+        re.search(r";height=(?P<height>\d+);width=(?P<width>\d+)", fields.get("format", "")),
+        re.search(r";width=(?P<width>\d+);height=(?P<height>\d+)", fields.get("format", "")),
+    )
+    for size in sizes:
+        if size:
+            named = size.groupdict()
+            width, height = (named["width"], named["height"]) if named else size.groups()
+            return int(width), int(height)
+    plugin = fields.get("plugin_name", fields.get("camera_integrator_name", "")).lower()
+    return next((sensor for name, sensor in _PLUGINS if name in plugin), None)
+
+
+def open_raw(path, *, time_unit=None, sensor=None):
+    """The :class:`Recording` of a Prophesee RAW file."""
+    with path.open("rb") as file:
+        fields, _ = prophesee_header(file.read(HEAD_BYTES))
+    version = _evt_version(fields)
+    if version is None:
+        said = fields.get("format") or fields.get("evt")
+        raise RecordingError(
+            f"{path}: "
+            + (f"Prophesee RAW of version {said[:40]!r}" if said else "begins with '%', but names no version of EVT")
+            + "; '% evt' or '% format' of EVT 2.0, 2.1 or 3.0 is needed"
+        )
+    return CameraRecording(
+        path, kind="evt", format=f"Prophesee RAW (EVT {version})", time_unit=time_unit, sensor=sensor,
+        file_sensor=_raw_sensor(fields),
+    )  # fmt: skip
+
+
+def open_dat(path, *, time_unit=None, sensor=None):
+    """The :class:`Recording` of a Prophesee DAT file."""
+    with path.open("rb") as file:
+        fields, _ = prophesee_header(file.read(HEAD_BYTES))
+    size = (fields.get("width", ""), fields.get("height", ""))
+    return CameraRecording(
+        path, kind="dat", format="Prophesee DAT", time_unit=time_unit, sensor=sensor,
+        file_sensor=tuple(map(int, size)) if all(side.isdecimal() and int(side) for side in size) else None,
+    )  # fmt: skip
+
+
+# -------------------------------------------------------------------- AEDAT 4, Event Stream
+
+
+def _data_table_position(head):
+    """Where the table at the end of an AEDAT 4 file begins, bytes; -1 if it was never written.
+
+    The header is a flat buffer (a table with an offset to each of its fields), of which this is the second field.
+    """
+    try:
+        (root,) = struct.unpack_from("<I", head, _AEDAT4_BEGIN)
+        table = _AEDAT4_BEGIN + root
+        (back,) = struct.unpack_from("<i", head, table)
+        size, _, _, offset = struct.unpack_from("<HHHH", head, table - back)
+        return struct.unpack_from("<q", head, table + offset)[0] if size >= 8 and offset else -1
+    except struct.error:
+        return -1
+
+
+def open_aedat4(path, *, time_unit=None, sensor=None):
+    """The :class:`Recording` of an AEDAT 4 file; of several event streams in it, the first."""
+    with path.open("rb") as file:
+        begin = file.read(_AEDAT4_BEGIN)
+        size = struct.unpack_from("<I", begin, 14)[0] if len(begin) == _AEDAT4_BEGIN else 0
+        # The description: faery ends the whole process where it is no text.
+        header = file.read(min(size, 1 << 24))
+    text = header[max(header.find(b"<"), 0) :]
+    try:
+        if len(header) < size or not size:
+            raise ValueError("the header is not complete")
+        text.decode("utf-8")
+    except ValueError as error:
+        raise RecordingError(f"{path}: not a readable AEDAT 4 file (truncated or damaged): {one_line(error)}") from None
+    return CameraRecording(path, kind="aedat", format="AEDAT 4", time_unit=time_unit, sensor=sensor)
+
+
+def open_event_stream(path, *, time_unit=None, sensor=None):
+    """The :class:`Recording` of an Event Stream file of DVS or ATIS events."""
+    return CameraRecording(path, kind="es", format="Event Stream", time_unit=time_unit, sensor=sensor)
+
+
+FORMATS = (
+    Format("Event Stream", (".es",), lambda head, path: head.startswith(b"Event Stream"), open_event_stream),
+    Format("Prophesee RAW", (".raw",), _is_raw, open_raw),
+    Format("Prophesee DAT", (".dat",), _is_dat, open_dat),
+    Format("AEDAT 4", (".aedat4",), lambda head, path: head.startswith(_AEDAT4), open_aedat4),
+)

@@ -1,0 +1,70 @@
+"""Recordings that can only be read from their begin, in pieces of any size: text, and the cameras' own formats."""
+
+import abc
+
+import numpy as np
+
+from ..errors import RecordingError
+from .recording import Recording
+
+
+class StreamedRecording(Recording):
+    """A recording whose columns come in pieces; how many events there are is only known at the end.
+
+    A file that ends too early, or is damaged somewhere, still gives all events before that place: the error comes after
+    them. An iteration that starts at a later event reads all that comes before it.
+    """
+
+    @abc.abstractmethod
+    def _pieces(self):
+        """Yields ``(t, x, y, p)`` of one or more events: t int64 in µs, others as stored."""
+
+    def _columns(self, start, size):
+        kept, count, total = [], 0, 0
+        pieces = self._pieces()
+        try:
+            while True:
+                broken = None
+                try:
+                    columns = next(pieces, None)
+                except RecordingError as error:
+                    columns, broken = None, error
+                if columns is None:
+                    break
+                length = len(columns[0])
+                skip = min(max(start - total, 0), length)
+                total += length
+                if skip == length:
+                    continue
+                kept.append([column[skip:] for column in columns])
+                count += length - skip
+                if count < size:
+                    continue
+                joined = _join(kept)
+                # As many chunks as there are, then keep the rest: each event is copied once.
+                for at in range(0, count - size + 1, size):
+                    yield [column[at : at + size] for column in joined]
+                rest = count % size
+                kept = [[column[count - rest :] for column in joined]] if rest else []
+                count = rest
+        finally:
+            pieces.close()
+        if broken is None and total <= start:
+            raise self._start_error(start, total)
+        if count:
+            yield _join(kept)
+        if broken is not None:
+            raise broken
+
+    def _require_events(self):
+        """Raises :exc:`RecordingError` if there are none, or if not even the first can be read."""
+        pieces = self._pieces()
+        try:
+            if next(pieces, None) is None:
+                raise RecordingError(f"{self.name}: no events")
+        finally:
+            pieces.close()
+
+
+def _join(parts):
+    return [np.concatenate(columns) for columns in zip(*parts, strict=True)]

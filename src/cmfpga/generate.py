@@ -1,0 +1,113 @@
+"""``python -m cmfpga.generate``: write a synthetic recording with known motion."""
+
+import argparse
+import json
+import sys
+
+import numpy as np
+from tqdm import tqdm
+
+from . import cli
+from .errors import ConfigError
+from .events import Events, Hdf5Writer, generate
+from .events.synthetic import TEXTURES
+
+EXAMPLES = (
+    "python -m cmfpga.generate scene.h5 --velocity 120,-40",
+    "python -m cmfpga.generate noisy.h5 --texture dense --noise 0.3 --hot-pixels 5 --seed 7",
+    "python -m cmfpga.generate long.h5 --velocity 100,0 --there-and-back --repeat 100   # 50 s in pieces",
+)
+
+
+def _numbers(text):
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: two numbers, as in 120,-40, are needed") from None
+    return first, second
+
+
+def _number(text):
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number is needed") from None
+
+
+def _parser():
+    made = cli.parser("generate", "Write a synthetic recording whose motion is known, as HDF5.", EXAMPLES)
+    cli.files(made.add_argument("out", metavar="FILE", help="file to write (.h5); one that exists is replaced"))
+    made.add_argument("--seed", type=cli.natural, default=0, metavar="S", help="equal seeds, equal events (default: 0)")
+    made.add_argument(
+        "--sensor", type=cli.pair("W,H"), default=(240, 180), metavar="W,H", help="sensor size, px (default: 240,180)"
+    )
+    made.add_argument("--texture", choices=TEXTURES, default="lines", help="lines: thin bars; dense: a random pattern")
+    made.add_argument(
+        "--size", type=cli.pair("W,H"), default=(40, 40), metavar="W,H", help="size of the object, px (default: 40,40)"
+    )
+    made.add_argument(
+        "--position", type=_numbers, metavar="X,Y", help="centre of the object at the start, px (default: the middle)"
+    )
+    made.add_argument("--velocity", type=_numbers, default=(100.0, 0.0), metavar="VX,VY", help="px/s (default: 100,0)")
+    made.add_argument(
+        "--duration-us", type=cli.positive, default=500_000, metavar="D", help="length, µs (default: 500000)"
+    )
+    made.add_argument("--there-and-back", action="store_true", help="turn round after half of the length")
+    made.add_argument(
+        "--contrast", type=_number, default=1.0, metavar="C", help="events per edge point and pixel moved"
+    )
+    made.add_argument("--noise", type=_number, default=0.0, metavar="F", help="noise, as a fraction of all events")
+    made.add_argument("--hot-pixels", type=cli.natural, default=0, metavar="N", help="pixels that emit by themselves")
+    made.add_argument("--hot-rate", type=_number, default=1000.0, metavar="R", help="of each of them, events/s")
+    made.add_argument(
+        "--repeat", type=cli.positive, default=1, metavar="K",
+        help="the scene K times, one after the other, written in pieces (default: 1)",
+    )  # fmt: skip
+    made.add_argument("--json", action="store_true", help="print what was written as JSON")
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    if not options.out.lower().endswith((".h5", ".hdf5")):
+        raise ConfigError(f"{options.out}: only HDF5 is written; a name that ends with .h5 is needed")
+    width, height = options.sensor
+    velocity = options.velocity
+    if options.there_and_back:
+        half = options.duration_us // 2
+        velocity = ((half, *velocity), (options.duration_us - half, *(-axis for axis in velocity)))
+    scene = generate(
+        seed=options.seed, width=width, height=height, texture=options.texture, size=options.size,
+        position=options.position, velocity=velocity, duration_us=options.duration_us, contrast=options.contrast,
+        noise=options.noise, hot_pixels=options.hot_pixels, hot_rate=options.hot_rate,
+    )  # fmt: skip
+    events, motion = scene.events, scene.motion
+    if not len(events):
+        raise ConfigError(f"{options.out}: no events to write; the object does not move, or not on the sensor")
+    # The motion as it is stored: begin of each piece in µs, and its velocity.
+    times = np.concatenate([motion.times + k * options.duration_us for k in range(options.repeat)])
+    velocities = np.tile(motion.velocities, (options.repeat, 1))
+    with Hdf5Writer(options.out, width, height) as writer:
+        writer.attributes(source="synthetic: cmfpga generate", seed=options.seed, texture=options.texture)
+        writer.ground_truth(times, velocities, motion.position(0))
+        for k in tqdm(range(options.repeat), unit="scene", disable=None if options.repeat > 1 else True):
+            writer.write(Events(events.t + k * options.duration_us, events.x, events.y, events.p))
+    count = len(events) * options.repeat
+    if options.json:
+        summary = {
+            "file": options.out,
+            "events": count,
+            "duration_us": options.duration_us * options.repeat,
+            "sensor": [width, height],
+            "velocity_px_per_s": [[int(t), *v] for t, v in zip(motion.times, motion.velocities.tolist(), strict=True)],
+            "start_px": motion.position(0).tolist(),
+        }
+        print(json.dumps(summary, indent=2))
+    else:
+        print(f"wrote {options.out}: {count:,} events in {options.duration_us * options.repeat / 1e6:g} s")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))

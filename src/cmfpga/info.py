@@ -1,0 +1,278 @@
+"""``python -m cmfpga.info``: what a recording holds, and an ROI and batches that suit it."""
+
+import argparse
+import json
+import shlex
+import sys
+
+import numpy as np
+from tqdm import tqdm
+
+from . import cli
+from .errors import RecordingError
+from .events import open_recording
+from .survey import Survey, propose
+
+EXAMPLES = (
+    "python -m cmfpga.info rec.h5",
+    "python -m cmfpga.info rec.raw --objects 3 --json",
+    "python -m cmfpga.info events.txt --sensor 240,180 --png frame.png --no-frame",
+    "python -m cmfpga.info rec.h5 --preset fast --set roi_width=48 --set roi_height=48",
+)
+
+_BARS = " ▁▂▃▄▅▆▇█"
+_SHADES = " .:-=+*#%@"
+_FRAME_COLUMNS = 78
+_RATE_BINS = 60
+_HOT_SHOWN = 5
+
+
+def _parser():
+    made = cli.parser("info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
+    cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
+    made.add_argument(
+        "--start-event", type=cli.natural, metavar="K",
+        help="propose for event K on (default: for the begin, or else the first place where something moves clearly)",
+    )  # fmt: skip
+    made.add_argument("--objects", type=_objects, default=1, metavar="N", help="propose up to N ROIs (default: 1)")
+    made.add_argument("--no-proposal", action="store_true", help="only say what the recording holds")
+    made.add_argument("--no-frame", action="store_true", help="do not show the events in the terminal")
+    cli.files(made.add_argument("--png", metavar="FILE", help="write a picture of the events and the ROIs to FILE"))
+    cli.add_recording_options(made)
+    made.add_argument("--json", action="store_true", help="print all of it as JSON")
+    cli.add_config_options(made)
+    return made
+
+
+def _objects(text):
+    number = cli.positive(text)
+    if number > 4:
+        raise argparse.ArgumentTypeError(f"{text!r}: 1 to 4 is needed")
+    return number
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    broken = None
+    with open_recording(options.recording, time_unit=options.time_unit, sensor=options.sensor) as recording:
+        survey = Survey(recording.width, recording.height)
+        try:
+            survey_all(recording, survey)
+        except RecordingError as error:
+            if not survey.events:
+                raise
+            broken = error  # what came before is worth knowing
+        config = _config(options, recording, survey)
+        proposals = []
+        if not options.no_proposal:
+            with tqdm(unit="place", desc="motion", disable=None, leave=False) as bar:
+                proposals = propose(
+                    recording, survey, config, count=options.objects, start_event=options.start_event, tick=bar.update
+                )
+        if options.png is not None:
+            _draw(options.png, recording, survey, config, proposals)
+    if options.json:
+        print(json.dumps(_report(options, recording, survey, config, proposals), indent=2, ensure_ascii=False))
+    else:
+        print("\n".join(_text(options, recording, survey, config, proposals)))
+    if broken is not None:
+        raise broken
+    return 0
+
+
+def survey_all(recording, survey):
+    """Read the whole recording into ``survey``, with a bar."""
+    with tqdm(total=recording.num_events, unit="event", unit_scale=True, disable=None, leave=False) as bar:
+        for chunk in recording.chunks():
+            survey.add(chunk)
+            bar.update(len(chunk))
+
+
+def _config(options, recording, survey):
+    """The configuration that the options ask for, on the recording's sensor, or on what its events cover."""
+    rows, columns = survey.counts.shape
+    if recording.width is not None:
+        columns, rows = recording.width, recording.height
+    given = cli.config_changes(options)
+    size = cli.make_config(options)
+    columns, rows = max(columns, size.roi_width), max(rows, size.roi_height)
+    return cli.make_config(
+        options, sensor_width=given.get("sensor_width", columns), sensor_height=given.get("sensor_height", rows)
+    )
+
+
+def track_arguments(proposal):
+    """What ``track`` is told for a proposal, as a list of words."""
+    words = ["--roi", "{},{}".format(*proposal.roi), "--batch-events", str(proposal.batch_events)]
+    if proposal.start_event:
+        words += ["--start-event", str(proposal.start_event)]
+    for name, value in proposal.fields.items():
+        words += ["--set", f"{name}={value}"]
+    return words
+
+
+def _command(options, proposal):
+    words = ["cmfpga", "track", options.recording, *track_arguments(proposal)]
+    for name in ("sensor", "time_unit"):
+        if (value := getattr(options, name)) is not None:
+            words += [f"--{name.replace('_', '-')}", value if isinstance(value, str) else "{},{}".format(*value)]
+    words += ["--preset", options.preset, *(word for text in options.assignments for word in ("--set", text))]
+    return shlex.join(words)
+
+
+def _report(options, recording, survey, config, proposals):
+    bin_us, rate = survey.rate(_RATE_BINS)
+    return {
+        "file": options.recording,
+        "format": recording.format,
+        "sensor": None if recording.width is None else [recording.width, recording.height],
+        "covered": [survey.counts.shape[1], survey.counts.shape[0]],
+        "time_unit": recording.time_unit,
+        "time_unit_source": recording.time_unit_source,
+        "events": survey.events,
+        "on_events": survey.on_events,
+        "t_first_us": survey.t_first,
+        "t_last_us": survey.t_last,
+        "rate_bin_us": bin_us,
+        "rate_per_s": [round(value, 3) for value in rate.tolist()],
+        "hot_pixels": [{"x": x, "y": y, "events": events} for x, y, events in survey.hot_pixels()],
+        "roi_size": [config.roi_width, config.roi_height],
+        "proposals": [
+            {
+                "roi": list(found.roi),
+                "start_event": found.start_event,
+                "batch_events": found.batch_events,
+                "batch_us": found.batch_us,
+                "roi_events": found.roi_events,
+                "v": list(found.v),
+                "px_per_half_batch": found.px,
+                "px_per_s": list(found.px_per_s),
+                "gain": found.gain,
+                "clarity": found.clarity,
+                "fields": found.fields,
+                "reason": found.reason,
+                "command": _command(options, found),
+            }
+            for found in proposals
+        ],
+    }
+
+
+def _text(options, recording, survey, config, proposals):
+    """Lines for people."""
+    rows, columns = survey.counts.shape
+    sensor = f"{recording.width}×{recording.height} px"
+    if recording.width is None:
+        sensor = f"not said; the events cover {columns}×{rows} px"
+    source = {"given": "given", "file": "the format or the file says so", "assumed": "guessed"}
+    span = survey.span_us / 1e6
+    yield f"{options.recording}: {recording.format}"
+    yield f"sensor      {sensor}"
+    yield f"events      {survey.events:,}, {survey.on_events / survey.events:.0%} of them ON"
+    yield f"span        {span:.6g} s, from {survey.t_first:,} µs to {survey.t_last:,} µs"
+    yield f"time unit   {recording.time_unit} ({source[recording.time_unit_source]})"
+    bin_us, rate = survey.rate(_RATE_BINS)
+    if span:
+        yield f"rate        {survey.events / span:,.0f} events/s on average; each sign is {bin_us / 1e3:,.6g} ms:"
+        top = rate.max()
+        yield "            " + "".join(_BARS[int(np.ceil(value / top * 8))] for value in rate) + f"  0 to {top:,.0f}"
+    hot = survey.hot_pixels()
+    shown = ", ".join(f"{x},{y} ({events:,} events)" for x, y, events in hot[:_HOT_SHOWN])
+    more = f", and {len(hot) - _HOT_SHOWN} more" if len(hot) > _HOT_SHOWN else ""
+    yield f"hot pixels  {shown + more if hot else 'none'}"
+    if not options.no_frame:
+        yield ""
+        yield from _frame(survey, config, proposals)
+    if options.no_proposal:
+        return
+    yield ""
+    if not proposals:
+        yield f"No proposal: nothing moves clearly in any {config.roi_width}×{config.roi_height} px."
+        return
+    for k, found in enumerate(proposals):
+        name = "Proposal" if options.objects == 1 else f"Proposal {k}"
+        yield (
+            f"{name}: ROI {found.roi[0]},{found.roi[1]} of {config.roi_width}×{config.roi_height} px from event "
+            f"{found.start_event:,} on, {found.batch_events:,} events a batch"
+        )
+        yield f"  because {found.reason}."
+        vx, vy = found.px_per_s
+        yield (
+            f"  Velocity there: {vx:,.0f}, {vy:,.0f} px/s; contrast {found.gain:.2f} times that "
+            f"at rest; {found.roi_events:,} of a batch's events in the ROI."
+        )
+        if "thinning" in found.fields:
+            yield (
+                f"  The buffer holds {config.buffer_events:,}, so one in {found.fields['thinning']} is taken, evenly "
+                "(thinning)."
+            )
+        if "max_batch_events" in found.fields:
+            yield "  The hardware has to count further than by default (max_batch_events)."
+        yield f"  {_command(options, found)}"
+    if len(proposals) < options.objects:
+        yield f"Only {len(proposals)} of {options.objects} objects move clearly at one time."
+
+
+def _levels(survey):
+    """Events per pixel on a scale of 0 to 1, on which hot pixels are no brighter than busy ones."""
+    counts = np.sqrt(survey.counts)
+    busy = counts[counts > 0]
+    return np.minimum(counts / max(np.percentile(busy, 99), 1), 1)
+
+
+def _frame(survey, config, proposals):
+    """All events as text, with the ROIs' corners."""
+    levels = _levels(survey)
+    rows, columns = levels.shape
+    width = min(_FRAME_COLUMNS, columns)
+    step = columns / width
+    height = max(round(rows / step / 2), 1)  # a sign is about twice as high as wide
+    at_y, at_x = np.arange(rows) * height // rows, np.arange(columns) * width // columns
+    sums, sizes = np.zeros((height, width)), np.zeros((height, width))
+    np.add.at(sums, (at_y[:, None], at_x[None, :]), levels)
+    np.add.at(sizes, (at_y[:, None], at_x[None, :]), 1)
+    mean = sums / sizes
+    mean /= max(mean.max(), 1e-12)
+    signs = [[_SHADES[int(value * (len(_SHADES) - 1) + 0.5)] for value in line] for line in mean]
+    for k, found in enumerate(proposals):
+        x0, y0 = found.roi
+        x1, y1 = min(x0 + config.roi_width, columns) - 1, min(y0 + config.roi_height, rows) - 1
+        for x, y, sign in ((x0, y0, "┌"), (x1, y0, "┐"), (x0, y1, "└"), (x1, y1, "┘")):
+            if x < columns and y < rows:
+                signs[at_y[y]][at_x[x]] = sign
+        if len(proposals) > 1:
+            signs[at_y[y0]][min(at_x[x0] + 1, width - 1)] = str(k)
+    yield f"events of the whole recording, {columns}×{rows} px" + ("; corners: ROI" if proposals else "")
+    for line in signs:
+        yield "|" + "".join(line) + "|"
+
+
+def _draw(path, recording, survey, config, proposals):
+    """The picture: events, hot pixels, ROIs; and the rate over time."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Rectangle
+
+    figure = Figure(figsize=(10, 8), layout="constrained", dpi=110)
+    above, below = figure.subplots(2, 1, height_ratios=(4, 1))
+    above.imshow(_levels(survey), cmap="gray", interpolation="nearest")
+    hot = survey.hot_pixels()
+    if hot:
+        x, y, _ = zip(*hot, strict=True)
+        above.plot(x, y, "o", markerfacecolor="none", color="tab:orange", label="hot pixel")
+        figure.legend(loc="outside upper right")
+    for k, found in enumerate(proposals):
+        corner = np.subtract(found.roi, 0.5)
+        above.add_patch(
+            Rectangle(corner, config.roi_width, config.roi_height, fill=False, edgecolor="tab:red", linewidth=1.5)
+        )
+        above.annotate(f"ROI {k}", corner, color="tab:red", va="bottom")
+    above.set(title="events of the whole recording (square root)", xlabel="x [px]", ylabel="y [px]")
+    bin_us, rate = survey.rate(_RATE_BINS)
+    below.step(np.arange(len(rate)) * bin_us / 1e6, rate / 1e3, where="post")
+    below.set(xlabel="time [s]", ylabel="rate [1000 events/s]", ylim=(0, None))
+    figure.savefig(path, format="png")
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))

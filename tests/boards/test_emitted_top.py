@@ -1,0 +1,48 @@
+"""What ``python -m cmfpga.build --top kv260`` writes is what the board's files expect."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from board_files import BOARD
+from test_facts import check_ports
+from vivado_ipx import infer
+
+import cmfpga.build
+
+tkinter = pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
+
+if "--top" not in Path(cmfpga.build.__file__).read_text(encoding="utf-8"):
+    pytest.skip("python -m cmfpga.build has no --top in this checkout", allow_module_level=True)
+
+
+@pytest.fixture(scope="module")
+def emitted(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rtl")
+    done = subprocess.run(
+        [sys.executable, "-m", "cmfpga.build", "--top", "kv260", "--preset", "fast", "--out", folder],
+        capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def test_ports_are_those_of_the_facts(emitted, generate, facts):
+    tcl = dict(line.split(maxsplit=2)[1:] for line in generate.facts_tcl(facts).splitlines() if line.startswith("set"))
+    tcl = {name.removeprefix("fact(").removesuffix(")"): value.strip("{}") for name, value in tcl.items()}
+    interfaces, loose = infer((emitted / "cmfpga_kv260.v").read_text(encoding="utf-8"), facts["design"]["top"])
+    assert not loose
+    check_ports(interfaces, tcl)
+
+
+def test_packages_and_builds(emitted, tmp_path):
+    from vivado import Vivado
+
+    run = Vivado()
+    arguments = (emitted / "cmfpga_kv260.v", emitted / "regs.tcl", tmp_path / "ip")
+    assert run.source(BOARD / "vivado" / "package_ip.tcl", *arguments) == 0, "\n".join(run.output)
+    assert "<register " in (tmp_path / "ip" / "component.xml").read_text(encoding="utf-8")
+    run = Vivado()
+    arguments = (tmp_path / "ip", tmp_path / "out", 1)
+    assert run.source(BOARD / "vivado" / "build.tcl", *arguments) == 0, "\n".join(run.output)

@@ -1,0 +1,187 @@
+"""Every fact stands once, in ``board.toml``, and all files say the same."""
+
+import copy
+import json
+import re
+import tomllib
+
+import pytest
+from board_files import BOARD, ROOT, stand_in
+from vivado_ipx import infer
+
+from cmfpga import kv260
+
+
+def text_of(name):
+    return (BOARD / name).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def tcl():
+    """``vivado/facts.tcl`` as a dictionary, read by hand."""
+    lines = re.findall(r"^set fact\((\w+)\)\s+(.*)$", text_of("vivado/facts.tcl"), re.MULTILINE)
+    return {name: value.strip("{}") for name, value in lines}
+
+
+def test_generated_files_are_current(generate, capsys):
+    assert generate.main(["--check"]) == 0, capsys.readouterr().err
+
+
+def test_a_stale_file_is_named(generate, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(generate, "ROOT", tmp_path)
+    for name in generate.FILES:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+    assert generate.main(["--check"]) == 1
+    assert capsys.readouterr().err.count("not current: ") == len(generate.FILES)
+    assert generate.main([]) == 0 and generate.main(["--check"]) == 0
+    path = tmp_path / "boards/kv260/vivado/facts.tcl"
+    path.write_text(path.read_text(encoding="utf-8").replace("0xa0010000", "0xa0020000"), encoding="utf-8")
+    capsys.readouterr()
+    assert generate.main(["--check"]) == 1
+    assert capsys.readouterr().err.startswith("not current: boards/kv260/vivado/facts.tcl;")
+
+
+def test_addresses(tcl, facts):
+    dtso = text_of("sw/cmfpga.dtso")
+    for name, block, module in (
+        ("cmfpga", "cmfpga", kv260.REGISTERS_ADDRESS),
+        ("dma", "cmfpga-dma", kv260.DMA_ADDRESS),
+    ):
+        (node, address, size) = re.search(rf"{block}@(\w+) {{.*?reg = <0x0 (\w+) 0x0 (\w+)>", dtso, re.DOTALL).groups()
+        assert int(node, 16) == int(address, 16) == int(tcl[f"{name}_address"], 16) == module
+        assert int(size, 16) == int(tcl[f"{name}_size"], 16)
+        assert module == facts["control"][name]["address"]
+    assert kv260.REGISTERS_SIZE == 1 << facts["ip"]["control_address_width"]
+
+
+def test_interrupt_clock_and_reset():
+    dtso = text_of("sw/cmfpga.dtso")
+    assert re.findall(r"interrupts = <(.*?)>", dtso) == [f"0 {kv260.INTERRUPT_SPI} 4"]
+    assert kv260.INTERRUPT_SPI == 89  # pl_ps_irq0[0], to which design.tcl connects the IP
+    assert "connect_bd_net [get_bd_pins cmfpga/irq] [get_bd_pins ps/pl_ps_irq0]" in text_of("vivado/design.tcl")
+    assert set(re.findall(r"zynqmp_clk (\d+)", dtso)) == {"71"} and kv260.LINUX_CLOCK == "pl0_ref"
+    assert "ps/pl_clk0" in text_of("vivado/design.tcl") and "pl_clk1" not in text_of("vivado/design.tcl")
+    assert re.findall(r"zynqmp_reset (\d+)", dtso) == ["116"]
+    assert "ps/pl_resetn0" in text_of("vivado/design.tcl")
+
+
+def test_clock(tcl):
+    (rate,) = re.findall(r"assigned-clock-rates = <(\d+)>", text_of("sw/cmfpga.dtso"))
+    (period,) = re.findall(r"-period ([\d.]+)", text_of("vivado/cmfpga_ooc.xdc"))
+    mhz = int(tcl["clock_mhz"])
+    assert int(rate) == kv260.CLOCK_HZ == int(tcl["clock_hertz"])
+    assert 0 <= mhz * 1_000_000 - kv260.CLOCK_HZ < 20 * mhz  # the PS stays below what is asked, never above
+    assert float(period) == 1000 / mhz
+    assert f"CLOCK_MHZ := {mhz}\n" in text_of("facts.mk")
+    assert "create_clock" not in text_of("vivado/kv260.xdc")
+
+
+def test_names(tcl, facts):
+    name = facts["design"]["name"]
+    assert kv260.APPLICATION == name == tcl["name"]
+    assert (BOARD / "sw" / f"{name}.dtso").exists() and (BOARD / "sw" / f"{name}.bif").exists()
+    assert f'firmware-name = "{name}.bit.bin"' in text_of(f"sw/{name}.dtso")
+    assert f"{name}.bit" in text_of(f"sw/{name}.bif")
+    assert f"APP := {name}\n" in text_of("facts.mk")
+    assert kv260.VLNV == tcl["vlnv"] == "cmfpga.org:ip:cmfpga:1.0"
+    assert kv260.PART == tcl["part"] == "xck26-sfvc784-2LV-c"
+    assert f"PART := {kv260.PART}\n" in text_of("facts.mk")
+    for label in (kv260.UIO_REGISTERS, kv260.UIO_DMA):
+        assert f'linux,uio-name = "{label}"' in text_of(f"sw/{name}.dtso")
+    for label in (kv260.BUFFER_EVENTS, kv260.BUFFER_RESULTS):
+        assert f'device-name = "{label}"' in text_of(f"sw/{name}.dtso")
+    assert json.loads(text_of("sw/shell.json")) == {"shell_type": "XRT_FLAT", "num_slots": "1"}
+
+
+def test_widths(tcl, facts):
+    """The stand-in, with which the Vivado scripts are tested, has the widths of the facts."""
+    interfaces, loose = infer(stand_in(), facts["design"]["top"])
+    assert not loose
+    check_ports(interfaces, tcl)
+
+
+def check_ports(interfaces, tcl):
+    listed = tcl["ip_interfaces"].split()
+    assert {i.name: (i.bus, i.mode) for i in interfaces.values()} == {
+        name: (bus, mode) for name, bus, mode in zip(listed[::3], listed[1::3], listed[2::3], strict=True)
+    }
+    width = {(i.name, signal): bits for i in interfaces.values() for signal, (_, _, bits) in i.ports.items()}
+    for stream in ("s_axis", "m_axis"):
+        assert (
+            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == kv260.STREAM_WIDTH == 8 * int(tcl["stream_bytes"])
+        )
+        assert width[stream, "TUSER"] == int(tcl["stream_user_width"])
+        assert (stream, "TLAST") in width
+    assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == kv260.REGISTERS_WIDTH
+    assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == kv260.REGISTERS_SIZE
+    assert int(tcl["dma_data_width"]) == kv260.STREAM_WIDTH
+    assert int(tcl["dma_length_width"]) == kv260.DMA_LENGTH_BITS
+    assert int(tcl["dma_address_width"]) == kv260.DMA_ADDRESS_BITS
+
+
+def test_the_guide_says_the_same(facts):
+    guide = text_of("README.md")
+    for text in (
+        kv260.PART, facts["board"]["board_part"], kv260.VLNV, f"0x{kv260.REGISTERS_ADDRESS:08X}",
+        f"{facts['clock']['mhz']} MHz (in fact {kv260.CLOCK_HZ / 1e6:.3f} MHz)", f"SPI {kv260.INTERRUPT_SPI}",
+        f"`{facts['control']['port']}` with {facts['control']['data_width']} bits",
+        f"`{facts['memory']['port']}` with {facts['memory']['data_width']} bits",
+        f"`/dev/{kv260.BUFFER_EVENTS}`\n({kv260.BUFFER_EVENTS_SIZE >> 20} MiB)", f"`{kv260.UIO_DMA}`",
+        f"Vivado {facts['design']['vivado_minimum']} or newer", f"clk/{kv260.LINUX_CLOCK}/clk_enable_count",
+    ):  # fmt: skip
+        assert text in guide, text
+
+
+def test_no_fact_is_written_down_again():
+    """What people write by hand holds no address, part or pin: those come from the generated files."""
+    for path in [
+        *(BOARD / "vivado").glob("*.tcl"),
+        BOARD / "platform.py",
+        BOARD / "Makefile",
+        BOARD / "bit2bin.py",
+        *(BOARD / "sw").glob("*.sh"),
+    ]:
+        if path.name == "facts.tcl":
+            continue
+        text = "\n".join(line.partition("#")[0] for line in path.read_text(encoding="utf-8").splitlines())
+        text = re.sub(r'""".*?"""', "", text, flags=re.DOTALL)
+        assert not re.search(r"0x[aA]00[0-9a-fA-F]{5}|xck26|kv260_som|\bA12\b|fan_en_b|pl_ps_irq0\[", text), path.name
+
+
+@pytest.mark.parametrize(
+    "change, text",
+    [
+        (lambda f: f["control"]["dma"].update(address=0xA000_8000), "multiple of its size"),
+        (lambda f: f["control"]["dma"].update(address=0xA000_0000), "overlap"),
+        (lambda f: f["control"]["dma"].update(address=0xB000_0000), "outside of M_AXI_HPM0_FPD"),
+        (lambda f: f["control"]["cmfpga"].update(size=0x8000), "control_address_width"),
+        (lambda f: f["memory"].update(data_width=256), "must be 32, 64 or 128"),
+        (lambda f: f["dma"].update(data_width=32), "nothing between them changes the width"),
+        (lambda f: f["dma"].update(address_width=32), "does not reach"),
+        (lambda f: f["linux"].update(buffer_events_size=1 << 26), "buffer_events_size"),
+        (lambda f: f["clock"].update(mhz=250), "change both"),
+    ],
+)
+def test_facts_that_contradict_each_other(change, text, generate, facts):
+    changed = copy.deepcopy(facts)
+    change(changed)
+    with pytest.raises(generate.FactError, match=re.escape(text)):
+        generate.check(changed)
+
+
+def test_every_fact_has_a_source():
+    """A line of ``board.toml``, or one near above it, names a file or a document, or says that the choice is ours."""
+    lines = text_of("board.toml").splitlines()
+    for section in tomllib.loads("\n".join(lines)):
+        start = lines.index(f"[{section}]") if f"[{section}]" in lines else next(
+            n for n, line in enumerate(lines) if line.startswith(f"[{section}]")
+        )  # fmt: skip
+        end = next((n for n in range(start + 1, len(lines)) if lines[n].startswith("[")), len(lines))
+        comments = " ".join(line.partition("#")[2] for line in lines[start:end])
+        assert re.search(r"ours|UG\d+|PG\d+|BoardStore|litex-boards|[\w-]+/[\w.-]+", comments), section
+
+
+def test_no_path_of_a_machine():
+    for path in BOARD.rglob("*"):
+        if path.is_file() and "__pycache__" not in path.parts and "build" not in path.relative_to(BOARD).parts:
+            assert not re.search(r"/tmp/|/root/|/home/\w", path.read_text(encoding="utf-8")), path.relative_to(ROOT)

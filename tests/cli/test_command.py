@@ -1,0 +1,180 @@
+"""The command ``cmfpga``: every subcommand by its name, help, completion, mistakes."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from cmfpga import __version__, cli, command
+from cmfpga.errors import UserError
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_entry_point():
+    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
+    assert scripts == {"cmfpga": "cmfpga.command:entry"}
+
+
+def run(*arguments, **environment):
+    return subprocess.run(
+        [sys.executable, "-W", "error", "-m", "cmfpga", *map(str, arguments)], capture_output=True, text=True,
+        timeout=120, env={**os.environ, **environment},
+    )  # fmt: skip
+
+
+def test_help_names_every_subcommand_and_its_purpose():
+    done = run("--help")
+    assert done.returncode == 0 and done.stderr == ""
+    for name, (_, purpose) in command.COMMANDS.items():
+        assert f"  {name:<10} {purpose}\n" in done.stdout
+    for example in command.EXAMPLES:
+        assert example in done.stdout
+
+
+def test_without_arguments_it_helps_and_fails():
+    done = run()
+    assert done.returncode == 2 and done.stdout == run("--help").stdout
+    assert run("--version").stdout == f"cmfpga {__version__}\n"
+
+
+@pytest.mark.parametrize("name", command.COMMANDS)
+def test_every_subcommand_is_the_module(name, command):
+    """Same parser, but it calls itself by its new name, in its examples too."""
+    from cmfpga import command as tool
+
+    module = tool.load(name)
+    here, there = command(tool, name, "--help"), command(module, "--help")
+    assert (here.status, there.status) == (0, 0)
+    assert here.out.startswith(f"usage: cmfpga {name} ")
+    assert there.out.startswith(f"usage: python -m cmfpga.{tool.COMMANDS[name][0]} ")
+    assert f"\n  cmfpga {name}" in here.out and "python -m" not in here.out.partition("examples:")[2]
+    for example in module.EXAMPLES:
+        assert example.startswith(f"python -m cmfpga.{name}") and f"  {example}\n" in there.out
+
+    def options(text):
+        return {word.strip("[],") for word in text.partition("examples:")[0].split() if word.startswith(("--", "[--"))}
+
+    assert options(here.out) == options(there.out) != set()
+
+
+def test_nothing_is_loaded_for_help():
+    program = (
+        "import sys; from cmfpga import cli, command\n"
+        "try: command.main(['--help'])\nexcept SystemExit: pass\n"
+        "print(*sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not {"numpy", "torch", "amaranth", "matplotlib", "cmfpga.track"} & set(done.stderr.split())
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["trak"], "'trak': no such subcommand; did you mean 'track'? One of "),
+        (["xyz"], "'xyz': no such subcommand; one of "),
+        ([""], "'': no such subcommand; one of "),
+        (["--foo"], "--foo: a subcommand is needed first: "),
+        (["--version=3"], "argument --version: ignored explicit argument '3' (--help lists the options)"),
+        (["--print-completion"], "argument --print-completion: expected one argument"),
+        (["--print-completion", "fish"], "argument --print-completion: invalid choice: 'fish'"),
+        (["track", "missing.h5", "--roi", "1,2"], "missing.h5: no such file"),
+        (["track", "--sensor", "8"], "argument --sensor: '8': W,H, two whole numbers, is needed"),
+    ],
+)
+def test_mistakes(command, arguments, message):
+    from cmfpga import command as tool
+
+    done = command(tool, *arguments)
+    assert done.error.startswith(message) and done.out == ""
+
+
+# -------------------------------------------------------------------- completion
+
+
+@pytest.fixture(scope="module")
+def script(tmp_path_factory):
+    pytest.importorskip("shtab")
+    path = tmp_path_factory.mktemp("completion") / "cmfpga.bash"
+    path.write_text(run("--print-completion", "bash").stdout)
+    return path
+
+
+@pytest.mark.parametrize(
+    "words, expected",
+    [
+        (["tr"], ["track"]),
+        (["build", "--res"], ["--resources"]),
+        (["track", "--engine", ""], ["rtl", "model", "float"]),
+        (["track", "rec"], ["rec.h5"]),
+        (["--vers"], ["--version"]),
+    ],
+)
+def test_bash(script, tmp_path, words, expected):
+    bash = shutil.which("bash")
+    if bash is None:
+        pytest.skip("no bash")
+    (tmp_path / "rec.h5").touch()
+    asked = 'COMP_WORDS=(cmfpga "$@"); COMP_CWORD=$#; _shtab_cmfpga; printf "%s\\n" "${COMPREPLY[@]}"'
+    done = subprocess.run(
+        [bash, "-c", f"source {script}; {asked}", "bash", *words],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )  # fmt: skip
+    assert done.stdout.split() == expected, done.stderr
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
+def test_every_shell_knows_every_subcommand(command, shell):
+    from cmfpga import command as tool
+
+    pytest.importorskip("shtab")
+    done = command(tool, "--print-completion", shell)
+    assert (done.status, done.err) == (0, "")
+    for name in tool.COMMANDS:
+        assert name in done.out
+
+
+def test_shtab_is_asked_for(monkeypatch):
+    monkeypatch.setitem(sys.modules, "shtab", None)
+    with pytest.raises(UserError, match=r"pip install 'cmfpga\[completion\]'"):
+        command.main(["--print-completion", "bash"])
+
+
+# -------------------------------------------------------------------- what the parsers share
+
+
+def test_parser_of_runs_nothing():
+    ran = []
+
+    def main(arguments):
+        made = cli.parser("mine", "Mine.", ["python -m cmfpga.mine"])
+        made.add_argument("--number", type=int)
+        options = made.parse_args(arguments)
+        ran.append(options)
+
+    made = cli.parser_of(main)
+    assert made.prog == "python -m cmfpga.mine" and not ran
+    main(["--number", "-3"])  # and it is as before
+    assert ran[0].number == -3
+    with pytest.raises(TypeError, match=r"cli\.parser"):
+        cli.parser_of(lambda arguments: None)
+
+
+def test_values_that_begin_with_a_minus():
+    made = cli.parser("mine", "Mine.", [])
+    made.add_argument("--roi", type=cli.pair("X,Y"))
+    made.add_argument("--flag", action="store_true")
+    made.add_argument("name", nargs="?")
+    for arguments in (["--roi", "-1,5"], ["--roi=-1,5"], ["--flag", "--roi", "-1,5"]):
+        assert made.parse_args(arguments).roi == (-1, 5)
+    assert made.parse_args(["--roi", "-1,-5", "a"]).name == "a"
+    for arguments in (["--flag", "-1"], ["--roi", "--flag"], ["--roi=--"], ["--roi", "-x"]):
+        with pytest.raises(UserError, match=r"\(--help lists the options\)$"):
+            made.parse_args(arguments)

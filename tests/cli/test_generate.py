@@ -1,0 +1,96 @@
+"""``python -m cmfpga.generate``: the file holds the scene, its truth, and K of it if asked."""
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+from cmfpga import generate, track
+from cmfpga.events import Events, open_recording
+from cmfpga.events import generate as make_scene
+
+
+def read(path):
+    with open_recording(path) as recording:
+        return recording, Events.concatenate(recording.chunks())
+
+
+def same(a, b):
+    return all(np.array_equal(getattr(a, name), getattr(b, name)) for name in "txyp")
+
+
+def test_what_is_written_is_the_scene(command, tmp_path):
+    path = tmp_path / "scene.h5"
+    done = command(
+        generate, path, "--seed", 5, "--sensor", "64,48", "--texture", "dense", "--size", "16,12", "--position",
+        "20.5,30", "--velocity", "-40,25.5", "--duration-us", 200_000, "--contrast", 0.5, "--noise", 0.2,
+        "--hot-pixels", 3, "--hot-rate", 500,
+    )  # fmt: skip
+    expected = make_scene(
+        seed=5, width=64, height=48, texture="dense", size=(16, 12), position=(20.5, 30.0), velocity=(-40.0, 25.5),
+        duration_us=200_000, contrast=0.5, noise=0.2, hot_pixels=3, hot_rate=500.0,
+    )  # fmt: skip
+    assert (done.status, done.err) == (0, "")
+    assert done.out == f"wrote {path}: {len(expected.events):,} events in 0.2 s\n"
+    recording, events = read(path)
+    assert (recording.width, recording.height, recording.time_unit_source) == (64, 48, "file")
+    assert same(events, expected.events)
+    with h5py.File(path) as file:
+        truth = file["ground_truth/motion"]
+        assert truth["t"][:].tolist() == [0]
+        assert truth["velocity"][:].tolist() == [[-40.0, 25.5]] and truth["velocity"].attrs["unit"] == "px/s"
+        assert truth["start"][:].tolist() == [20.5, 30.0]
+        assert file.attrs["num_events"] == len(events) and file.attrs["t_last_us"] == events.t[-1]
+
+
+def test_there_and_back_again(command, tmp_path):
+    path = tmp_path / "scene.h5"
+    done = command(
+        generate, path, "--velocity", "60,0", "--duration-us", 100_001, "--there-and-back", "--repeat", 3, "--json"
+    )
+    once = make_scene(velocity=((50_000, 60.0, 0.0), (50_001, -60.0, 0.0)), duration_us=100_001)
+    recording, events = read(path)
+    assert json.loads(done.out) == {
+        "file": str(path), "events": 3 * len(once.events), "duration_us": 300_003, "sensor": [240, 180],
+        "velocity_px_per_s": [[0, 60.0, 0.0], [50_000, -60.0, 0.0]], "start_px": [119.5, 89.5],
+    }  # fmt: skip
+    assert len(events) == recording.num_events == 3 * len(once.events)
+    for k in range(3):
+        part = events[k * len(once.events) : (k + 1) * len(once.events)]
+        assert same(part, Events(once.events.t + k * 100_001, once.events.x, once.events.y, once.events.p))
+    with h5py.File(path) as file:
+        assert file["ground_truth/motion/t"][:].tolist() == [0, 50_000, 100_001, 150_001, 200_002, 250_002]
+        assert file["ground_truth/motion/velocity"][:, 0].tolist() == [60.0, -60.0] * 3
+
+
+def test_it_can_be_tracked(command, rows, tmp_path):
+    command(generate, tmp_path / "a.h5", "--velocity", "90,0", "--seed", 1)
+    done = command(
+        track, tmp_path / "a.h5", "--roi", "88,58", "--preset", "fast", "--engine", "model", "--batch-us", 60_000,
+        "--batches", 3, "--no-picture", "--out", tmp_path,
+    )  # fmt: skip
+    assert done.status == 0
+    np.testing.assert_allclose([float(row["vx_px_per_s"]) for row in rows(tmp_path)], 90, atol=15)
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["a.txt"], "a.txt: only HDF5 is written; a name that ends with .h5 is needed"),
+        ([], "the following arguments are required: FILE"),
+        (["FOLDER/a.h5"], "FOLDER/a.h5: cannot be written: No such file or directory"),
+        (["a.h5", "--velocity", "1"], "argument --velocity: '1': two numbers, as in 120,-40, are needed"),
+        (["a.h5", "--velocity", "nan,0"], "velocity = nan: a finite number is needed"),
+        (["a.h5", "--noise", "1"], "noise = 1.0: 0 to 0.95 is needed"),
+        (["a.h5", "--noise", "much"], "argument --noise: 'much': a number is needed"),
+        (["a.h5", "--repeat", "0"], "argument --repeat: '0': a whole number of 1 or more is needed"),
+        (["a.h5", "--sensor", "0,5"], "width = 0: 1 to 65536 is needed"),
+        (["a.h5", "--velocity", "0,0"], "a.h5: no events to write"),
+        (["a.h5", "--contrast", "1e9"], "the scene has "),
+    ],
+)
+def test_mistakes(command, tmp_path, monkeypatch, arguments, message):
+    monkeypatch.chdir(tmp_path)
+    done = command(generate, *arguments)
+    assert done.error.startswith(message) and done.out == ""

@@ -1,0 +1,113 @@
+"""``track`` with several ``--roi``: each object has its core, its CSV and its picture, as if it were alone."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from cmfpga import track
+from cmfpga.engines import rtl
+from cmfpga.events import Events, generate, write_hdf5
+
+OPTIONS = ["--preset", "fast", "--engine", "model", "--no-picture"]
+
+
+@pytest.fixture(scope="module")
+def two(tmp_path_factory):
+    """A recording with two objects, one moving to the right and a faster one moving up; and their velocities."""
+    scenes = [
+        generate(seed=1, position=(60.0, 60.0), velocity=(80.0, 0.0), duration_us=400_000),
+        generate(seed=2, position=(170.0, 130.0), velocity=(0.0, -160.0), duration_us=400_000),
+    ]
+    events = Events.concatenate(scene.events for scene in scenes)
+    path = tmp_path_factory.mktemp("two") / "two.h5"
+    write_hdf5(path, events[np.argsort(events.t, kind="stable")], 240, 180)
+    return path, [scene.roi_start(64, 64) for scene in scenes]
+
+
+def roi(place, name=""):
+    return f"--roi={name}{place[0]},{place[1]}"
+
+
+@pytest.mark.parametrize("size", [["--batch-events", "4000"], ["--batch-us", "50000"], ["--batch-roi-events", "900"]])
+@pytest.mark.parametrize("engine", ["rtl", "model"])
+def test_each_is_tracked_as_if_alone(command, tmp_path, two, size, engine):
+    if engine == "rtl" and rtl.find_compiler() is None:
+        pytest.skip("no C++ compiler")
+    path, places = two
+    options = [*OPTIONS, "--engine", engine, *size, "--batches", 4]
+    done = command(track, path, roi(places[0], "slow="), roi(places[1]), *options, "--out", tmp_path / "both")
+    assert (done.status, done.err) == (0, "")
+    assert sorted(file.name for file in (tmp_path / "both").iterdir()) == ["track-1.csv", "track-slow.csv"]
+    lines = done.out.splitlines()
+    assert lines[0].startswith(f"slow: 4 batches tracked ({engine} engine), ") and lines[1].startswith("1: 4 batches ")
+    for place, name in zip(places, ("slow", "1"), strict=True):
+        command(track, path, roi(place), *options, "--out", tmp_path / "alone")
+        alone = (tmp_path / "alone" / "track.csv").read_bytes()
+        assert alone == (tmp_path / "both" / f"track-{name}.csv").read_bytes()
+        assert alone.count(b"\n") == 5
+
+
+def test_summary_and_pictures(command, tmp_path, two):
+    path, places = two
+    done = command(
+        track, path, roi(places[0]), roi(places[1]), "--preset", "fast", "--engine", "model", "--batch-us", 50_000,
+        "--batches", 2, "--json", "--out", tmp_path,
+    )  # fmt: skip
+    summary = json.loads(done.out)
+    assert list(summary) == ["engine", "objects", "config"]
+    for k, entry in enumerate(summary["objects"]):
+        assert (entry["name"], entry["roi"], entry["batches"]) == (str(k), list(places[k]), 2)
+        assert entry["files"] == [str(tmp_path / f"track-{k}.{suffix}") for suffix in ("csv", "png")]
+        assert all((tmp_path / f"track-{k}.{suffix}").stat().st_size > 100 for suffix in ("csv", "png"))
+
+
+def test_one_with_a_name(command, tmp_path, two):
+    path, places = two
+    done = command(track, path, roi(places[0], "my-star_1="), *OPTIONS, "--batches", 1, "--out", tmp_path)
+    assert done.status == 0 and [file.name for file in tmp_path.iterdir()] == ["track-my-star_1.csv"]
+
+
+@pytest.mark.parametrize("found_alone", [False, True])
+def test_two_that_are_found(command, tmp_path, two, found_alone):
+    """Each with batches that suit its own speed; where one is told, the other is looked for at the same time."""
+    path, places = two
+    asked = [roi(places[0]), "--roi", "auto"] if found_alone else ["--roi", "auto", "--roi", "auto"]
+    done = command(track, path, *asked, *OPTIONS, "--batches", 2, "--json", "--out", tmp_path)
+    assert done.status == 0
+    notes = [line for line in done.err.splitlines() if line.startswith("note: track-")]
+    objects = [entry for entry in json.loads(done.out)["objects"] if "batch_events" in entry]
+    assert len(notes) == len(objects) == 2 - found_alone
+    for entry in objects:
+        place = min(places, key=lambda place: math.dist(place, entry["roi"]))
+        assert math.dist(place, entry["roi"]) < 16
+        assert 3 <= entry["median_px_per_half_batch"] <= 5
+    if not found_alone:
+        slow, fast = sorted(objects, key=lambda entry: -entry["batch_events"])
+        assert slow["batch_events"] > 1.4 * fast["batch_events"]
+        assert slow["roi"][0] < 100 < fast["roi"][0]
+
+
+@pytest.mark.parametrize(
+    "asked, message",
+    [
+        (["--roi", "a=1,2", "--roi", "a=3,4"], "--roi: the name 'a' is given twice; each object needs a name"),
+        (["--roi", "1=1,2", "--roi", "3,4"], "--roi: the name '1' is given twice"),
+        (["--roi", "a/b=1,2"], "argument --roi: 'a/b=1,2': a name of letters, digits, '-' and '_' is needed"),
+        (["--roi", "=1,2"], "argument --roi: '=1,2': a name of letters"),
+        (["--roi", "-a=1,2"], "argument --roi: expected one argument"),
+        (["--roi", "a=auto2"], "argument --roi: 'auto2': X,Y, two whole numbers, is needed"),
+        (["--roi", "1,2", "--roi", "500,2"], "ROI at 500,2: 0,0 to 176,116 is needed"),
+        (["--roi", "0,116", "--roi", "60,30"], "ROI at 0,116: none of the events is in it, in 2 batches; an ROI with"),
+        (["--roi", "auto"] + ["--roi", "auto"] * 3, "PATH: --roi auto: only 2 of 4 objects move clearly enough; "),
+        (["--roi", "auto", "--start-event", "7000", "--batches", "1"], "PATH: first event "),
+    ],
+)  # fmt: skip
+def test_mistakes(command, tmp_path, two, asked, message):
+    path, _ = two
+    if "first event" in message:
+        asked = [part.replace("7000", "999999") for part in asked]
+    done = command(track, path, *OPTIONS, "--batch-events", 1500, "--batches", 2, "--out", tmp_path, *asked)
+    assert done.error.startswith(message.replace("PATH", str(path)))
+    assert done.out == ""
