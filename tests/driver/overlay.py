@@ -5,7 +5,7 @@ What Vivado really writes was never seen by us; the structure is that of the fil
 
 from xml.etree import ElementTree
 
-from cmfpga.driver.facts import DMA_LENGTH_BITS
+from cmfpga.kv260 import DMA_LENGTH_BITS
 
 
 def _module(parent, name, vlnv, module, *, parameters=(), buses=(), registers=()):

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cmfpga.driver import DeviceError, DeviceTimeout, WrongHardware
-from cmfpga.driver.facts import MODULE_VLNV, VLNV
 from cmfpga.driver.results import differences
 from cmfpga.engines.model import ModelEngine
+from cmfpga.kv260 import MODULE_VLNV, VLNV
 
 from .board import Board, Interrupts
 from .conftest import CONFIG, batch

@@ -1,20 +1,19 @@
 """The accelerator: batches in, velocities out, by registers and streams."""
 
 import contextlib
-import dataclasses
 import time
 
 import numpy as np
 
 from ..batch import BatchSettings
-from ..engines.base import Engine
-from ..engines.rtl import schedule_table, settings_values
 from ..errors import ConfigError
-from ..registers import FORMATS, PACKET_BEATS, register_map
-from ..words import encode, setting_words, split_packets
+from ..registers import FORMATS, PACKET_BEATS
+from ..words import encode, split_packets
+from .control import Control
+from .engine import AcceleratorEngine
 from .errors import DeviceError, DeviceTimeout
 from .identity import identify
-from .results import WireResult, from_words
+from .results import from_words
 
 #: Seconds that a time-out may have.
 LONGEST_SECONDS = 86_400
@@ -63,12 +62,12 @@ class Accelerator:
             raise DeviceError(f"{backend.name}: there is no interrupt to wait for; interrupt=False does without")
         self.backend = backend
         self.config = identify(backend, config)
-        self.registers = register_map(self.config)
+        self._control = Control(backend, self.config)
+        self.registers = self._control.registers
         self.timeout = _checked(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
         self.form = form
-        self.engine = _AcceleratorEngine(self)
-        self._written = {}  # settings registers as they stand: offset to word
+        self.engine = AcceleratorEngine(self)
         self._streaming = False
         self._last_batch = 0
         self.reset()
@@ -161,9 +160,9 @@ class Accelerator:
             raise ValueError("what ends a batch: one of events, roi_events, duration_us, by_tlast is needed")
         settings = settings or BatchSettings.from_config(self.config, roi)
         ends = {"batch_events": events, "batch_roi_events": roi_events, "duration": duration_us, "by_tlast": by_tlast}
-        self._write_input(form or self.form, swap)
-        self._write_settings(settings, ends)
-        self._write("CTRL", START=1, AUTO_RESTART=1, DONE=1)
+        self._control.write_input(form or self.form, swap, self.timeout)
+        self._control.write_settings(settings, ends)
+        self._control.write("CTRL", START=1, AUTO_RESTART=1, DONE=1)
         self._streaming = True
 
     def send(self, words, timeout=None):
@@ -202,11 +201,11 @@ class Accelerator:
             Those that were not fetched.
         """
         deadline = time.monotonic() + (self.timeout if timeout is None else _checked(timeout))
-        self._write("CTRL")  # begin no other
-        if self._status("TAKING_IN"):
-            self._write("CTRL", END_BATCH=1)
+        self._control.write("CTRL")  # begin no other
+        if self._control.status("TAKING_IN"):
+            self._control.write("CTRL", END_BATCH=1)
         found = []
-        while self._status("COMPUTING") or self._status("RESULT_WAITING"):
+        while self._control.status("COMPUTING") or self._control.status("RESULT_WAITING"):
             with contextlib.suppress(DeviceTimeout):
                 found.append(self._receive(POLL_SECONDS))
             self._check_time(deadline, "the batch under way did not end")
@@ -215,7 +214,7 @@ class Accelerator:
                 found.append(self._receive(0))
                 self._check_time(deadline, "results do not end")
         self._streaming = False
-        if self._status("EVENTS_WAITING") or not self._sent():
+        if self._control.status("EVENTS_WAITING") or not self._sent():
             self.reset()
         return found
 
@@ -233,19 +232,16 @@ class Accelerator:
 
     def counters(self):
         """``{name: count}`` since the last reset or :meth:`clear_counters`; what is counted: ``registers``' docs."""
-        return {
-            register.name.removeprefix("COUNT_").lower(): self._read(register.name)["VALUE"]
-            for register in self.registers.group("Counters")
-        }
+        return self._control.counters()
 
     def clear_counters(self):
         """Set all counters to 0."""
         running = {"START": 1, "AUTO_RESTART": 1} if self._streaming else {}
-        self._write("CTRL", CLEAR_COUNTERS=1, **running)
+        self._control.write("CTRL", CLEAR_COUNTERS=1, **running)
 
     def status(self):
         """``{name: value}`` of the register STATUS."""
-        return {name.lower(): bool(value) for name, value in self._read("STATUS").items()}
+        return {name.lower(): bool(value) for name, value in self._control.read("STATUS").items()}
 
     def reset(self):
         """Forget events, batches under way, v, the ROI, and counters; the state after a hardware reset.
@@ -255,26 +251,19 @@ class Accelerator:
         deadline = time.monotonic() + self.timeout
         self.backend.stop()
         while True:
-            self._write("GIE")
-            self._write("CTRL", SOFT_RESET=1, DONE=1)
-            while self._status("RESULT_WAITING"):  # a packet that has begun is completed
+            self._control.write("GIE")
+            self._control.write("CTRL", SOFT_RESET=1, DONE=1)
+            while self._control.status("RESULT_WAITING"):  # a packet that has begun is completed
                 with contextlib.suppress(DeviceTimeout):
                     self.backend.receive(POLL_SECONDS)
                 self._check_time(deadline, "a packet does not end")
-            status = self._read("STATUS")
+            status = self._control.read("STATUS")
             if not (status["EVENTS_WAITING"] or status["COMPUTING"] or status["TAKING_IN"]):
                 break
             self.backend.stop()
-            self._check_time(deadline, f"the reset has no effect ({self._diagnosis()})")
+            self._check_time(deadline, f"the reset has no effect ({self._control.diagnosis()})")
         self.backend.stop()
-        self._write("SETTINGS_LOCK")
-        self._write("RESULT_HOLD")
-        self._write("OUTPUT", STREAM_RESULTS=1)
-        self._clear_interrupts()
-        if self.interrupt:
-            self._write("IER", DONE=1)
-            self._write("GIE", ENABLE=1)
-        self._written.clear()
+        self._control.usual_state(interrupt=self.interrupt)
         self._streaming = False
         self._last_batch = 0
         self.engine.forget()
@@ -300,8 +289,8 @@ class Accelerator:
     def close(self):
         """Stop, and close the back end."""
         with contextlib.suppress(DeviceError, OSError, ValueError):
-            self._write("CTRL")
-            self._write("GIE")
+            self._control.write("CTRL")
+            self._control.write("GIE")
         self.backend.close()
 
     def __enter__(self):
@@ -322,12 +311,12 @@ class Accelerator:
                 f"{self.backend.max_words}; smaller batches, or a larger buffer, are needed"
             )
         try:
-            if self._status("EVENTS_WAITING"):
+            if self._control.status("EVENTS_WAITING"):
                 raise DeviceError("words that no batch took wait inside: something else sends to s_axis")
-            self._write_input(self.form, False)
-            self._write_settings(settings, {"duration": 0, "by_tlast": 1})
-            self._clear_interrupts()
-            self._write("CTRL", START=1, DONE=1)
+            self._control.write_input(self.form, False, self.timeout)
+            self._control.write_settings(settings, {"duration": 0, "by_tlast": 1})
+            self._control.clear_interrupts()
+            self._control.write("CTRL", START=1, DONE=1)
             self.backend.send(words)
             self._wait_done(len(events))
             result = self._receive(self.timeout)
@@ -346,22 +335,22 @@ class Accelerator:
         while True:
             left = deadline - time.monotonic()
             came = not self.interrupt or self.backend.wait_interrupt(max(left, 0))
-            done = self._read("ISR")["DONE"]
+            done = self._control.read("ISR")["DONE"]
             if done and came:
                 break
             if done:
                 raise DeviceTimeout(
                     f"{self.backend.name}: the result came, but no interrupt within {self.timeout:g} s; "
-                    f"interrupt=False does without{self._hint()}"
+                    f"interrupt=False does without{self._control.hint}"
                 )
             if left <= 0:
                 raise DeviceTimeout(
                     f"{self.backend.name}: no result within {self.timeout:g} s of a batch of {events} events: "
-                    f"{self._diagnosis()}{self._hint()}"
+                    f"{self._control.diagnosis()}{self._control.hint}"
                 )
             if not self.interrupt:
                 time.sleep(min(POLL_SECONDS, left))
-        self._clear_interrupts()
+        self._control.clear_interrupts()
 
     def _receive(self, timeout):
         words = self.backend.receive(timeout)
@@ -374,68 +363,9 @@ class Accelerator:
             raise DeviceError(f"{self.backend.name}: the result of batch {result.batch} came, not of {expected}")
         return result
 
-    def _diagnosis(self):
-        """State in a few words, for messages."""
-        count = self.counters()
-        states = [name for name, value in self.status().items() if value]
-        return (
-            f"{count['beats_in']} words taken, {count['events_taken']} events in batches, "
-            f"{count['format_errors']} format errors, {count['before_time'] + count['out_of_sensor']} events dropped, "
-            f"{count['batches']} results; status: {', '.join(states) or 'idle'}"
-        )
-
-    def _hint(self):
-        hint = self.backend.hint()
-        return f". {hint}" if hint else ""
-
-    # ---------------------------------------------------------------- registers
-
-    def _read(self, name):
-        register = self.registers[name]
-        return register.unpack(self.backend.read32(register.offset))
-
-    def _write(self, name, **fields):
-        register = self.registers[name]
-        self.backend.write32(register.offset, register.pack(**fields))
-
-    def _status(self, name):
-        return self._read("STATUS")[name]
-
-    def _clear_interrupts(self):
-        self._write("ISR", **{f.name: 1 for f in self.registers["ISR"].fields})
-
-    def _write_input(self, form, swap):
-        self._write_once(self.registers["INPUT"], self.registers["INPUT"].pack(FORMAT=form, SWAP=int(swap)))
-        deadline = time.monotonic() + self.timeout
-        while self._status("INPUT_PENDING"):
-            self._check_time(deadline, f"the input does not change: {self._diagnosis()}")
-
-    def _write_settings(self, settings, ends):
-        """Registers that are not so yet. ``ROI_LOAD`` is a command, and clears itself."""
-        values = settings_values(self.config, settings) | {name: int(value) for name, value in ends.items()}
-        load = values.pop("roi_load")
-        if not load:
-            values.pop("roi_x"), values.pop("roi_y")
-        for name, word in setting_words(self.registers, values).items():
-            self._write_once(self.registers[name], word)
-        if "SCHEDULE" in self.registers:
-            declared = self.registers["SCHEDULE"]
-            table = schedule_table(self.config, settings)
-            table += ((0, 0),) * (declared.count - len(table))  # no RAM of a simulation begins with zeros
-            for k, (level, shift) in enumerate(table):
-                self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift), 4 * k)
-        self._write("ROI_LOAD", LOAD=load)
-
-    def _write_once(self, register, word, offset=0):
-        offset += register.offset
-        if self._written.get(offset) != word:
-            self._written.pop(offset, None)  # if the write fails, nobody knows
-            self.backend.write32(offset, word)
-            self._written[offset] = word
-
     def _check_time(self, deadline, what):
         if time.monotonic() > deadline:
-            raise DeviceTimeout(f"{self.backend.name}: {what} within {self.timeout:g} s{self._hint()}")
+            raise DeviceTimeout(f"{self.backend.name}: {what} within {self.timeout:g} s{self._control.hint}")
 
     @contextlib.contextmanager
     def _other_timeout(self, timeout):
@@ -452,35 +382,3 @@ def _checked(timeout):
     if not 0 <= timeout <= LONGEST_SECONDS:
         raise ConfigError(f"time-out {timeout} s: 0 to {LONGEST_SECONDS} s is allowed")
     return timeout
-
-
-class _AcceleratorEngine(Engine):
-    """An accelerator as an engine: its checks, its empty batches, its ROI."""
-
-    name = "axi"
-
-    def __init__(self, accelerator):
-        super().__init__(accelerator.config)
-        self._accelerator = accelerator
-        self._v = (0.0, 0.0)
-
-    @property
-    def v(self):
-        return self._v
-
-    def forget(self):
-        """The state after a reset."""
-        self.roi, self._waiting_roi, self._v = (0, 0), None, (0.0, 0.0)
-
-    def _run(self, events, settings):
-        result = self._accelerator.process(events, settings)
-        self._v = result.v
-        return result
-
-    def _nothing(self, settings):
-        empty = super()._nothing(settings)
-        common = {f.name: getattr(empty, f.name) for f in dataclasses.fields(empty) if f.name != "trace"}
-        return WireResult(**common, batch=0, t_first=None, t_ref=None, sums=(0,) * 5)
-
-    def close(self):
-        self._accelerator.close()

@@ -8,9 +8,9 @@ from typing import Protocol
 
 import numpy as np
 
+from ..kv260 import DMA_LENGTH_BITS
 from .backend import Backend
 from .errors import DeviceError, DeviceTimeout
-from .facts import DMA_LENGTH_BITS
 
 # Of each channel: control, status, address, and its upper half, length.
 CONTROL, STATUS, ADDRESS, ADDRESS_HIGH, LENGTH = 0x00, 0x04, 0x18, 0x1C, 0x28

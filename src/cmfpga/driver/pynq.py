@@ -15,10 +15,10 @@ import select
 import numpy as np
 from pynq import DefaultIP, UnsupportedConfiguration, allocate
 
+from ..kv260 import BUFFER_EVENTS_SIZE, BUFFER_RESULTS_SIZE, MODULE_VLNV, VLNV
 from .accelerator import Accelerator
 from .axi_dma import DmaBackend
 from .errors import WrongHardware
-from .facts import BUFFER_EVENTS_SIZE, BUFFER_RESULTS_SIZE, MODULE_VLNV, VLNV
 from .identity import check_version
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from ..kv260 import BUFFER_EVENTS, BUFFER_RESULTS, LINUX_CLOCK, UIO_DMA, UIO_REGISTERS
 from .axi_dma import DmaBackend
 from .errors import DeviceError
-from .facts import BUFFER_EVENTS, BUFFER_RESULTS, LINUX_CLOCK, UIO_DMA, UIO_REGISTERS
 
 
 def _open(path):
