@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from tqdm import tqdm
 
 from . import cli, report, tracking
-from .engines import ENGINES, check_roi
+from .engines import AXI, ENGINES, check_roi
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .picture import Gallery
@@ -66,9 +66,9 @@ def _parser():
     made.add_argument(
         "--engine",
         default="rtl",
-        choices=ENGINES,
-        help="rtl: the emitted Verilog, cycle by cycle; model: the same in integers (needs torch); "
-        "float: the article's equations (needs torch) (default: rtl)",
+        choices=(*ENGINES, AXI),
+        help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
+        "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
     )
     cli.add_recording_options(made)
     made.add_argument(
