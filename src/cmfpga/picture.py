@@ -2,16 +2,12 @@
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt
 import numpy as np
 
 from .iwe import image_of_warped_events, scaled_roi_events
 
 FRAMES = 4
+DPI = 110
 
 
 class Gallery:
@@ -68,7 +64,13 @@ class Gallery:
 
     def save(self, path):
         """Write the picture (PNG, or what the suffix says)."""
-        figure = plt.figure(figsize=(14, 8.4), layout="constrained")
+        self.figure().savefig(path, dpi=DPI)
+
+    def figure(self):
+        """The picture as a Matplotlib ``Figure``."""
+        from matplotlib.figure import Figure  # Matplotlib takes a second to import; no window, so no pyplot
+
+        figure = Figure(figsize=(14, 8.4), layout="constrained", dpi=DPI)
         top, bottom = figure.subfigures(2, 1, height_ratios=(1, 1.6))
         chosen = np.unique(np.linspace(0, len(self._frames) - 1, FRAMES).round().astype(int)) if self._frames else []
         for axis, k in zip(np.atleast_1d(top.subplots(1, max(1, len(chosen)))), chosen, strict=False):
@@ -78,15 +80,16 @@ class Gallery:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_speed(right.subplots())
         figure.suptitle(f"{_plain(self.name)}: {len(self._corners)} batches (cyan: trail of the ROI's centre)")
-        figure.savefig(path, dpi=110)
-        plt.close(figure)
+        return figure
 
     def _draw_frame(self, axis, index, roi, frame):
+        from matplotlib.patches import Rectangle
+
         axis.imshow(np.minimum(frame, 2), cmap="gray", interpolation="nearest")
         centre = (self.config.roi_width / 2, self.config.roi_height / 2)
         axis.plot(*np.add(self._corners[: index + 1], centre).T, color="tab:cyan", linewidth=2)
         size = (self.config.roi_width, self.config.roi_height)
-        axis.add_patch(plt.Rectangle(np.subtract(roi, 0.5), *size, fill=False, edgecolor="tab:red", linewidth=1.5))
+        axis.add_patch(Rectangle(np.subtract(roi, 0.5), *size, fill=False, edgecolor="tab:red", linewidth=1.5))
         axis.set(title=f"batch {index}: events, ROI", xlabel="x [px]", ylabel="y [px]")
 
     def _draw_images(self, figure, index, v, still, moved):

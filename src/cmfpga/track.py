@@ -1,16 +1,22 @@
-"""``python -m cmfpga.track``: follow an object through a recording."""
+"""``python -m cmfpga.track``: follow an object through a recording.
+
+The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.tracking.track`.
+"""
 
 import contextlib
 import csv
+import inspect
 import json
 import sys
+import types
 
 from tqdm import tqdm
 
-from . import cli
-from .engines import ENGINES, check_roi, make_engine
+from . import cli, tracking
+from .engines import ENGINES, check_roi
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
+from .picture import Gallery
 from .reference.tracker import COLUMNS, track
 
 EXAMPLES = (
@@ -111,7 +117,7 @@ def _batch_events(options):
     """Events of a batch, or None where another limit is given."""
     if options.batch_us or options.batch_roi_events:
         return None
-    return options.batch_events or (5000 if options.recording else DEMO_BATCH_EVENTS)
+    return options.batch_events or (tracking.BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS)
 
 
 def _check_batch(option, size, config):
@@ -165,19 +171,10 @@ def _total(options, recording, cutter):
 
 
 def _engine(options, config):
-    try:
-        return make_engine(options.engine, config)
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError(
-            f"--engine {options.engine}: torch is not installed; pip install 'cmfpga[reference]'"
-        ) from None
+    return tracking.open_engine(options.engine, config, option="--engine")
 
 
 def _gallery(config, recording, truth):
-    from .picture import Gallery  # Matplotlib takes a second to import
-
     return Gallery(config, recording.name, truth.motion if truth else None)
 
 
@@ -217,6 +214,18 @@ def _print_truth(truth, tracked):
         true = truth.motion.mean_velocity(int(times[0]), int(times[1]))
         print(f"{index:5}   {true[0]:8.1f} {true[1]:8.1f}       {speed[0]:8.1f} {speed[1]:8.1f}")
 
+
+class _Callable(types.ModuleType):
+    """Makes ``cmfpga.track(…)`` the library's function, whether or not this module was imported before."""
+
+    def __call__(self, recording, **options):
+        return tracking.track(recording, **options)
+
+    __call__.__doc__ = tracking.track.__doc__
+
+
+sys.modules[__name__].__class__ = _Callable
+__signature__ = inspect.signature(tracking.track)
 
 if __name__ == "__main__":
     sys.exit(cli.run(main))
