@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import platformdirs
+from filelock import FileLock
 
 from ..emit import AXI_TOP, TOP, emit_verilog, sha256
 from ..errors import ConfigError
@@ -55,14 +56,14 @@ class VerilatedCore:
     """
 
     def __init__(self, config, *, seed=1, core=None):
-        core = VerilogCore(config) if core is None else core
+        core, library = _core_and_library(config) if core is None else (core, compile_library(core))
         self.config = config
         self.core = core
         self.settings_names = _names(core.inputs, "settings_")
         self.result_names = _names(core.outputs, "result_")
         self.trace_names = _names(core.outputs, "trace_", but="trace_pixels")
         self.pixel_names = _names(core.outputs, "trace_pixels_")
-        self._library = ctypes.CDLL(str(compile_library(core)))
+        self._library = ctypes.CDLL(str(library))
         self._library.core_new.restype = ctypes.c_void_p
         self._library.core_wave_count.restype = ctypes.c_int64
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
@@ -267,21 +268,36 @@ class VerilatedEngine(RtlEngine):
         self._core.close()
 
 
+_known = {}  # what _core_and_library has returned to this process
+
+
+def _core_and_library(config):
+    """The :class:`VerilogCore` of a hardware, and its library; once a process, for emitting alone takes seconds."""
+    key = config.hardware_hash, cache_folder()
+    if key not in _known or not _known[key][1].exists():
+        core = VerilogCore(config)
+        _known[key] = core, compile_library(core)
+    return _known[key]
+
+
 def cache_folder():
     """Where compiled simulators are kept: ``$CMFPGA_CACHE``, or the user's cache."""
     return Path(os.environ.get("CMFPGA_CACHE") or platformdirs.user_cache_path("cmfpga"))
 
 
 def compile_library(core):
-    """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it."""
+    """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it.
+
+    Processes that need the same one at the same time wait for the first of them, which compiles it.
+    """
     compiler = _require_compiler()
-    return _build(emit_verilog(core), compiler, top=TOP, harness="harness.cpp", ports=_ports_include(core))
+    return _library(emit_verilog(core), compiler, top=TOP, harness="harness.cpp", ports=_ports_include(core))
 
 
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.KV260Top`."""
     compiler = _require_compiler()
-    return _build(emit_verilog(top, AXI_TOP), compiler, top=AXI_TOP, harness="axi_harness.cpp")
+    return _library(emit_verilog(top, AXI_TOP), compiler, top=AXI_TOP, harness="axi_harness.cpp")
 
 
 def _require_compiler():
@@ -293,7 +309,7 @@ def _require_compiler():
     return compiler
 
 
-def _build(verilog, compiler, *, top, harness, ports=""):
+def _library(verilog, compiler, *, top, harness, ports=""):
     """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
     harness = importlib.resources.files(__package__).joinpath(harness).read_text()
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
@@ -308,16 +324,21 @@ def _build(verilog, compiler, *, top, harness, ports=""):
         raise ConfigError(
             f"{folder}: cannot be made, for compiled simulators: {error.strerror}; CMFPGA_CACHE may name another folder"
         ) from None
-    with tempfile.TemporaryDirectory(dir=folder) as scratch:
+    with FileLock(library.with_suffix(".lock")):  # the system releases it, should this process be killed
+        if not library.exists():
+            _build(library, compiler, top, {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness})
+    return library
+
+
+def _build(library, compiler, top, sources):
+    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
         scratch = Path(scratch)
-        (scratch / f"{top}.v").write_text(verilog)
-        (scratch / "ports.inc").write_text(ports)
-        (scratch / "harness.cpp").write_text(harness)
+        for name, text in sources.items():
+            (scratch / name).write_text(text)
         built = scratch / library.name
         _verilate(scratch, top)
         _compile(compiler, scratch, built)
-        built.replace(library)  # atomic: another process may be doing the same
-    return library
+        built.replace(library)  # atomic: who only looks whether it exists takes no lock
 
 
 def verilator_root():

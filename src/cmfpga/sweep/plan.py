@@ -1,0 +1,243 @@
+"""What a sweep has to do: every object of every recording with every configuration, in a fixed order."""
+
+import hashlib
+import itertools
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ..config import Config, preset
+from ..engines import check_roi
+from ..errors import ConfigError, UserError
+from ..events import open_recording
+from .task import Task, version
+from .truth import Truth, read_truth
+
+#: Stands among the fields that vary for the configuration that is begun with.
+PRESET = "preset"
+
+_WITH_ROI = re.compile(r"(.+)@(-?\d+),(-?\d+)", re.DOTALL)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subject:
+    """An object of a recording.
+
+    Parameters
+    ----------
+    name : str
+        The recording as it was given, without its ROI.
+    path : Path
+        Absolute.
+    roi : (int, int) or None
+        As given; None: at the object's start.
+    digest : str
+        SHA-256 of the file.
+    sensor : (int, int) or None
+        What the file, or the options, say.
+    first_us : int
+        Time of the first event that is tracked.
+    truth : Truth or None
+    problem : str
+        Why it cannot be tracked; empty if it can.
+    """
+
+    name: str
+    path: Path
+    roi: tuple[int, int] | None
+    digest: str = ""
+    sensor: tuple[int, int] | None = None
+    first_us: int = 0
+    truth: Truth | None = None
+    problem: str = ""
+
+    def require_roi(self):
+        """Raise :exc:`ConfigError` unless it is known where the object is."""
+        if not self.problem and self.roi is None and (self.truth is None or self.truth.start is None):
+            raise ConfigError(
+                f"{self.name}: an ROI is needed, as {self.name}@X,Y, or --roi X,Y for all; the recording does not say "
+                "where its object is"
+            )
+
+    def roi_for(self, config):
+        """The first batch's ROI; around the object's true place, where none is given."""
+        if self.roi is not None:
+            return self.roi
+        centre = self.truth.motion.position(self.first_us)
+        sizes = zip(centre, (config.roi_width, config.roi_height), (config.roi_x_max, config.roi_y_max), strict=True)
+        return tuple(min(max(round(at - (size - 1) / 2), 0), most) for at, size, most in sizes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """One configuration of a sweep, before a recording's sensor is known.
+
+    Parameters
+    ----------
+    number : int
+        From 0.
+    varied : dict
+        Values of the fields that vary, by name.
+    preset : str
+    changes : dict
+        All fields that differ from the preset's.
+    """
+
+    number: int
+    varied: dict
+    preset: str
+    changes: dict
+
+    @property
+    def label(self):
+        """The values that vary, for people."""
+        return ", ".join(f"{name} = {value}" for name, value in self.varied.items()) or "as given"
+
+    def fields(self, sensor):
+        """All fields for a recording of this sensor, whether or not they go together."""
+        size = {} if sensor is None else {"sensor_width": sensor[0], "sensor_height": sensor[1]}
+        return {**preset(self.preset).to_dict(), **size, **self.changes}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Row:
+    """One row of the results: what to run, or why it cannot be."""
+
+    subject: Subject
+    choice: Choice
+    roi: tuple[int, int] | None = None
+    task: Task | None = None
+    problem: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """What all rows have in common; fields as of :class:`~cmfpga.sweep.task.Task`."""
+
+    engine: str = "rtl"
+    size: dict = field(default_factory=lambda: {"events": 5000})
+    start_event: int = 0
+    batches: int | None = None
+    sensor: tuple[int, int] | None = None
+    time_unit: str | None = None
+
+
+def choices(base, assignments, varied):
+    """All combinations of the values of ``varied`` (texts ``FIELD=A,B,…``), the last field changing fastest.
+
+    Parameters
+    ----------
+    base : str
+        Name of the preset.
+    assignments : list of str
+        ``FIELD=VALUE``, the same in all of them.
+    varied : list of str
+
+    Raises
+    ------
+    ConfigError
+        A field or a value is not allowed, or stands twice.
+    """
+    fixed = Config.parse(assignments)
+    axes = {}
+    for text in varied:
+        name, equals, values = text.partition("=")
+        if not equals or not values:
+            raise ConfigError(f"--vary {text}: FIELD=VALUE,VALUE,… is needed")
+        if name in axes or name in fixed:
+            raise ConfigError(f"--vary {text}: {name} is set twice")
+        axes[name] = [_value(name, value.strip()) for value in values.split(",")]
+        for value in axes[name]:
+            if axes[name].count(value) > 1:
+                raise ConfigError(f"--vary {text}: {value} stands twice")
+    preset(base)
+    found = []
+    for number, values in enumerate(itertools.product(*axes.values())):
+        chosen = dict(zip(axes, values, strict=True))
+        changes = {name: value for name, value in chosen.items() if name != PRESET}
+        name = chosen.get(PRESET, base)
+        found.append(Choice(number=number, varied=chosen, preset=name, changes={**fixed, **changes}))
+    return found
+
+
+def _value(name, text):
+    if name == PRESET:
+        preset(text)
+        return text
+    return Config.parse([f"{name}={text}"])[name]
+
+
+def subjects(arguments, roi, run):
+    """A :class:`Subject` of each of ``RECORDING`` and ``RECORDING@X,Y``; ``roi`` is for those without one.
+
+    What is wrong with a recording is its ``problem``, and does not raise.
+    """
+    found = []
+    for argument in arguments:
+        name, own = argument, roi
+        match = _WITH_ROI.fullmatch(argument)
+        if match and not Path(argument).exists():
+            name, own = match[1], (int(match[2]), int(match[3]))
+        if any((name, own) == (other.name, other.roi) for other in found):
+            raise ConfigError(f"{argument}: stands twice")
+        found.append(_subject(name, own, run))
+    return found
+
+
+def _subject(name, roi, run):
+    path = Path(name)
+    try:
+        with open_recording(path, sensor=run.sensor, time_unit=run.time_unit) as recording:
+            first = next(iter(recording.chunks(run.start_event, 1)), None)
+            sensor = None if recording.width is None else (recording.width, recording.height)
+        truth = read_truth(path)
+        with path.open("rb") as file:
+            digest = hashlib.file_digest(file, "sha256").hexdigest()
+    except (UserError, OSError) as error:
+        return Subject(name=name, path=path, roi=roi, problem=" ".join(str(error).splitlines()))
+    return Subject(
+        name=name,
+        path=path.resolve(),
+        roi=roi,
+        digest=digest,
+        sensor=sensor,
+        first_us=int(first.t[0]) if first else 0,
+        truth=truth,
+    )
+
+
+def rows(subjects, choices, run):
+    """A :class:`Row` of each object and configuration, object by object.
+
+    Raises :exc:`ConfigError` where a recording that can be read needs an ROI.
+    """
+    for subject in subjects:
+        subject.require_roi()
+    return [_row(subject, choice, run) for subject in subjects for choice in choices]
+
+
+def _row(subject, choice, run):
+    if subject.problem:
+        return Row(subject=subject, choice=choice, roi=subject.roi, problem=subject.problem)
+    roi = subject.roi
+    try:
+        config = Config(**choice.fields(subject.sensor))
+        roi = subject.roi_for(config)
+        check_roi(config, roi)
+    except ConfigError as error:
+        return Row(subject=subject, choice=choice, roi=roi, problem=str(error))
+    task = Task(
+        path=str(subject.path),
+        digest=subject.digest,
+        config=config,
+        roi=roi,
+        engine=run.engine,
+        size=run.size,
+        start_event=run.start_event,
+        batches=run.batches,
+        sensor=run.sensor,
+        time_unit=run.time_unit,
+        truth=subject.truth,
+        version=version(),
+    )
+    return Row(subject=subject, choice=choice, roi=roi, task=task)

@@ -1,0 +1,50 @@
+"""What was computed, one file each, so that a sweep goes on where it stopped."""
+
+import json
+import os
+import tempfile
+from pathlib import Path
+
+
+class Store:
+    """Outcomes by their key, in a folder that is made when it is first written to.
+
+    A file is complete or absent: it is written under another name and then renamed. Only ``"ok"`` is kept; what failed
+    is tried again the next time.
+    """
+
+    def __init__(self, folder):
+        self.folder = Path(folder)
+
+    def get(self, key):
+        """The outcome kept under ``key``, or None."""
+        try:
+            outcome = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))
+        except (FileNotFoundError, ValueError):  # ValueError: damaged, as by a disk that failed
+            return None
+        return outcome if isinstance(outcome, dict) and outcome.get("status") == "ok" else None
+
+    def put(self, key, outcome):
+        """Keep ``outcome`` if it is ``"ok"``; returns it as :meth:`get` would."""
+        text = json.dumps(outcome)
+        if outcome["status"] == "ok":
+            self.folder.mkdir(parents=True, exist_ok=True)
+            write_atomically(self.folder / f"{key}.json", text.encode())
+        return json.loads(text)
+
+
+def write_atomically(path, content):
+    """Write bytes so that whoever reads ``path`` finds what was there before, or all of it."""
+    handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        os.chmod(scratch, 0o666 & ~umask)  # mkstemp's are for their owner only
+        os.replace(scratch, path)
+    except BaseException:
+        os.unlink(scratch)
+        raise

@@ -1,0 +1,315 @@
+"""The tables of a sweep, and the ranking of its configurations."""
+
+import io
+import math
+import statistics
+
+import pandas
+
+from .. import resources
+from ..config import Config
+from ..reference.tracker import COLUMNS
+from .store import write_atomically
+from .task import version
+
+#: An error below this counts as found, px per half batch; the bound of ``cmfpga.accuracy``.
+FOUND_PX = 0.6
+
+#: Columns of ``results``, in order, before those of the resources and the configuration: pandas' type and meaning.
+RESULTS = {
+    "recording": ("string", "as it was given, without its ROI"),
+    "configuration": ("Int64", "number of the configuration, from 0, the field that was named last changing fastest"),
+    "status": ("string", "`ok`; `empty`: no batch measured anything; `failed`: there is no result"),
+    "reason": ("string", "why it is not `ok`"),
+    "roi_x": ("Int64", "left column of the first batch's ROI, px"),
+    "roi_y": ("Int64", "top row of the first batch's ROI, px"),
+    "batches": ("Int64", "batches tracked"),
+    "degenerate_batches": ("Int64", "batches that measured nothing"),
+    "flagged_batches": ("Int64", "batches with any flag"),
+    "flags": ("string", "all flags that were set, joined by `\\|`"),
+    "events": ("Int64", "events of all batches"),
+    "events_left_over": ("Int64", "events after the last batch"),
+    "roi_events_mean": ("Float64", "events in the ROI that the buffer held, mean over the batches"),
+    "vx_px_per_s_median": ("Float64", "median velocity, px/s"),
+    "vy_px_per_s_median": ("Float64", "the same along y"),
+    "contrast_mean": ("Float64", "contrast at the v found, mean over the batches, (events/px)²"),
+    "error_px_median": (
+        "Float64",
+        "distance of v from the truth, median over the batches, px per half batch; a degenerate batch errs by "
+        "infinity; empty where the truth is not known",
+    ),
+    "error_px_max": ("Float64", "the largest of them"),
+    "error_below_0.6_px": ("Float64", "share of the batches whose error is less than 0.6 px per half batch"),
+    "cycles_mean": ("Float64", "clock cycles of a batch, mean; empty for engines without a clock"),
+    "cycles_max": ("Int64", "clock cycles of the longest batch"),
+    "truth": ("string", "where the true motion was found: `sidecar` or `recording`; empty: nowhere"),
+    "engine": ("string", "`rtl`, `model` or `float`"),
+    "batch_events": ("Int64", "`--batch-events`"),
+    "batch_us": ("Int64", "`--batch-us`"),
+    "batch_roi_events": ("Int64", "`--batch-roi-events`"),
+    "start_event": ("Int64", "`--start-event`"),
+    "recording_sha256": ("string", "of the file"),
+    "configuration_hash": ("string", "of the hardware: equal hash, equal Verilog"),
+    "cmfpga": ("string", "version, and a digest of the sources"),
+    "preset": ("string", "the configuration that was begun with"),
+}
+
+#: Columns of ``batches`` behind those of ``track.csv``.
+TRUTH_COLUMNS = ("true_vx", "true_vy", "error_px")
+
+_TYPES = {int: "Int64", float: "Float64", str: "string"}
+_BATCH_TYPES = {
+    **dict.fromkeys(("batch", "events", "roi_events", "roi_x", "roi_y", "iterations", "cycles"), "Int64"),
+    "flags": "string",
+}
+
+
+def config_types():
+    """Pandas' type of each field of the configuration."""
+    return {name: _TYPES[field.type] for name, field in Config.__dataclass_fields__.items()}
+
+
+def results(rows, outcomes, run, estimates):
+    """One line for each of ``rows``, as a DataFrame.
+
+    Parameters
+    ----------
+    rows : list of Row
+    outcomes : list of dict
+        Of each row, as :func:`~cmfpga.sweep.task.run_task` returns it.
+    run : Run
+    estimates : dict
+        Outcomes of :func:`~cmfpga.sweep.task.estimate_resources` by hardware hash; empty if they were not asked for.
+    """
+    lines = []
+    for row, outcome in zip(rows, outcomes, strict=True):
+        config = row.task.config if row.task else None
+        line = {
+            "recording": row.subject.name,
+            "configuration": row.choice.number,
+            "roi_x": row.roi[0] if row.roi else None,
+            "roi_y": row.roi[1] if row.roi else None,
+            **summary(row, outcome),
+            "truth": row.subject.truth.source if row.subject.truth else None,
+            "engine": run.engine,
+            "batch_events": run.size.get("events"),
+            "batch_us": run.size.get("duration_us"),
+            "batch_roi_events": run.size.get("roi_events"),
+            "start_event": run.start_event,
+            "recording_sha256": row.subject.digest or None,
+            "configuration_hash": config.hardware_hash if config else None,
+            "cmfpga": version(),
+            "preset": row.choice.preset,
+        }
+        estimated = (estimates.get(config.hardware_hash) or {}).get("total", {}) if config else {}
+        line |= {f"resources.{kind}": estimated.get(kind) for kind in resources.KINDS} if estimates else {}
+        line |= {f"config.{name}": value for name, value in row.choice.fields(row.subject.sensor).items()}
+        lines.append(line)
+    types = {name: kind for name, (kind, _) in RESULTS.items()}
+    types |= {f"resources.{kind}": "Float64" for kind in resources.KINDS} if estimates else {}
+    types |= {f"config.{name}": kind for name, kind in config_types().items()}
+    return _frame(lines, types)
+
+
+def summary(row, outcome):
+    """What one track amounts to: the columns of :data:`RESULTS` that an outcome determines."""
+    if outcome["status"] != "ok":
+        return {"status": "failed", "reason": outcome["reason"]}
+    batches = outcome["batches"]
+    flags = [batch["flags"].split("|") if batch["flags"] else [] for batch in batches]
+    degenerate = sum("degenerate" in names for names in flags)
+    status, reason = "ok", None
+    if degenerate == len(batches):
+        most = max(batch["roi_events"] for batch in batches)
+        status = "empty"
+        reason = (
+            f"no batch measured anything: at most {most} events in the ROI"
+            if most
+            else f"no event ever entered the ROI at {row.roi[0]},{row.roi[1]}"
+        )
+    found = {
+        "status": status,
+        "reason": reason,
+        "batches": len(batches),
+        "degenerate_batches": degenerate,
+        "flagged_batches": sum(map(bool, flags)),
+        "flags": "|".join(dict.fromkeys(name for names in flags for name in names)),
+        "events": sum(batch["events"] for batch in batches),
+        "events_left_over": outcome["events_left_over"],
+        "roi_events_mean": _mean(batch["roi_events"] for batch in batches),
+        "vx_px_per_s_median": _median(batch["vx_px_per_s"] for batch in batches),
+        "vy_px_per_s_median": _median(batch["vy_px_per_s"] for batch in batches),
+        "contrast_mean": _mean(batch["contrast"] for batch in batches),
+        "cycles_mean": _mean(batch["cycles"] for batch in batches),
+        "cycles_max": max((batch["cycles"] for batch in batches if batch["cycles"] is not None), default=None),
+    }
+    if row.subject.truth:
+        errors = errors_of(outcome)
+        found["error_px_median"] = statistics.median(errors)
+        found["error_px_max"] = max(errors)
+        found["error_below_0.6_px"] = _mean(error < FOUND_PX for error in errors)
+    return found
+
+
+def errors_of(outcome):
+    """Distance from the truth of each batch, px per half batch; infinite for a degenerate one."""
+    return [math.inf if batch["error_px"] is None else batch["error_px"] for batch in outcome["batches"]]
+
+
+def _mean(values):
+    values = [value for value in values if value is not None]
+    return math.fsum(values) / len(values) if values else None
+
+
+def _median(values):
+    values = [value for value in values if value is not None]
+    return statistics.median(values) if values else None
+
+
+def batches(rows, outcomes):
+    """One line for each batch of each row, as a DataFrame: what varies, the columns of track.csv, and the truth."""
+    varied = list(rows[0].choice.varied) if rows else []
+    lines = [
+        {
+            "recording": row.subject.name,
+            "first_roi": f"{row.roi[0]},{row.roi[1]}",
+            "configuration": row.choice.number,
+            **{f"config.{name}": row.choice.varied[name] for name in varied},
+            **batch,
+        }
+        for row, outcome in zip(rows, outcomes, strict=True)
+        if outcome["status"] == "ok"
+        for batch in outcome["batches"]
+    ]
+    types = {"recording": "string", "first_roi": "string", "configuration": "Int64"}
+    types |= {f"config.{name}": config_types().get(name, "string") for name in varied}
+    types |= {name: _BATCH_TYPES.get(name, "Float64") for name in (*COLUMNS, *TRUTH_COLUMNS)}
+    return _frame(lines, types)
+
+
+def _frame(lines, types):
+    return pandas.DataFrame(
+        {name: pandas.array([line.get(name) for line in lines], dtype=kind) for name, kind in types.items()}
+    )
+
+
+def write(frame, path):
+    """Write a DataFrame as CSV or Parquet, by the suffix of ``path``."""
+    if path.suffix == ".csv":
+        content = frame.to_csv(index=False, lineterminator="\n").encode()
+    else:
+        buffer = io.BytesIO()
+        frame.to_parquet(buffer, index=False, engine="pyarrow")
+        content = buffer.getvalue()
+    write_atomically(path, content)
+
+
+#: What configurations are ranked by, in the order in which it decides: title, and whether less is better.
+CRITERIA = {
+    "error_px": ("error, median [px/half batch]", True),
+    "contrast": ("contrast, share of the best", False),
+    "cycles": ("cycles per batch, mean", True),
+    "lut": ("LUT (estimate)", True),
+}
+
+
+def ranking(rows, outcomes, estimates):
+    """The configurations, best first, as dictionaries.
+
+    A configuration is ranked if all its rows are ``ok`` and so comparable with the others; the rest come last.
+
+    - ``error_px``: median over all batches of all recordings whose truth is known, ``below`` the share below 0.6 px;
+    - ``contrast``: each recording's mean as a share of the best configuration's, mean over the recordings;
+    - ``cycles``: mean over all batches;
+    - ``resources``: estimates, where they were asked for; LUTs are ranked.
+
+    ``ranks`` has a number from 1 for each of :data:`CRITERIA` that there is a value for. ``best`` is set where no other
+    ranked configuration is as good in all of them and better in one.
+    """
+    groups = {}
+    for row, outcome in zip(rows, outcomes, strict=True):
+        groups.setdefault(row.choice.number, []).append((row, outcome, summary(row, outcome)))
+    contrasts = {}
+    for group in groups.values():
+        for row, _, found in group:
+            key = row.subject.name, row.subject.roi
+            contrasts[key] = max(contrasts.get(key, 0.0), found.get("contrast_mean") or 0.0)
+    listed = [_aggregate(group, contrasts, estimates) for group in groups.values()]
+    ranked = [entry for entry in listed if entry["complete"]]
+    for name, (_, less) in CRITERIA.items():
+        values = {entry["configuration"]: entry[name] for entry in ranked if entry[name] is not None}
+        for entry in ranked:
+            if entry["configuration"] in values:
+                mine = entry[name]
+                entry["ranks"][name] = 1 + sum(value < mine if less else value > mine for value in values.values())
+    for entry in ranked:
+        entry["best"] = not any(_dominates(other, entry) for other in ranked)
+    return sorted(
+        listed,
+        key=lambda entry: (
+            not entry["complete"],
+            [entry["ranks"].get(name, 0) for name in CRITERIA],
+            entry["configuration"],
+        ),
+    )
+
+
+def _aggregate(group, contrasts, estimates):
+    ok = [(row, outcome, found) for row, outcome, found in group if found["status"] == "ok"]
+    errors = [error for row, outcome, _ in ok if row.subject.truth for error in errors_of(outcome)]
+    cycles = [batch["cycles"] for _, outcome, _ in ok for batch in outcome["batches"]]
+    shares = [
+        found["contrast_mean"] / best
+        for row, _, found in ok
+        if (best := contrasts[row.subject.name, row.subject.roi]) > 0
+    ]
+    hashes = {row.task.config.hardware_hash for row, _, _ in group if row.task}
+    totals = [estimates[key]["total"] for key in sorted(hashes) if estimates.get(key, {}).get("status") == "ok"]
+    # With sensors of several sizes there are several hardwares: the largest counts.
+    used = {kind: max(total[kind] for total in totals) for kind in resources.KINDS} if totals else None
+    choice = group[0][0].choice
+    return {
+        "configuration": choice.number,
+        "varied": choice.varied,
+        "label": choice.label,
+        "rows": len(group),
+        "rows_ok": len(ok),
+        "complete": len(ok) == len(group),
+        "error_px": statistics.median(errors) if errors else None,
+        "below": _mean(error < FOUND_PX for error in errors),
+        "contrast": _mean(shares),
+        "cycles": _mean(cycles),
+        "resources": used,
+        "lut": used["lut"] if used else None,
+        "ranks": {},
+        "best": False,
+    }
+
+
+def _dominates(one, other):
+    """Whether ``one`` is as good as ``other`` in all criteria and better in one."""
+    ranks = [(rank, other["ranks"][name]) for name, rank in one["ranks"].items() if name in other["ranks"]]
+    return all(a <= b for a, b in ranks) and any(a < b for a, b in ranks)
+
+
+def number(value):
+    """A number for people: few digits, a dash where there is none."""
+    if value is None or pandas.isna(value):
+        return "–"
+    if math.isinf(value):
+        return "∞"
+    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+
+
+def text(ranked):
+    """The ranking for a terminal."""
+    shown = [name for name in CRITERIA if any(entry[name] is not None for entry in ranked)]
+    lines = [("", *(CRITERIA[name][0] for name in shown), "rows")]
+    for entry in ranked:
+        mark = "* " if entry["best"] else "  "
+        rows = f"{entry['rows_ok']} of {entry['rows']}"
+        lines.append((mark + entry["label"], *(number(entry[name]) for name in shown), rows))
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return "\n".join(
+        "  ".join([first.ljust(widths[0]), *map(str.rjust, others, widths[1:])]).rstrip() for first, *others in lines
+    )

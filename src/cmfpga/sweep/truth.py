@@ -1,0 +1,112 @@
+"""The true motion of a recording's object, where it is known.
+
+It stands in one of two places; the first that exists is taken:
+
+- ``RECORDING.truth.csv`` beside the recording (``rec.h5.truth.csv`` beside ``rec.h5``), with the columns ``t_us``,
+  ``vx_px_per_s`` and ``vy_px_per_s``: from this time on, on the recording's clock, the object moves so fast;
+- the group ``/ground_truth/motion`` of an HDF5 recording, with ``t`` (µs), ``velocity`` (N×2, px/s) and, optionally,
+  ``start``, the place of the object's centre (px) at the first of the times. Synthetic recordings have it.
+"""
+
+import csv
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..errors import RecordingError
+from ..events import Motion
+
+COLUMNS = ("t_us", "vx_px_per_s", "vy_px_per_s")
+GROUP = "ground_truth/motion"
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A known motion, constant piece by piece.
+
+    Parameters
+    ----------
+    source : str
+        ``"sidecar"`` or ``"recording"``.
+    times : tuple of int
+        Begin of each piece, µs, ascending.
+    velocities : tuple of (float, float)
+        (vx, vy) of each piece, px/s.
+    start : (float, float) or None
+        Place of the object's centre at the first of the times, px.
+    """
+
+    source: str
+    times: tuple
+    velocities: tuple
+    start: tuple | None = None
+
+    @property
+    def motion(self):
+        """As :class:`~cmfpga.events.Motion`."""
+        return Motion(self.times, self.velocities, self.start or (0.0, 0.0))
+
+
+def sidecar(path):
+    """Where the truth of the recording at ``path`` is looked for."""
+    return Path(f"{path}.truth.csv")
+
+
+def read_truth(path):
+    """The :class:`Truth` of the recording at ``path``, or None. Raises :exc:`RecordingError` for a malformed one."""
+    beside = sidecar(path)
+    if beside.exists():
+        return _checked(beside, "sidecar", *_read_csv(beside))
+    if not h5py.is_hdf5(path):
+        return None
+    where = f"{path}: {GROUP}"
+    try:
+        with h5py.File(path, "r") as file:
+            group = file.get(GROUP)
+            if not isinstance(group, h5py.Group):
+                return None
+            times, velocities = group["t"][()], group["velocity"][()]
+            start = group["start"][()] if "start" in group else None
+    except (OSError, KeyError, RuntimeError, TypeError) as error:
+        raise RecordingError(f"{where}: not readable: {str(error).splitlines()[0]}") from None
+    return _checked(where, "recording", times, velocities, start)
+
+
+def _read_csv(path):
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = csv.DictReader(file)
+            if not set(COLUMNS) <= set(rows.fieldnames or ()):
+                raise RecordingError(f"{path}: the columns {', '.join(COLUMNS)} are needed")
+            values = [[row[name] for name in COLUMNS] for row in rows]
+    except (OSError, UnicodeError, csv.Error) as error:
+        raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    table = np.empty((len(values), 3))
+    for k, row in enumerate(values):
+        try:
+            table[k] = [float(text) for text in row]
+        except (TypeError, ValueError):
+            raise RecordingError(f"{path}, line {k + 2}: three numbers are needed") from None
+    return table[:, 0], table[:, 1:]
+
+
+def _checked(where, source, times, velocities, start=None):
+    try:
+        times, velocities = np.asarray(times, float), np.asarray(velocities, float)
+        start = None if start is None else np.asarray(start, float)
+    except (TypeError, ValueError):
+        raise RecordingError(f"{where}: numbers are needed") from None
+    if times.ndim != 1 or not len(times) or velocities.shape != (len(times), 2):
+        raise RecordingError(f"{where}: one time, and vx and vy, are needed for each piece")
+    if not (np.isfinite(times).all() and np.isfinite(velocities).all()) or (np.diff(times) <= 0).any():
+        raise RecordingError(f"{where}: finite numbers, and times that ascend, are needed")
+    if start is not None and (start.shape != (2,) or not np.isfinite(start).all()):
+        raise RecordingError(f"{where}: start: x and y are needed")
+    return Truth(
+        source,
+        tuple(int(t) for t in times.round()),
+        tuple(map(tuple, velocities.tolist())),
+        None if start is None else tuple(start.tolist()),
+    )
