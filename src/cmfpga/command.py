@@ -21,7 +21,7 @@ COMMANDS = {
     "bench": ("bench", "cycles of the accelerator, and times of programs for the same"),
     "report": ("report", "one page of a track: what moved, where to, how fast"),
     "accuracy": ("accuracy", "how well the motion is found, on batches whose motion is known and on real ones"),
-    "driver": ("driver", "self-test of the accelerator: simulated, or on a board"),
+    "driver": ("driver.__main__", "self-test of the accelerator: simulated, or on a board"),
     "generate": ("generate", "write a synthetic recording with known motion"),
 }
 
