@@ -35,7 +35,7 @@ def test_round_trip(form, swap, rng):
 
 def test_evt21_packs_neighbours(rng):
     events = random_events(rng, 3000)
-    assert len(encode(events, "EVT21")) < 0.7 * len(events)
+    assert len(encode(events, "EVT21")) < 0.8 * len(events)
     full = Events(np.full(64, 7), np.arange(64), np.full(64, 3), np.ones(64))
     words = encode_evt21(full.t, full.x, full.y, full.p)
     assert [hex(word) for word in words.tolist()] == ["0x8000000000000000", "0x1c000003ffffffff", "0x1c010003ffffffff"]

@@ -84,8 +84,8 @@ class Trace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchResult:
-    """One batch's outcome.
+class BatchOutcome:
+    """What came of one batch, wherever it was computed.
 
     ``events = roi_events + outside + overflow + thinned + time_back + time_span``, always: nothing is lost without
     being counted.
@@ -104,8 +104,14 @@ class BatchResult:
     v: tuple[float, float]  # px per half batch
     iterations: int
     flags: Flag
+    cycles: int | None = None  # clock cycles, from what has a clock
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchResult(BatchOutcome):
+    """A :class:`BatchOutcome` with the iterations that led to it."""
+
     trace: Trace = field(repr=False)
-    cycles: int | None = None  # clock cycles, from engines that have a clock
 
 
 def crop_position(config, position):

@@ -31,7 +31,7 @@ def parser(name, description, examples):
 
     Examples begin with ``python -m cmfpga.NAME``; in the help of ``cmfpga NAME`` they begin with that.
     """
-    examples = [line.replace(f"python -m cmfpga.{name}", f"{_prefix}{name}", 1) for line in examples]
+    examples = [re.sub(r"python -m cmfpga\.(\w+)", rf"{_prefix}\1", line) for line in examples]
     made = _Parser(
         prog=f"{_prefix}{name}",
         description=description,

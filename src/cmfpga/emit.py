@@ -33,6 +33,7 @@ def emit_verilog(core, name=TOP):
     text = _complete_cases(text)
     text = re.sub(r"= ! ", "= ~| ", text)  # the same for any width, and what linters expect of a vector
     text = _plain_module_names(text, name)
+    text = _place_attributes(text, name, core)
     text = _order_ports(text, name, core.port_order)
     return _header(core.config, name) + text.partition("\n")[2]
 
@@ -95,6 +96,29 @@ def _complete_cases(text):
 def _plain_module_names(text, top):
     """``\\cmfpga_core.voter `` (an escaped name) becomes ``cmfpga_core_voter``."""
     return re.sub(rf"\\({top}(?:\.\w+)+) ", lambda match: match[1].replace(".", "_") + " ", text)
+
+
+def _place_attributes(text, name, core):
+    """Give each port of the top its own attributes, and take them from everything else.
+
+    Yosys merges signals that one constant or one driver feeds, and then writes the attributes of one of them to all:
+    an interface would have one port twice and miss another.
+    """
+    ports = {**core.inputs, **core.outputs}
+    kinds = sorted({kind for port in ports.values() for kind in port.attrs})
+    if not kinds:
+        return text
+    text = re.sub(rf"^ *\(\* (?:{'|'.join(kinds)}) = .*? \*\)\n", "", text, flags=re.MULTILINE)
+    start = re.search(rf"^module {name}\(", text, re.MULTILINE).start()
+    end = text.index("\nendmodule\n", start)
+
+    def declaration(match):
+        attributes = ports[match[2]].attrs
+        return "".join(f'  (* {kind} = "{value}" *)\n' for kind, value in attributes.items()) + match[0]
+
+    declared = r"^  (?:input|output) (signed )?(?:\[\d+:0\] )?(\w+) ?;$"
+    body = re.sub(declared, declaration, text[start:end], flags=re.MULTILINE)
+    return text[:start] + body + text[end:]
 
 
 def _order_ports(text, top, order):

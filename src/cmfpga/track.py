@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from tqdm import tqdm
 
 from . import cli, report, tracking
-from .engines import ENGINES, check_roi
+from .engines import AXI, ENGINES, check_roi
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .picture import Gallery
@@ -66,9 +66,9 @@ def _parser():
     made.add_argument(
         "--engine",
         default="rtl",
-        choices=ENGINES,
-        help="rtl: the emitted Verilog, cycle by cycle; model: the same in integers (needs torch); "
-        "float: the article's equations (needs torch) (default: rtl)",
+        choices=(*ENGINES, AXI),
+        help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
+        "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
     )
     cli.add_recording_options(made)
     made.add_argument(
@@ -293,8 +293,10 @@ def _track(options, config, objects, recording, folder, truth):
             writer = csv.writer(file, lineterminator="\n")
             writer.writerow(COLUMNS)
             running.append((one, writer, track(engine, one.cutter, roi=one.roi, batches=options.batches)))
-        totals = [_total(options, recording, one.cutter) for one in objects]
-        total = None if None in totals else sum(totals)
+        total = None
+        if _shows_bar():
+            totals = [_total(options, recording, one.cutter) for one in objects]
+            total = None if None in totals else sum(totals)
         with tqdm(total=total, unit="batch", disable=None) as bar:
             while running:
                 for step in [*running]:
@@ -335,11 +337,20 @@ def _write_more(options, one, folder):
         one.files += _write_waves(one.waves, folder, one.file(f"batch-{one.waves.wanted}"))
 
 
+def _shows_bar():
+    return sys.stderr.isatty()  # as tqdm decides
+
+
 def _total(options, recording, cutter):
-    """Number of batches that will come, as far as it can be known."""
-    if cutter.mode != "events" or not recording.num_events:
+    """Number of batches that will come, as far as it can be known soon."""
+    if cutter.mode == "roi_events" or (extent := recording.extent()) is None:
         return options.batches
-    whole = (recording.num_events - options.start_event) // cutter.size
+    events, last = extent
+    if cutter.mode == "events":
+        whole = (events - options.start_event) // cutter.size
+    else:
+        first = next(recording.chunks(options.start_event, 1))
+        whole = (last - int(first.t[0])) // cutter.size
     return min(whole, options.batches or whole)
 
 

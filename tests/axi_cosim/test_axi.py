@@ -17,6 +17,8 @@ CONFIGS = {
         sensor_width=40, sensor_height=30, roi_width=8, roi_height=6, buffer_events=64, max_batch_events=2000,
         iterations=2, max_iterations=7,
     ),
+    # The sensor of the Prophesee recording, on which those of the DAVIS fit too.
+    "recordings": preset("fast").replace(sensor_width=640, sensor_height=480),
 }  # fmt: skip
 #: Which configuration each simulator runs.
 RUNS = {"verilator": "small fast", "icarus": "tiny paper"}
@@ -64,3 +66,17 @@ def outcomes(tmp_path_factory):
 def test_in_simulation(outcomes, simulator, module, test):
     wrong, said = outcomes(simulator, module, test)
     assert wrong is None, said
+
+
+@pytest.fixture(scope="session")
+def recordings(data_dir, tmp_path_factory):
+    require("verilator")
+    simulation = Simulation("verilator", CONFIGS["recordings"], tmp_path_factory.mktemp("recordings"))
+    return simulation.run("cocotb_recordings", names_in("cocotb_recordings"), CMFPGA_DATA=str(data_dir.resolve()))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("test", names_in("cocotb_recordings"))
+def test_recordings(recordings, test):
+    found, said = recordings
+    assert found.get(test, "did not run") is None, said

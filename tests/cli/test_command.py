@@ -54,7 +54,8 @@ def test_every_subcommand_is_the_module(name, command):
     assert there.out.startswith(f"usage: python -m cmfpga.{tool.COMMANDS[name][0]} ")
     assert f"\n  cmfpga {name}" in here.out and "python -m" not in here.out.partition("examples:")[2]
     for example in module.EXAMPLES:
-        assert example.startswith(f"python -m cmfpga.{name}") and f"  {example}\n" in there.out
+        assert example.startswith("python -m cmfpga.") and f"  {example}\n" in there.out
+        assert f"  {example.replace('python -m cmfpga.', 'cmfpga ')}\n" in here.out
 
     def options(text):
         return {word.strip("[],") for word in text.partition("examples:")[0].split() if word.startswith(("--", "[--"))}
@@ -178,3 +179,9 @@ def test_values_that_begin_with_a_minus():
     for arguments in (["--flag", "-1"], ["--roi", "--flag"], ["--roi=--"], ["--roi", "-x"]):
         with pytest.raises(UserError, match=r"\(--help lists the options\)$"):
             made.parse_args(arguments)
+
+
+def test_every_subcommand_is_documented():
+    text = (ROOT / "docs" / "command.md").read_text(encoding="utf-8")
+    rows = [line.split("`")[1] for line in text.splitlines() if line.startswith("| `cmfpga ")]
+    assert sorted(rows) == sorted(f"cmfpga {name}" for name in command.COMMANDS)

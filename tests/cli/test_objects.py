@@ -111,3 +111,38 @@ def test_mistakes(command, tmp_path, two, asked, message):
     done = command(track, path, *OPTIONS, "--batch-events", 1500, "--batches", 2, "--out", tmp_path, *asked)
     assert done.error.startswith(message.replace("PATH", str(path)))
     assert done.out == ""
+
+
+# -------------------------------------------------------------------- the bar
+
+
+@pytest.mark.parametrize("size", [["--batch-events", "700"], ["--batch-us", "30001"]])
+@pytest.mark.parametrize("suffix", [".h5", ".npz", ".es", ".txt"])
+def test_the_bar_knows_how_many_batches_come(command, tmp_path, monkeypatch, size, suffix):
+    """Where that is known soon: not of text."""
+    events = generate(seed=1, velocity=(60.0, 0.0), duration_us=200_000).events
+    path = tmp_path / f"a{suffix}"
+    if suffix == ".h5":
+        write_hdf5(path, events, 240, 180)
+    elif suffix == ".npz":
+        np.savez(path, t=events.t, x=events.x, y=events.y, p=events.p)
+    elif suffix == ".txt":
+        np.savetxt(path, np.stack([events.t, events.x, events.y, events.p], axis=1), fmt="%d")
+    else:
+        faery = pytest.importorskip("faery")
+        table = np.zeros(len(events), faery.EVENTS_DTYPE)
+        for name, column in (("t", events.t), ("x", events.x), ("y", events.y), ("on", events.p)):
+            table[name] = column
+        faery.events_stream_from_array(table, (240, 180)).to_file(path, zero_t0=False)
+    totals, counted = [], track._total
+    monkeypatch.setattr(track, "_total", lambda *given: totals.append(counted(*given)) or totals[-1])
+    monkeypatch.setattr(track, "_shows_bar", lambda: True)
+    options = ["--preset", "fast", "--engine", "model", "--no-picture", "--set", "cold=0:0", "--set", "warm=0:0"]
+    for start, most in ((0, None), (1234, None), (0, 2)):
+        done = command(
+            track, path, "--sensor", "240,180", "--time-unit", "us", "--roi", "88,58", *size, *options,
+            "--start-event", start, *(["--batches", most] if most else []), "--out", tmp_path,
+        )  # fmt: skip
+        batches = (tmp_path / "track.csv").read_text().count("\n") - 1
+        assert done.status == 0 and batches > 1
+        assert totals.pop() == (batches if suffix != ".txt" or most else None)

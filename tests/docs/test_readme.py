@@ -88,6 +88,9 @@ def commands(text):
     return found
 
 
+RUN = ("python -m cmfpga", "cmfpga ", "head -n ", "echo $?")
+
+
 def runnable(text):
     return [
         item for item in commands(text) if item[0].startswith(("python -m cmfpga", "cmfpga ", "head -n ", "echo $?"))
@@ -110,12 +113,8 @@ def test_console(text, output, workplace, request):
             got = "".join((workplace / words[3]).read_text().splitlines(keepends=True)[: int(words[2])])
             assert_output(expected, got)
             continue
-        if ("cmfpga.track" in words or words[2:4] == ["cmfpga", "track"]) and not {
-            "model",
-            "float",
-            "--help",
-            "--list-fields",
-        } & set(words):
+        tracks = "cmfpga.track" in words or words[2:4] == ["cmfpga", "track"]
+        if tracks and not {"model", "float", "--help", "--list-fields"} & set(words):
             if find_compiler() is None:
                 pytest.skip("no C++ compiler: the simulation would take hours")
         status, got = run([sys.executable, *words[1:]], workplace)

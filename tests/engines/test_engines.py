@@ -212,7 +212,7 @@ def test_names(engine):
 
 
 def test_unknown_engine():
-    with pytest.raises(ConfigError, match=r"^engine 'gpu': one of rtl, model, float is needed$"):
+    with pytest.raises(ConfigError, match=r"^engine 'gpu': one of rtl, model, float, axi is needed$"):
         make_engine("gpu", CONFIG)
 
 
@@ -403,7 +403,7 @@ def builds(monkeypatch, tmp_path):
         library.write_text("not a library")
 
     monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path / "new" / "cache"))
-    monkeypatch.setattr(verilated, "_verilate", lambda scratch: None)
+    monkeypatch.setattr(verilated, "_verilate", lambda scratch, top: None)
     monkeypatch.setattr(verilated, "_compile", pretend)
     # The text of the hardware: what matters here is only when it changes.
     monkeypatch.setattr(verilated, "emit_verilog", lambda core: f"// {core.config.hardware_hash}\n")

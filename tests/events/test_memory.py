@@ -1,5 +1,6 @@
 """No reader holds a recording in memory."""
 
+import json
 import subprocess
 import sys
 import tracemalloc
@@ -91,10 +92,33 @@ def test_cutting(large, options):
     assert peak(work) < 12e6
 
 
-def test_whole_process(large):
+@pytest.fixture(scope="module")
+def camera_files(columns, tmp_path_factory):
+    """Files of COUNT events in the cameras' own formats."""
+    faery = pytest.importorskip("faery")
+    folder = tmp_path_factory.mktemp("cameras")
+    table = np.zeros(COUNT, faery.EVENTS_DTYPE)
+    for name, column in (("t", "t"), ("x", "x"), ("y", "y"), ("on", "p")):
+        table[name] = columns[column]
+    stream = faery.events_stream_from_array(table, (240, 180))
+    for name in ("a.aedat4", "a.raw", "a.dat", "a.es"):
+        stream.to_file(folder / name, zero_t0=False)
+    words = np.zeros((COUNT, 2), ">u4")
+    words[:, 0] = (179 - columns["y"].astype(int)) << 22 | (239 - columns["x"].astype(int)) << 12
+    words[:, 1] = columns["t"]
+    header = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+    (folder / "a.aedat").write_bytes(header + words.tobytes())
+    yield folder
+    for path in folder.iterdir():
+        path.unlink()
+
+
+@pytest.mark.parametrize("name", ["a.h5", "a.aedat4", "a.raw", "a.dat", "a.es", "a.aedat"])
+def test_whole_process(name, request):
     """What libraries allocate by themselves counts too: the resident size grows by less than the columns take."""
     resource = pytest.importorskip("resource")
     del resource
+    folder = request.getfixturevalue("large" if name == "a.h5" else "camera_files")
     program = (
         "import resource, sys\n"
         "from cmfpga.events import open_recording\n"
@@ -105,9 +129,74 @@ def test_whole_process(large):
         "    print(sum(map(len, recording.chunks(size=50_000))), rss() - before)\n"
     )
     output = subprocess.run(
-        [sys.executable, "-c", program, large / "a.h5"], capture_output=True, text=True, check=True, timeout=60
+        [sys.executable, "-c", program, folder / name], capture_output=True, text=True, check=True, timeout=60
     ).stdout
     count, growth = map(int, output.split())
     assert count == COUNT
     unit = 1 if sys.platform == "darwin" else 1024
     assert growth * unit < COLUMN_BYTES / 3
+
+
+# -------------------------------------------------------------------- the commands, on recordings of any length
+
+PEAK = """
+import resource, sys
+from cmfpga import cli, command
+status = cli.run(command.main, sys.argv[1:])
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
+sys.exit(status)
+"""
+
+
+def run(*arguments):
+    """Peak resident size of a command in a process of its own, in bytes, and its JSON."""
+    done = subprocess.run(
+        [sys.executable, "-c", PEAK, *map(str, arguments), "--json"], capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stderr
+    return int(done.stderr.split()[-1]) * (1 if sys.platform == "darwin" else 1024), json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def lengths(tmp_path_factory):
+    """Peak, summary and file of a recording of some 0.5 million events, and of one eight times as long."""
+    pytest.importorskip("resource")
+    folder = tmp_path_factory.mktemp("lengths")
+    options = ["--texture", "dense", "--contrast", 8, "--velocity", "80,0", "--there-and-back"]
+    made = {}
+    for repeat in (3, 24):
+        path = folder / f"{repeat}.h5"
+        made[repeat] = (*run("generate", path, *options, "--repeat", repeat), path)
+    yield made
+    for *_, path in made.values():
+        path.unlink()
+
+
+def test_writing_takes_no_more_memory_for_longer_recordings(lengths):
+    (short_peak, short, _), (long_peak, long, _) = lengths[3], lengths[24]
+    assert long["events"] == 8 * short["events"] > 3_000_000
+    assert long_peak - short_peak < (long["events"] - short["events"]) * 13 / 4
+
+
+@pytest.mark.parametrize("name", ["track", "info"])
+def test_commands_take_no_more_memory_for_longer_recordings(lengths, tmp_path, name):
+    """13 bytes an event would be all of them; what grows with each batch is a line of the CSV, and little else."""
+    pytest.importorskip("torch")
+    options = ["--preset", "fast"]
+    if name == "track":
+        options += ["--roi", "88,58", "--engine", "model", "--batch-us", 50_000, "--set", "cold=0:0", "--set",
+                    "warm=0:0", "--set", "thinning=20", "--out", tmp_path]  # fmt: skip
+    else:
+        options += ["--start-event", 0]
+    peaks, events = [], []
+    for _, written, path in lengths.values():
+        peak, summary = run(name, path, *options)
+        peaks.append(peak)
+        events.append(written["events"])
+        if name == "track":
+            assert summary["batches"] > written["duration_us"] / 50_000 - 2
+        else:
+            assert summary["events"] == written["events"]
+    # A proposal looks at two million events at most, which the short recording has not.
+    looked_at = 2_000_000 if name == "info" else 0
+    assert peaks[1] - peaks[0] < (events[1] - events[0]) * 13 / 4 + looked_at * 13

@@ -21,7 +21,7 @@ def written(request, tmp_path_factory):
     registers = register_map(preset(request.param))
     folder = tmp_path_factory.mktemp(request.param)
     paths = write_documents(registers, 'A "title"', folder)
-    assert all(path.stat().st_size for path in paths) and len(paths) == 2 + len(BY_PEAKRDL)
+    assert all(path.stat().st_size for path in paths) and len(paths) == 3 + len(BY_PEAKRDL)
     return registers, folder
 
 
@@ -130,4 +130,4 @@ def test_without_peakrdl(tmp_path, monkeypatch):
     monkeypatch.setattr("cmfpga.registers.documents.has_peakrdl", lambda: False)
     paths = write_documents(register_map(preset("fast")), "t", tmp_path)
     assert sorted(path.name for path in paths) == sorted(path.name for path in tmp_path.iterdir())
-    assert [path.name for path in paths] == ["registers.rdl", "registers.md"]
+    assert [path.name for path in paths] == ["registers.rdl", "registers.md", "regs.tcl"]

@@ -5,19 +5,27 @@ from .base import Engine, check_roi
 
 ENGINES = ("rtl", "model", "float")
 
-__all__ = ["ENGINES", "Engine", "check_roi", "make_engine"]
+#: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
+AXI = "axi"
+
+__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine"]
 
 
 def make_engine(name, config):
-    """The engine ``rtl``, ``model`` or ``float`` for ``config``.
+    """The engine ``rtl``, ``axi``, ``model`` or ``float`` for ``config``.
 
     ``rtl`` compiles the emitted Verilog, or, where there is no C++ compiler, uses Amaranth's simulator (its
-    ``note`` says so). Only the other two import torch.
+    ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
     """
     if name == "rtl":
         from .rtl import make_rtl_engine
 
         return make_rtl_engine(config)
+    if name == AXI:
+        from ..driver import Accelerator
+        from ..driver.simulation import SimulationBackend
+
+        return Accelerator(SimulationBackend(config)).engine
     if name == "model":
         from .model import ModelEngine
 
@@ -26,4 +34,4 @@ def make_engine(name, config):
         from .floating import FloatEngine
 
         return FloatEngine(config)
-    raise ConfigError(f"engine {name!r}: one of {', '.join(ENGINES)} is needed")
+    raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")

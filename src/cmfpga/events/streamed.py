@@ -1,6 +1,7 @@
 """Recordings that can only be read from their begin, in pieces of any size: text, and the cameras' own formats."""
 
 import abc
+import contextlib
 
 import numpy as np
 
@@ -14,6 +15,20 @@ class StreamedRecording(Recording):
     A file that ends too early, or is damaged somewhere, still gives all events before that place: the error comes after
     them. An iteration that starts at a later event reads all that comes before it.
     """
+
+    #: Whether reading all of it takes little time, beside all that is done with its events.
+    fast = True
+
+    def extent(self):
+        """As of any recording; where the file is damaged, up to there."""
+        if not self.fast:
+            return None
+        count, last = 0, 0
+        pieces = self._pieces()
+        with contextlib.closing(pieces), contextlib.suppress(RecordingError):
+            for t, *_ in pieces:
+                count, last = count + len(t), int(t[-1])
+        return count, last
 
     @abc.abstractmethod
     def _pieces(self):

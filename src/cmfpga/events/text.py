@@ -37,6 +37,8 @@ _FRACTION_LINES = 1000
 class TextRecording(StreamedRecording):
     """Events of a text file, or of the text member ``member`` of a zip archive."""
 
+    fast = False
+
     def __init__(self, path, *, time_unit=None, sensor=None, member=None):
         self._member = member
         super().__init__(

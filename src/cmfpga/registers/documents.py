@@ -1,4 +1,4 @@
-"""Documents of the register map: SystemRDL and Markdown; from the SystemRDL, by PeakRDL, C header, HTML and IP-XACT.
+"""Documents of the register map: SystemRDL, Markdown, Tcl; from the SystemRDL, by PeakRDL, C header, HTML and IP-XACT.
 
 PeakRDL (https://peakrdl.readthedocs.io) is optional: ``pip install 'cmfpga[registers]'``.
 """
@@ -14,6 +14,9 @@ BY_PEAKRDL = {
     "registers.xml": "IP-XACT (IEEE 1685-2009)",
     "registers-html/index.html": "HTML",
 }
+
+# Of IP-XACT, as Vivado's `ipx` commands take it.
+_IPX_ACCESS = {"constant": "read-only", "status": "read-only", "command": "write-only"}
 
 _RDL_ACCESS = {
     "constant": "sw = r; hw = na;",
@@ -95,6 +98,45 @@ def markdown(registers):
     return "\n".join(lines).strip() + "\n"
 
 
+def tcl(registers):
+    """The map for Vivado's IP packager: a procedure ``cmfpga_registers ADDRESS_BLOCK`` that adds registers and fields.
+
+    A register that stands several times is added as often, with its number. Commands and properties: AMD UG835, `ipx`.
+    """
+    lines = ["proc cmfpga_registers {address_block} {"]
+    for register in registers:
+        for number in range(register.count):
+            name = f"{register.name}_{number}" if register.count > 1 else register.name
+            reset = sum((f.reset << f.lsb) & f.mask for f in register.fields)
+            access = {_IPX_ACCESS.get(f.access, "read-write") for f in register.fields}
+            lines += [
+                f"    set register [ipx::add_register {name} $address_block]",
+                f"    set_property address_offset 0x{register.offset + 4 * number:X} $register",
+                "    set_property size 32 $register",
+                f"    set_property access {access.pop() if len(access) == 1 else 'read-write'} $register",
+                f"    set_property description {_braced(register.doc)} $register",
+                f"    set_property reset_value 0x{reset:X} $register",
+            ]
+            for f in register.fields:
+                lines += [
+                    f"    set field [ipx::add_field {f.name} $register]",
+                    f"    set_property bit_offset {f.lsb} $field",
+                    f"    set_property bit_width {f.width} $field",
+                    f"    set_property access {_IPX_ACCESS.get(f.access, 'read-write')} $field",
+                    f"    set_property description {_braced(_meaning(f))} $field",
+                ]
+                if f.access == "sticky":
+                    lines.append("    set_property modified_write_value oneToClear $field")
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def _braced(text):
+    """A word of Tcl in which nothing is substituted."""
+    if set(text) & set("{}\\"):
+        raise ValueError(f"{text!r}: no braces or backslashes can be in it")
+    return "{" + text + "}"
+
+
 def has_peakrdl():
     """Whether the optional extra is installed."""
     names = ("systemrdl", "peakrdl_cheader", "peakrdl_html", "peakrdl_ipxact")
@@ -102,11 +144,12 @@ def has_peakrdl():
 
 
 def write_documents(registers, title, folder):
-    """Write ``registers.rdl``, ``registers.md``, and with PeakRDL :data:`BY_PEAKRDL`, into ``folder``; their paths."""
-    rdl, table = folder / "registers.rdl", folder / "registers.md"
+    """Write ``registers.rdl`` and ``.md``, ``regs.tcl``, and with PeakRDL :data:`BY_PEAKRDL`; returns their paths."""
+    rdl, table, script = (folder / name for name in ("registers.rdl", "registers.md", "regs.tcl"))
     rdl.write_text(systemrdl(registers, title), encoding="utf-8")
     table.write_text(f"# Registers\n\n{title}\n\n{markdown(registers)}", encoding="utf-8")
-    paths = [rdl, table]
+    script.write_text(f"# {title}\n\n{tcl(registers)}", encoding="utf-8")
+    paths = [rdl, table, script]
     if has_peakrdl():
         _by_peakrdl(rdl, folder)
         paths += [folder / name for name in BY_PEAKRDL]

@@ -1,0 +1,56 @@
+"""``python -m cmfpga.driver``: the accelerator's self-test, on a board or on the simulated Verilog."""
+
+import contextlib
+import json
+import sys
+
+from .. import cli
+from . import Accelerator
+
+BACKENDS = ("simulation", "uio")
+
+EXAMPLES = (
+    "python -m cmfpga.driver --preset fast                  # on the simulated Verilog",
+    "python -m cmfpga.driver --preset fast --backend uio    # on a board, as root",
+)
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    made = cli.parser("driver", "Check the accelerator: identity, registers, interrupt, a batch.", EXAMPLES)
+    made.add_argument(
+        "--backend",
+        default="simulation",
+        choices=BACKENDS,
+        help="simulation: the emitted Verilog; uio: plain Linux on a board (default: simulation)",
+    )
+    made.add_argument("--timeout", type=float, default=10.0, metavar="S", help="s that anything may take (default: 10)")
+    made.add_argument("--no-interrupt", action="store_true", help="look at registers instead of waiting for interrupts")
+    made.add_argument("--json", action="store_true", help="print what was found as JSON")
+    cli.add_config_options(made)
+    options = made.parse_args(arguments)
+    config = cli.make_config(options)
+    interrupt = False if options.no_interrupt else None
+    with contextlib.closing(_backend(options.backend, config)) as backend:
+        accelerator = Accelerator(backend, config, timeout=options.timeout, interrupt=interrupt)
+        found = accelerator.self_test()
+        accelerator.close()
+    if options.json:
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+    else:
+        print(*(f"{name}: {what}" for name, what in found.items()), sep="\n")
+    return 0
+
+
+def _backend(name, config):
+    if name == "uio":
+        from .uio import UioBackend
+
+        return UioBackend()
+    from .simulation import SimulationBackend
+
+    return SimulationBackend(config)
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))

@@ -1,0 +1,384 @@
+"""The accelerator: batches in, velocities out, by registers and streams."""
+
+import contextlib
+import time
+
+import numpy as np
+
+from ..batch import BatchSettings
+from ..errors import ConfigError
+from ..registers import FORMATS, PACKET_BEATS
+from ..words import encode, split_packets
+from .control import Control
+from .engine import AcceleratorEngine
+from .errors import DeviceError, DeviceTimeout
+from .identity import identify
+from .results import from_words
+
+#: Seconds that a time-out may have.
+LONGEST_SECONDS = 86_400
+
+#: Seconds between two looks where no interrupt says when to look.
+POLL_SECONDS = 0.0005
+
+
+class Accelerator:
+    """One AXI top, whatever leads to it.
+
+    Making one checks that the hardware is what the configuration says, and puts it into its state after a reset.
+
+    Parameters
+    ----------
+    backend : Backend
+        Closed by :meth:`close`.
+    config : Config, optional
+        Of the hardware; its run-time fields are the settings of the batches. By default what the back end simulates,
+        or whichever preset the hardware says it is.
+    form : str
+        Words that :meth:`run` encodes events into: a key of :data:`cmfpga.registers.FORMATS`.
+    timeout : float
+        Seconds that anything may take, where a method is not told another time.
+    interrupt : bool, optional
+        Wait by the interrupt, or look at the registers now and then; by default the interrupt where there is one.
+
+    Attributes
+    ----------
+    registers : RegisterMap
+    engine : cmfpga.engines.Engine
+        The same as an engine of :mod:`cmfpga.engines`, for :func:`cmfpga.reference.tracker.track`.
+
+    Raises
+    ------
+    WrongHardware
+        The hardware is something else: which, and what was expected.
+    DeviceError, DeviceTimeout
+        It does not answer, or does not become quiet.
+    """
+
+    def __init__(self, backend, config=None, *, form="PACKED", timeout=10.0, interrupt=None):
+        if form not in FORMATS:
+            raise ValueError(f"format {form!r}: one of {', '.join(FORMATS)} is needed")
+        if interrupt and not backend.has_interrupt:
+            raise DeviceError(f"{backend.name}: there is no interrupt to wait for; interrupt=False does without")
+        self.backend = backend
+        self.config = identify(backend, config)
+        self._control = Control(backend, self.config)
+        self.registers = self._control.registers
+        self.timeout = _checked(timeout)
+        self.interrupt = backend.has_interrupt if interrupt is None else interrupt
+        self.form = form
+        self.engine = AcceleratorEngine(self)
+        self._streaming = False
+        self._last_batch = 0
+        self.reset()
+
+    # ---------------------------------------------------------------- batch by batch
+
+    def run(self, events, *, roi=None, settings=None, timeout=None):
+        """Process one batch.
+
+        Parameters
+        ----------
+        events : Events
+            All events of the batch, in order of time.
+        roi : pair of int, optional
+            Left column and top row of the ROI, px; by default where the last batch moved it.
+        settings : BatchSettings, optional
+            Instead of ``roi`` and the configuration's run-time fields.
+        timeout : float, optional
+            Seconds.
+
+        Returns
+        -------
+        WireResult
+
+        Raises
+        ------
+        ConfigError
+            An event or the ROI lies outside the sensor, or the batch is larger than the hardware counts to.
+        DeviceTimeout, DeviceError
+            No result came. The hardware was reset: v is 0 and the ROI at 0, 0, as at the begin.
+        """
+        settings = settings or BatchSettings.from_config(self.config, roi)
+        with self._other_timeout(timeout):
+            return self.engine.run(events, settings)
+
+    def track(self, recording, *, roi, batches=None, start_event=0, **size):
+        """Follow an object through a recording.
+
+        Parameters
+        ----------
+        recording : Recording, or path
+        roi : pair of int
+            Left column and top row of the first batch's ROI, px.
+        batches : int, optional
+            Stop after these; by default at the end of the recording.
+        start_event : int
+            First event.
+        events, duration_us, roi_events : int
+            One of them: what makes a batch complete, as :class:`cmfpga.events.BatchCutter` has it.
+
+        Yields
+        ------
+        cmfpga.reference.tracker.TrackedBatch
+        """
+        from ..events import BatchCutter, Recording, open_recording
+        from ..reference.tracker import track
+
+        with contextlib.ExitStack() as opened:
+            if not isinstance(recording, Recording):
+                recording = opened.enter_context(open_recording(recording))
+            limit = self.config.max_batch_events
+            cutter = BatchCutter(recording, start_event=start_event, max_events=limit, **size)
+            yield from track(self.engine, cutter, roi=roi, batches=batches)
+
+    # ---------------------------------------------------------------- streams
+
+    def start(
+        self, *, roi=None, events=0, roi_events=0, duration_us=0, by_tlast=False, form=None, swap=False, settings=None
+    ):
+        """Process batch after batch of whatever comes on ``s_axis``, until :meth:`stop`.
+
+        Parameters
+        ----------
+        roi : pair of int, optional
+            Of the first batch.
+        events, roi_events, duration_us : int
+            What ends a batch: so many events, stored ROI events, or µs; 0: not this. At least one of them, or
+            ``by_tlast``.
+        by_tlast : bool
+            End a batch also at TLAST, which :meth:`send` and a DMA set at the end of each transfer.
+        form : str, optional
+            What comes: a key of :data:`cmfpga.registers.FORMATS`.
+        swap : bool
+            Its 32-bit halves are exchanged, as an IMX636 does.
+        settings : BatchSettings, optional
+            Instead of ``roi`` and the configuration's run-time fields.
+        """
+        self._stay_batchwise()
+        if not (events or roi_events or duration_us or by_tlast):
+            raise ValueError("what ends a batch: one of events, roi_events, duration_us, by_tlast is needed")
+        settings = settings or BatchSettings.from_config(self.config, roi)
+        ends = {"batch_events": events, "batch_roi_events": roi_events, "duration": duration_us, "by_tlast": by_tlast}
+        self._control.write_input(form or self.form, swap, self.timeout)
+        self._control.write_settings(settings, ends)
+        self._control.write("CTRL", START=1, AUTO_RESTART=1, DONE=1)
+        self._streaming = True
+
+    def send(self, words, timeout=None):
+        """Send words to ``s_axis``, once those before them have been taken; see :func:`cmfpga.words.encode`."""
+        words = np.ascontiguousarray(words, np.uint64)
+        timeout = self.timeout if timeout is None else _checked(timeout)
+        for first in range(0, len(words), self.backend.max_words):
+            self.backend.wait_sent(timeout)
+            self.backend.send(words[first : first + self.backend.max_words])
+
+    def results(self, count, timeout=None):
+        """The next results, as they come.
+
+        Yields
+        ------
+        WireResult
+            ``count`` of them.
+
+        Raises
+        ------
+        DeviceTimeout
+            One did not come in time; the others stay.
+        """
+        timeout = self.timeout if timeout is None else _checked(timeout)
+        for _ in range(count):
+            yield self._receive(timeout)
+
+    def stop(self, timeout=None):
+        """End :meth:`start`: end the batch under way with the events that have come, begin no other.
+
+        Words that no batch took are forgotten, and with them the counters, v and the ROI.
+
+        Returns
+        -------
+        list of WireResult
+            Those that were not fetched.
+        """
+        deadline = time.monotonic() + (self.timeout if timeout is None else _checked(timeout))
+        self._control.write("CTRL")  # begin no other
+        if self._control.status("TAKING_IN"):
+            self._control.write("CTRL", END_BATCH=1)
+        found = []
+        while self._control.status("COMPUTING") or self._control.status("RESULT_WAITING"):
+            with contextlib.suppress(DeviceTimeout):
+                found.append(self._receive(POLL_SECONDS))
+            self._check_time(deadline, "the batch under way did not end")
+        with contextlib.suppress(DeviceTimeout):  # those that came before, and were not fetched
+            while True:
+                found.append(self._receive(0))
+                self._check_time(deadline, "results do not end")
+        self._streaming = False
+        if self._control.status("EVENTS_WAITING") or not self._sent():
+            self.reset()
+        return found
+
+    def _sent(self):
+        with contextlib.suppress(DeviceTimeout):
+            self.backend.wait_sent(0)
+            return True
+        return False
+
+    def _stay_batchwise(self):
+        if self._streaming:
+            raise DeviceError("batches are processed since start(): stop() first")
+
+    # ---------------------------------------------------------------- state
+
+    def counters(self):
+        """``{name: count}`` since the last reset or :meth:`clear_counters`; what is counted: ``registers``' docs."""
+        return self._control.counters()
+
+    def clear_counters(self):
+        """Set all counters to 0."""
+        running = {"START": 1, "AUTO_RESTART": 1} if self._streaming else {}
+        self._control.write("CTRL", CLEAR_COUNTERS=1, **running)
+
+    def status(self):
+        """``{name: value}`` of the register STATUS."""
+        return {name.lower(): bool(value) for name, value in self._control.read("STATUS").items()}
+
+    def reset(self):
+        """Forget events, batches under way, v, the ROI, and counters; the state after a hardware reset.
+
+        Raises :exc:`DeviceTimeout` where the hardware does not become quiet.
+        """
+        deadline = time.monotonic() + self.timeout
+        self.backend.stop()
+        while True:
+            self._control.write("GIE")
+            self._control.write("CTRL", SOFT_RESET=1, DONE=1)
+            while self._control.status("RESULT_WAITING"):  # a packet that has begun is completed
+                with contextlib.suppress(DeviceTimeout):
+                    self.backend.receive(POLL_SECONDS)
+                self._check_time(deadline, "a packet does not end")
+            status = self._control.read("STATUS")
+            if not (status["EVENTS_WAITING"] or status["COMPUTING"] or status["TAKING_IN"]):
+                break
+            self.backend.stop()
+            self._check_time(deadline, f"the reset has no effect ({self._control.diagnosis()})")
+        self.backend.stop()
+        self._control.usual_state(interrupt=self.interrupt)
+        self._streaming = False
+        self._last_batch = 0
+        self.engine.forget()
+
+    def self_test(self, *, timeout=None):
+        """Check identity, registers, interrupt, and one batch whose result is known.
+
+        Returns
+        -------
+        dict of str to str
+            What was found, by the name of the check, in order.
+
+        Raises
+        ------
+        DeviceError
+            The first check that failed.
+        """
+        from .self_test import self_test
+
+        with self._other_timeout(timeout):
+            return self_test(self)
+
+    def close(self):
+        """Stop, and close the back end."""
+        with contextlib.suppress(DeviceError, OSError, ValueError):
+            self._control.write("CTRL")
+            self._control.write("GIE")
+        self.backend.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+    # ---------------------------------------------------------------- one batch
+
+    def process(self, events, settings):
+        """One checked batch of at least one event; what :attr:`engine` calls."""
+        self._stay_batchwise()
+        words = encode(events, self.form)
+        if len(words) > self.backend.max_words:
+            raise DeviceError(
+                f"a batch of {len(words)} words: one transfer of {self.backend.name} has at most "
+                f"{self.backend.max_words}; smaller batches, or a larger buffer, are needed"
+            )
+        try:
+            if self._control.status("EVENTS_WAITING"):
+                raise DeviceError("words that no batch took wait inside: something else sends to s_axis")
+            self._control.write_input(self.form, False, self.timeout)
+            self._control.write_settings(settings, {"duration": 0, "by_tlast": 1})
+            self._control.clear_interrupts()
+            self._control.write("CTRL", START=1, DONE=1)
+            self.backend.send(words)
+            self._wait_done(len(events))
+            result = self._receive(self.timeout)
+            self.backend.wait_sent(self.timeout)
+            if result.events != len(events):
+                raise DeviceError(f"the result is of {result.events} events; {len(events)} were sent")
+            return result
+        except BaseException:
+            with contextlib.suppress(DeviceError):
+                self.reset()
+            raise
+
+    def _wait_done(self, events):
+        """Until ISR says so, by interrupt or by looking."""
+        deadline = time.monotonic() + self.timeout
+        while True:
+            left = deadline - time.monotonic()
+            came = not self.interrupt or self.backend.wait_interrupt(max(left, 0))
+            done = self._control.read("ISR")["DONE"]
+            if done and came:
+                break
+            if done:
+                raise DeviceTimeout(
+                    f"{self.backend.name}: the result came, but no interrupt within {self.timeout:g} s; "
+                    f"interrupt=False does without{self._control.hint}"
+                )
+            if left <= 0:
+                raise DeviceTimeout(
+                    f"{self.backend.name}: no result within {self.timeout:g} s of a batch of {events} events: "
+                    f"{self._control.diagnosis()}{self._control.hint}"
+                )
+            if not self.interrupt:
+                time.sleep(min(POLL_SECONDS, left))
+        self._control.clear_interrupts()
+
+    def _receive(self, timeout):
+        words = self.backend.receive(timeout)
+        if len(words) != PACKET_BEATS:
+            raise DeviceError(f"{self.backend.name}: a packet of {len(words)} words; {PACKET_BEATS} make a result")
+        result = from_words(self.config, self.registers, split_packets(words)[0])
+        expected = self._last_batch + 1
+        self._last_batch = result.batch
+        if result.batch != expected:
+            raise DeviceError(f"{self.backend.name}: the result of batch {result.batch} came, not of {expected}")
+        return result
+
+    def _check_time(self, deadline, what):
+        if time.monotonic() > deadline:
+            raise DeviceTimeout(f"{self.backend.name}: {what} within {self.timeout:g} s{self._control.hint}")
+
+    @contextlib.contextmanager
+    def _other_timeout(self, timeout):
+        usual = self.timeout
+        self.timeout = usual if timeout is None else _checked(timeout)
+        try:
+            yield
+        finally:
+            self.timeout = usual
+
+
+def _checked(timeout):
+    """A time-out that ends."""
+    if not 0 <= timeout <= LONGEST_SECONDS:
+        raise ConfigError(f"time-out {timeout} s: 0 to {LONGEST_SECONDS} s is allowed")
+    return timeout

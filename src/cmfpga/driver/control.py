@@ -1,0 +1,127 @@
+"""The AXI top's registers, by their names."""
+
+import time
+
+from ..engines.rtl import schedule_table, settings_values
+from ..registers import register_map
+from ..words import setting_words
+from .errors import DeviceTimeout
+
+
+class Control:
+    """Registers of one AXI top.
+
+    Parameters
+    ----------
+    backend : Backend
+    config : Config
+        Of the hardware.
+
+    Attributes
+    ----------
+    registers : RegisterMap
+    """
+
+    def __init__(self, backend, config):
+        self.backend = backend
+        self.config = config
+        self.registers = register_map(config)
+        self._written = {}  # settings as they stand: offset to word
+
+    def read(self, name):
+        """``{field: value}`` of a register."""
+        register = self.registers[name]
+        return register.unpack(self.backend.read32(register.offset))
+
+    def write(self, name, **fields):
+        """Write a register; fields that are not named are 0."""
+        register = self.registers[name]
+        self.backend.write32(register.offset, register.pack(**fields))
+
+    def status(self, name):
+        """A field of STATUS."""
+        return self.read("STATUS")[name]
+
+    def counters(self):
+        """``{name: count}``."""
+        return {
+            register.name.removeprefix("COUNT_").lower(): self.read(register.name)["VALUE"]
+            for register in self.registers.group("Counters")
+        }
+
+    def clear_interrupts(self):
+        """Clear all states of ISR."""
+        self.write("ISR", **{f.name: 1 for f in self.registers["ISR"].fields})
+
+    def usual_state(self, *, interrupt):
+        """After a soft reset, which leaves these as they were: results come as packets, and perhaps an interrupt."""
+        self.write("SETTINGS_LOCK")
+        self.write("RESULT_HOLD")
+        self.write("OUTPUT", STREAM_RESULTS=1)
+        self.clear_interrupts()
+        if interrupt:
+            self.write("IER", DONE=1)
+            self.write("GIE", ENABLE=1)
+        self._written.clear()
+
+    # ---------------------------------------------------------------- settings
+
+    def write_input(self, form, swap, timeout):
+        """What comes on ``s_axis``; waits until that is so."""
+        register = self.registers["INPUT"]
+        self._write_once(register, register.pack(FORMAT=form, SWAP=int(swap)))
+        deadline = time.monotonic() + timeout
+        while self.status("INPUT_PENDING"):
+            if time.monotonic() > deadline:
+                raise DeviceTimeout(
+                    f"{self.backend.name}: the kind of input does not change within {timeout:g} s: {self.diagnosis()}"
+                )
+
+    def write_settings(self, settings, ends):
+        """Settings of the batches that begin from now on.
+
+        Parameters
+        ----------
+        settings : BatchSettings
+        ends : dict of str to int
+            What ends a batch, by the links of the registers' fields.
+        """
+        values = settings_values(self.config, settings) | {name: int(value) for name, value in ends.items()}
+        load = values.pop("roi_load")  # a command, which clears itself
+        if not load:
+            values.pop("roi_x"), values.pop("roi_y")
+        for name, word in setting_words(self.registers, values).items():
+            self._write_once(self.registers[name], word)
+        if "SCHEDULE" in self.registers:
+            declared = self.registers["SCHEDULE"]
+            table = schedule_table(self.config, settings)
+            table += ((0, 0),) * (declared.count - len(table))  # no RAM of a simulation begins with zeros
+            for k, (level, shift) in enumerate(table):
+                self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift), 4 * k)
+        self.write("ROI_LOAD", LOAD=load)
+
+    def _write_once(self, register, word, offset=0):
+        """Unless it is so already."""
+        offset += register.offset
+        if self._written.get(offset) != word:
+            self._written.pop(offset, None)  # if the write fails, nobody knows
+            self.backend.write32(offset, word)
+            self._written[offset] = word
+
+    # ---------------------------------------------------------------- messages
+
+    def diagnosis(self):
+        """The state in a few words."""
+        count = self.counters()
+        states = [name.lower() for name, value in self.read("STATUS").items() if value]
+        return (
+            f"{count['beats_in']} words taken, {count['events_taken']} events in batches, "
+            f"{count['format_errors']} format errors, {count['before_time'] + count['out_of_sensor']} events dropped, "
+            f"{count['batches']} results; status: {', '.join(states) or 'idle'}"
+        )
+
+    @property
+    def hint(self):
+        """The back end's, for the end of a message."""
+        hint = self.backend.hint()
+        return f". {hint}" if hint else ""

@@ -1,0 +1,119 @@
+"""One batch whose result is known, for the self-test.
+
+Where torch is installed the integer model computes the result. A board does without: ``golden.json`` holds it for the
+presets. After a change of the presets or of the arithmetic:
+
+    python -m cmfpga.driver.golden
+"""
+
+import json
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+
+from ..batch import BatchSettings, Flag, clamp_roi
+from ..config import PRESETS
+from ..events.arrays import Events
+
+FILE = "golden.json"
+
+#: Events of the batch, if the hardware counts so far.
+EVENTS = 1200
+POINTS = 40
+
+
+def golden_batch(config):
+    """Events, and the ROI that they are cropped with: the same numbers with every version of NumPy.
+
+    Points that move by about (3, −2) px per half batch inside the ROI, and as many events all over the sensor.
+    """
+    number = min(EVENTS, config.max_batch_events)
+    random = _Random(2026)
+    roi, _ = clamp_roi(
+        config, ((config.sensor_width - config.roi_width) // 2, (config.sensor_height - config.roi_height) // 2)
+    )
+    start = [(random.below(config.roi_width), random.below(config.roi_height)) for _ in range(POINTS)]
+    x, y = [], []
+    for k in range(number):
+        column, row = start[random.below(POINTS)]
+        column, row = roi[0] + column + (6 * k - 3 * number) // number, roi[1] + row - (4 * k - 2 * number) // number
+        if k % 2:
+            column, row = random.below(config.sensor_width), random.below(config.sensor_height)
+        x.append(min(max(column, 0), config.sensor_width - 1))
+        y.append(min(max(row, 0), config.sensor_height - 1))
+    step = max(1, min(20, ((1 << config.span_bits) - 1) // number))
+    return Events(1000 + step * np.arange(number), x, y, np.arange(number) % 2), roi
+
+
+class _Random:
+    """A linear congruential generator (constants of Knuth's MMIX)."""
+
+    def __init__(self, state):
+        self.state = state
+
+    def below(self, limit):
+        self.state = (self.state * 6364136223846793005 + 1442695040888963407) % (1 << 64)
+        return (self.state >> 33) % limit
+
+
+def settings_of(config, roi):
+    """The golden batch's settings: of the preset, if it is this hardware, else those of ``config``."""
+    same = (preset for preset in PRESETS.values() if preset.hardware_hash == config.hardware_hash)
+    return BatchSettings.from_config(next(same, config), roi)
+
+
+def model_result(config):
+    """What the integer model makes of the golden batch, JSON-ready. Needs torch."""
+    from ..reference.integer.core import IntegerCore
+
+    events, roi = golden_batch(config)
+    result = IntegerCore(config).run(events.t, events.x, events.y, settings_of(config, roi))
+    trace = result.trace
+    sums = [(int(i), *map(int, d), *map(int, s)) for i, d, s in zip(trace.sum_i, trace.sum_d, trace.s, strict=True)]
+    counts = ("events", "roi_events", "outside", "overflow", "thinned", "time_back", "time_span", "span", "iterations")
+    return {name: int(getattr(result, name)) for name in counts} | {
+        "roi": list(result.roi),
+        "roi_next": list(result.roi_next),
+        "v": list(result.v),
+        "flags": int(result.flags),
+        "sums": list(sums[-1]) if sums else [0] * 5,
+    }
+
+
+def expected_result(config):
+    """``(values, source)`` of the golden batch; ``(None, reason)`` where there are none.
+
+    Values have the names and types of :class:`~cmfpga.driver.results.WireResult`.
+    """
+    try:
+        found, source = model_result(config), "the integer model"
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        found, source = _kept(config), FILE
+        if found is None:
+            return None, "torch is not installed, and only the presets' results are kept"
+    for name in ("roi", "roi_next", "v", "sums"):
+        found[name] = tuple(found[name])
+    found["flags"] = Flag(found["flags"])
+    return found, source
+
+
+def _kept(config):
+    """The kept result of this hardware, or None."""
+    kept = json.loads(resources.files(__package__).joinpath(FILE).read_text(encoding="utf-8"))
+    return next((entry["result"] for entry in kept.values() if entry["hardware"] == config.hardware_hash), None)
+
+
+def make():
+    """Content of the file, from the integer model."""
+    return {
+        name: {"hardware": config.hardware_hash, "result": model_result(config)} for name, config in PRESETS.items()
+    }
+
+
+if __name__ == "__main__":
+    path = Path(__file__).with_name(FILE)
+    path.write_text(json.dumps(make(), indent=1) + "\n", encoding="utf-8")
+    print(f"wrote {path}")

@@ -1,0 +1,132 @@
+"""Back end for PYNQ. Importing this module makes PYNQ give our IP the class :class:`CmfpgaIP`.
+
+    from pynq import Overlay
+    import cmfpga.driver.pynq
+
+    overlay = Overlay("cmfpga.bit")
+    accelerator = overlay.cmfpga_0.accelerator(overlay.axi_dma_0)
+
+Tried with PYNQ 4.0 on a simulated board, never on a real one. PYNQ sets clocks and port widths by itself: load no
+device-tree overlay of ours beside it.
+"""
+
+import select
+
+import numpy as np
+from pynq import DefaultIP, UnsupportedConfiguration, allocate
+
+from ..kv260 import BUFFER_EVENTS_SIZE, BUFFER_RESULTS_SIZE, MODULE_VLNV, VLNV
+from .accelerator import Accelerator
+from .axi_dma import DmaBackend
+from .errors import WrongHardware
+from .identity import check_version
+
+
+class Registers:
+    """Words of a ``pynq.MMIO``."""
+
+    def __init__(self, mmio):
+        self._mmio = mmio
+
+    def read32(self, offset):
+        """The word at a byte offset."""
+        return int(self._mmio.read(offset))
+
+    def write32(self, offset, value):
+        """Write the word at a byte offset."""
+        self._mmio.write(offset, int(value) & 0xFFFFFFFF)
+
+
+class CmfpgaIP(DefaultIP):
+    """The accelerator in an overlay.
+
+    Raises ``pynq.UnsupportedConfiguration`` where the hardware was made by another version; PYNQ then warns, says
+    which, and gives the IP its default class.
+    """
+
+    bindto = [VLNV, MODULE_VLNV]  # noqa: RUF012 - what PYNQ's metaclass reads
+
+    def __init__(self, description):
+        super().__init__(description=description)
+        self.read32, self.write32 = (registers := Registers(self.mmio)).read32, registers.write32
+        self.name, self.hint = "PYNQ", lambda: ""
+        try:
+            check_version(self)
+        except WrongHardware as error:
+            raise UnsupportedConfiguration(str(error)) from None
+
+    def accelerator(self, dma, config=None, **options):
+        """The :class:`~cmfpga.driver.Accelerator` whose streams ``dma`` serves.
+
+        Parameters
+        ----------
+        dma : pynq.lib.dma.DMA
+            In simple mode; its channels must not be used by anybody else.
+        config : Config, optional
+        **options
+            Others of :class:`~cmfpga.driver.Accelerator`.
+        """
+        return Accelerator(PynqBackend(self, dma), config, **options)
+
+
+class PynqBuffer:
+    """A contiguous buffer of PYNQ's."""
+
+    def __init__(self, size, device):
+        self._words = allocate((size // 8,), "u8", target=device)
+        self.address = int(self._words.device_address)
+        self.size = size // 8 * 8
+
+    def write(self, words):
+        """Put words at the begin, for the device."""
+        part = self._words[: len(words)]
+        part[:] = words
+        part.flush()
+
+    def read(self, count):
+        """The first words, from the device."""
+        part = self._words[:count]
+        part.invalidate()
+        return np.array(part, np.uint64)
+
+    def close(self):
+        """Free it. Safe to call twice."""
+        if self._words is not None:
+            self._words.freebuffer()
+            self._words = None
+
+
+class PynqBackend(DmaBackend):
+    """The accelerator in a PYNQ overlay.
+
+    Parameters
+    ----------
+    ip : CmfpgaIP
+    dma : pynq.lib.dma.DMA
+    events_size, results_size : int
+        Bytes of the buffers.
+    """
+
+    name = "PYNQ"
+
+    def __init__(self, ip, dma, *, events_size=BUFFER_EVENTS_SIZE, results_size=BUFFER_RESULTS_SIZE):
+        limit = dma.buffer_max_size
+        buffers = [PynqBuffer(min(size, limit), ip.device) for size in (events_size, results_size)]
+        super().__init__(Registers(ip.mmio), Registers(dma.mmio), *buffers)
+        self._file = _interrupt_file(ip)
+        self.has_interrupt = self._file is not None
+
+    def wait_interrupt(self, timeout):
+        # Not by asyncio, as pynq.Interrupt does: in a notebook the event loop is the one that runs this.
+        self._file.write((1).to_bytes(4, "little"))
+        ready, _, _ = select.select([self._file], [], [], timeout)
+        if ready:
+            self._file.read(4)
+        return bool(ready)
+
+
+def _interrupt_file(ip):
+    """The UIO device of the IP's interrupt; None where there is none, or an interrupt controller is in between."""
+    interrupt = getattr(ip, "irq", None)
+    controller = interrupt.parent() if interrupt is not None else None
+    return getattr(controller, "uio", None)

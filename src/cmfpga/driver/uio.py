@@ -1,0 +1,228 @@
+"""Back end for plain Linux: registers by UIO, buffers by u-dma-buf (https://github.com/ikwzm/udmabuf).
+
+Never run on a board. Registers are only accessed in aligned words of 32 bits: others, and bulk copies, end in a bus
+error (SIGBUS).
+"""
+
+import contextlib
+import mmap
+import os
+import select
+from pathlib import Path
+
+import numpy as np
+
+from ..kv260 import BUFFER_EVENTS, BUFFER_RESULTS, LINUX_CLOCK, UIO_DMA, UIO_REGISTERS
+from .axi_dma import DmaBackend
+from .errors import DeviceError
+
+
+def _open(path):
+    return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+
+
+class Mapping:
+    """Registers of a UIO device.
+
+    Parameters
+    ----------
+    file : int
+        Descriptor of ``/dev/uioN``.
+    size : int
+        Bytes.
+    """
+
+    def __init__(self, file, size):
+        self._map = mmap.mmap(file, size, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
+        self._view = memoryview(self._map)
+        self._words = self._view.cast("I")  # one access of 32 bits for each word
+
+    def __getitem__(self, index):
+        return self._words[index]
+
+    def __setitem__(self, index, value):
+        self._words[index] = value
+
+    def close(self):
+        self._words.release()
+        self._view.release()
+        self._map.close()
+
+
+class UioDevice:
+    """One UIO device, found by its name.
+
+    Parameters
+    ----------
+    name : str
+        As in ``/sys/class/uio/uio*/name``.
+    root : path
+        ``/``; another folder for tests.
+    """
+
+    def __init__(self, name, *, root="/"):
+        self.name = name
+        folder = self._find(Path(root), name)
+        self.size = int((folder / "maps" / "map0" / "size").read_text(), 0)
+        path = Path(root) / "dev" / folder.name
+        try:
+            self._file = _open(path)
+        except OSError as error:
+            raise DeviceError(f"{path}: {error.strerror}; are you root, or in its group?") from None
+        try:
+            self._words = Mapping(self._file, self.size)
+        except OSError as error:
+            os.close(self._file)
+            raise DeviceError(f"{path}: cannot be mapped: {error.strerror}") from None
+
+    @staticmethod
+    def _find(root, name):
+        found = {}
+        for path in sorted((root / "sys/class/uio").glob("uio*/name")):
+            with contextlib.suppress(OSError):
+                found.setdefault(path.read_text().strip(), path.parent)
+        if name not in found:
+            raise DeviceError(
+                f"no UIO device called {name} ({', '.join(found) or 'none'} found); is the overlay loaded, and "
+                "uio_pdrv_genirq with of_id=generic-uio?"
+            )
+        return found[name]
+
+    def read32(self, offset):
+        """The word at a byte offset."""
+        return int(self._words[self._index(offset)])
+
+    def write32(self, offset, value):
+        """Write the word at a byte offset."""
+        self._words[self._index(offset)] = value & 0xFFFFFFFF
+
+    def _index(self, offset):
+        if offset % 4 or not 0 <= offset < self.size:
+            raise ValueError(f"{self.name}: offset {offset:#x}: multiples of 4 below {self.size:#x} are allowed")
+        return offset // 4
+
+    def wait_interrupt(self, timeout):
+        """Whether the interrupt came in time. The kernel masks it when it comes; this unmasks it first."""
+        os.write(self._file, (1).to_bytes(4, "little"))
+        ready, _, _ = select.select([self._file], [], [], timeout)
+        if ready:
+            os.read(self._file, 4)  # the number of interrupts so far
+        return bool(ready)
+
+    def close(self):
+        """Unmap and close. Safe to call twice."""
+        if self._file is not None:
+            self._words.close()
+            os.close(self._file)
+            self._file = None
+
+
+class UdmaBuffer:
+    """A buffer of u-dma-buf: ``/dev/<name>``, and ``/sys/class/u-dma-buf/<name>/``.
+
+    Caches are cleaned and invalidated by its ``sync_for_…`` files, unless the buffer is coherent.
+    """
+
+    def __init__(self, name, *, root="/"):
+        self.name = name
+        self._folder = Path(root) / "sys/class/u-dma-buf" / name
+        try:
+            self.address = self._number("phys_addr")
+            self.size = self._number("size")
+            self._coherent = bool(self._number("dma_coherent")) if (self._folder / "dma_coherent").exists() else False
+            file = _open(Path(root) / "dev" / name)
+        except OSError as error:
+            raise DeviceError(
+                f"{error.filename}: {error.strerror}; is the module u-dma-buf loaded, and the overlay?"
+            ) from None
+        try:
+            self._map = mmap.mmap(file, self.size, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
+        finally:
+            os.close(file)
+
+    def _number(self, name):
+        return int((self._folder / name).read_text(), 0)
+
+    def write(self, words):
+        """Put words at the begin, for the device."""
+        self._map[: words.nbytes] = words.tobytes()
+        self._sync("sync_for_device", words.nbytes, 1)
+
+    def read(self, count):
+        """The first words, from the device."""
+        self._sync("sync_for_cpu", 8 * count, 2)
+        return np.frombuffer(self._map[: 8 * count], "<u8").astype(np.uint64)
+
+    def _sync(self, what, size, direction):
+        """``direction``: 1 to the device, 2 from it."""
+        if self._coherent or not size:
+            return
+        for name, value in (("sync_offset", 0), ("sync_size", size), ("sync_direction", direction), (what, 1)):
+            (self._folder / name).write_text(str(value))
+
+    def close(self):
+        """Unmap. Safe to call twice."""
+        self._map.close()
+
+
+class UioBackend(DmaBackend):
+    """The accelerator behind plain Linux, with the names of our overlay.
+
+    Parameters
+    ----------
+    registers, dma : str
+        Names of the UIO devices.
+    events, results : str
+        Names of the buffers.
+    root : path
+        ``/``; another folder for tests.
+
+    Raises
+    ------
+    DeviceError
+        Something is missing: which, and what may be the reason.
+    """
+
+    name = "UIO"
+
+    def __init__(
+        self,
+        *,
+        registers=UIO_REGISTERS,
+        dma=UIO_DMA,
+        events=BUFFER_EVENTS,
+        results=BUFFER_RESULTS,
+        root="/",
+    ):
+        self._root = Path(root)
+        self._check_clock()
+        makers = ((UioDevice, registers), (UioDevice, dma), (UdmaBuffer, events), (UdmaBuffer, results))
+        with contextlib.ExitStack() as opened:  # all of them, or none
+            parts = [opened.enter_context(contextlib.closing(make(part, root=root))) for make, part in makers]
+            opened.pop_all()
+        super().__init__(*parts)
+
+    def wait_interrupt(self, timeout):
+        return self._registers.wait_interrupt(timeout)
+
+    def _clock_users(self):
+        """How many keep the clock running; None where that cannot be read (it needs root, and debugfs)."""
+        with contextlib.suppress(OSError, ValueError):
+            return int((self._root / "sys/kernel/debug/clk" / LINUX_CLOCK / "clk_enable_count").read_text())
+        return None
+
+    def _check_clock(self):
+        """Without its clock the first access to a register never ends, and no time-out helps against that."""
+        if self._clock_users() == 0:
+            raise DeviceError(
+                f"the clock {LINUX_CLOCK} is off, and an access to a register would hang the processor; "
+                "is the overlay with its clocking0 node loaded?"
+            )
+
+    def hint(self):
+        return f"To look at: grep {UIO_REGISTERS} /proc/interrupts"
+
+    def close(self):
+        super().close()
+        self._registers.close()
+        self._dma.close()

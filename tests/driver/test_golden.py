@@ -1,0 +1,51 @@
+"""The golden batch of the self-test: kept results are the integer model's, and nothing of it depends on the machine."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from cmfpga.batch import Flag, clamp_roi
+from cmfpga.config import PRESETS, Config, preset
+from cmfpga.driver import golden
+from cmfpga.driver.results import WireResult
+
+from .conftest import CONFIG
+
+
+def test_kept_results_are_current():
+    kept = golden.json.loads((golden.Path(golden.__file__).with_name(golden.FILE)).read_text(encoding="utf-8"))
+    assert kept == golden.json.loads(golden.json.dumps(golden.make())), "run python -m cmfpga.driver.golden"
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_batch_is_one_that_means_something(name):
+    found, source = golden.expected_result(preset(name))
+    assert source == "the integer model"
+    assert found["events"] == golden.EVENTS and 300 < found["roi_events"] and any(found["sums"])
+    assert not found["flags"] & (Flag.DEGENERATE | Flag.OVERFLOW)
+    assert set(found) <= set(WireResult.__dataclass_fields__)
+    if preset(name).ascent == "sign":  # the plain ascent from v = 0 does not leave it: README
+        assert np.allclose(found["v"], (3, -2), atol=0.35)
+
+
+@pytest.mark.parametrize(
+    "config", [CONFIG, Config(max_batch_events=7), Config(span_bits=4), Config(roi_width=240, roi_height=180)]
+)
+def test_the_batch_fits_every_configuration(config):
+    events, roi = golden.golden_batch(config)
+    assert 0 < len(events) <= config.max_batch_events
+    assert events.x.max() < config.sensor_width and events.y.max() < config.sensor_height
+    assert clamp_roi(config, roi) == (roi, False)
+    assert (np.diff(events.t) > 0).all()
+
+
+def test_without_torch(monkeypatch):
+    """Of a preset the kept result, run-time fields or not; of others none, and why."""
+    expected, _ = golden.expected_result(preset("fast"))
+    monkeypatch.setitem(sys.modules, "torch", None)
+    for module in [name for name in sys.modules if name.startswith("cmfpga.reference")]:
+        monkeypatch.delitem(sys.modules, module)
+    assert golden.expected_result(preset("fast").replace(warm="0:0", start="zero")) == (expected, "golden.json")
+    found, reason = golden.expected_result(CONFIG)
+    assert found is None and "torch is not installed" in reason

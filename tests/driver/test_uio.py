@@ -1,0 +1,267 @@
+"""The UIO back end: on files, and with the simulated board behind them."""
+
+import mmap
+import os
+
+import numpy as np
+import pytest
+
+from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WrongHardware, uio
+from cmfpga.driver.results import differences
+from cmfpga.driver.uio import Mapping, UdmaBuffer, UioBackend, UioDevice
+from cmfpga.engines.model import ModelEngine
+from cmfpga.words import encode
+
+from .board import Board, Interrupts, descriptors, uio_tree
+from .conftest import CONFIG, batch
+from .test_simulation import REGISTERS, model_run, within, works
+
+BUFFERS = {"cmfpga-events": (0x8_0000_0000, 0x4000), "cmfpga-results": (0x8_0010_0000, 0x1000)}
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return uio_tree(tmp_path, buffers=BUFFERS)
+
+
+class Linux:
+    """The tree's files, with the simulated board behind the UIO devices and the buffers' memory."""
+
+    def __init__(self, tree, top, monkeypatch):
+        self.tree, self.board = tree, Board(top)
+        self.broken = False
+        bases, usual = {}, uio._open
+
+        def opening(path):
+            if path.name == "uio3":
+                file, base = Interrupts(self.board, broken=self.broken).file, Board.REGISTERS
+            elif path.name == "uio4":
+                file, base = usual(path), Board.DMA
+            else:
+                return usual(path)
+            bases[file] = base
+            return file
+
+        monkeypatch.setattr(uio, "_open", opening)
+        monkeypatch.setattr(uio, "Mapping", lambda file, size: self.board.words(bases[file]))
+        self.files = []
+        for name, (address, size) in BUFFERS.items():
+            with (tree / "dev" / name).open("r+b") as file:
+                self.board.memory.add(address, mmap.mmap(file.fileno(), size))
+
+    backend_class = UioBackend
+
+    def backend(self):
+        return UioBackend(root=self.tree)
+
+
+@pytest.fixture
+def linux(tree, top, monkeypatch):
+    return Linux(tree, top, monkeypatch)
+
+
+# ---------------------------------------------------------------- on the simulated board
+
+
+def test_batches_equal_the_model(linux, rng):
+    before = descriptors()
+    with Accelerator(linux.backend(), CONFIG) as accelerator:
+        model = ModelEngine(CONFIG)
+        for number in range(4):
+            events = batch(rng, int(rng.integers(2, 300)), begin=1000 * number)
+            roi = None if number else (8, 4)
+            result = accelerator.run(events, roi=roi)
+            assert differences(result, model_run(model, events, roi)) == []
+        assert accelerator.self_test()["interrupt"].startswith("came")
+    accelerator.backend.close()
+    assert descriptors() == before
+
+
+def test_the_caches_are_told(linux, tree, rng, monkeypatch):
+    """In the right order: cleaned behind the write and before the DMA reads; invalidated before software reads."""
+    told = []
+    usual = UdmaBuffer._sync
+
+    def sync(self, what, size, direction):
+        usual(self, what, size, direction)
+        told.append((self.name, what, size, direction))
+
+    monkeypatch.setattr(UdmaBuffer, "_sync", sync)
+    with Accelerator(linux.backend(), CONFIG) as accelerator:
+        told.clear()
+        accelerator.run(batch(rng, 100), roi=(8, 4))
+    assert told == [("cmfpga-events", "sync_for_device", 800, 1), ("cmfpga-results", "sync_for_cpu", 112, 2)]
+    folder = tree / "sys/class/u-dma-buf/cmfpga-results"
+    read = {
+        name: (folder / name).read_text() for name in ("sync_offset", "sync_size", "sync_direction", "sync_for_cpu")
+    }
+    assert read == {"sync_offset": "0", "sync_size": "112", "sync_direction": "2", "sync_for_cpu": "1"}
+
+
+def test_stream_larger_than_a_buffer(linux, rng):
+    """The DMA ends every transfer with TLAST; batches that end by their number do not mind."""
+    model = ModelEngine(CONFIG)
+    with Accelerator(linux.backend(), CONFIG) as accelerator:
+        assert accelerator.backend.max_words == 0x800
+        events = batch(rng, 2500)
+        accelerator.start(roi=(8, 4), events=700)
+        words = encode(events, "PACKED")
+        accelerator.send(words[:900])
+        results = list(accelerator.results(1))
+        accelerator.send(words[900:])  # in two transfers, while results come
+        results += accelerator.results(2)
+        accelerator.backend.wait_sent(5)
+        results += accelerator.stop()
+        assert [result.events for result in results] == [700, 700, 700, 400]
+        for number, result in enumerate(results):
+            part = events[700 * number : 700 * (number + 1)]
+            assert differences(result, model_run(model, part, None if number else (8, 4))) == []
+        with pytest.raises(DeviceError, match="a batch of 2500 words: one transfer of UIO has at most 2048"):
+            accelerator.run(events)
+        works(accelerator, rng)
+
+
+@pytest.mark.parametrize("sent", [0, 37])
+def test_dma_that_stops_in_the_middle_of_a_batch(linux, rng, sent):
+    with Accelerator(linux.backend(), CONFIG) as accelerator:
+        linux.board.dma.stuck_after = sent
+        with within(5), pytest.raises(DeviceTimeout, match=rf"no result within 0\.2 s .*: {sent} words taken") as error:
+            accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.2)
+        assert str(error.value).endswith("To look at: grep cmfpga /proc/interrupts")
+        linux.board.dma.stuck_after = -1
+        accelerator.reset()
+        works(accelerator, rng)
+
+
+def test_dma_that_fails(linux, rng):
+    with Accelerator(linux.backend(), CONFIG) as accelerator:
+        linux.board.dma.dead = True
+        with within(5), pytest.raises(DeviceTimeout, match="the DMA's reset did not end within 1 s"):
+            accelerator.reset()
+        linux.board.dma.dead = False
+        accelerator.reset()
+        accelerator.backend._receiving.begin(BUFFERS["cmfpga-results"][0], 64)  # a packet has 112 bytes
+        with within(5), pytest.raises(DeviceError, match=r"from the stream: internal error.*longer than the buffer"):
+            accelerator.run(batch(rng, 100), roi=(8, 4))
+        works(accelerator, rng)
+        with pytest.raises(KeyError):  # of the model: no memory there
+            accelerator.backend._sending.begin(0x1234, 64)
+
+
+def test_dma_that_was_reset_by_somebody(linux, rng, monkeypatch):
+    with Accelerator(linux.backend(), CONFIG) as accelerator:
+        usual = accelerator.backend._receiving.begin
+
+        def begin(address, length):
+            usual(address, length)
+            linux.board.dma._reset()
+
+        monkeypatch.setattr(accelerator.backend._receiving, "begin", begin)
+        with within(5), pytest.raises(DeviceError, match="stopped in the middle of a transfer"):
+            accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.5)
+        monkeypatch.undo()
+
+
+def test_interrupt_that_never_comes(linux, rng):
+    linux.broken = True
+    with Accelerator(linux.backend(), CONFIG) as accelerator:
+        with within(5), pytest.raises(DeviceTimeout, match=r"the result came, but no interrupt within 0\.2 s"):
+            accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.2)
+    with Accelerator(linux.backend(), CONFIG, interrupt=False) as accelerator:
+        works(accelerator, rng)
+
+
+@pytest.mark.parametrize(
+    "register, value, message",
+    [
+        ("ID", 0xFFFFFFFF, "ID reads 0xffffffff"),
+        ("VERSION", 0x09080007, r"made by cmfpga 9\.8\.7"),
+        ("BUILD", 0x12345678, "configuration 12345678, not"),
+    ],
+)
+def test_wrong_hardware(linux, register, value, message):
+    linux.board.overrides[REGISTERS[register].offset] = value
+    backend = linux.backend()
+    with pytest.raises(WrongHardware, match=f"^UIO: .*{message}"):
+        Accelerator(backend, CONFIG)
+    backend.close()
+
+
+# ---------------------------------------------------------------- on files alone
+
+
+def test_registers_are_words_of_a_mapping(tree):
+    device = UioDevice("cmfpga", root=tree)
+    assert device.size == 0x10000 and isinstance(device._words, Mapping)
+    device.write32(0xFFC, 0x89ABCDEF)
+    device.write32(0x10, -1)
+    assert device.read32(0xFFC) == 0x89ABCDEF and device.read32(0x10) == 0xFFFFFFFF
+    content = (tree / "dev/uio3").read_bytes()
+    assert content[0xFFC:0x1000] == bytes.fromhex("efcdab89") and content[0x10:0x14] == b"\xff" * 4
+    assert content.count(0) == len(content) - 8
+    for offset in (2, 0xFFD, -4, 0x10000):
+        with pytest.raises(ValueError, match="multiples of 4 below 0x10000"):
+            device.read32(offset)
+        with pytest.raises(ValueError, match="multiples of 4 below 0x10000"):
+            device.write32(offset, 0)
+    device.close()
+    device.close()
+
+
+def test_interrupt_of_a_device(tree, monkeypatch):
+    """Unmasked by writing 1, in the processor's order of bytes; the count is read away."""
+    import socket
+
+    mine, kernel = socket.socketpair()
+    file = os.dup(mine.fileno())
+    monkeypatch.setattr(uio, "_open", lambda path: file)
+    monkeypatch.setattr(uio, "Mapping", lambda *_: mmap.mmap(-1, 4096))
+    device = UioDevice("cmfpga", root=tree)
+    with within(2):
+        assert not device.wait_interrupt(0.05) and not device.wait_interrupt(0)
+    assert kernel.recv(100) == b"\x01\0\0\0" * 2
+    kernel.sendall(b"\x05\0\0\0")
+    assert device.wait_interrupt(1) and not device.wait_interrupt(0)
+    device.close(), mine.close(), kernel.close()
+
+
+def test_buffers(tree):
+    buffer = UdmaBuffer("cmfpga-events", root=tree)
+    assert (buffer.address, buffer.size) == BUFFERS["cmfpga-events"]
+    words = np.array([1, 2**63, 0x0102030405060708], np.uint64)
+    buffer.write(words)
+    assert (tree / "dev/cmfpga-events").read_bytes()[:24] == words.tobytes()
+    assert buffer.read(3).tolist() == words.tolist() and buffer.read(0).size == 0
+    folder = tree / "sys/class/u-dma-buf/cmfpga-events"
+    assert (folder / "sync_for_device").read_text() == "1"
+    (folder / "sync_for_device").unlink()
+    (folder / "dma_coherent").write_text("1")
+    coherent = UdmaBuffer("cmfpga-events", root=tree)
+    coherent.write(words)
+    assert not (folder / "sync_for_device").exists()
+    buffer.close(), buffer.close(), coherent.close()
+
+
+def test_what_is_missing_is_named(tree):
+    before = descriptors()
+
+    def refused(message):
+        with pytest.raises(DeviceError, match=message) as error:
+            UioBackend(root=tree)
+        assert "\n" not in str(error.value)
+        assert descriptors() == before
+
+    clock = tree / "sys/kernel/debug/clk/pl0_ref/clk_enable_count"
+    clock.write_text("0\n")
+    refused("clock pl0_ref is off, and an access to a register would hang the processor")
+    clock.unlink()  # not root: nobody knows
+    (tree / "dev/cmfpga-results").unlink()
+    refused("dev/cmfpga-results: No such file or directory; is the module u-dma-buf loaded")
+    (tree / "sys/class/u-dma-buf/cmfpga-events/phys_addr").unlink()
+    refused("cmfpga-events/phys_addr: No such file")
+    (tree / "sys/class/uio/uio4/name").write_text("other\n")
+    refused(r"no UIO device called cmfpga-dma \(cmfpga, other found\); is the overlay loaded")
+    (tree / "dev/uio3").unlink()
+    refused(r"dev/uio3: No such file or directory; are you root")
+    (tree / "dev/uio3").symlink_to("/dev/null")
+    refused("dev/uio3: cannot be mapped")
