@@ -120,7 +120,9 @@ def test_the_landscape_and_the_path_on_it(opened, turning):
         report.do(f"document.querySelector('input[name=level][value=\"{level}\"]').click()")
         (vx, vy, z), *paths = traces(report, "landscape")
         z = np.array(z)
-        for row, column in ((0, 0), (20, 20), (30, 35), (40, 3)):
+        last = len(vx) - 1
+        assert z.shape == (last + 1, last + 1) and vx[0] == -vx[last] and vx[last // 2] == 0
+        for row, column in ((0, 0), (last // 2, last // 2), (3 * last // 4, 7 * last // 8), (last, 3)):
             x, y = (
                 (axis - dt * v + 0.5) / 2**level - 0.5 for axis, v in zip(positions, (vx[column], vy[row]), strict=True)
             )
