@@ -1,7 +1,10 @@
 """The engines behind their one interface: equal results, what they refuse, and where compiled simulators are kept."""
 
 import dataclasses
+import os
 import shutil
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -476,3 +479,45 @@ def test_the_failure_of_a_tool_is_shown():
 
 def test_the_package_says_what_there_is():
     assert engines.ENGINES == ("rtl", "model", "float") and all(hasattr(engines, name) for name in engines.__all__)
+
+
+TWO_AT_ONCE = """
+import sys, time
+from types import SimpleNamespace
+from amaranth.hdl import Signal
+from cmfpga.engines import verilated
+from cmfpga.config import Config
+
+def compile(compiler, scratch, library):
+    with open(sys.argv[1], "a") as log:
+        log.write("compiled\\n")
+    time.sleep(0.5)
+    library.write_text("a library")
+
+verilated._verilate = lambda scratch: None
+verilated._compile = compile
+verilated.emit_verilog = lambda core: "// the same"
+verilated.find_compiler = lambda: "echo"
+ports = {f"event_{name}": Signal(4) for name in ("t", "x", "y", "last")}
+print(input() + verilated.compile_library(SimpleNamespace(config=Config(), inputs=ports, outputs={})).read_text())
+"""
+
+
+def test_two_processes_do_not_compile_the_same(tmp_path):
+    """The second one waits, and takes what the first one has made."""
+    command = [sys.executable, "-c", TWO_AT_ONCE, tmp_path / "log"]
+    environment = {**os.environ, "CMFPGA_CACHE": str(tmp_path / "cache")}
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "env": environment}
+    with subprocess.Popen(command, **pipes) as one, subprocess.Popen(command, **pipes) as other:
+        for process in (one, other):  # both are ready
+            process.stdin.write("go: \n")
+            process.stdin.flush()
+        assert [process.communicate(timeout=60)[0] for process in (one, other)] == ["go: a library\n"] * 2
+    assert (tmp_path / "log").read_text() == "compiled\n"
+
+
+def test_the_verilog_is_emitted_once_a_process(compiler, verilated_core, monkeypatch):
+    monkeypatch.setattr(verilated, "emit_verilog", None)
+    again = VerilatedCore(CONFIG.replace(iterations=2))
+    assert again.core is verilated_core.core and again.config.iterations == 2
+    again.close()

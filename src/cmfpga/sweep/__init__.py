@@ -13,7 +13,7 @@ from ..errors import ConfigError
 from . import plan
 from .store import Store, write_atomically
 from .task import estimate_resources, run_task, version
-from .workers import processors, workers
+from .workers import pool, processors
 
 EXAMPLES = (
     "python -m cmfpga.sweep a.h5@100,30 b.h5@60,40 --vary preset=fast,paper --batches 20",
@@ -122,7 +122,7 @@ def _sweep(options, run, rows, folder):
     kept = sum(row.task.key in done for row in rows if row.task)
     if left or unknown:
         count = min(processors() if options.workers is None else options.workers, max(len(left), len(unknown)))
-        with workers(count, options.scheduler) as where:
+        with pool(count, options.scheduler) as where:
             _run(where, run_task, left, tracked, done, folder, "row")
             _run(where, estimate_resources, unknown, estimated, known, folder, "hardware")
     outcomes = [done[row.task.key] if row.task else {"status": "failed", "reason": row.problem} for row in rows]

@@ -248,7 +248,7 @@ def ranking(rows, outcomes, estimates):
         listed,
         key=lambda entry: (
             not entry["complete"],
-            [entry["ranks"].get(name, 0) for name in CRITERIA],
+            [entry["ranks"].get(name, math.inf) for name in CRITERIA],
             entry["configuration"],
         ),
     )
@@ -298,7 +298,7 @@ def number(value):
         return "–"
     if math.isinf(value):
         return "∞"
-    return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def text(ranked):

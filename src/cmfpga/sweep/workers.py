@@ -3,10 +3,12 @@
 import contextlib
 import logging
 import os
+import signal
+import sys
 
 from ..errors import ConfigError, UserError
 
-#: How long a scheduler may take to answer, and to have a worker, s.
+#: How long a scheduler may take to answer, s.
 TIMEOUT = 10
 
 
@@ -40,21 +42,26 @@ class Dask:
             for key, argument in jobs.items()
         }
         for future, outcome in as_completed(futures, with_results=True, raise_errors=False):
-            if isinstance(outcome, CancelledError) or future.status in ("cancelled", "lost"):
-                raise UserError(
-                    f"{self.where} is gone; what was done is kept, and the same command goes on with the rest"
-                )
-            if future.status == "error":
-                # Not an error of the task, which would be an outcome: its worker died again and again, or could not
-                # even read it.
-                error = future.exception()
-                outcome = {"status": "failed", "reason": " ".join([f"{type(error).__name__}:", *str(error).split()])}
+            # Not by the future's status: if its worker has died since, that is "lost", though the outcome is here.
+            if isinstance(outcome, CancelledError):
+                raise UserError(f"{self.where} is gone; what was done is kept, the same command goes on with the rest")
+            if isinstance(outcome, tuple):  # kind, error, traceback
+                outcome = {"status": "failed", "reason": _reason(outcome[1])}
             yield futures[future], outcome
             future.release()
 
 
+def _reason(error):
+    """Why a task has no outcome, which it gives for any error of its own."""
+    from distributed import KilledWorker
+
+    if isinstance(error, KilledWorker):
+        return "the worker died each time that it was tried: out of memory, or a crash"
+    return " ".join([f"{type(error).__name__}:", *str(error).split()])
+
+
 @contextlib.contextmanager
-def workers(count, scheduler=None):
+def pool(count, scheduler=None):
     """A context with a :class:`Here` or :class:`Dask`.
 
     Parameters
@@ -67,28 +74,50 @@ def workers(count, scheduler=None):
     Raises
     ------
     UserError
-        Dask is not installed, or the scheduler does not answer or has no workers.
+        Dask is not installed, or the scheduler does not answer.
     """
     if not count and scheduler is None:
         yield Here()
         return
+    # Of an end of a worker or a scheduler it would print pages; what matters is in the outcomes. Workers inherit it.
+    os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")
     try:
         import distributed
     except ModuleNotFoundError:
         raise ConfigError(
             "sweep: dask is not installed; pip install 'cmfpga[sweep]' (--workers 0 does without)"
         ) from None
-    # Of a worker's end it would print pages; what matters is in the outcomes.
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # has a level of its own
     if scheduler is not None:
         with _connected(distributed, scheduler) as client:
             yield Dask(client, f"the scheduler at {scheduler}")
         return
-    cluster = distributed.LocalCluster(
-        n_workers=count, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
-    )
-    with cluster, distributed.Client(cluster) as client:
+    with contextlib.ExitStack() as stack:
+        cluster = distributed.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
+        stack.callback(_close, cluster)
+        client = distributed.Client(cluster)
+        stack.callback(_close, client)
+        client.register_plugin(_no_interrupt(distributed))
         yield Dask(client, "the local cluster")
+        # One that is just being started again would print a traceback if it were stopped now.
+        with contextlib.suppress(TimeoutError):
+            client.wait_for_workers(count, timeout=TIMEOUT)
+
+
+def _close(what):
+    """Close a cluster or client; by now all outcomes are here, so what goes wrong does no harm."""
+    with contextlib.suppress(Exception):  # such as an AssertionError, where a worker is just being started again
+        what.close()
+
+
+def _no_interrupt(distributed):
+    """A plugin by which workers leave Ctrl-C, which a terminal sends to all its processes, to the one in front."""
+
+    class NoInterrupt(distributed.WorkerPlugin):
+        def setup(self, worker):
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return NoInterrupt()
 
 
 @contextlib.contextmanager
@@ -98,9 +127,7 @@ def _connected(distributed, address):
     except (OSError, ValueError, TypeError, ImportError) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise ConfigError(f"--scheduler {address}: no scheduler answers there: {reason}") from None
-    with client:
-        try:
-            client.wait_for_workers(1, timeout=TIMEOUT)
-        except TimeoutError:
-            raise ConfigError(f"--scheduler {address}: it has no workers") from None
+    with contextlib.closing(client):
+        if not client.nthreads():
+            print(f"note: the scheduler at {address} has no workers yet; waiting for one", file=sys.stderr, flush=True)
         yield client

@@ -1,0 +1,221 @@
+"""What a sweep is made of: configurations, recordings with their ROI and truth, keys, and what is kept."""
+
+import dataclasses
+
+import h5py
+import numpy as np
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.errors import ConfigError, RecordingError
+from cmfpga.sweep import plan, store, truth
+from cmfpga.sweep.plan import Run, choices, rows, subjects
+from cmfpga.sweep.task import Task, run_task, version
+from cmfpga.sweep.truth import read_truth, sidecar
+from conftest import make_recording, run_here, small
+
+# ---------------------------------------------------------------- configurations
+
+
+def test_all_combinations_the_last_field_fastest():
+    found = choices("paper", ["eta=2"], ["iterations=5,10", "roi_gain=1,2"])
+    assert [choice.varied for choice in found] == [
+        {"iterations": t, "roi_gain": gain} for t in (5, 10) for gain in (1.0, 2.0)
+    ]
+    assert [choice.number for choice in found] == [0, 1, 2, 3]
+    assert found[1].changes == {"eta": 2.0, "iterations": 5, "roi_gain": 2.0}
+    assert found[1].label == "iterations = 5, roi_gain = 2.0"
+
+
+def test_presets_vary_too_and_schedules_keep_their_blanks():
+    found = choices("paper", [], ["preset=fast,paper", "cold=0:0*8,1:0*4 0:-1*4"])
+    assert [choice.preset for choice in found] == ["fast", "fast", "paper", "paper"]
+    assert found[1].fields(None) == {**preset("fast").to_dict(), "cold": "1:0*4 0:-1*4"}
+    (only,) = choices("fast", [], [])
+    assert only.fields((640, 480)) == preset("fast").replace(sensor_width=640, sensor_height=480).to_dict()
+    assert only.label == "as given"
+
+
+@pytest.mark.parametrize("fixed, varied, message", [
+    ([], ["eta"], "--vary eta: FIELD=VALUE,VALUE,… is needed"),
+    ([], ["eta="], "--vary eta=: FIELD=VALUE,VALUE,… is needed"),
+    ([], ["eta=1,x"], "eta = 'x': a number is needed"),
+    ([], ["eta=1,"], "eta = '': a number is needed"),
+    ([], ["iterations=1.5"], "iterations = '1.5': an integer is needed"),
+    ([], ["etta=1"], "'etta': no such field; the fields are .*"),
+    ([], ["preset=quick"], "preset 'quick': one of paper, fast, .* is needed"),
+    ([], ["eta=1,1.0"], "--vary eta=1,1.0: 1.0 stands twice"),
+    ([], ["eta=1", "eta=2"], "--vary eta=2: eta is set twice"),
+    (["eta=1"], ["eta=2"], "--vary eta=2: eta is set twice"),
+])  # fmt: skip
+def test_what_cannot_vary(fixed, varied, message):
+    with pytest.raises(ConfigError, match=f"^{message}$"):
+        choices("paper", fixed, varied)
+
+
+def test_a_combination_that_is_not_allowed_is_a_flagged_row(recordings, tmp_path):
+    done = run_here(
+        recordings[0], *small(buffer_events=None, min_roi_events=20), "--vary", "buffer_events=10,96", "--engine",
+        "model", "--out", tmp_path,
+    )  # fmt: skip
+    assert done.status == 0
+    assert "1 of 2 rows without a result: min_roi_events = 20: at most 10 is allowed (buffer_events)\n" in done.out
+    assert run_here(recordings[0], *small(), "--vary", "eta=1", "--out", tmp_path).error.endswith("eta is set twice")
+
+
+# ---------------------------------------------------------------- recordings and ROIs
+
+
+def test_the_roi_stands_behind_the_recording(recordings, tmp_path):
+    a, b = recordings[:2]
+    odd = tmp_path / "odd@3,4"
+    odd.write_bytes(a.read_bytes())
+    found = subjects([f"{a}@1,2", f"{a}@-3,5", str(b), str(odd), f"{odd}@0,0"], (7, 8), Run())
+    assert [subject.roi for subject in found] == [(1, 2), (-3, 5), (7, 8), (7, 8), (0, 0)]
+    assert [subject.name for subject in found] == [str(a), str(a), str(b), str(odd), str(odd)]
+    assert found[0].digest == found[3].digest != found[2].digest and not any(s.problem for s in found)
+    with pytest.raises(ConfigError, match="stands twice"):
+        subjects([f"{a}@1,2", f"{a}@1,2"], None, Run())
+
+
+def test_without_an_roi_the_truth_says_where_the_object_is(tmp_path):
+    made = make_recording(tmp_path / "x.h5", 3, (400.0, -200.0))
+    config = preset("paper").replace(sensor_width=32, sensor_height=24, roi_width=8, roi_height=8)
+    for start_event in (0, 100):
+        (subject,) = subjects([str(tmp_path / "x.h5")], None, Run(start_event=start_event))
+        centre = made.motion.position(made.events.t[start_event])
+        assert np.abs(np.add(subject.roi_for(config), 3.5) - centre).max() <= 0.5
+    assert subject.roi_for(config.replace(roi_width=32, roi_height=24)) == (0, 0)
+
+
+def test_an_roi_is_asked_for_where_nothing_says_it(tmp_path):
+    make_recording(tmp_path / "x.h5", 3, (300.0, 0.0), truth=False)
+    done = run_here(tmp_path / "x.h5", *small(), "--out", tmp_path / "out")
+    name = str(tmp_path / "x.h5")
+    assert done.error.startswith(f"{name}: an ROI is needed, as {name}@X,Y, or --roi X,Y for all")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_file_that_does_not_say_its_sensor(tmp_path):
+    columns = {"t": np.arange(300), "x": np.arange(300) % 8 + 4, "y": np.arange(300) % 7 + 4, "p": np.ones(300, int)}
+    np.savez(tmp_path / "x.npz", **columns)
+    options = [*small(), "--engine", "model", "--roi", "4,4", "--time-unit", "us", "--out", tmp_path / "out"]
+    done = run_here(tmp_path / "x.npz", *options)
+    assert done.err == f"note: {tmp_path / 'x.npz'} does not say how large its sensor is; --sensor W,H does\n"
+    assert run_here(tmp_path / "x.npz", *options, "--sensor", "32,24").err == ""
+
+
+# ---------------------------------------------------------------- truth
+
+
+def test_truth_beside_the_recording_goes_first(tmp_path):
+    path = tmp_path / "x.h5"
+    make_recording(path, 3, (300.0, 50.0))
+    found = read_truth(path)
+    assert (found.source, found.times, found.velocities, found.start) == ("recording", (0,), ((300.0, 50.0),), (14, 11))
+    sidecar(path).write_text("note,t_us,vx_px_per_s,vy_px_per_s\na,0,1.5,2\nb,100,3,-4\n")
+    found = read_truth(path)
+    assert found.source == "sidecar" and found.times == (0, 100) and found.velocities == ((1.5, 2.0), (3.0, -4.0))
+    assert found.motion.velocity(99).tolist() == [1.5, 2] and found.motion.velocity(100).tolist() == [3, -4]
+    assert read_truth(__file__) is None
+
+
+HEAD = "t_us,vx_px_per_s,vy_px_per_s\n"
+
+
+@pytest.mark.parametrize("text, message", [
+    ("t,vx,vy\n1,2,3\n", r": the columns t_us, vx_px_per_s, vy_px_per_s are needed"),
+    ("", r": the columns .* are needed"),
+    (HEAD, r": one time, and vx and vy, are needed for each piece"),
+    (HEAD + "1,2,3\n1,2\n", r", line 3: three numbers are needed"),
+    (HEAD + "1,2,x\n", r", line 2: three numbers are needed"),
+    (HEAD + "1,2,nan\n", r": finite numbers, and times that ascend, are needed"),
+    (HEAD + "2,2,2\n2,2,2\n", r": finite numbers, and times that ascend, are needed"),
+])  # fmt: skip
+def test_a_malformed_sidecar(recordings, tmp_path, text, message):
+    path = tmp_path / "x.h5"
+    path.write_bytes(recordings[0].read_bytes())
+    sidecar(path).write_text(text)
+    with pytest.raises(RecordingError, match=f"x.h5.truth.csv{message}$"):
+        read_truth(path)
+    (subject,) = subjects([str(path)], (0, 0), Run())
+    assert "truth.csv" in subject.problem
+
+
+@pytest.mark.parametrize(
+    "changes", [{"t": [0, 1]}, {"velocity": [[1.0]]}, {"t": [b"x"]}, {"start": [1.0]}, {"t": None}]
+)
+def test_a_malformed_truth_in_the_recording(tmp_path, changes):
+    make_recording(tmp_path / "x.h5", 3, (300.0, 0.0))
+    with h5py.File(tmp_path / "x.h5", "a") as file:
+        for name, value in changes.items():
+            del file[truth.GROUP][name]
+            if value is not None:
+                file[truth.GROUP][name] = value
+    with pytest.raises(RecordingError, match="ground_truth/motion: "):
+        read_truth(tmp_path / "x.h5")
+
+
+# ---------------------------------------------------------------- keys
+
+
+@pytest.fixture
+def a_task(recordings):
+    (row,) = rows(
+        subjects([str(recordings[0])], None, Run()), choices("fast", ["roi_width=8", "roi_height=8"], []), Run()
+    )
+    return row.task
+
+
+@pytest.mark.parametrize("changes", [
+    {"digest": "0"}, {"roi": (1, 1)}, {"engine": "model"}, {"size": {"events": 7}}, {"size": {"duration_us": 5000}},
+    {"start_event": 1}, {"batches": 3}, {"sensor": (32, 24)}, {"time_unit": "us"}, {"truth": None},
+    {"version": "0.0.1"}, "runtime", "hardware",
+])  # fmt: skip
+def test_a_key_depends_on_all_that_the_result_does(a_task, changes):
+    if isinstance(changes, str):
+        field = {"runtime": {"roi_gain": 1.0}, "hardware": {"weight_frac": 5}}[changes]
+        changes = {"config": a_task.config.replace(**field)}
+    assert dataclasses.replace(a_task, **changes).key != a_task.key
+    assert {field.name for field in dataclasses.fields(Task)} == {
+        "path", "digest", "config", "roi", "engine", "size", "start_event", "batches", "sensor", "time_unit", "truth",
+        "version",
+    }  # fmt: skip
+
+
+def test_a_key_does_not_depend_on_the_path(a_task):
+    assert dataclasses.replace(a_task, path="elsewhere").key == a_task.key
+
+
+def test_a_worker_of_another_version_refuses(a_task):
+    done = run_task(dataclasses.replace(a_task, version="0.0.1"))
+    assert done["status"] == "failed" and version() in done["reason"] and "0.0.1 is needed" in done["reason"]
+
+
+# ---------------------------------------------------------------- what is kept
+
+
+def test_only_good_outcomes_are_kept(tmp_path):
+    kept = store.Store(tmp_path / "new")
+    assert kept.get("a") is None
+    assert kept.put("b", {"status": "failed", "reason": "x"})["reason"] == "x"
+    assert not kept.folder.exists()
+    assert kept.put("a", {"status": "ok", "pair": (1, 0.1)}) == {"status": "ok", "pair": [1, 0.1]} == kept.get("a")
+    for damaged in ("", '{"status": "o', "[1]", '{"status": "failed"}', "\0"):
+        (kept.folder / "a.json").write_text(damaged)
+        assert kept.get("a") is None
+
+
+def test_a_write_that_fails_changes_nothing(tmp_path, monkeypatch):
+    store.write_atomically(tmp_path / "x", b"before")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    for call in ("fsync", "replace"):
+        with monkeypatch.context() as patch:
+            patch.setattr(store.os, call, fail)
+            with pytest.raises(OSError, match="No space"):
+                store.write_atomically(tmp_path / "x", b"after")
+        assert [path.name for path in tmp_path.iterdir()] == ["x"] and (tmp_path / "x").read_bytes() == b"before"
+    assert plan.PRESET == "preset"

@@ -1,0 +1,218 @@
+"""Figures of the tables and the page, from outcomes made by hand."""
+
+import html.parser
+import math
+from types import SimpleNamespace
+
+import pandas
+import pytest
+
+from cmfpga import resources
+from cmfpga.config import Config, preset
+from cmfpga.reference.tracker import COLUMNS
+from cmfpga.sweep import tables
+from cmfpga.sweep.page import page
+from cmfpga.sweep.plan import Choice, Row, Run, Subject
+from cmfpga.sweep.truth import Truth
+
+TRUTH = Truth("recording", (0,), ((1.0, 0.0),), (0.0, 0.0))
+
+
+def batch(index, **changes):
+    """One batch as a task returns it."""
+    values = {
+        "batch": index, "t_ref_us": 10.5, "events": 100, "roi_events": 40, "roi_x": 3, "roi_y": 4, "vx": 1.0, "vy": 0.5,
+        "vx_px_per_s": 10.0, "vy_px_per_s": 5.0, "iterations": 8, "cycles": 1000, "contrast": 2.0, "flags": "",
+        "true_vx": 1.0, "true_vy": 0.0, "error_px": 0.5,
+    }  # fmt: skip
+    return {**values, **changes}
+
+
+def ok(*batches):
+    return {"status": "ok", "batches": list(batches), "events_left_over": 7, "note": ""}
+
+
+def row(number=0, *, name="rec.h5", truth=TRUTH, **fields):
+    subject = SimpleNamespace(name=name, roi=(3, 4), truth=truth, digest="d", sensor=(240, 180))
+    choice = Choice(number=number, varied=fields or {"eta": 1.0}, preset="paper", changes=fields)
+    task = SimpleNamespace(config=preset("paper").replace(**fields))
+    return Row(subject=subject, choice=choice, roi=(3, 4), task=task)
+
+
+DEGENERATE = {"flags": "degenerate", "vx_px_per_s": None, "vy_px_per_s": None, "error_px": None, "contrast": 0.0}
+
+
+def test_summary():
+    found = tables.summary(
+        row(),
+        ok(
+            batch(0, cycles=900, contrast=1.0, error_px=0.2, roi_events=10),
+            batch(1, flags="overflow|roi_clamped", error_px=0.7, vx_px_per_s=-2.0),
+            batch(2, **DEGENERATE, cycles=20),
+            batch(3, flags="overflow", error_px=0.59, cycles=1100),
+        ),
+    )
+    assert (found["status"], found["reason"]) == ("ok", None)
+    assert (found["batches"], found["degenerate_batches"], found["flagged_batches"]) == (4, 1, 3)
+    assert found["flags"] == "overflow|roi_clamped|degenerate"
+    assert (found["events"], found["events_left_over"], found["roi_events_mean"]) == (400, 7, 32.5)
+    assert found["vx_px_per_s_median"] == 10.0 and found["contrast_mean"] == 1.25
+    assert found["error_px_median"] == pytest.approx(0.645) and found["error_px_max"] == math.inf
+    assert found["error_below_0.6_px"] == 0.5
+    assert (found["cycles_mean"], found["cycles_max"]) == (755.0, 1100)
+
+
+def test_summary_without_truth_clock_or_measurement():
+    found = tables.summary(row(truth=None), ok(batch(0, cycles=None, error_px=None, true_vx=None)))
+    assert "error_px_median" not in found and found["cycles_mean"] is None and found["cycles_max"] is None
+    found = tables.summary(row(), ok(batch(0, **DEGENERATE)))
+    assert found["status"] == "empty" and found["reason"] == "no batch measured anything: at most 40 events in the ROI"
+    assert found["error_px_median"] == math.inf
+    found = tables.summary(row(), ok(batch(0, **{**DEGENERATE, "roi_events": 0})))
+    assert found["reason"] == "no event ever entered the ROI at 3,4"
+    assert tables.summary(row(), {"status": "failed", "reason": "why"}) == {"status": "failed", "reason": "why"}
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_the_tables_hold_the_whole_configuration_and_read_back(tmp_path, suffix):
+    planned = [row(0, eta=0.5), row(1, eta=2.0)]
+    outcomes = [ok(batch(0), batch(1, **DEGENERATE)), {"status": "failed", "reason": "a, b"}]
+    estimates = {planned[0].task.config.hardware_hash: {"status": "ok", "total": dict.fromkeys(resources.KINDS, 3)}}
+    frame = tables.results(planned, outcomes, Run(engine="model"), estimates)
+    assert list(frame.columns) == [
+        *tables.RESULTS, *(f"resources.{kind}" for kind in resources.KINDS),
+        *(f"config.{name}" for name in Config().to_dict()),
+    ]  # fmt: skip
+    tables.write(frame, tmp_path / f"x{suffix}")
+    read = (pandas.read_csv if suffix == ".csv" else pandas.read_parquet)(tmp_path / f"x{suffix}")
+    first, second = read.to_dict("records")
+    for values, eta in ((first, 0.5), (second, 2.0)):
+        config = {name.removeprefix("config."): v for name, v in values.items() if name.startswith("config.")}
+        assert Config(**config) == preset("paper").replace(eta=eta)
+    assert (first["status"], first["batches"], first["batch_events"], first["engine"]) == ("ok", 2, 5000, "model")
+    assert first["error_px_max"] == math.inf and first["resources.lut"] == 3
+    assert (second["status"], second["reason"]) == ("failed", "a, b") and pandas.isna(second["batches"])
+
+    by_batch = tables.batches(planned, outcomes)
+    assert list(by_batch.columns) == [
+        "recording", "first_roi", "configuration", "config.eta", *COLUMNS, "true_vx", "true_vy", "error_px",
+    ]  # fmt: skip
+    assert by_batch["config.eta"].tolist() == [0.5, 0.5] and by_batch["first_roi"].tolist() == ["3,4", "3,4"]
+    assert by_batch["error_px"].isna().tolist() == [False, True] and by_batch["cycles"].dtype == "Int64"
+
+
+def ranked_example():
+    """Four configurations on two recordings: the errors of one, the cycles of another, are best; one is incomplete."""
+    good, other = {"error_px": 0.1, "cycles": 2000, "contrast": 3.0}, {"error_px": 0.3, "cycles": 500, "contrast": 3.3}
+    worse = {"error_px": 0.4, "cycles": 2500, "contrast": 1.5}
+    planned, outcomes = [], []
+    for number, (eta, values) in enumerate([(1.0, worse), (2.0, other), (3.0, good), (4.0, good)]):
+        for name, truth in (("a.h5", TRUTH), ("<b>.h5", None)):
+            planned.append(row(number, name=name, truth=truth, eta=eta))
+            failed = eta == 4.0 and truth is None
+            outcomes.append({"status": "failed", "reason": "R&D"} if failed else ok(batch(0, **values)))
+    return planned, outcomes
+
+
+def test_ranking():
+    planned, outcomes = ranked_example()
+    ranked = tables.ranking(planned, outcomes, {})
+    assert [entry["configuration"] for entry in ranked] == [2, 1, 0, 3]
+    assert [entry["best"] for entry in ranked] == [True, True, False, False]
+    assert [entry["ranks"] for entry in ranked] == [
+        {"error_px": 1, "contrast": 2, "cycles": 2}, {"error_px": 2, "contrast": 1, "cycles": 1},
+        {"error_px": 3, "contrast": 3, "cycles": 3}, {},
+    ]  # fmt: skip
+    assert [entry["error_px"] for entry in ranked] == [0.1, 0.3, 0.4, 0.1]
+    assert [entry["contrast"] for entry in ranked] == pytest.approx([3 / 3.3, 1, 1.5 / 3.3, 3 / 3.3])
+    assert [entry["below"] for entry in ranked] == [1.0] * 4
+    assert [(entry["rows_ok"], entry["rows"], entry["complete"]) for entry in ranked][3] == (1, 2, False)
+
+
+def test_ranking_without_truth_and_with_resources():
+    planned = [row(k, truth=None, weight_frac=bits) for k, bits in enumerate((8, 4))]
+    outcomes = [ok(batch(0, contrast=2.0)), ok(batch(0, contrast=2.0))]
+    estimates = {
+        r.task.config.hardware_hash: {"status": "ok", "total": dict.fromkeys(resources.KINDS, lut)}
+        for r, lut in zip(planned, (900, 700), strict=True)
+    }
+    ranked = tables.ranking(planned, outcomes, estimates)
+    assert [entry["configuration"] for entry in ranked] == [1, 0]
+    assert ranked[0]["ranks"] == {"contrast": 1, "cycles": 1, "lut": 1} and ranked[1]["ranks"]["lut"] == 2
+    assert ranked[0]["error_px"] is None and [entry["best"] for entry in ranked] == [True, False]
+    assert "700" in tables.text(ranked)
+    estimates[planned[1].task.config.hardware_hash] = {"status": "failed", "reason": "x"}
+    ranked = tables.ranking(planned, outcomes, estimates)
+    assert [entry["configuration"] for entry in ranked] == [0, 1] and ranked[1]["resources"] is None
+
+
+class Cells(html.parser.HTMLParser):
+    """Texts of the cells of each table, by the table's id."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.tables, self.links, self._at, self._inside = {}, [], None, False
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.links += [attrs[name] for name in ("src", "href") if name in attrs]
+        if tag == "table":
+            self._at = self.tables.setdefault(attrs.get("id", len(self.tables)), [])
+        elif tag == "tr":
+            self._at.append([])
+        elif tag in ("td", "th"):
+            self._at[-1].append("")
+            self._inside = True
+
+    def handle_endtag(self, tag):
+        if tag in ("td", "th"):
+            self._inside = False
+
+    def handle_data(self, data):
+        if self._inside:
+            self._at[-1][-1] += data.strip()
+
+
+def test_the_page():
+    planned, outcomes = ranked_example()
+    frame = tables.results(planned, outcomes, Run(), {})
+    ranked = tables.ranking(planned, outcomes, {})
+    text = page(
+        ranked=ranked, frame=frame, run=Run(), preset="paper", assignments=["eta_frac=9"], files=["results.csv"]
+    )
+    assert "<b>.h5" not in text and "&lt;b&gt;.h5" in text
+    assert "http" not in text and "ROI has several sizes" not in text
+    cells = Cells(text)
+    assert cells.links == []
+    head, *lines = cells.tables["ranking"]
+    assert [line[1] for line in lines] == ["eta = 3.0", "eta = 2.0", "eta = 1.0", "eta = 4.0"]
+    shown = {title: [line[k] for line in lines] for k, title in enumerate(head)}
+    assert shown["cycles per batch, mean"] == ["2,000(2)", "500(1)", "2,500(3)", "2,000"]
+    assert shown["error, median [px/half batch]"] == ["0.1(1)", "0.3(2)", "0.4(3)", "0.1"]
+    assert shown[""] == ["★", "★", "", ""] and shown["rows"] == ["2 of 2"] * 3 + ["1 of 2"]
+    assert cells.tables["bad"][1:] == [["<b>.h5", "3: eta = 4.0", "failed", "R&D"]]
+    assert "eta_frac=9" in text and "0.1.0+" in text
+
+
+def test_the_page_says_that_contrasts_of_several_sizes_do_not_compare():
+    planned = [row(0, truth=None, roi_width=32), row(1, truth=None, roi_width=64)]
+    outcomes = [ok(batch(0, cycles=None))] * 2
+    frame = tables.results(planned, outcomes, Run(), {})
+    ranked = tables.ranking(planned, outcomes, {})
+    text = page(ranked=ranked, frame=frame, run=Run(), preset="paper", assignments=[], files=[])
+    assert "ROI has several sizes" in text and "no error to rank by" in text
+    assert Cells(text).tables["ranking"][0] == ["", "configuration", "no.", "contrast, share of the best", "rows"]
+
+
+@pytest.mark.parametrize("value, shown", [
+    (None, "–"), (pandas.NA, "–"), (math.inf, "∞"), (0.12345, "0.123"), (1234.5, "1,234"), (-2.0, "-2"),
+    (999.6, "1,000"),
+])  # fmt: skip
+def test_numbers_for_people(value, shown):
+    assert tables.number(value) == shown
+
+
+def test_subjects_have_what_the_tables_ask_for():
+    """The stand-ins above are like the real ones."""
+    assert {"name", "roi", "truth", "digest", "sensor"} <= set(Subject.__dataclass_fields__)
