@@ -55,7 +55,7 @@ def _registers(parent, registers):
 
 
 def write_hwh(path, *, vlnv, registers_address, dma_address, registers):
-    """Write the hand-off of a design with the accelerator as ``cmfpga_0``, and ``axi_dma_0``."""
+    """Write the hand-off of a design with the accelerator as ``cmfpga``, and ``dma``."""
     root = ElementTree.Element("EDKSYSTEM", EDWVERSION="1.2", TIMESTAMP="", VIVADOVERSION="2022.2")
     ElementTree.SubElement(
         root, "SYSTEMINFO", ARCH="zynquplus", DEVICE="xck26", NAME="cmfpga_bd", PACKAGE="sfvc784", SPEEDGRADE="-2LV"
@@ -77,16 +77,16 @@ def write_hwh(path, *, vlnv, registers_address, dma_address, registers):
         },
     )  # fmt: skip
     memory = ElementTree.SubElement(processor, "MEMORYMAP")
-    for name, bus, base in (("cmfpga_0", "s_axi", registers_address), ("axi_dma_0", "S_AXI_LITE", dma_address)):
+    for name, bus, base in (("cmfpga", "s_axi", registers_address), ("dma", "S_AXI_LITE", dma_address)):
         ElementTree.SubElement(
             memory, "MEMRANGE", ADDRESSBLOCK="reg0", BASENAME="C_BASEADDR", BASEVALUE=f"{base:#010X}",
             HIGHNAME="C_HIGHADDR", HIGHVALUE=f"{base + 0xFFFF:#010X}", INSTANCE=name, IS_DATA="TRUE",
             IS_INSTRUCTION="FALSE", MASTERBUSINTERFACE="M_AXI_HPM0_FPD", MEMTYPE="REGISTER", SLAVEBUSINTERFACE=bus,
         )  # fmt: skip
     ElementTree.SubElement(processor, "PERIPHERALS")
-    _module(modules, "cmfpga_0", vlnv, "cmfpga", buses=[("s_axi", "aximm", "SLAVE", "control")], registers=registers)
+    _module(modules, "cmfpga", vlnv, "cmfpga", buses=[("s_axi", "aximm", "SLAVE", "control")], registers=registers)
     _module(
-        modules, "axi_dma_0", "xilinx.com:ip:axi_dma:7.1", "axi_dma",
+        modules, "dma", "xilinx.com:ip:axi_dma:7.1", "axi_dma",
         buses=[("S_AXI_LITE", "aximm", "SLAVE", "control")],
         parameters={
             "c_include_sg": 0, "c_sg_length_width": DMA_LENGTH_BITS, "c_include_mm2s": 1, "c_include_s2mm": 1,

@@ -102,7 +102,7 @@ def overlay(top, tmp_path):
 
 def small(overlay):
     """With buffers of a few pages."""
-    return PynqBackend(overlay.cmfpga_0, overlay.axi_dma_0, events_size=0x4000, results_size=0x1000)
+    return PynqBackend(overlay.cmfpga, overlay.dma, events_size=0x4000, results_size=0x1000)
 
 
 class Controller:
@@ -116,37 +116,37 @@ def with_interrupt(overlay, **options):
     """The UIO device that PYNQ waits on, in place of the one that needs its whole board."""
     interrupts = Interrupts(overlay.board, **options)
     controller = Controller(open(interrupts.file, "r+b", buffering=0))
-    overlay.cmfpga_0.irq = SimpleNamespace(parent=weakref.ref(controller))
+    overlay.cmfpga.irq = SimpleNamespace(parent=weakref.ref(controller))
     return controller
 
 
 @pytest.mark.parametrize("vlnv", [VLNV, MODULE_VLNV])
 def test_pynq_binds_the_class(top, tmp_path, vlnv):
     overlay = Overlay(top, tmp_path, vlnv=vlnv)
-    assert overlay.description["ip"]["cmfpga_0"]["driver"] is CmfpgaIP
-    assert type(overlay.cmfpga_0) is CmfpgaIP and type(overlay.axi_dma_0) is DMA
-    assert overlay.cmfpga_0.mmio.base_addr == Board.REGISTERS and isinstance(overlay.cmfpga_0.mmio, pynq.MMIO)
+    assert overlay.description["ip"]["cmfpga"]["driver"] is CmfpgaIP
+    assert type(overlay.cmfpga) is CmfpgaIP and type(overlay.dma) is DMA
+    assert overlay.cmfpga.mmio.base_addr == Board.REGISTERS and isinstance(overlay.cmfpga.mmio, pynq.MMIO)
 
 
 def test_another_version_of_the_ip_is_not_bound(top, tmp_path):
     with pytest.warns(UserWarning, match="cmfpga.org:ip:cmfpga:7.0 and driver found for"):
         overlay = Overlay(top, tmp_path, vlnv="cmfpga.org:ip:cmfpga:7.0")
-    assert type(overlay.cmfpga_0) is pynq.DefaultIP
+    assert type(overlay.cmfpga) is pynq.DefaultIP
 
 
 def test_registers_by_name(top, tmp_path):
     """PYNQ's own way to them works too, with what the hand-off says of them."""
     overlay = Overlay(top, tmp_path, capability="REGISTER_RW")  # it wants a real buffer, or this
-    registers = overlay.cmfpga_0.register_map
+    registers = overlay.cmfpga.register_map
     assert registers.ID.MAGIC == 0x434D4158 and registers.CTRL.IDLE == 1
     registers.SCRATCH.VALUE = 0x12345678
-    assert overlay.cmfpga_0.read(0xFFC) == 0x12345678
+    assert overlay.cmfpga.read(0xFFC) == 0x12345678
 
 
 @pytest.mark.parametrize("interrupt", [False, True])
 def test_batches_equal_the_model(overlay, rng, interrupt):
     controller = with_interrupt(overlay) if interrupt else None
-    accelerator = overlay.cmfpga_0.accelerator(overlay.axi_dma_0, CONFIG)
+    accelerator = overlay.cmfpga.accelerator(overlay.dma, CONFIG)
     assert accelerator.interrupt == interrupt and accelerator.backend.max_words == 0x200000
     model = ModelEngine(CONFIG)
     for number in range(3):
@@ -173,13 +173,13 @@ def test_hardware_of_another_version_is_refused(top, tmp_path, capsys):
     """PYNQ says which, and gives the IP its default class."""
     overlay = Overlay(top, tmp_path, overrides={REGISTERS["VERSION"].offset: 0x09080007})
     with pytest.warns(UserWarning, match=r"not supported: .*made by cmfpga 9\.8\.7, this driver is"):
-        ip = overlay.cmfpga_0
+        ip = overlay.cmfpga
     assert type(ip) is pynq.DefaultIP
 
 
 def test_another_configuration_is_refused(overlay):
     with pytest.raises(WrongHardware, match=r"^PYNQ: the hardware has the configuration"):
-        overlay.cmfpga_0.accelerator(overlay.axi_dma_0, CONFIG.replace(buffer_events=32))
+        overlay.cmfpga.accelerator(overlay.dma, CONFIG.replace(buffer_events=32))
 
 
 def test_what_goes_wrong(overlay, rng):

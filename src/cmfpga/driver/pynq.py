@@ -4,7 +4,7 @@
     import cmfpga.driver.pynq
 
     overlay = Overlay("cmfpga.bit")
-    accelerator = overlay.cmfpga_0.accelerator(overlay.axi_dma_0)
+    accelerator = overlay.cmfpga.accelerator(overlay.dma)
 
 Tried with PYNQ 4.0 on a simulated board, never on a real one. PYNQ sets clocks and port widths by itself: load no
 device-tree overlay of ours beside it.
