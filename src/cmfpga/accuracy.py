@@ -633,6 +633,42 @@ def _run_suites(options, config, report):
     _compare_with_model(found)
 
 
+def brief(engine, *, data=None, batches=BATCHES):
+    """The suites' scores for preset ``fast``, and a line of text on each: ``{"scores": …, "text": […]}``, JSON-ready.
+
+    Parameters
+    ----------
+    engine : str
+        Name of the engine.
+    data : path or None
+        Folder of the real recordings; None leaves them out.
+    batches : int
+        Of the synthetic suite, the first so many.
+    """
+    config = preset("fast")
+    cases, scores, text = synthetic_cases(batches), {}, []
+    with _engine(engine, config) as runner:
+        for start, warm in (("cold", False), ("warm", True)):
+            found = scores[f"synthetic, {start}"] = error_scores(errors(runner, cases, warm=warm))
+            shares = (_percent(found[f"below_{limit}_px"]) for limit in ("0.6", "0.3"))
+            text.append(
+                "preset fast, {}, {} synthetic batches, {}: {} % within 0.6 px, {} % within 0.3 px".format(
+                    engine, found["batches"], start, *shares
+                )
+            )
+    if data is not None:
+        real = real_cases(data)
+        with _engine(engine, real_config(config)) as runner:
+            found = scores["real, cold"] = share_scores(contrast_shares(runner, real))
+        shares = (_percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
+        text.append(
+            "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %".format(
+                engine, found["batches"], *shares
+            )
+        )
+    return {"scores": scores, "text": text}
+
+
 def _compare_with_model(found):
     """Say whether Verilog and model, which must not differ, did the same."""
     for (name, suite), values in found.items():

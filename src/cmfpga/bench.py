@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import platform
 import statistics
 import sys
@@ -354,6 +355,12 @@ def _parser():
         help=f"clock assumed for the core, MHz (default: {ARTICLE_MHZ:g}, the article's)",
     )  # fmt: skip
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
+    made.add_argument(
+        "--data",
+        default=os.environ.get("CMFPGA_DATA"),
+        metavar="DIR",
+        help="folder of real recordings, for the accuracy (default: $CMFPGA_DATA); none: only synthetic batches",
+    )
     return made
 
 
@@ -387,6 +394,7 @@ def main(arguments=None):
         for case in cases:
             bar.set_description(f"{case.workload.name}, {ASCENTS[case.ascent]}")
             outcomes.append(_outcome(case, programs, outcomes, runs, seconds, bar.update))
+    scores = _accuracy(options, missing)
     report = {
         "version": __version__,
         "clock_mhz_assumed": options.clock,
@@ -397,6 +405,7 @@ def main(arguments=None):
         "missing": missing,
         "programs": {program.name: program.how for program in programs},
         "cases": [_plain(outcome) for outcome in outcomes],
+        "accuracy": scores,
     }
     lines, report["limits"], report["speed_ups"] = table(report)
     print("\n".join(lines))
@@ -404,6 +413,22 @@ def main(arguments=None):
         Path(options.json).write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
         print(f"wrote {options.json}")
     return 0
+
+
+def _accuracy(options, missing):
+    """How often preset ``fast`` finds the motion: scores and lines of text; None where that cannot be measured here."""
+    try:
+        from . import accuracy
+
+        engine = "model" if find_compiler() is None else "rtl"
+        if options.quick:
+            return accuracy.brief(engine, batches=30)
+        return accuracy.brief(engine, data=options.data)
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        missing.append("accuracy: torch is not installed; pip install 'cmfpga[reference]'")
+        return None
 
 
 def _outcome(case, programs, before, runs, seconds, step):

@@ -95,7 +95,7 @@ def test_json_has_the_keys(quick):
     numbers, _, _ = quick
     assert set(numbers) == {
         "version", "clock_mhz_assumed", "processor", "runs", "quick", "seconds", "missing", "programs", "cases",
-        "limits", "speed_ups",
+        "limits", "speed_ups", "accuracy",
     }  # fmt: skip
     assert numbers["clock_mhz_assumed"] == 210 and numbers["quick"] and numbers["runs"] == 1
     assert [case["ascent"] for case in numbers["cases"]] == ["constant", "cold", "warm"]
@@ -132,11 +132,19 @@ def test_programs_agree_in_the_run_itself(quick):
 
 def test_limits_hold(quick):
     limits = quick[0]["limits"]
-    assert [limit["limit"] for limit in limits] == [820, 6800, 18500]
+    assert [limit["limit"] for limit in limits] == [820, 6800, 18500, 6900]
     assert all(limit["holds"] for limit in limits)
     core = Core(preset("fast"))
-    whole, warm = (core.cycles(events=5000, roi_events=800, iterations=count) for count in (16, 8))
-    assert [limit["value"] for limit in limits] == [(whole - warm) // 8, warm - 5000, whole]
+    whole, warm = (core.cycles(events=5000, roi_events=800, iterations=count) for count in (15, 8))
+    assert [limit["value"] for limit in limits] == [816, warm - 5000, whole, warm - 5000 + 3]
+
+
+def test_the_accuracy_is_told(quick):
+    numbers, text, _ = quick
+    scores = numbers["accuracy"]["scores"]
+    assert set(scores) == {"synthetic, cold", "synthetic, warm"}
+    assert all(score["batches"] == 30 and score["below_0.6_px"] > 0.9 for score in scores.values())
+    assert text.count("30 synthetic batches, ") == 2
 
 
 def test_ratios_name_opponent_and_clock(quick):
