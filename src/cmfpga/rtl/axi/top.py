@@ -135,10 +135,11 @@ class KV260Top(Elaboratable):
             o["s_axi_bvalid"].eq(lite.b.valid),
             lite.b.ready.eq(i["s_axi_bready"]),
             o["s_axi_rvalid"].eq(lite.r.valid),
-            o["s_axi_rdata"].eq(lite.r.payload),
+            o["s_axi_rdata"].eq(lite.r.payload.data),
             lite.r.ready.eq(i["s_axi_rready"]),
-            o["s_axi_bresp"].eq(0),
-            o["s_axi_rresp"].eq(0),
+            # Not the constant here: Yosys makes one wire of two equal ones, with the attributes of the last.
+            o["s_axi_bresp"].eq(lite.b.payload),
+            o["s_axi_rresp"].eq(lite.r.payload.resp),
         ]
         entering = self.input.i
         m.d.comb += [
