@@ -464,6 +464,9 @@ class Config:
 _FAST = Config(
     gradient="one_pass",
     ascent="sign",
+    # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
+    buffer_events=2047,
+    tag_bits=7,
     buffers=2,
     max_level=2,
     dt_frac=8,

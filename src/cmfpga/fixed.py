@@ -79,9 +79,14 @@ def floor_shift(x, shift):
     return x >> shift if shift >= 0 else x << -shift
 
 
+def half_of(shift):
+    """What :func:`round_half_up` adds before it shifts: half of 2**shift, or nothing where no bit is dropped."""
+    return 1 << (shift - 1) if shift > 0 else 0
+
+
 def round_half_up(x, shift):
     """``floor(x / 2**shift + 1/2)``; a ``shift`` of zero or less is exact."""
-    return (x + (1 << (shift - 1))) >> shift if shift > 0 else x << -shift
+    return floor_shift(x + half_of(shift), shift)
 
 
 def saturate(x, low, high):

@@ -41,7 +41,8 @@ BANK = [
     Mutant("write at a younger address", "write.addr.eq(address[3])", "write.addr.eq(address[2])"),
     Mutant("sum of the wrong operation", "add_s2[name] + base[name]", "add_s1[name] + base[name]"),
     Mutant("told of the wrong operation", "self.o.payload.add.eq(add_s2)", "self.o.payload.add.eq(add_s1)"),
-    Mutant("told past the forwarding", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(read_s2.i)"),
+    Mutant("told past the forwarding", "self.o.payload.i.eq(found.i)", "self.o.payload.i.eq(read_s2.i)"),
+    Mutant("told of a word that does not count", "with m.If(~counts | ~valid[2]):", "with m.If(~valid[2]):"),
     Mutant("told early", "self.o.valid.eq(valid[3])", "self.o.valid.eq(valid[2])"),
 ]
 

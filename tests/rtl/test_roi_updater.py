@@ -110,9 +110,13 @@ def check_ahead(config, batches, seed=0, *, hurry=False):
         wait()
         if load is None and step is not None:
             v, gain, moves = step
-            cycle(move=1, v={"x": v[0], "y": v[1]}, roi_gain=gain, still=int(not moves))
+            values = {"v": {"x": v[0], "y": v[1]}, "roi_gain": gain, "still": int(not moves)}
+            cycle(move=1, **values)
+            cycle(**values)
+        else:
+            cycle()
         # ``move`` is followed by settle − 1 cycles, and what comes then sees the next ROI.
-        for _ in range(block.settle - 1):
+        for _ in range(block.settle - 2):
             cycle()
         following[len(script)] = follower.next_corner
         wait(9)
@@ -197,13 +201,23 @@ def test_with_two_buffers_a_load_out_of_range():
 def test_settling_time():
     """The cycle in which ``roi_next`` first shows a move, or a load: not later than promised."""
     config = Config(buffers=2)
-    move = {"move": 1, "v": {"x": 4 << config.v_frac, "y": 0}, "roi_gain": 1 << config.roi_gain_frac}
+    step = 4 << config.v_frac
+    values = {"v": {"x": step, "y": step}, "roi_gain": 1 << config.roi_gain_frac}
     idle = [{}] * 12
-    script = [{"new_batch": 1, "load": 1, "x": 20, "y": 9}, *idle, {"new_batch": 1}, move, *idle]
-    seen = [row["x"] for row in play(RoiUpdater(config), script, flows=(), watch=("roi_next",)).watch["roi_next"]]
-    loaded, moved = seen.index(20), seen.index(28)
-    assert loaded <= RoiUpdater.settle and moved - 14 <= RoiUpdater.settle
-    assert set(seen[loaded:15]) == {20} and set(seen[moved:]) == {28}
+    script = [
+        {"new_batch": 1, "load": 1, "x": 20, "y": 9},
+        *idle,
+        {"new_batch": 1},
+        values | {"move": 1},
+        values,
+        *idle,
+    ]
+    next_corners = play(RoiUpdater(config), script, flows=(), watch=("roi_next",)).watch["roi_next"]
+    for axis, at, then in (("x", 20, 28), ("y", 9, 17)):
+        seen = [row[axis] for row in next_corners]
+        loaded, moved = seen.index(at), seen.index(then)
+        assert loaded <= RoiUpdater.settle and moved - 14 <= RoiUpdater.settle
+        assert set(seen[loaded:15]) == {at} and set(seen[moved:]) == {then}
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -21,10 +21,10 @@ OPTIONS = f"-noiopad -noclkbuf -top {TOP} -run begin:map_ffs"
 #: Registers that DSPs take in, by block: (A, B, M, P) of each DSP, and how many DSPs have them.
 PACKED = {
     # Input, product.
-    "warp": {(1, 1, 1, 0): 2},
     "voter": {(1, 1, 1, 0): 3},
     "time_scaler": {(1, 1, 1, 0): 1},
     # The addition of the position is in the DSP, too.
+    "warp": {(1, 1, 1, 1): 2},
     "roi_updater": {(1, 1, 1, 1): 2},
     # Of a product of two DSPs the second one's sum has its register. Yosys moves no registers between the two, so the
     # other stages of the product stay outside; Vivado does.

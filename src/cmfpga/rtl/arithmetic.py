@@ -1,6 +1,6 @@
 """The few arithmetic and pipelining idioms that several blocks share."""
 
-from amaranth.hdl import Mux, Signal
+from amaranth.hdl import Cat, Mux, Signal
 
 
 def saturate(value, low, high):
@@ -21,6 +21,16 @@ def delay(m, value, cycles, *, name, valid=False):
         m.d.sync += register.eq(value)
         value = register
     return value
+
+
+def small_product(value, factor):
+    """``value · factor`` (``factor`` unsigned, a few bits) in LUTs, where a DSP would be wasted: an adder a bit."""
+    low, rest = [], Mux(factor[0], value, 0)
+    for bit in factor[1:]:
+        low.append(rest[0])
+        rest = (rest >> 1) + Mux(bit, value, 0)
+    product = Cat(*low, rest)
+    return product.as_signed() if value.shape().signed else product
 
 
 def select(index, choices):

@@ -111,7 +111,7 @@ class BatchControl(wiring.Component):
         m = Module()
         idle = Signal()  # the iterations are free
         unsettled = Signal()  # the next ROI is not known yet
-        ingest_cycles = Signal(payloads.CYCLE_BITS)
+        ingest_cycles = Signal(payloads.CYCLE_BITS, reset_less=True)
         self._ingest(m, idle, unsettled, ingest_cycles)
         self._iterate(m, idle, ingest_cycles)
         if self.config.buffers == 2:
@@ -139,7 +139,12 @@ class BatchControl(wiring.Component):
             may_accept.eq(~by_roi | (self.taken_in.roi_events + waiting < current.batch_roi_events)),
             roi_limit.eq(by_roi & (self.taken_in.roi_events == current.batch_roi_events)),
         ]
+        # Outside the state machine, so that these are the registers' resets and enables, and no logic.
         m.d.sync += cycles.eq(cycles + 1)
+        with m.If(self.open):
+            m.d.sync += [current.eq(self.settings), events.eq(0), cut.eq(0), cycles.eq(1)]
+        with m.Elif(self.o.valid):
+            m.d.sync += [events.eq(accepted), cut.eq(full & ~limit & ~self.i.payload.last)]
         with m.If(self.take):
             m.d.sync += [
                 self.batch.eq(self.taken_in),
@@ -156,13 +161,11 @@ class BatchControl(wiring.Component):
             with m.State("OPEN"):
                 with m.If(self.i.valid & ~unsettled):
                     m.d.comb += self.open.eq(1)
-                    m.d.sync += [current.eq(self.settings), events.eq(0), cut.eq(0), cycles.eq(1)]
                     m.next = "INGEST"
             with m.State("INGEST"):
                 m.d.comb += [self.i.ready.eq(may_accept), self.o.valid.eq(self.i.valid & may_accept)]
                 m.d.sync += timer.eq(self._drain - 1)
                 with m.If(self.o.valid):
-                    m.d.sync += [events.eq(accepted), cut.eq(full & ~limit & ~self.i.payload.last)]
                     with m.If(ends):
                         m.next = "DRAIN"
                 with m.Elif(roi_limit):
@@ -195,11 +198,11 @@ class BatchControl(wiring.Component):
         next_replay = delay(
             m, self.evaluate & self.iterating & ~final, self._replay_delay, name="next_replay", valid=True
         )
-        m.d.sync += self.cycles.eq(self.cycles + 1)
+        m.d.sync += self.cycles.eq(Mux(idle, ingest_cycles, self.cycles) + 1)
         with m.FSM(name="iterate"):
             with m.State("IDLE"):
                 m.d.comb += idle.eq(1)
-                m.d.sync += [self.cycles.eq(ingest_cycles + 1), self.iterations.eq(0)]
+                m.d.sync += self.iterations.eq(0)
                 with m.If(self.take):
                     m.next = "JUDGE"
             with m.State("JUDGE"):

@@ -44,10 +44,10 @@ class Dither(wiring.Component):
         event = self.i.payload
         for axis, factor in zip(("x", "y"), FACTORS, strict=True):
             phase = Signal(DITHER_BITS, init=factor // 2, name=f"phase_{axis}")
-            with m.If(self.i.valid):
+            with m.If(self.i.valid & event.last):
+                m.d.sync += phase.eq(factor // 2)
+            with m.Elif(self.i.valid):
                 m.d.sync += phase.eq(phase + factor)
-                with m.If(event.last):
-                    m.d.sync += phase.eq(factor // 2)
             m.d.sync += self.o.payload[axis].eq((event[axis] << frac) + phase[-frac:] - (1 << (frac - 1)))
         m.d.sync += [
             self.o.valid.eq(self.i.valid),

@@ -47,10 +47,10 @@ class Reciprocal(wiring.Component):
         divisor = Signal(config.span_bits, reset_less=True)
         remainder = Signal(config.span_bits + 1, reset_less=True)
         fits = Signal()
-        difference = Signal(config.span_bits + 1)
+        difference = Signal(config.span_bits + 2)
         step = Signal(range(config.span_bits + config.reciprocal_bits + 1))
 
-        m.d.comb += [fits.eq(remainder >= divisor), difference.eq(Mux(fits, remainder - divisor, remainder))]
+        m.d.comb += [difference.eq(remainder - divisor), fits.eq(~difference[-1])]
         m.d.sync += self.done.eq(0)
         with m.FSM():
             with m.State("IDLE"):
@@ -72,7 +72,7 @@ class Reciprocal(wiring.Component):
                 m.d.sync += [
                     step.eq(step + 1),
                     self.mantissa.eq((self.mantissa << 1) | fits),
-                    remainder.eq(difference << 1),
+                    remainder.eq(Mux(fits, difference, remainder) << 1),
                 ]
                 with m.If(step == config.span_bits + config.reciprocal_bits - 1):
                     m.d.sync += self.done.eq(1)

@@ -64,8 +64,8 @@ class TaggedBank(wiring.Component):
         add_s2 = Signal(operation["add"].shape, reset_less=True)
         read_s2 = Signal(word, reset_less=True)
         total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (3, 4, 5)}
-        found = Signal(pixel.size)
-        base = Signal(pixel)
+        found, base = Signal(pixel), Signal(pixel)
+        counts = Signal()
 
         # Stage 1: the RAM reads. Which younger sum, if any, will replace what it returns, and does it count?
         m.d.sync += [add_s1.eq(self.i.payload.add), add_s2.eq(add_s1), read_s2.eq(read.data)]
@@ -84,7 +84,8 @@ class TaggedBank(wiring.Component):
         low, high = forwarded_s2
         m.d.comb += [
             found.eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
-            base.as_value().eq(Mux(Mux(forwarded_s2 == 0, read_s2.tag == tag[2], same_s2), found, 0)),
+            counts.eq(Mux(forwarded_s2 == 0, read_s2.tag == tag[2], same_s2)),
+            base.as_value().eq(Mux(counts, found, 0)),
         ]
 
         # Stage 3: write. Stages 4, 5 only remember.
@@ -99,13 +100,13 @@ class TaggedBank(wiring.Component):
         m.d.sync += [
             total[4].eq(total[3]),
             total[5].eq(total[4]),
-            self.o.payload.i.eq(base.i),
+            self.o.payload.i.eq(found.i),
             self.o.payload.add.eq(add_s2),
         ]
         for name in pixel.members:
             m.d.comb += write.data[name].eq(total[3][name])
             m.d.sync += total[3][name].eq(add_s2[name] + base[name])
-        with m.If(~valid[2]):  # for who adds up I·d of all banks: the registers' reset, no logic
+        with m.If(~counts | ~valid[2]):  # not valid: for who adds up I·d of all banks. The registers' reset, no logic
             m.d.sync += self.o.payload.i.eq(0)
         return m
 

@@ -1,20 +1,22 @@
 """Bilinear voter: spreads a warped event over four pixels, with the derivatives of each vote."""
 
+import operator
+
 from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ..fixed import bits_for, round_half_up
+from ..fixed import bits_for, floor_shift, half_of, round_half_up
 from . import payloads
-from .arithmetic import delay, select
+from .arithmetic import delay, select, small_product
 
 
 class BilinearVoter(wiring.Component):
     """Weights and derivatives of the four corners of an event's cell (Eqs. weights and w_dx_x), sorted by bank.
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
-    dropped alone. With fx, fy the fractions and one product of each (fx·fy, dt·fx, dt·fy; three multipliers), all
-    other products follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
+    dropped alone. With fx, fy the fractions and one product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have
+    at most four bits), all others follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -59,14 +61,17 @@ class BilinearVoter(wiring.Component):
         dt_fx_s1 = register(signed(config.dt.width + frac), "dt_fx_s1")
         dt_fy_s1 = register(signed(config.dt.width + frac), "dt_fy_s1")
         fx_s1, fy_s1 = register(frac, "fx_s1"), register(frac, "fy_s1")
-        dt_s1 = register(signed(config.dt.width), "dt_s1")
+        # dt·1, and what rounds dt·(1 − fy) half up, so that one subtraction is left.
+        shift = config.dt_frac + frac - config.derivative_frac
+        dt_half_s1 = register(signed(config.dt.width + frac + 1), "dt_half_s1")
+        product = small_product if frac <= 4 else operator.mul
         m.d.sync += [
             fx_fy_s1.eq(fx * fy),
-            dt_fx_s1.eq(dt * fx),
-            dt_fy_s1.eq(dt * fy),
+            dt_fx_s1.eq(product(dt, fx)),
+            dt_fy_s1.eq(product(dt, fy)),
             fx_s1.eq(fx),
             fy_s1.eq(fy),
-            dt_s1.eq(dt),
+            dt_half_s1.eq(dt * one + half_of(shift)),
         ]
 
         # Stage 2: round. Corners are (right, down).
@@ -74,7 +79,10 @@ class BilinearVoter(wiring.Component):
             return round_half_up(product, 2 * frac - config.weight_frac)
 
         def derivative(product):
-            return round_half_up(product, config.dt_frac + frac - config.derivative_frac)
+            return round_half_up(product, shift)
+
+        def rest(product):
+            return floor_shift(dt_half_s1 - product, shift)
 
         w_s2 = {
             corner: register(config.weight_frac + 1, f"w{corner[0]}{corner[1]}_s2")
@@ -89,9 +97,9 @@ class BilinearVoter(wiring.Component):
             w_s2[1, 0].eq(weight(fx_s1 * one - fx_fy_s1)),
             w_s2[0, 1].eq(weight(fy_s1 * one - fx_fy_s1)),
             w_s2[1, 1].eq(weight(fx_fy_s1)),
-            dx_s2[0].eq(derivative(dt_s1 * one - dt_fy_s1)),
+            dx_s2[0].eq(rest(dt_fy_s1)),
             dx_s2[1].eq(derivative(dt_fy_s1)),
-            dy_s2[0].eq(derivative(dt_s1 * one - dt_fx_s1)),
+            dy_s2[0].eq(rest(dt_fx_s1)),
             dy_s2[1].eq(derivative(dt_fx_s1)),
         ]
         widths, heights = zip(*(config.level_size(level) for level in range(config.max_level + 1)), strict=True)
@@ -122,16 +130,16 @@ class BilinearVoter(wiring.Component):
         """For each parity of one axis: (is it the far corner, its bank coordinate, is it inside), at stage 2."""
         cell_s1 = delay(m, cell, 1, name=name)
         parities = []
-        for parity in (0, 1):
+        # Of c and c + 1 the even one is 2·⌊(c + 1)/2⌋, the odd one 2·⌊c/2⌋ + 1.
+        for parity, index in enumerate(((cell_s1 + 1) >> 1, cell_s1 >> 1)):
             far = Signal(name=f"{name}{parity}_far_s2", reset_less=True)
             inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
             coordinate = Signal(range(max(2, (sizes[0] + 1) // 2)), name=f"{name}{parity}_s2", reset_less=True)
-            is_far = cell_s1[0] ^ parity
-            corner = cell_s1 + is_far
+            lengths = [(size + 1 - parity) // 2 for size in sizes]
             m.d.sync += [
-                far.eq(is_far),
-                inside.eq((corner >= 0) & (corner < select(self.level, sizes))),
-                coordinate.eq(corner >> 1),
+                far.eq(cell_s1[0] ^ parity),
+                inside.eq((index >= 0) & (index < select(self.level, lengths))),
+                coordinate.eq(index),
             ]
             parities.append((far, coordinate, inside))
         return parities

@@ -13,8 +13,8 @@ class Warp(wiring.Component):
     """x' = x − dt·vx, y' = y − dt·vy (Eq. x'_k of the article), floored to ``position_frac`` bits.
 
     At a coarse level pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½. Positions are clamped to one pixel beyond
-    those whose votes can reach the ROI, so that no address aliases. Two multipliers (one DSP each: product, then
-    C − product).
+    those whose votes can reach the ROI, so that no address aliases. Two multipliers (one DSP each with the
+    subtraction).
 
     One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters, ``level``
     two cycles later.
@@ -56,24 +56,24 @@ class Warp(wiring.Component):
             product_s1 = Signal(signed(config.dt.width + config.v.width), reset_less=True, name=f"product_{axis}_s1")
             coordinate_s1 = Signal(coordinate.shape(), reset_less=True, name=f"coordinate_{axis}_s1")
             # Both terms at full precision: x' + ½ cannot overflow before it is clamped.
-            position_s2 = Signal(
-                signed(max(len(coordinate) + align, len(product_s1)) + 2), reset_less=True, name=f"position_{axis}_s2"
-            )
+            full = signed(max(len(coordinate) + align, len(product_s1)) + 2)
+            start = Signal(full, name=f"start_{axis}")
+            inverse_s2 = Signal(full, reset_less=True, name=f"inverse_{axis}_s2")
             m.d.sync += [  # stage 1: multiply
                 product_s1.eq(self.i.payload.dt * self.v[axis]),
                 coordinate_s1.eq(coordinate),
             ]
-            # Stage 2: subtract; the half is a constant in the coordinate's low bits.
-            m.d.sync += position_s2.eq((coordinate_s1 << align) + half - product_s1)
+            # Stage 2: subtract. a − b = ~(~a + b), because an addition is what all tools find in a DSP.
+            m.d.comb += start.eq((coordinate_s1 << align) + half)
+            m.d.sync += inverse_s2.eq(~start + product_s1)
+            position_s2 = ~inverse_s2
             # Stage 3, with coarse levels only: the level's pixels. Last stage: floor, clamp.
             levels = [
-                floor_shift(position_s2, frac - config.position_frac + level) - scaled_half
-                for level in range(config.max_level + 1)
+                floor_shift(position_s2, frac - config.position_frac + level) for level in range(config.max_level + 1)
             ]
-            position = levels[0]
+            position = select(self.level, levels) - scaled_half
             if config.max_level:
-                position = Signal(position.shape(), reset_less=True, name=f"position_{axis}_s3")
-                m.d.sync += position.eq(select(self.level, levels))
+                position = delay(m, position, 1, name=f"position_{axis}")
             m.d.sync += self.o.payload[axis].eq(
                 saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
             )
