@@ -48,18 +48,16 @@ class Simulation:
     config : Config
     folder : Path
         For what is built.
-    change : callable, optional
-        What is done to the Verilog first.
     """
 
-    def __init__(self, simulator, config, folder, change=None):
+    def __init__(self, simulator, config, folder):
         from cocotb_tools.runner import get_runner
 
         self.simulator, self.config, self.folder = simulator, config, folder
         top = KV260Top(config)
         text = emit_verilog(top, AXI_TOP)
         verilog = folder / f"{AXI_TOP}.v"
-        verilog.write_text(change(text) if change else text)
+        verilog.write_text(text)
         tools = folder / "bin"
         tools.mkdir()
         launcher = tools / "verilator"
