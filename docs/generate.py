@@ -24,6 +24,8 @@ from cmfpga.batch import Flag
 from cmfpga.build import formats, ports
 from cmfpga.config import PRESETS, Config, preset
 from cmfpga.reference.tracker import COLUMNS
+from cmfpga.registers import register_map
+from cmfpga.registers.documents import markdown
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
 
@@ -348,7 +350,17 @@ def widths_table():
     return table(head, rows, right=range(1, len(head)))
 
 
+def registers_table():
+    """All registers of the default preset, and what the other ascent has in their place."""
+    shared, others = register_map(preset("fast")), register_map(preset("paper"))
+    only = [register for register in others if register.name not in shared]
+    text = markdown(shared)
+    rows = "\n".join(line for line in markdown(only).split("\n\n| access")[0].splitlines()[2:])
+    return f"{text}\nWith `ascent=constant` (preset `paper`), in place of `COLD`, `WARM` and `SCHEDULE`:\n\n{rows}\n"
+
+
 TABLES = {
+    "registers": registers_table,
     "formats": formats_table,
     "latencies": latencies_table,
     "constants": constants_table,

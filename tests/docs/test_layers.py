@@ -15,10 +15,16 @@ PACKAGE = Path(cmfpga.__file__).parent
 CLEAN = {
     "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
     "batch": (["cmfpga.batch"], ["amaranth", "torch"]),
+    "registers": (["cmfpga.registers", "cmfpga.flags", "cmfpga.word_format"], ["amaranth", "numpy", "torch"]),
+    "words": (["cmfpga.words"], ["amaranth", "torch"]),
+    "wire": (["cmfpga.reference.wire"], ["amaranth", "torch"]),
     "events": (["cmfpga.events", "cmfpga.iwe"], ["amaranth", "torch", "matplotlib"]),
     "tracker": (["cmfpga.reference.tracker"], ["amaranth", "torch", "matplotlib"]),
     "reference": (["cmfpga.reference.floating", "cmfpga.reference.integer.core"], ["amaranth"]),
-    "rtl": (["cmfpga.rtl.top", "cmfpga.emit"], ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"]),
+    "rtl": (
+        ["cmfpga.rtl.top", "cmfpga.rtl.axi.top", "cmfpga.emit"],
+        ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"],
+    ),
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
     "driver": (
         ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.self_test"],  # what a board has
@@ -32,6 +38,10 @@ CLEAN = {
 FORBIDDEN = {
     "config.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
     "fixed.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
+    "flags.py": ("cmfpga.", "amaranth", "numpy", "torch"),
+    "word_format.py": ("cmfpga.", "amaranth", "numpy", "torch"),
+    "registers": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
+    "words.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "errors.py": ("cmfpga.", "amaranth", "numpy", "torch"),
     "batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),

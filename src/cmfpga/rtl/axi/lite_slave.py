@@ -27,7 +27,7 @@ class LiteSlave(wiring.Component):
     -------
     aw, ar : ``In``, streams of addresses
     w : ``In``, stream of ``data`` and ``strb``
-    b, r : ``Out``, streams without a payload, and of data
+    b, r : ``Out``, streams of ``resp``, and of ``data`` and ``resp``
     write : ``Out``, flow of :func:`payloads.write`
     read_address : ``Out``
         Word address.
@@ -41,9 +41,9 @@ class LiteSlave(wiring.Component):
             {
                 "aw": In(stream.Signature(ADDRESS_BITS)),
                 "w": In(stream.Signature(payloads.write_data())),
-                "b": Out(stream.Signature(0)),
+                "b": Out(stream.Signature(2)),
                 "ar": In(stream.Signature(ADDRESS_BITS)),
-                "r": Out(stream.Signature(32)),
+                "r": Out(stream.Signature(payloads.read_answer())),
                 "write": Out(stream.Signature(payloads.write(), always_ready=True)),
                 "read_address": Out(payloads.write()["address"].shape),
                 "read_data": In(32),
@@ -94,8 +94,8 @@ class LiteSlave(wiring.Component):
         with m.Else():
             m.d.sync += [self.ar.ready.eq(~busy), stage.eq(stage << 1)]
         with m.If(stage[-1]):
-            m.d.sync += [self.r.valid.eq(1), self.r.payload.eq(self.read_data)]
+            m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(self.read_data)]
             with m.If(beyond):
-                m.d.sync += self.r.payload.eq(0)
+                m.d.sync += self.r.payload.data.eq(0)
         with m.Elif(self.r.ready):
             m.d.sync += self.r.valid.eq(0)

@@ -44,6 +44,11 @@ def write_data():
     return data.StructLayout({"data": 32, "strb": 4})
 
 
+def read_answer():
+    """The read data channel of AXI4-Lite."""
+    return data.StructLayout({"data": 32, "resp": 2})
+
+
 def write():
     """A write to a register: word address in the map, data, and which bytes count."""
     return data.StructLayout({"address": 10, "data": 32, "strobe": 4})

@@ -57,6 +57,13 @@ class KV260Top(Elaboratable):
         self.schedule_store = None
         if "SCHEDULE" in self.registers:
             self.schedule_store = ScheduleStore(config, self.registers["SCHEDULE"], latency=self.bank.latency)
+        self.soft_reset = Signal()
+        # What the input is taken for: the registers' values, once the words that came before have left.
+        self.bypassing, self.form, self.swap = Signal(), Signal(2), Signal()
+        self.input_pending = Signal()
+        self.opened = Signal()
+        self.outstanding = Signal(2)  # batches that were begun and whose result was not taken
+        self.quiet = Signal()  # there are none
 
     @property
     def event_latency(self):
@@ -77,8 +84,6 @@ class KV260Top(Elaboratable):
         m.d.comb += sync.rst.eq(~self.inputs["aresetn"])
 
         commands = self.bank.commands
-        self.bypassing, self.form, self.swap = Signal(), Signal(2), Signal()
-        self.soft_reset = Signal()
         m.d.comb += self.soft_reset.eq(commands.ctrl_soft_reset)
         soft = ClockDomain("soft", local=True)
         soft.clk = self.inputs["aclk"]
@@ -130,10 +135,11 @@ class KV260Top(Elaboratable):
             o["s_axi_bvalid"].eq(lite.b.valid),
             lite.b.ready.eq(i["s_axi_bready"]),
             o["s_axi_rvalid"].eq(lite.r.valid),
-            o["s_axi_rdata"].eq(lite.r.payload),
+            o["s_axi_rdata"].eq(lite.r.payload.data),
             lite.r.ready.eq(i["s_axi_rready"]),
-            o["s_axi_bresp"].eq(0),
-            o["s_axi_rresp"].eq(0),
+            # Not the constant here: Yosys makes one wire of two equal ones, with the attributes of the last.
+            o["s_axi_bresp"].eq(lite.b.payload),
+            o["s_axi_rresp"].eq(lite.r.payload.resp),
         ]
         entering = self.input.i
         m.d.comb += [
@@ -155,9 +161,6 @@ class KV260Top(Elaboratable):
             path.swap.eq(self.swap),
         ]
         # Another kind of input begins when the last one has left.
-        self.outstanding = Signal(2)  # batches that were begun and whose result was not taken
-        self.quiet = Signal()
-        self.input_pending = Signal()
         m.d.comb += [
             self.quiet.eq((self.outstanding == 0) & ~end.taking_in),
             self.input_pending.eq(
@@ -179,7 +182,6 @@ class KV260Top(Elaboratable):
 
     def _batches(self, m):
         end, values, settings = self.batch_end, self.bank.values, self.settings
-        self.opened = Signal()
         taken = self.result_packet.taken
         m.d.comb += [
             self.opened.eq(self.core.batch_control.open),
