@@ -47,8 +47,6 @@ FORBIDDEN = {
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
     "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.emit", "amaranth"),
     "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "numpy", "torch"),
-    "registers": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "amaranth", "numpy", "torch"),
-    "words.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "amaranth", "torch"),
     "emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }
 
