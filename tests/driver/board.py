@@ -182,8 +182,11 @@ class Interrupts:
                     return
                 if not unmasked:
                     continue
-                with self.board.lock:
-                    fired = self.board.top.run(2000, INTERRUPT)
+                try:
+                    with self.board.lock:
+                        fired = self.board.top.run(2000, INTERRUPT)
+                except ValueError:  # the simulation was closed, at the end of a test
+                    return
                 if fired and not self.broken:
                     unmasked, count = False, count + 1
                     end.sendall(count.to_bytes(4, "little"))

@@ -1,5 +1,6 @@
 """The driver on the emitted AXI top in Verilator."""
 
+import dataclasses
 import time
 
 import numpy as np
@@ -161,6 +162,21 @@ def test_track_equals_the_model(accelerator, rng):
         assert int(a.row()[cycles]) > 0 and not b.row()[cycles]
 
 
+def test_settings_out_of_range_and_words_that_were_dropped(accelerator, rng):
+    """Flags of the result, and only of the one that they belong to."""
+    good = BatchSettings.from_config(CONFIG, (8, 4))
+    for settings, limited in ((good, False), (dataclasses.replace(good, thinning=0), True), (good, False)):
+        assert accelerator.run(batch(rng, 100), settings=settings).config_range == limited
+    accelerator.start(events=50)
+    outside = Events([0] * 20, [60] * 20, [3] * 20, [0] * 20)
+    accelerator.send(np.concatenate([encode(part, "PACKED") for part in (batch(rng, 40), outside, batch(rng, 60))]))
+    accelerator.backend.wait_sent(5)
+    assert [result.wire for result in accelerator.results(2)] == [True, False]
+    accelerator.stop()
+    count = accelerator.counters()
+    assert count["out_of_sensor"] == 20 and count["events_in"] == count["out_of_sensor"] + count["events_taken"]
+
+
 def test_bad_events_are_refused_before_they_are_sent(accelerator):
     good = Events([1, 2], [3, 4], [5, 6], [0, 1])
     for events, roi, message in (
@@ -193,7 +209,7 @@ def test_stream_of_batches(accelerator, rng):
     for number, result in enumerate(results):
         part = events[130 * number : 130 * (number + 1)]
         assert differences(result, model_run(model, part, None if number else (8, 4))) == []
-    again = batch(rng, 50)
+    again = batch(rng, 200)  # more than what ended the batches of the stream
     assert differences(accelerator.run(again), model_run(model, again)) == []  # v and the ROI stayed
 
 
@@ -212,6 +228,8 @@ def test_stream_by_time_with_halves_exchanged(accelerator, top, rng):
         assert part.t[-1] - part.t[0] < 250
         assert differences(result, model_run(model, part, None if number else (8, 4))) == []
     assert begin == 400 and len(results) >= 4
+    again = batch(rng, 200, begin=2000)  # of 1000 µs: more than what ended the batches of the stream
+    assert differences(accelerator.run(again), model_run(model, again)) == []
 
 
 def test_stop_without_events_and_with_too_many(accelerator, top, rng):
@@ -393,6 +411,26 @@ def test_packets_of_another_length_and_lost_results(accelerator, backend, rng, m
     with pytest.raises(DeviceError, match="batch 4 came, not of 3"):
         next(accelerator.results(1))
     accelerator.stop()
+
+
+def test_words_that_get_lost(accelerator, backend, rng, monkeypatch):
+    usual = backend.send
+    monkeypatch.setattr(backend, "send", lambda words: usual(words[3:]))
+    with pytest.raises(DeviceError, match="the result is of 97 events; 100 were sent"):
+        accelerator.run(batch(rng, 100), roi=(8, 4))
+    monkeypatch.undo()
+    works(accelerator, rng)
+
+
+def test_input_that_does_not_change(accelerator, backend, rng):
+    backend.override("STATUS", INPUT_PENDING=1)
+    with (
+        within(5),
+        pytest.raises(DeviceTimeout, match=r"the kind of input does not change within 0\.1 s: 0 words taken"),
+    ):
+        accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
+    backend.overrides.clear()
+    works(accelerator, rng)
 
 
 def test_registers_that_do_not_answer(accelerator, top):

@@ -88,15 +88,11 @@ class Control:
         """
         values = settings_values(self.config, settings) | {name: int(value) for name, value in ends.items()}
         load = values.pop("roi_load")  # a command, which clears itself
-        if not load:
-            values.pop("roi_x"), values.pop("roi_y")
         for name, word in setting_words(self.registers, values).items():
             self._write_once(self.registers[name], word)
         if "SCHEDULE" in self.registers:
             declared = self.registers["SCHEDULE"]
-            table = schedule_table(self.config, settings)
-            table += ((0, 0),) * (declared.count - len(table))  # no RAM of a simulation begins with zeros
-            for k, (level, shift) in enumerate(table):
+            for k, (level, shift) in enumerate(schedule_table(self.config, settings)):
                 self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift), 4 * k)
         self.write("ROI_LOAD", LOAD=load)
 
