@@ -60,7 +60,7 @@ def test_estimates(generate):
     assert table in text, "run python docs/generate.py --yosys"
 
 
-@pytest.mark.parametrize("command", ["build", "track"])
+@pytest.mark.parametrize("command", ["build", "track", "sweep"])
 def test_options_are_documented(command, tmp_path):
     """The table of options of a command's page has all that ``--help`` has, and no others."""
     shown = subprocess.run(

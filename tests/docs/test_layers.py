@@ -22,6 +22,7 @@ CLEAN = {
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib"]),
+    "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
 }
 
 #: Packages of the library, and what no file of theirs may import anywhere, not even inside a function.
