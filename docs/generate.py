@@ -264,6 +264,14 @@ def csv_table():
     return table(("column", "unit", "meaning"), [(f"`{name}`", *CSV[name]) for name in COLUMNS])
 
 
+def sweep_table():
+    """Columns of a sweep's results; pandas need not be installed for the other tables."""
+    from cmfpga.sweep.tables import RESULTS
+
+    rows = [(f"`{name}`", meaning) for name, (_, meaning) in RESULTS.items()]
+    return table(("column of `results`", "meaning"), rows)
+
+
 def ports_table():
     """Ports of `fast`, then what only `paper` has."""
     rows = {}
@@ -368,6 +376,7 @@ TABLES = {
     "memories": memories_table,
     "flags": flags_table,
     "csv": csv_table,
+    "sweep": sweep_table,
     "ports": ports_table,
     "fields": fields_table,
     "blocks": blocks_table,

@@ -51,7 +51,9 @@ def test_an_unknown_name_is_refused(generate):
         generate.rewritten("<!-- generated: nonsense -->\n<!-- end -->\n", {})
 
 
-@pytest.mark.parametrize("command", ["build", "driver", "track", "info", "generate", "report"])
+@pytest.mark.parametrize(
+    "command", ["build", "driver", "track", "info", "generate", "report", "sweep", "bench", "accuracy"]
+)
 def test_options_are_documented(command, tmp_path):
     """The table of options of a command's page has all that ``--help`` has, and no others."""
     shown = subprocess.run(

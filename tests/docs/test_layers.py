@@ -33,6 +33,7 @@ CLEAN = {
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
     "report": (["cmfpga.report", "cmfpga.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
+    "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
     "command": (["cmfpga.command"], ["amaranth", "numpy", "torch"]),

@@ -87,7 +87,8 @@ def pool(count, scheduler=None):
         raise ConfigError(
             "sweep: dask is not installed; pip install 'cmfpga[sweep]' (--workers 0 does without)"
         ) from None
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # has a level of its own
+    for name in ("distributed.client", "tornado.application"):  # they have levels of their own
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
         with _connected(distributed, scheduler) as client:
             yield Dask(client, f"the scheduler at {scheduler}")
