@@ -38,7 +38,7 @@ def test_evt21_packs_neighbours(rng):
     assert len(encode(events, "EVT21")) < 0.8 * len(events)
     full = Events(np.full(64, 7), np.arange(64), np.full(64, 3), np.ones(64))
     words = encode_evt21(full.t, full.x, full.y, full.p)
-    assert [hex(word) for word in words.tolist()] == ["0x8000000000000000", "0x1c000003ffffffff", "0x1c010003ffffffff"]
+    assert [hex(word) for word in words.tolist()] == ["0x8000000000000000", "0x11c00003ffffffff", "0x11c10003ffffffff"]
 
 
 def test_by_hand():
