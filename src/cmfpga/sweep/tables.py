@@ -160,7 +160,7 @@ def errors_of(outcome):
 
 
 def cycles_of(outcome):
-    """Clock cycles of each batch, where there is a clock; not of degenerate batches, which take few and find nothing."""
+    """Clock cycles of each batch, where there is a clock; not of degenerate ones, which take few and find nothing."""
     found = [batch["cycles"] for batch in outcome["batches"] if "degenerate" not in batch["flags"].split("|")]
     return [cycles for cycles in found if cycles is not None]
 
