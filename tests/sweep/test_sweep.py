@@ -14,11 +14,11 @@ import numpy as np
 import pandas
 import psutil
 import pytest
+from sweeping import FILES, OPTIONS, finish, make_recording, run_here, small, started
 
 from cmfpga import sweep
 from cmfpga.engines.rtl import find_compiler
 from cmfpga.sweep import plan, task, workers
-from conftest import FILES, OPTIONS, finish, make_recording, run_here, small, started
 
 MODEL = ["--engine", "model"]
 RIGHT_NOW = 60  # s; far more than anything here takes

@@ -59,7 +59,7 @@ def test_summary():
     assert found["vx_px_per_s_median"] == 10.0 and found["contrast_mean"] == 1.25
     assert found["error_px_median"] == pytest.approx(0.645) and found["error_px_max"] == math.inf
     assert found["error_below_0.6_px"] == 0.5
-    assert (found["cycles_mean"], found["cycles_max"]) == (755.0, 1100)
+    assert (found["cycles_mean"], found["cycles_max"]) == (1000.0, 1100)
 
 
 def test_summary_without_truth_clock_or_measurement():

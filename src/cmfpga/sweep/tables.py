@@ -40,7 +40,10 @@ RESULTS = {
     ),
     "error_px_max": ("Float64", "the largest of them"),
     "error_below_0.6_px": ("Float64", "share of the batches whose error is less than 0.6 px per half batch"),
-    "cycles_mean": ("Float64", "clock cycles of a batch, mean; empty for engines without a clock"),
+    "cycles_mean": (
+        "Float64",
+        "clock cycles of a batch, mean over those that are not degenerate; empty for engines without a clock",
+    ),
     "cycles_max": ("Int64", "clock cycles of the longest batch"),
     "truth": ("string", "where the true motion was found: `sidecar` or `recording`; empty: nowhere"),
     "engine": ("string", "`rtl`, `model` or `float`"),
@@ -140,8 +143,8 @@ def summary(row, outcome):
         "vx_px_per_s_median": _median(batch["vx_px_per_s"] for batch in batches),
         "vy_px_per_s_median": _median(batch["vy_px_per_s"] for batch in batches),
         "contrast_mean": _mean(batch["contrast"] for batch in batches),
-        "cycles_mean": _mean(batch["cycles"] for batch in batches),
-        "cycles_max": max((batch["cycles"] for batch in batches if batch["cycles"] is not None), default=None),
+        "cycles_mean": _mean(cycles_of(outcome)),
+        "cycles_max": max(cycles_of(outcome), default=None),
     }
     if row.subject.truth:
         errors = errors_of(outcome)
@@ -154,6 +157,12 @@ def summary(row, outcome):
 def errors_of(outcome):
     """Distance from the truth of each batch, px per half batch; infinite for a degenerate one."""
     return [math.inf if batch["error_px"] is None else batch["error_px"] for batch in outcome["batches"]]
+
+
+def cycles_of(outcome):
+    """Clock cycles of each batch, where there is a clock; not of degenerate ones, which take few and find nothing."""
+    found = [batch["cycles"] for batch in outcome["batches"] if "degenerate" not in batch["flags"].split("|")]
+    return [cycles for cycles in found if cycles is not None]
 
 
 def _mean(values):
@@ -220,7 +229,7 @@ def ranking(rows, outcomes, estimates):
 
     - ``error_px``: median over all batches of all recordings whose truth is known, ``below`` the share below 0.6 px;
     - ``contrast``: each recording's mean as a share of the best configuration's, mean over the recordings;
-    - ``cycles``: mean over all batches;
+    - ``cycles``: mean over all batches that are not degenerate;
     - ``resources``: estimates, where they were asked for; LUTs are ranked.
 
     ``ranks`` has a number from 1 for each of :data:`CRITERIA` that there is a value for. ``best`` is set where no other
@@ -257,7 +266,7 @@ def ranking(rows, outcomes, estimates):
 def _aggregate(group, contrasts, estimates):
     ok = [(row, outcome, found) for row, outcome, found in group if found["status"] == "ok"]
     errors = [error for row, outcome, _ in ok if row.subject.truth for error in errors_of(outcome)]
-    cycles = [batch["cycles"] for _, outcome, _ in ok for batch in outcome["batches"]]
+    cycles = [count for _, outcome, _ in ok for count in cycles_of(outcome)]
     shares = [
         found["contrast_mean"] / best
         for row, _, found in ok

@@ -1,0 +1,101 @@
+"""What the tests of sweeps share: a small hardware and recording, and ways to run the command."""
+
+import contextlib
+import io
+import os
+import subprocess
+import sys
+from dataclasses import dataclass
+
+import h5py
+
+from cmfpga import cli, sweep
+from cmfpga.events import generate, write_hdf5
+
+# The hardware of tests/engines and tests/cli too, so that one compilation serves all.
+HARDWARE = {
+    "roi_width": 8, "roi_height": 8, "buffer_events": 96, "max_batch_events": 100, "time_bits": 16, "span_bits": 10,
+    "max_iterations": 15, "v_int": 3, "iterations": 15, "eta": 0.1, "min_roi_events": 3,
+}  # fmt: skip
+
+#: Eight configurations of one hardware.
+VARY = ("iterations=4,15", "roi_gain=1,2", "eta=0.1,0.5")
+
+FILES = ("results.csv", "results.parquet", "batches.csv", "batches.parquet")
+
+
+def small(**changes):
+    """Options for the small hardware, without the fields that are None."""
+    fields = {**HARDWARE, **changes}
+    chosen = (f"{name}={value}" for name, value in fields.items() if value is not None)
+    return ["--preset", "paper", "--batch-events", "60", *(part for text in chosen for part in ("--set", text))]
+
+
+#: The options of the sweep of four recordings by eight configurations, but the recordings and where to write to.
+OPTIONS = [*small(iterations=None, eta=None), "--vary", *VARY]
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended."""
+
+    status: int
+    out: str
+    err: str
+
+    @property
+    def error(self):
+        """The one line of a refusal; checks that it is one."""
+        assert self.status == 2 and self.err.count("\n") == 1 and self.err.startswith("error: "), (
+            self.status,
+            self.err,
+        )
+        return self.err.removeprefix("error: ").removesuffix("\n")
+
+
+def run_here(*arguments):
+    """``cmfpga.sweep`` in this process, without Dask unless the arguments ask for it."""
+    arguments = [str(argument) for argument in arguments]
+    if not {"--workers", "--scheduler", "--help"} & set(arguments):
+        arguments += ["--workers", "0"]
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            status = cli.run(sweep.main, arguments)
+        except SystemExit as exit:
+            status = exit.code
+    return Done(status, out.getvalue(), err.getvalue())
+
+
+@contextlib.contextmanager
+def started(*arguments):
+    """``python -m cmfpga.sweep`` in a process of its own, killed at the end if it still runs."""
+    command = [sys.executable, "-W", "error", "-m", "cmfpga.sweep", *map(str, arguments)]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "COLUMNS": "100"}
+    ) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def finish(process):
+    """:class:`Done` of a process that :func:`started` has started."""
+    out, err = process.communicate(timeout=120)
+    return Done(process.returncode, out, err)
+
+
+def make_recording(path, seed, velocity, *, truth=True):
+    """A bright thing that moves over a sensor of 32×24 px for 12 ms, with its truth unless told otherwise."""
+    made = generate(
+        seed=seed, width=32, height=24, texture="dense", size=(6, 6), position=(14.0, 11.0), velocity=velocity,
+        duration_us=12_000, contrast=2.0, noise=0.05,
+    )  # fmt: skip
+    write_hdf5(path, made.events, 32, 24)
+    if truth:
+        with h5py.File(path, "a") as file:
+            group = file.create_group("ground_truth/motion")
+            group["t"], group["velocity"] = made.motion.times, made.motion.velocities
+            group["start"] = made.motion.position(0)
+    return made
