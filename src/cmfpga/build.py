@@ -187,10 +187,19 @@ def build_axi(config, folder):
     return paths + documents.write_documents(top.registers, title, folder)
 
 
-def estimate(verilog):
-    """Write ``resources.json`` beside the Verilog at this path; returns what is in it, and its path."""
-    text = verilog.read_text(encoding="utf-8")
-    estimated = resources.estimate(text, report=lambda doing: print(f"note: {doing}", file=sys.stderr, flush=True))
+def estimate(verilog, axi=None):
+    """Write ``resources.json`` beside the core's Verilog at this path; returns what is in it, and its path.
+
+    ``axi``, the path of the AXI top's Verilog, adds a row of that.
+    """
+
+    def report(doing):
+        print(f"note: {doing}", file=sys.stderr, flush=True)
+
+    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), report=report)
+    if axi is not None:
+        report(f"the same of {AXI_TOP}")
+        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=report, top=AXI_TOP)
     path = verilog.with_name("resources.json")
     path.write_text(json.dumps(estimated, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return estimated, path
@@ -229,7 +238,7 @@ def main(arguments=None):
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
     if options.resources:
-        estimated, path = estimate(paths[0])
+        estimated, path = estimate(paths[0], folder / f"{AXI_TOP}.v" if options.top == "kv260" else None)
         paths.append(path)
         if not options.json:
             print(f"wrote {path}\n{resources.text(estimated)}")

@@ -114,15 +114,15 @@ def estimate(verilog, *, report=lambda doing: None):
     }
 
 
-def core(verilog, *, report=lambda doing: None):
-    """Only ``total`` of :func:`estimate`; a quarter of its time."""
-    return _rows_of([TOP], verilog, report)[TOP]
+def core(verilog, *, report=lambda doing: None, top=TOP):
+    """Only ``total`` of :func:`estimate`; a quarter of its time. ``top``: the top module, which may be the AXI top."""
+    return _rows_of([top], verilog, report, top)[top]
 
 
-def hard_blocks(verilog, *, report=lambda doing: None):
-    """Block RAMs, UltraRAMs and DSPs of the core and its blocks: ``{module: Counter}``. Seconds."""
+def hard_blocks(verilog, names=None, *, report=lambda doing: None, top=TOP):
+    """Block RAMs, UltraRAMs and DSPs of ``names``, or of the core and its blocks: ``{module: Counter}``. Seconds."""
     require_yosys()
-    script = f"read_verilog core.v\nsynth_xilinx -family xcup -top {TOP} -noiopad -noclkbuf -run begin:map_ffs\n"
+    script = f"read_verilog core.v\nsynth_xilinx -family xcup -top {top} -noiopad -noclkbuf -run begin:map_ffs\n"
     steps = ["yosys, family xcup: RAMs and DSPs"]
     (stat,) = _run(script + "tee -q -o 0.json stat -json\n", verilog, steps, report)
     modules = {name.removeprefix("\\"): _cells(module) for name, module in _member(stat, "modules").items()}
@@ -139,7 +139,7 @@ def hard_blocks(verilog, *, report=lambda doing: None):
                 found.update(_count("xcup", {cell: count}))
         return found
 
-    return {name: whole(name) for name in (TOP, *blocks(verilog))}
+    return {name: whole(name) for name in names or (TOP, *blocks(verilog))}
 
 
 def require_yosys():
@@ -161,22 +161,22 @@ def blocks(verilog):
 # ---------------------------------------------------------------- Yosys
 
 
-def _rows_of(names, verilog, report):
+def _rows_of(names, verilog, report, top=TOP):
     """A row of each of these modules, what is inside it included: ``{name: row}``."""
-    hard = hard_blocks(verilog, report=report)
-    soft = _synthesise(verilog, "xc7", names, report)
+    hard = hard_blocks(verilog, names, report=report, top=top)
+    soft = _synthesise(verilog, "xc7", names, report, top)
     return {name: _row(soft[name] + hard[name]) for name in names}
 
 
-def _synthesise(verilog, family, tops, report):
+def _synthesise(verilog, family, tops, report, top=TOP):
     """Each of ``tops`` by itself, flat, completely mapped: ``{name: Counter}``.
 
     By itself, and not all in one run with the hierarchy kept, where ABC may end without a word (Yosys 0.70).
     """
-    lines = ["read_verilog core.v", f"synth_xilinx -family {family} -top {TOP} -run begin:prepare", "design -save read"]
+    lines = ["read_verilog core.v", f"synth_xilinx -family {family} -top {top} -run begin:prepare", "design -save read"]
     steps = []
     for number, name in enumerate(tops):
-        which = "the core, flattened" if name == TOP else name.removeprefix(f"{TOP}_")
+        which = "all of it, flattened" if name == top else name.removeprefix(f"{TOP}_")
         steps.append(f"yosys, family {family}: {which} ({number + 1} of {len(tops)})")
         lines += [
             "design -load read",
@@ -280,6 +280,7 @@ def rows(estimated):
         line("the article's core (Vivado)", ARTICLE),
         line("KV260 has", KV260),
         line("the core in % of it", share, "{:.1f}".format),
+        *([line("cmfpga_kv260: the core with AXI", estimated["axi"])] if "axi" in estimated else []),
     ]
 
 

@@ -65,6 +65,18 @@ def test_every_block_is_like_its_baseline(name):
 
 
 @pytest.mark.slow
+def test_the_axi_top_is_like_its_baseline_and_fits():
+    row = update.measure_axi("fast")
+    assert_like_baseline(row, BASELINES["presets"]["fast"]["axi"], "axi")
+    for name in update.PRESETS:
+        assert all(
+            BASELINES["presets"][name]["axi"][kind] < resources.KV260[kind]
+            for kind in resources.KV260
+            if kind != "uram"
+        )
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("widths", WIDTHS[3:4], ids=str)  # one stands for all
 def test_word_widths_are_like_their_baselines(widths):
     assert_like_baseline(update.measure_widths(widths), BASELINES["widths"][", ".join(map(str, widths))], widths)

@@ -11,7 +11,8 @@ from pathlib import Path
 from cmfpga import resources
 from cmfpga.accuracy import WIDTH_FIELDS, WIDTHS
 from cmfpga.config import preset
-from cmfpga.emit import emit_verilog
+from cmfpga.emit import AXI_TOP, emit_verilog
+from cmfpga.rtl.axi.top import KV260Top
 from cmfpga.rtl.top import VerilogCore
 
 PATH = Path(__file__).with_name("baselines.json")
@@ -25,7 +26,13 @@ def emitted(config):
 def measure_preset(name, report=None):
     """Of every block of a preset."""
     found = resources.estimate(emitted(preset(name)), **({"report": report} if report else {}))
-    return {part: found[part] for part in ("estimate", "yosys", "total", "sum_of_blocks", "blocks")}
+    kept = {part: found[part] for part in ("estimate", "yosys", "total", "sum_of_blocks", "blocks")}
+    return {**kept, "axi": measure_axi(name)}
+
+
+def measure_axi(name):
+    """Of the AXI top."""
+    return resources.core(emit_verilog(KV260Top(preset(name)), AXI_TOP), top=AXI_TOP)
 
 
 def measure_widths(widths):
