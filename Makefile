@@ -1,5 +1,6 @@
 # make                               a virtual environment, the Verilog, and a demo recording tracked by it
 # make RECORDING=rec.h5 ROI=100,30   the same with your recording; more options in TRACK="--batches 20 …"
+# make docs                          the documentation as a site, build/site/index.html
 # make test                          everything that the tests need, and all of them
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ TRACK ?=
 PIP = $(VENV)/bin/pip --disable-pip-version-check
 RUN = $(VENV)/bin/python -m
 
-.PHONY: demo test clean
+.PHONY: demo docs test clean
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
@@ -24,6 +25,11 @@ test: $(VENV)/installed-for-tests
 	$(RUN) ruff check
 	$(RUN) ruff format --check
 	$(RUN) pytest -n 2 --dist worksteal
+
+docs: $(VENV)/installed
+	$(PIP) install --quiet -c constraints.txt -e '.[docs]'
+	$(RUN) mkdocs build --quiet --strict --site-dir $(abspath $(OUT))/site
+	@echo "The site is $(OUT)/site/index.html"
 
 clean:
 	rm -rf $(VENV) $(OUT)
