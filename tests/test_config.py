@@ -130,7 +130,7 @@ def test_choices(name, choices):
         ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
         ({"ascent": "sign"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
         ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 8 iterations; at most 32 are "),
-        ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 70 bits, more than the 63 that the exact integer model"),
+        ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
         ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
     ],
 )

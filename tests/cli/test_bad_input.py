@@ -184,7 +184,7 @@ def test_events_outside_a_sensor_that_was_assumed(command, small, tmp_path, engi
 @pytest.mark.parametrize("roi", ["25,0", "0,17", "32,24", f"{10**30},0", "-1,5", "5,-1"])
 @pytest.mark.parametrize("engine", ["rtl", "model", "float"])
 def test_an_roi_outside_the_sensor(command, dot, small, tmp_path, roi, engine, monkeypatch):
-    monkeypatch.setattr(track, "make_engine", None)  # refused before a simulator is compiled
+    monkeypatch.setattr(track, "_engine", None)  # refused before a simulator is compiled
     done = command(track, dot, f"--roi={roi}", *small, *BATCHES, "--engine", engine, "--out", tmp_path)
     assert done.error == f"ROI at {roi}: 0,0 to 24,16 is needed for 8×8 px on a sensor of 32×24 px"
 

@@ -30,14 +30,14 @@ def made_up():
 @pytest.mark.slow
 def test_the_command(command, tmp_path):
     sets = [part for name, value in TINY.items() for part in ("--set", f"{name}={value}")]
-    done = command(build, *sets, "--resources", "--json", "--out", tmp_path)
+    done = command(build, "--preset", "paper", *sets, "--resources", "--json", "--out", tmp_path)
     assert done.status == 0
     notes = done.err.splitlines()
     verilog = emit_verilog(VerilogCore(Config(**TINY)))
     names = [name.removeprefix(f"{TOP}_") for name in resources.blocks(verilog)]
     assert notes[0] == "note: yosys, family xcup: RAMs and DSPs"
     assert [note.partition(": ")[2].split(": ")[1].partition(" (")[0] for note in notes[1:]] == [
-        "the core, flattened",
+        "all of it, flattened",
         *names,
     ]
     shown = json.loads(done.out)
@@ -53,7 +53,7 @@ def _check_table(estimated):
     title, head, families, *lines = resources.text(estimated).splitlines()
     assert "yosys estimate; never run in Vivado" in title and head.split()[0] == "LUT" and "xcup" in families
     assert len(lines) == len(estimated["blocks"]) + 5 and max(map(len, lines)) <= len(head)
-    core = next(line for line in lines if line.startswith("the core, flattened"))
+    core = next(line for line in lines if line.startswith("all of it, flattened"))
     assert core.split()[3] == f"{estimated['total']['lut']:,}"
     article = next(line for line in lines if line.startswith("the article's core (Vivado)"))
     assert article.split()[-6:] == ["3,655", "7,857", "274", "25.5", "0", "151"]

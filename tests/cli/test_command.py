@@ -51,7 +51,7 @@ def test_every_subcommand_is_the_module(name, command):
     here, there = command(tool, name, "--help"), command(module, "--help")
     assert (here.status, there.status) == (0, 0)
     assert here.out.startswith(f"usage: cmfpga {name} ")
-    assert there.out.startswith(f"usage: python -m cmfpga.{tool.COMMANDS[name][0]} ")
+    assert there.out.startswith(f"usage: python -m cmfpga.{tool.COMMANDS[name][0].removesuffix('.__main__')} ")
     assert f"\n  cmfpga {name}" in here.out and "python -m" not in here.out.partition("examples:")[2]
     for example in module.EXAMPLES:
         assert example.startswith("python -m cmfpga.") and f"  {example}\n" in there.out
@@ -110,7 +110,7 @@ def script(tmp_path_factory):
     [
         (["tr"], ["track"]),
         (["build", "--res"], ["--resources"]),
-        (["track", "--engine", ""], ["rtl", "model", "float"]),
+        (["track", "--engine", ""], ["rtl", "model", "float", "axi"]),
         (["track", "rec"], ["rec.h5"]),
         (["--vers"], ["--version"]),
     ],

@@ -181,7 +181,7 @@ def test_fixed_point_numbers_are_real_numbers():
         ("core", "result_sums_sx", "Q23.8"), ("dither", "o_x", "Q6.4"), ("warp", "o_y", "Q7.4"),
         ("warp", "i_dt", "Q1.8"), ("warp", "v_x", "Q5.6"), ("voter", "o_banks_3_dy", "Q1.4"),
         ("voter", "o_banks_0_i", "UQ1.4"), ("gradient", "o_x", "Q35.8"), ("roi_updater", "roi_gain", "UQ2.4"),
-        ("roi_updater", "v_x", "Q5.6"), ("tagged_accumulator", "o_2_total_dx", "Q12.4"), ("updater", "start_x", "Q5.6"),
+        ("roi_updater", "v_x", "Q5.6"), ("tagged_accumulator", "o_2_total_dx", "Q11.4"), ("updater", "start_x", "Q5.6"),
     ):  # fmt: skip
         assert found[block, name].format == text, (block, name)
     for block, name in (

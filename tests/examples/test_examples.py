@@ -49,10 +49,10 @@ def test_word_widths(tmp_path):
     )
     assert [row[0] for row in errors] == [row[0] for row in words] == ["1", "2", "4", "8"]
     assert all(0 < float(cell) < 0.5 for row in errors for cell in row[1:])
-    # A tag of 8 bits; 2048 events of weight 1 in I, and of ±1 in Dx and Dy.
+    # A tag of 7 bits; 2047 events of weight 1 in I, and of ±1 in Dx and Dy.
     bits = (1, 2, 4, 8)
     for vote, row in zip(bits, words, strict=True):
-        assert [int(cell) for cell in row[1:]] == [8 + (12 + vote) + 2 * (13 + derivative) for derivative in bits]
+        assert [int(cell) for cell in row[1:]] == [7 + (11 + vote) + 2 * (12 + derivative) for derivative in bits]
     assert (tmp_path / "sweep.html").exists()
 
 
