@@ -372,8 +372,13 @@ def main(arguments=None):
     )
     made.add_argument("--seed", type=cli.natural, default=1, metavar="S", help="of the random events (default: 1)")
     cli.add_config_options(made)
+    made.set_defaults(preset="paper")  # the bench checks its trace of swept pixels
     options = made.parse_args(arguments)
     config = cli.make_config(options)
+    if config.gradient != "sweep" or config.ascent != "constant":
+        raise ConfigError(
+            f"preset {options.preset}: gradient = sweep and ascent = constant are needed, as in preset paper"
+        )
     folder = cli.output_folder(options.out)
     vectors = make_vectors(config, batches=options.batches, seed=options.seed)
     vectors.write(folder)

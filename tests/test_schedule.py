@@ -37,8 +37,8 @@ def test_refusals(text, message):
     assert str(caught.value) == message
 
 
-def test_the_fast_preset_has_sixteen_cold_and_eight_warm_iterations():
+def test_the_fast_preset_has_fifteen_cold_and_eight_warm_iterations():
     config = preset("fast")
-    assert (len(config.cold_schedule), len(config.warm_schedule)) == (16, 8)
+    assert (len(config.cold_schedule), len(config.warm_schedule)) == (15, 8)
     with pytest.raises(ConfigError, match=r"^warm: "):
         config.replace(warm="0:9")

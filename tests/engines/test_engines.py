@@ -494,7 +494,7 @@ def compile(compiler, scratch, library):
     time.sleep(0.5)
     library.write_text("a library")
 
-verilated._verilate = lambda scratch: None
+verilated._verilate = lambda scratch, top: None
 verilated._compile = compile
 verilated.emit_verilog = lambda core: "// the same"
 verilated.find_compiler = lambda: "echo"
