@@ -145,14 +145,16 @@ def test_broken_statistics(says, stat, message):
 
 
 def test_an_unknown_cell_of_the_fabric(says, monkeypatch):
-    monkeypatch.setattr(resources, "hard_blocks", lambda verilog, report: {TOP: resources.Counter()})
+    monkeypatch.setattr(resources, "hard_blocks", lambda verilog, names, **options: {TOP: resources.Counter()})
     says(_stat(LUT6=3, LDCE=1))
     with pytest.raises(resources.EstimateError, match="1 × LDCE for xc7: no known resource"):
         resources.core(TEXT)
 
 
 def test_what_cells_count_for(says, monkeypatch):
-    monkeypatch.setattr(resources, "hard_blocks", lambda verilog, report: {TOP: resources.Counter(bram36=1.5, dsp=2)})
+    monkeypatch.setattr(
+        resources, "hard_blocks", lambda verilog, names, **options: {TOP: resources.Counter(bram36=1.5, dsp=2)}
+    )
     says(_stat(LUT1=1, LUT6=3, INV=2, SRL16E=4, RAM32M=2, FDRE=7, FDSE=1, CARRY4=3, MUXF7=2, DSP48E1=2, RAMB18E1=3))
     assert resources.core(TEXT) == {
         "lut": 18, "lut_logic": 6, "lut_srl": 4, "lut_ram": 8, "ff": 8, "carry4": 3, "carry8": 2, "bram36": 1.5,
