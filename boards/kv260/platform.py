@@ -45,6 +45,6 @@ class KV260Platform(XilinxPlatform):
         PmodGPIOType1Resource("pmod_gpio", 0, Attrs(IOSTANDARD=_board["pmod_iostandard"]), pmod=0),
     ]  # fmt: skip
     # A Pmod has supply pins in the middle: signals are 1-4 and 7-10.
-    connectors = [  # noqa: RUF012
+    connectors = [  # noqa: RUF012 - as above
         Connector("pmod", 0, "{} {} {} {} - - {} {} {} {} - -".format(*_board["pmod"].split())),
     ]

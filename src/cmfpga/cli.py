@@ -131,6 +131,15 @@ class _ListFields(argparse.Action):
         parser.exit()
 
 
+def add_batch_options(made):
+    """How a recording is cut into batches, and where the first one begins."""
+    size = made.add_argument_group("batches (one of; default: --batch-events 5000)").add_mutually_exclusive_group()
+    size.add_argument("--batch-events", type=positive, metavar="N", help="events of the whole sensor")
+    size.add_argument("--batch-us", type=positive, metavar="D", help="duration, µs")
+    size.add_argument("--batch-roi-events", type=positive, metavar="M", help="events in the ROI")
+    made.add_argument("--start-event", type=natural, default=0, metavar="K", help="first event (default: 0)")
+
+
 def add_recording_options(made):
     """``--sensor`` and ``--time-unit``, for :func:`recording_options`."""
     made.add_argument("--sensor", type=pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")

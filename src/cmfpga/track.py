@@ -57,11 +57,7 @@ def _parser():
         help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects, each with its own core "
         "and CSV",
     )  # fmt: skip
-    size = made.add_argument_group("batches (one of; default: --batch-events 5000)").add_mutually_exclusive_group()
-    size.add_argument("--batch-events", type=cli.positive, metavar="N", help="events of the whole sensor")
-    size.add_argument("--batch-us", type=cli.positive, metavar="D", help="duration, µs")
-    size.add_argument("--batch-roi-events", type=cli.positive, metavar="M", help="events in the ROI")
-    made.add_argument("--start-event", type=cli.natural, default=0, metavar="K", help="first event (default: 0)")
+    cli.add_batch_options(made)
     made.add_argument("--batches", type=cli.positive, metavar="B", help="stop after B batches (default: at the end)")
     made.add_argument(
         "--engine",

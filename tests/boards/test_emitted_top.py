@@ -2,19 +2,13 @@
 
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from board_files import BOARD
 from test_facts import check_ports
 from vivado_ipx import infer
 
-import cmfpga.build
-
 tkinter = pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
-
-if "--top" not in Path(cmfpga.build.__file__).read_text(encoding="utf-8"):
-    pytest.skip("python -m cmfpga.build has no --top in this checkout", allow_module_level=True)
 
 
 @pytest.fixture(scope="module")

@@ -15,9 +15,9 @@ import sys
 import tkinter
 
 import vivado_bd_commands  # noqa: F401 - fills the table
-import vivado_ipx_commands  # noqa: F401
-import vivado_project_commands  # noqa: F401
-import vivado_run_commands  # noqa: F401
+import vivado_ipx_commands  # noqa: F401 - the same
+import vivado_project_commands  # noqa: F401 - the same
+import vivado_run_commands  # noqa: F401 - the same
 from vivado_objects import VivadoError, check_usage
 from vivado_reports import FOUND
 from vivado_state import COMMANDS, State

@@ -36,17 +36,12 @@ def _parser():
     made.add_argument(
         "--roi", type=cli.pair("X,Y"), metavar="X,Y", help="ROI of the recordings that have none behind an @"
     )
-    size = made.add_argument_group("batches (one of; default: --batch-events 5000)").add_mutually_exclusive_group()
-    size.add_argument("--batch-events", type=cli.positive, metavar="N", help="events of the whole sensor")
-    size.add_argument("--batch-us", type=cli.positive, metavar="D", help="duration, µs")
-    size.add_argument("--batch-roi-events", type=cli.positive, metavar="M", help="events in the ROI")
-    made.add_argument("--start-event", type=cli.natural, default=0, metavar="K", help="first event (default: 0)")
+    cli.add_batch_options(made)
     made.add_argument(
         "--batches", type=cli.positive, metavar="B", help="stop each after B batches (default: at the end)"
     )
     made.add_argument("--engine", default="rtl", choices=ENGINES, help="as of track (default: rtl)")
-    made.add_argument("--sensor", type=cli.pair("W,H"), metavar="W,H", help="sensor size, px, if files don't say")
-    made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
+    cli.add_recording_options(made)
     where = made.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", type=cli.natural, metavar="W",
