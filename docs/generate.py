@@ -5,7 +5,7 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
     python docs/generate.py            rewrite them
     python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
 
-The resource estimates are those that ``python tests/resources/update.py`` measured last.
+The resource estimates are those that ``python tests/verilog/update_baselines.py`` measured last.
 """
 
 import argparse
@@ -19,15 +19,15 @@ from pathlib import Path
 from amaranth.hdl import Fragment, Shape
 from amaranth.lib import data, wiring
 
-from cmfpga import resources
-from cmfpga.batch import Flag
 from cmfpga.build import formats, ports
 from cmfpga.config import PRESETS, Config, preset
-from cmfpga.reference.tracker import COLUMNS
-from cmfpga.registers import register_map
-from cmfpga.registers.documents import markdown
+from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.registers.documents import markdown
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
+from cmfpga.tracking.loop import COLUMNS
+from cmfpga.verilog import resources
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]

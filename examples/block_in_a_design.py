@@ -14,7 +14,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from cmfpga.events import generate
-from cmfpga.rtl.accumulator import ReadAddWrite
+from cmfpga.rtl.image.accumulator import ReadAddWrite
 
 WIDTH, HEIGHT, LIMIT = 32, 16, 12
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from cmfpga import __version__, cli
-from cmfpga.batch import BatchSettings, Flag, clamp_roi
-from cmfpga.emit import TOP, emit_verilog
 from cmfpga.engines.rtl import settings_values
 from cmfpga.errors import ConfigError
+from cmfpga.protocol.batch import BatchSettings, Flag, clamp_roi
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog.emit import TOP, emit_verilog
 
 BENCH = Path(__file__).with_name(f"tb_{TOP}.v")
 GAP_BITS = 8

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytest_plugins = ["support.commands"]
+
 
 @pytest.fixture(scope="session")
 def data_dir():
@@ -23,3 +25,11 @@ def rng(request):
     """Random numbers seeded by the test's name, so that a failure can be repeated and no two tests share them."""
     digest = hashlib.sha256(request.node.nodeid.encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:8], "little"))
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _one_thread():
+    """On such small tensors more threads are slower."""
+    import torch
+
+    torch.set_num_threads(1)

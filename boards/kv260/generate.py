@@ -298,7 +298,7 @@ FILES = {
     "boards/kv260/sw/cmfpga.bif": bif,
     "boards/kv260/sw/shell.json": shell_json,
     "boards/kv260/sw/uio.conf": uio_conf,
-    "src/cmfpga/kv260.py": python_module,
+    "src/cmfpga/boards/kv260.py": python_module,
 }
 
 

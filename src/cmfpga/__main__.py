@@ -2,7 +2,7 @@
 
 import sys
 
-from .command import entry
+from .cli.command import entry
 
 if __name__ == "__main__":
     sys.exit(entry())

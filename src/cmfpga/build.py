@@ -4,11 +4,13 @@ import importlib.metadata
 import json
 import sys
 
-from . import __version__, cli, registers, resources
-from .emit import AXI_TOP, TOP, emit_verilog, sha256
-from .registers import documents
+from . import __version__, cli
+from .protocol import registers
+from .protocol.registers import documents
 from .rtl.axi.top import KV260Top
 from .rtl.top import VerilogCore
+from .verilog import resources
+from .verilog.emit import AXI_TOP, TOP, emit_verilog, sha256
 
 EXAMPLES = (
     "python -m cmfpga.build                                     # preset fast, into ./build",

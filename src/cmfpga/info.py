@@ -15,8 +15,8 @@ from . import cli
 from .engines import make_engine
 from .errors import ConfigError, RecordingError
 from .events import BatchCutter, open_recording
-from .reference.tracker import track
 from .survey import Survey, propose
+from .tracking.loop import track
 
 EXAMPLES = (
     "python -m cmfpga.info rec.h5",

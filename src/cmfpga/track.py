@@ -1,6 +1,6 @@
 """``python -m cmfpga.track``: follow objects through a recording.
 
-The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.tracking.track`.
+The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.tracking.result.track`.
 """
 
 import argparse
@@ -17,13 +17,14 @@ from dataclasses import dataclass, field
 
 from tqdm import tqdm
 
-from . import cli, report, tracking
+from . import cli, report
 from .engines import AXI, ENGINES, check_roi
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
-from .picture import Gallery
-from .reference.tracker import COLUMNS, track
-from .report.kept import Kept
+from .imaging.gallery import Gallery
+from .tracking import result as tracking
+from .tracking.kept import Kept
+from .tracking.loop import COLUMNS, track
 
 EXAMPLES = (
     "python -m cmfpga.track        # a synthetic scene, with its true motion",
@@ -372,7 +373,7 @@ def _write_page(kept, path, options):
 
 
 def _waves(options, config):
-    from .wave import WaveTaker
+    from .tracking.wave import WaveTaker
 
     if options.batches and options.wave >= options.batches:
         raise ConfigError(
@@ -382,7 +383,7 @@ def _waves(options, config):
 
 
 def _write_waves(waves, folder, stem):
-    from .wave import write_waves
+    from .tracking.wave import write_waves
 
     return write_waves(waves.record(), folder, stem)
 

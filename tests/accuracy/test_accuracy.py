@@ -16,12 +16,12 @@ import torch
 
 from cmfpga import accuracy, cli
 from cmfpga.config import preset
+from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.engines import make_engine
 from cmfpga.errors import RecordingError
 from cmfpga.events import BatchCutter, open_recording
-from cmfpga.iwe import image_of_warped_events
-from cmfpga.reference.tracker import track
-from cmfpga.schedule import ScheduleEntry
+from cmfpga.imaging.iwe import image_of_warped_events
+from cmfpga.tracking.loop import track
 
 FAST = preset("fast")
 FLAT = FAST.replace(**{name: re.sub(r"\d:(-?\d)", r"0:\1", getattr(FAST, name)) for name in ("cold", "warm")})

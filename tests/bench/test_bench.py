@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from cmfpga import bench, cli
+from cmfpga.bench.opponents import c_program, report
+from cmfpga.bench.opponents.workloads import make_workload
 from cmfpga.config import preset
 from cmfpga.engines.rtl import find_compiler
-from cmfpga.opponents import c_program, report
-from cmfpga.opponents.workloads import make_workload
 from cmfpga.rtl.core import Core
 
 PAGE = Path(__file__).parents[2] / "docs" / "bench.md"

@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmfpga import opponents
+from cmfpga.bench import opponents
+from cmfpga.bench.opponents import Job, Unavailable, c_program, make_programs, torch_program
+from cmfpga.bench.opponents.c_program import CProgram
+from cmfpga.bench.opponents.numba_program import NumbaProgram
+from cmfpga.bench.opponents.torch_program import TorchProgram
+from cmfpga.bench.opponents.workloads import MOTION_PX, make_workload
 from cmfpga.config import preset
+from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.events import Events
-from cmfpga.opponents import Job, Unavailable, c_program, make_programs, torch_program
-from cmfpga.opponents.c_program import CProgram
-from cmfpga.opponents.numba_program import NumbaProgram
-from cmfpga.opponents.torch_program import TorchProgram
-from cmfpga.opponents.workloads import MOTION_PX, make_workload
-from cmfpga.schedule import ScheduleEntry
 
 #: Of a gradient, relative to the largest: float32 sums of some thousand terms.
 TOLERANCE = 2e-5

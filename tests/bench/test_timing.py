@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmfpga.opponents.timing import Times, side_by_side
+from cmfpga.bench.opponents.timing import Times, side_by_side
 
 
 class Machine:

@@ -3,7 +3,8 @@
 import shutil
 
 import pytest
-from board_files import REGISTERS, load, stand_in
+
+from support.board_files import REGISTERS, load, stand_in
 
 
 @pytest.fixture(scope="session")

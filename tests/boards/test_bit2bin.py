@@ -5,8 +5,9 @@ import subprocess
 import sys
 
 import pytest
-from board_files import BOARD
 from vivado_reports import bitstream
+
+from support.board_files import BOARD
 
 PART = "xck26-sfvc784-2LV-c"
 

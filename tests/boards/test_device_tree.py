@@ -3,7 +3,8 @@
 import subprocess
 
 import pytest
-from board_files import BOARD
+
+from support.board_files import BOARD
 
 #: The labels that the overlay refers to, and nothing else: as in the kernel's zynqmp.dtsi and the boards' trees.
 BASE = """\

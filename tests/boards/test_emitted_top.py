@@ -4,9 +4,10 @@ import subprocess
 import sys
 
 import pytest
-from board_files import BOARD
 from test_facts import check_ports
 from vivado_ipx import infer
+
+from support.board_files import BOARD
 
 tkinter = pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
 

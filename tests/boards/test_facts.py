@@ -6,10 +6,10 @@ import re
 import tomllib
 
 import pytest
-from board_files import BOARD, ROOT, stand_in
 from vivado_ipx import infer
 
-from cmfpga import kv260
+from cmfpga.boards import kv260
+from support.board_files import BOARD, ROOT, stand_in
 
 
 def text_of(name):

@@ -8,7 +8,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from board_files import BOARD, ROOT
+
+from support.board_files import BOARD, ROOT
 
 pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
 

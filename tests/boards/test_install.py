@@ -5,7 +5,8 @@ import shutil
 import subprocess
 
 import pytest
-from board_files import BOARD
+
+from support.board_files import BOARD
 
 
 def install(folder, root, *words):

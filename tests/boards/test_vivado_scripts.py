@@ -4,7 +4,8 @@ import json
 import shutil
 
 import pytest
-from board_files import BOARD, REGISTERS, stand_in
+
+from support.board_files import BOARD, REGISTERS, stand_in
 
 pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
 

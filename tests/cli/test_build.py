@@ -9,8 +9,9 @@ import shutil
 
 import pytest
 
-from cmfpga import __version__, build, emit
+from cmfpga import __version__, build
 from cmfpga.config import Config
+from cmfpga.verilog import emit
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 FAST = {"gradient": "one_pass", "ascent": "sign", "max_level": 2, "dither_frac": 4}

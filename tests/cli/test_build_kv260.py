@@ -10,10 +10,10 @@ import pytest
 
 from cmfpga import build
 from cmfpga.config import Config
-from cmfpga.emit import AXI_TOP, sha256
 from cmfpga.engines.verilated import verilator_root
-from cmfpga.registers import register_map
-from cmfpga.registers.documents import BY_PEAKRDL
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.registers.documents import BY_PEAKRDL
+from cmfpga.verilog.emit import AXI_TOP, sha256
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 PRESETS = ("paper", "fast")
@@ -120,7 +120,7 @@ def test_lint(made):
 
 
 def test_without_peakrdl(command, tmp_path, monkeypatch):
-    monkeypatch.setattr("cmfpga.registers.documents.has_peakrdl", lambda: False)
+    monkeypatch.setattr("cmfpga.protocol.registers.documents.has_peakrdl", lambda: False)
     done = command(build, "--top", "kv260", *sets(TINY), "--out", tmp_path)
     assert done.status == 0 and done.err.count("\n") == 1 and "pip install 'cmfpga[registers]'" in done.err
     assert not any((tmp_path / name).exists() for name in BY_PEAKRDL)

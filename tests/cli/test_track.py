@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from cmfpga import build, cli, track
-from cmfpga.batch import Flag
 from cmfpga.config import Config
 from cmfpga.engines import make_engine, rtl
 from cmfpga.events import BatchCutter, Events, open_recording, write_hdf5
-from cmfpga.reference import tracker
+from cmfpga.protocol.batch import Flag
+from cmfpga.tracking.result import loop as tracker
 
 DOT = ["--roi", "8,9"]
 

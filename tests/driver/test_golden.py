@@ -5,12 +5,11 @@ import sys
 import numpy as np
 import pytest
 
-from cmfpga.batch import Flag, clamp_roi
 from cmfpga.config import PRESETS, Config, preset
 from cmfpga.driver import golden
 from cmfpga.driver.results import WireResult
-
-from .conftest import CONFIG
+from cmfpga.protocol.batch import Flag, clamp_roi
+from support.driving import CONFIG
 
 
 def test_kept_results_are_current():

@@ -8,15 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cmfpga.boards.kv260 import MODULE_VLNV, VLNV
 from cmfpga.driver import DeviceError, DeviceTimeout, WrongHardware
 from cmfpga.driver.results import differences
 from cmfpga.engines.model import ModelEngine
-from cmfpga.kv260 import MODULE_VLNV, VLNV
-
-from .board import Board, Interrupts
-from .conftest import CONFIG, batch
-from .overlay import write_hwh
-from .test_simulation import REGISTERS, model_run, within, works
+from support.board import Board, Interrupts
+from support.driving import CONFIG, REGISTERS, batch, model_run, within, works
+from support.overlay import write_hwh
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # of the processor, which PYNQ does not support, and of its dependencies

@@ -1,26 +1,22 @@
 """The driver on the emitted AXI top in Verilator."""
 
 import dataclasses
-import time
 
 import numpy as np
 import pytest
 
-from cmfpga.batch import BatchSettings, Flag
 from cmfpga.config import Config, preset
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WireResult, WrongHardware
 from cmfpga.driver.results import differences
-from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
-from cmfpga.reference.tracker import track
-from cmfpga.registers import FORMATS, register_map
-from cmfpga.words import encode
-
-from .conftest import CONFIG, SMALL, batch
-
-REGISTERS = register_map(CONFIG)
+from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.words import encode
+from cmfpga.simulation.axi_top import SimulationBackend
+from cmfpga.tracking.loop import track
+from support.driving import CONFIG, REGISTERS, SMALL, batch, model_run, within, works
 
 
 class Wrapped(SimulationBackend):
@@ -49,10 +45,6 @@ def backend(top):
 @pytest.fixture
 def accelerator(backend):
     return Accelerator(backend)
-
-
-def model_run(model, events, roi=None, config=CONFIG):
-    return model.run(events, BatchSettings.from_config(config, roi))
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -310,28 +302,6 @@ def test_time_outs_that_never_end_are_refused(accelerator, backend, rng, timeout
 
 
 # ---------------------------------------------------------------- what goes wrong
-
-
-def within(seconds):
-    """Fails if what stands in the block takes longer."""
-
-    class Timer:
-        def __enter__(self):
-            self.begin = time.monotonic()
-
-        def __exit__(self, *_):
-            assert time.monotonic() - self.begin < seconds
-
-    return Timer()
-
-
-def works(accelerator, rng):
-    """As after a reset."""
-    model = ModelEngine(CONFIG)
-    for number in range(2):
-        events = batch(rng, 120, begin=1000 * number)
-        roi = None if number else (8, 4)
-        assert differences(accelerator.run(events, roi=roi), model_run(model, events, roi)) == []
 
 
 @pytest.mark.parametrize("sent", [0, 1, 37, 99])

@@ -10,49 +10,15 @@ from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WrongHardware
 from cmfpga.driver.results import differences
 from cmfpga.driver.uio import Mapping, UdmaBuffer, UioBackend, UioDevice
 from cmfpga.engines.model import ModelEngine
-from cmfpga.words import encode
-
-from .board import Board, Interrupts, descriptors, uio_tree
-from .conftest import CONFIG, batch
-from .test_simulation import REGISTERS, model_run, within, works
-
-BUFFERS = {"cmfpga-events": (0x8_0000_0000, 0x4000), "cmfpga-results": (0x8_0010_0000, 0x1000)}
+from cmfpga.protocol.words import encode
+from support.board import descriptors, uio_tree
+from support.driving import CONFIG, REGISTERS, batch, model_run, within, works
+from support.uio import BUFFERS, Linux
 
 
 @pytest.fixture
 def tree(tmp_path):
     return uio_tree(tmp_path, buffers=BUFFERS)
-
-
-class Linux:
-    """The tree's files, with the simulated board behind the UIO devices and the buffers' memory."""
-
-    def __init__(self, tree, top, monkeypatch):
-        self.tree, self.board = tree, Board(top)
-        self.broken = False
-        bases, usual = {}, uio._open
-
-        def opening(path):
-            if path.name == "uio3":
-                file, base = Interrupts(self.board, broken=self.broken).file, Board.REGISTERS
-            elif path.name == "uio4":
-                file, base = usual(path), Board.DMA
-            else:
-                return usual(path)
-            bases[file] = base
-            return file
-
-        monkeypatch.setattr(uio, "_open", opening)
-        monkeypatch.setattr(uio, "Mapping", lambda file, size: self.board.words(bases[file]))
-        self.files = []
-        for name, (address, size) in BUFFERS.items():
-            with (tree / "dev" / name).open("r+b") as file:
-                self.board.memory.add(address, mmap.mmap(file.fileno(), size))
-
-    backend_class = UioBackend
-
-    def backend(self):
-        return UioBackend(root=self.tree)
 
 
 @pytest.fixture

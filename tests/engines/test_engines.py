@@ -12,7 +12,6 @@ import pytest
 from amaranth.hdl import Signal
 
 from cmfpga import engines
-from cmfpga.batch import BatchSettings, Flag
 from cmfpga.config import Config, preset
 from cmfpga.engines import ENGINES, check_roi, make_engine, rtl, verilated
 from cmfpga.engines.amaranth_sim import AmaranthEngine
@@ -20,6 +19,7 @@ from cmfpga.engines.model import ModelEngine
 from cmfpga.engines.verilated import VerilatedCore, VerilatedEngine, cache_folder, compile_library
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
+from cmfpga.protocol.batch import BatchSettings, Flag
 
 # The hardware of tests/cli too, so that one compilation serves both.
 HARDWARE = {

@@ -1,12 +1,12 @@
 """Neither the proof nor the simulation of the accumulator passes what is broken."""
 
 import pytest
-from accumulator_mutants import ACCUMULATOR, READ_ADD_WRITE
-from accumulator_proof import TINY, AccumulatorHarness, ReadAddWriteHarness
-from accumulator_simulation import ADD, DEPTH, WORD, model, simulate, traffic
-from proof_harness import needs_solver, run_sby
 
-from cmfpga.rtl.accumulator import ReadAddWrite
+from cmfpga.rtl.image.accumulator import ReadAddWrite
+from support.formal.accumulator_mutants import ACCUMULATOR, READ_ADD_WRITE
+from support.formal.accumulator_proof import TINY, AccumulatorHarness, ReadAddWriteHarness
+from support.formal.accumulator_simulation import ADD, DEPTH, WORD, model, simulate, traffic
+from support.formal.harness import needs_solver, run_sby
 
 # Every counterexample is shorter.
 CYCLES = 12

@@ -6,14 +6,14 @@ only added and handed on, in the same way at every width; one bank is proved at 
 """
 
 import pytest
-from accumulator_proof import TINY, AccumulatorHarness, ReadAddWriteHarness
 from amaranth.hdl import signed
 from amaranth.lib import data
-from proof_harness import needs_solver, run_sby
 
 from cmfpga.config import preset
 from cmfpga.rtl import payloads
-from cmfpga.rtl.accumulator import Accumulator, ReadAddWrite
+from cmfpga.rtl.image.accumulator import Accumulator, ReadAddWrite
+from support.formal.accumulator_proof import TINY, AccumulatorHarness, ReadAddWriteHarness
+from support.formal.harness import needs_solver, run_sby
 
 pytestmark = needs_solver
 

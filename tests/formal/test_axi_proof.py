@@ -4,11 +4,12 @@ import inspect
 import types
 
 import pytest
-from axi_proof import CONFIG, AxiHarness
-from proof_harness import needs_solver, run_sby
 
-from cmfpga.rtl.axi import lite_slave, result_packet, skid_buffer
+from cmfpga.rtl.axi import lite_slave, skid_buffer
 from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.rtl.shell import result_packet
+from support.formal.axi_proof import CONFIG, AxiHarness
+from support.formal.harness import needs_solver, run_sby
 
 pytestmark = needs_solver
 

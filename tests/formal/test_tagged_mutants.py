@@ -1,12 +1,12 @@
 """Neither the proof nor the simulation of the tagged accumulator passes what is broken."""
 
 import pytest
-from proof_harness import needs_solver, run_sby
-from tagged_mutants import ACCUMULATOR, BANK
-from tagged_proof import TaggedAccumulatorHarness, TaggedBankHarness, tiny
-from tagged_simulation import CONFIG, model, simulate, traffic
 
-from cmfpga.rtl.tagged_accumulator import TaggedBank
+from cmfpga.rtl.image.tagged_accumulator import TaggedBank
+from support.formal.harness import needs_solver, run_sby
+from support.formal.tagged_mutants import ACCUMULATOR, BANK
+from support.formal.tagged_proof import TaggedAccumulatorHarness, TaggedBankHarness, tiny
+from support.formal.tagged_simulation import CONFIG, model, simulate, traffic
 
 # Every counterexample is shorter.
 CYCLES = 14

@@ -6,11 +6,11 @@ Small words stand for all others, because they are only added and handed on, in 
 """
 
 import pytest
-from proof_harness import needs_solver, run_sby
-from tagged_proof import TaggedAccumulatorHarness, TaggedBankHarness, tiny
 
 from cmfpga.config import preset
-from cmfpga.rtl.tagged_accumulator import TaggedAccumulator, TaggedBank
+from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator, TaggedBank
+from support.formal.harness import needs_solver, run_sby
+from support.formal.tagged_proof import TaggedAccumulatorHarness, TaggedBankHarness, tiny
 
 pytestmark = needs_solver
 

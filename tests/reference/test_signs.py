@@ -7,7 +7,8 @@ import pytest
 import torch
 
 from cmfpga.config import preset
-from cmfpga.dither import DITHER_BITS, FACTORS
+from cmfpga.config.dither import DITHER_BITS, FACTORS
+from cmfpga.config.schedule import parse_schedule
 from cmfpga.reference.floating import (
     R2,
     ascend,
@@ -24,7 +25,6 @@ from cmfpga.reference.floating import (
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.dither import dither as integer_dither
 from cmfpga.reference.integer.time_scaler import time_scaler
-from cmfpga.schedule import parse_schedule
 
 #: Formats so wide that the integer model has next to nothing to round.
 WIDE = preset("fast").replace(

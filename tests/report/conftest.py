@@ -5,32 +5,11 @@ import socket
 import time
 
 import pytest
-import torch
 
 from cmfpga.config import Config, preset
-from cmfpga.engines import make_engine
-from cmfpga.events import BatchCutter, generate
-from cmfpga.reference.tracker import track
-from cmfpga.report.kept import Kept
+from cmfpga.events import generate
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
-
-
-@pytest.fixture(autouse=True, scope="session")
-def _one_thread():
-    """On such small tensors more threads are slower."""
-    torch.set_num_threads(1)
-
-
-def keep(config, recording, *, roi, size, batches=None, motion=None, start_event=0, engine="model"):
-    """The :class:`Kept` of a track by the model."""
-    kept = Kept(config, engine, recording.name, motion)
-    cutter = BatchCutter(recording, start_event=start_event, events=size, max_events=config.max_batch_events)
-    running = make_engine(engine, config)
-    for batch in track(running, cutter, roi=roi, batches=batches):
-        kept.add(batch)
-    running.close()
-    return kept
 
 
 @pytest.fixture(scope="session")

@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.dither import DITHER_BITS, FACTORS
+from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.engines import rtl
 from cmfpga.events import open_recording
-from cmfpga.iwe import image_of_warped_events
-from cmfpga.reference.tracker import COLUMNS
-
-from .conftest import keep
+from cmfpga.imaging.iwe import image_of_warped_events
+from cmfpga.tracking.loop import COLUMNS
+from support.reporting import keep
 
 
 @pytest.fixture(scope="module")

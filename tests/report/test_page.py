@@ -8,8 +8,8 @@ import numpy as np
 
 from cmfpga.events import generate
 from cmfpga.report import page
-from cmfpga.report.kept import BUDGET, Detail, Kept
 from cmfpga.report.story import Story
+from cmfpga.tracking.kept import BUDGET, Detail, Kept
 
 
 def own(text):

@@ -7,10 +7,10 @@ import warnings
 import numpy as np
 import pytest
 
-from cmfpga.reference.tracker import COLUMNS
-from cmfpga.report.kept import Kept
 from cmfpga.report.story import Story, corners, direction, number
 from cmfpga.rtl.core import Core
+from cmfpga.tracking.kept import Kept
+from cmfpga.tracking.loop import COLUMNS
 
 
 def made_up(config, *, roi, speed, cycles=100_000, span=20_000, flags=""):

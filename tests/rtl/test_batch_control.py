@@ -15,8 +15,7 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.rtl import payloads
 from cmfpga.rtl.batch_control import BatchControl
-
-from .bench import Codec, Port, corners, np, random_values, simulate
+from support.bench import Codec, Port, corners, np, random_values, simulate
 
 CONFIG = Config(max_batch_events=12, buffer_events=9, max_iterations=5, iterations=1)
 PULSES = ("open", "take", "divide", "start", "replay", "move", "sweep")

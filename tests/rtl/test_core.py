@@ -5,12 +5,11 @@ import itertools
 import pytest
 from amaranth.hdl import Module, ResetInserter, Signal
 
-from cmfpga.batch import BatchSettings, Flag
 from cmfpga.config import Config
+from cmfpga.protocol.batch import BatchSettings, Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
-
-from .bench import (
+from support.bench import (
     NARROW,
     TINY,
     Batch,

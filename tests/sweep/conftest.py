@@ -1,7 +1,8 @@
 """Four small synthetic recordings, and the sweep of them with eight small configurations in one process."""
 
 import pytest
-from sweeping import OPTIONS, make_recording, run_here
+
+from support.sweeping import OPTIONS, make_recording, run_here
 
 
 @pytest.fixture(scope="session")

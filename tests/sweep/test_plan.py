@@ -5,7 +5,6 @@ import dataclasses
 import h5py
 import numpy as np
 import pytest
-from sweeping import make_recording, run_here, small
 
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
@@ -13,6 +12,7 @@ from cmfpga.sweep import plan, store, truth
 from cmfpga.sweep.plan import Run, choices, rows, subjects
 from cmfpga.sweep.task import Task, run_task, version
 from cmfpga.sweep.truth import read_truth, sidecar
+from support.sweeping import make_recording, run_here, small
 
 # ---------------------------------------------------------------- configurations
 

@@ -14,11 +14,11 @@ import numpy as np
 import pandas
 import psutil
 import pytest
-from sweeping import FILES, OPTIONS, finish, make_recording, run_here, small, started
 
 from cmfpga import sweep
 from cmfpga.engines.rtl import find_compiler
 from cmfpga.sweep import plan, task, workers
+from support.sweeping import FILES, OPTIONS, finish, make_recording, run_here, small, started
 
 MODEL = ["--engine", "model"]
 RIGHT_NOW = 60  # s; far more than anything here takes
@@ -265,7 +265,7 @@ def test_processors():
 
 
 def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
-    from cmfpga import resources
+    from cmfpga.verilog import resources
 
     asked = []
 

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import pandas
 import pytest
 
-from cmfpga import resources
 from cmfpga.config import Config, preset
-from cmfpga.reference.tracker import COLUMNS
 from cmfpga.sweep import tables
 from cmfpga.sweep.page import page
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
 from cmfpga.sweep.truth import Truth
+from cmfpga.tracking.loop import COLUMNS
+from cmfpga.verilog import resources
 
 TRUTH = Truth("recording", (0,), ((1.0, 0.0),), (0.0, 0.0))
 

@@ -7,14 +7,14 @@ import sys
 import make_vectors
 import pytest
 from amaranth.back import verilog
-from mutants import MUTANTS
-from verilog_tools import CONFIGS, emitted, icarus_compile, icarus_run, require_icarus, run
 
-from cmfpga.batch import Flag
 from cmfpga.config import Config
-from cmfpga.emit import TOP
 from cmfpga.errors import ConfigError
+from cmfpga.protocol.batch import Flag
 from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog.emit import TOP
+from support.verilog_mutants import MUTANTS
+from support.verilog_tools import CONFIGS, emitted, icarus_compile, icarus_run, require_icarus, run
 
 SMALL = Config(sensor_width=64, sensor_height=48, roi_width=16, roi_height=10, buffer_events=64)
 KINDS = len(make_vectors.KINDS)

@@ -3,9 +3,9 @@
 import re
 
 import pytest
-from verilog_tools import CONFIGS, emitted, modules, require_icarus, run, verilator_lint
 
-from cmfpga.emit import TOP
+from cmfpga.verilog.emit import TOP
+from support.verilog_tools import CONFIGS, emitted, modules, require_icarus, run, verilator_lint
 
 BLOCKS = (
     "accumulator", "accumulator_bank_0", "accumulator_bank_1", "accumulator_bank_2", "accumulator_bank_3",

@@ -10,9 +10,9 @@ from collections import Counter
 from pathlib import Path
 
 import pytest
-from verilog_tools import CONFIGS, emitted, yosys
 
-from cmfpga.emit import TOP
+from cmfpga.verilog.emit import TOP
+from support.verilog_tools import CONFIGS, emitted, yosys
 
 pytestmark = pytest.mark.slow
 
@@ -48,6 +48,6 @@ def test_registers_that_dsps_take_in(tmp_path):
         found.setdefault(block, Counter())[key] += 1
     assert found == PACKED
     # As many as for the KV260's family.
-    stored = json.loads((Path(__file__).parents[1] / "resources" / "baselines.json").read_text())["presets"]["paper"]
+    stored = json.loads((Path(__file__).with_name("baselines.json")).read_text())["presets"]["paper"]
     dsps = {name: row["dsp"] for name, row in stored["blocks"].items() if row["dsp"]}
     assert {name: sum(counts.values()) for name, counts in found.items()} == dsps

@@ -3,7 +3,8 @@
 import re
 
 import pytest
-from verilog_tools import CONFIGS, emitted, verilator_lint
+
+from support.verilog_tools import CONFIGS, emitted, verilator_lint
 
 WAIVED = {"DECLFILENAME", "UNUSEDSIGNAL", "WIDTHEXPAND"}
 

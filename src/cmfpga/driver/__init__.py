@@ -1,6 +1,6 @@
 """The accelerator from Python: the same class on a board and on the simulated Verilog.
 
-Modules of the back ends are imported where they are wanted: :mod:`cmfpga.driver.simulation`,
+Modules of the back ends are imported where they are wanted: :mod:`cmfpga.simulation.axi_top`,
 :mod:`cmfpga.driver.uio`, :mod:`cmfpga.driver.pynq`. Neither Amaranth nor torch is needed on a board.
 """
 

@@ -5,12 +5,12 @@ import time
 
 import numpy as np
 
-from ..batch import BatchSettings
+from ..engines.accelerator import AcceleratorEngine
 from ..errors import ConfigError
-from ..registers import FORMATS, PACKET_BEATS
-from ..words import encode, split_packets
+from ..protocol.batch import BatchSettings
+from ..protocol.registers import FORMATS, PACKET_BEATS
+from ..protocol.words import encode, split_packets
 from .control import Control
-from .engine import AcceleratorEngine
 from .errors import DeviceError, DeviceTimeout
 from .identity import identify
 from .results import from_words
@@ -35,7 +35,7 @@ class Accelerator:
         Of the hardware; its run-time fields are the settings of the batches. By default what the back end simulates,
         or whichever preset the hardware says it is.
     form : str
-        Words that :meth:`run` encodes events into: a key of :data:`cmfpga.registers.FORMATS`.
+        Words that :meth:`run` encodes events into: a key of :data:`cmfpga.protocol.registers.FORMATS`.
     timeout : float
         Seconds that anything may take, where a method is not told another time.
     interrupt : bool, optional
@@ -45,7 +45,7 @@ class Accelerator:
     ----------
     registers : RegisterMap
     engine : cmfpga.engines.Engine
-        The same as an engine of :mod:`cmfpga.engines`, for :func:`cmfpga.reference.tracker.track`.
+        The same as an engine of :mod:`cmfpga.engines`, for :func:`cmfpga.tracking.loop.track`.
 
     Raises
     ------
@@ -120,10 +120,10 @@ class Accelerator:
 
         Yields
         ------
-        cmfpga.reference.tracker.TrackedBatch
+        cmfpga.tracking.loop.TrackedBatch
         """
         from ..events import BatchCutter, Recording, open_recording
-        from ..reference.tracker import track
+        from ..tracking.loop import track
 
         with contextlib.ExitStack() as opened:
             if not isinstance(recording, Recording):
@@ -149,7 +149,7 @@ class Accelerator:
         by_tlast : bool
             End a batch also at TLAST, which :meth:`send` and a DMA set at the end of each transfer.
         form : str, optional
-            What comes: a key of :data:`cmfpga.registers.FORMATS`.
+            What comes: a key of :data:`cmfpga.protocol.registers.FORMATS`.
         swap : bool
             Its 32-bit halves are exchanged, as an IMX636 does.
         settings : BatchSettings, optional
@@ -166,7 +166,7 @@ class Accelerator:
         self._streaming = True
 
     def send(self, words, timeout=None):
-        """Send words to ``s_axis``, once those before them have been taken; see :func:`cmfpga.words.encode`."""
+        """Send words to ``s_axis``, once those before them have been taken; see :func:`cmfpga.protocol.words.encode`."""
         words = np.ascontiguousarray(words, np.uint64)
         timeout = self.timeout if timeout is None else _checked(timeout)
         for first in range(0, len(words), self.backend.max_words):

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..kv260 import DMA_LENGTH_BITS
+from ..boards.kv260 import DMA_LENGTH_BITS
 from .backend import Backend
 from .errors import DeviceError, DeviceTimeout
 

@@ -3,8 +3,8 @@
 import time
 
 from ..engines.rtl import schedule_table, settings_values
-from ..registers import register_map
-from ..words import setting_words
+from ..protocol.registers import register_map
+from ..protocol.words import setting_words
 from .errors import DeviceTimeout
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..batch import BatchSettings, Flag, clamp_roi
 from ..config import PRESETS
 from ..events.arrays import Events
+from ..protocol.batch import BatchSettings, Flag, clamp_roi
 
 FILE = "golden.json"
 

@@ -2,7 +2,7 @@
 
 from .. import __version__
 from ..config import PRESETS, Config
-from ..registers import ID, MAP_VERSION, register_map
+from ..protocol.registers import ID, MAP_VERSION, register_map
 from .errors import WrongHardware
 
 

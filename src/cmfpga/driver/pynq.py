@@ -15,7 +15,7 @@ import select
 import numpy as np
 from pynq import DefaultIP, UnsupportedConfiguration, allocate
 
-from ..kv260 import BUFFER_EVENTS_SIZE, BUFFER_RESULTS_SIZE, MODULE_VLNV, VLNV
+from ..boards.kv260 import BUFFER_EVENTS_SIZE, BUFFER_RESULTS_SIZE, MODULE_VLNV, VLNV
 from .accelerator import Accelerator
 from .axi_dma import DmaBackend
 from .errors import WrongHardware

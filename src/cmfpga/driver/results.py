@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass, fields
 
-from ..batch import BatchOutcome, Flag
-from ..words import result_values
+from ..protocol.batch import BatchOutcome, Flag
+from ..protocol.words import result_values
 
 SUMS = ("i", "dx", "dy", "sx", "sy")
 
 
 @dataclass(frozen=True, kw_only=True)
 class WireResult(BatchOutcome):
-    """What a result packet carries: a :class:`~cmfpga.batch.BatchOutcome`, and more of the hardware's own.
+    """What a result packet carries: a :class:`~cmfpga.protocol.batch.BatchOutcome`, and more of the hardware's own.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def from_words(config, registers, words):
 
 
 def differences(result, expected):
-    """Where a :class:`WireResult` differs from the integer model's :class:`~cmfpga.batch.BatchResult`.
+    """Where a :class:`WireResult` differs from the integer model's :class:`~cmfpga.protocol.batch.BatchResult`.
 
     Returns
     -------

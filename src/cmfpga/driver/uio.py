@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..kv260 import BUFFER_EVENTS, BUFFER_RESULTS, LINUX_CLOCK, UIO_DMA, UIO_REGISTERS
+from ..boards.kv260 import BUFFER_EVENTS, BUFFER_RESULTS, LINUX_CLOCK, UIO_DMA, UIO_REGISTERS
 from .axi_dma import DmaBackend
 from .errors import DeviceError
 

@@ -23,7 +23,7 @@ def make_engine(name, config):
         return make_rtl_engine(config)
     if name == AXI:
         from ..driver import Accelerator
-        from ..driver.simulation import SimulationBackend
+        from ..simulation.axi_top import SimulationBackend
 
         return Accelerator(SimulationBackend(config)).engine
     if name == "model":

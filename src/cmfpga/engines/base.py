@@ -5,8 +5,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from ..batch import BatchResult, Flag, Trace, clamp_roi
 from ..errors import ConfigError
+from ..protocol.batch import BatchResult, Flag, Trace, clamp_roi
 
 
 def check_roi(config, roi):

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from ..batch import BatchResult, Flag, Trace
+from ..protocol.batch import BatchResult, Flag, Trace
 from ..reference.floating import ascend, ascend_by_signs, dither, float64, scaled_times
 from ..reference.ingest import take_in
 from ..reference.roi_follower import RoiFollower

@@ -5,7 +5,7 @@ from abc import abstractmethod
 
 import numpy as np
 
-from ..batch import BatchResult, Flag, Trace
+from ..protocol.batch import BatchResult, Flag, Trace
 from .base import Engine
 
 COMPILERS = ("c++", "g++", "clang++")

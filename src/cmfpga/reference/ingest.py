@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..batch import Flag
+from ..protocol.batch import Flag
 from .integer.roi_filter import roi_filter
 from .integer.thinner import next_thinning, thinner
 

@@ -11,7 +11,7 @@ def move_within(position, step, limits):
 
 
 class RoiFollower:
-    """The ROI's position between batches (Eq. roi_update), as :mod:`cmfpga.rtl.roi_updater` keeps it.
+    """The ROI's position between batches (Eq. roi_update), as :mod:`cmfpga.rtl.ascent.roi_updater` keeps it.
 
     With one event buffer a batch is cropped where the position is. With two, it is cropped before the move of the
     batch ahead of it is known: where the position would be if the last known move were repeated.

@@ -51,7 +51,7 @@ def _parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    from .kept import FILE, Kept
+    from ..tracking.kept import FILE, Kept
     from .page import write_page
 
     options = _parser().parse_args(arguments)

@@ -14,9 +14,9 @@ import numpy as np
 
 from .. import __version__
 from ..config import PRESETS, Config
-from ..dither import DITHER_BITS, FACTORS
+from ..config.dither import DITHER_BITS, FACTORS
 from ..errors import ConfigError
-from ..reference.tracker import COLUMNS
+from ..tracking.loop import COLUMNS
 from .story import Story
 
 #: What the columns of ``track.csv`` are called on the page, and their units.

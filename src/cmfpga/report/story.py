@@ -8,9 +8,9 @@ import warnings
 import numpy as np
 from amaranth.hdl import UnusedElaboratable
 
-from ..batch import Flag
-from ..dither import DITHER_BITS, FACTORS
-from ..iwe import image_of_warped_events
+from ..config.dither import DITHER_BITS, FACTORS
+from ..imaging.iwe import image_of_warped_events
+from ..protocol.batch import Flag
 from ..rtl.core import Core
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
@@ -223,7 +223,7 @@ class Story:
 
 
 def _dither(n):
-    """Offsets of n events along x and y: the sequence of :mod:`cmfpga.dither`, in float64, −½ … ½ px."""
+    """Offsets of n events along x and y: the sequence of :mod:`cmfpga.config.dither`, in float64, −½ … ½ px."""
     half_steps = 2 * np.arange(n) + 1
     return [half_steps * factor / 2 ** (DITHER_BITS + 1) % 1 - 0.5 for factor in FACTORS]
 

@@ -6,27 +6,27 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
-from ..batch import Flag
 from ..errors import ConfigError
+from ..protocol.batch import Flag
 from . import payloads
-from .accumulator import Accumulator
+from .ascent.gradient import Gradient
+from .ascent.roi_updater import RoiUpdater
+from .ascent.schedule import Schedule
+from .ascent.sign_updater import SignUpdater
+from .ascent.updater import Updater
 from .batch_control import BatchControl
-from .dither import Dither
-from .event_buffer import EventBuffer
-from .gradient import Gradient
-from .gradient_reader import GradientReader
-from .one_pass_gradient import OnePassGradient
-from .reciprocal import Reciprocal
-from .roi_filter import RoiFilter
-from .roi_updater import RoiUpdater
-from .schedule import Schedule
-from .sign_updater import SignUpdater
-from .tagged_accumulator import TaggedAccumulator
-from .thinner import Thinner
-from .time_scaler import TimeScaler
-from .updater import Updater
-from .voter import BilinearVoter
-from .warp import Warp
+from .image.accumulator import Accumulator
+from .image.dither import Dither
+from .image.gradient_reader import GradientReader
+from .image.one_pass_gradient import OnePassGradient
+from .image.tagged_accumulator import TaggedAccumulator
+from .image.time_scaler import TimeScaler
+from .image.voter import BilinearVoter
+from .image.warp import Warp
+from .ingest.event_buffer import EventBuffer
+from .ingest.reciprocal import Reciprocal
+from .ingest.roi_filter import RoiFilter
+from .ingest.thinner import Thinner
 
 
 class Core(wiring.Component):

@@ -3,8 +3,8 @@
 from amaranth.hdl import signed
 from amaranth.lib import data, stream
 
-from ..batch import Flag
 from ..fixed import bits_for
+from ..protocol.batch import Flag
 
 CYCLE_BITS = 32
 THINNING_BITS = 8
@@ -141,7 +141,7 @@ def roi_corner(config):
 
 
 def settings(config):
-    """Run-time inputs, taken over when a batch's first event is offered (see :class:`cmfpga.batch.BatchSettings`)."""
+    """Run-time inputs, taken over when a batch's first event is offered (see :class:`cmfpga.protocol.batch.BatchSettings`)."""
     return data.StructLayout(
         {
             "roi_load": 1,
@@ -199,7 +199,7 @@ def batch(config):
 
 
 def result(config):
-    """One batch's result (see :class:`cmfpga.batch.BatchResult`).
+    """One batch's result (see :class:`cmfpga.protocol.batch.BatchResult`).
 
     ``events = roi_events + outside + overflow + thinned + time_back + time_span``: no event is lost without being
     counted.

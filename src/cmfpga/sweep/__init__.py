@@ -64,7 +64,7 @@ def main(arguments=None):
     options = _parser().parse_args(arguments)
     _require("pandas", "pyarrow", "jinja2")
     if options.resources:
-        from .. import resources
+        from ..verilog import resources
 
         resources.require_yosys()
     run = plan.Run(

@@ -6,9 +6,9 @@ import statistics
 
 import pandas
 
-from .. import resources
 from ..config import Config
-from ..reference.tracker import COLUMNS
+from ..tracking.loop import COLUMNS
+from ..verilog import resources
 from .store import write_atomically
 from .task import version
 

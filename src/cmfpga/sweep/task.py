@@ -110,8 +110,8 @@ def _track(task):
     from amaranth.hdl import UnusedElaboratable
 
     from ..events import BatchCutter, open_recording
-    from ..reference.tracker import track
-    from ..tracking import open_engine
+    from ..tracking.loop import track
+    from ..tracking.result import open_engine
 
     # A core whose library is in the cache is asked for its ports, and not elaborated again.
     warnings.filterwarnings("ignore", category=UnusedElaboratable)
@@ -168,9 +168,9 @@ def estimate_resources(argument):
 
 
 def _estimate(config):
-    from .. import resources
-    from ..emit import emit_verilog
     from ..rtl.top import VerilogCore
+    from ..verilog import resources
+    from ..verilog.emit import emit_verilog
 
     found = resources.estimate(emit_verilog(VerilogCore(config)))
     return {"total": found["total"], "yosys": found["yosys"], "estimate": found["estimate"]}

@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.accumulator`."""
+"""Model of :mod:`cmfpga.rtl.image.accumulator`."""
 
 from typing import NamedTuple
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...batch import BatchResult, Flag, Trace
+from ...protocol.batch import BatchResult, Flag, Trace
 from ..ingest import take_in
 from ..roi_follower import RoiFollower
 from .accumulator import Images, accumulator

@@ -1,8 +1,8 @@
-"""Model of :mod:`cmfpga.rtl.dither`."""
+"""Model of :mod:`cmfpga.rtl.image.dither`."""
 
 import torch
 
-from ...dither import DITHER_BITS, FACTORS
+from ...config.dither import DITHER_BITS, FACTORS
 
 
 def dither(config, x, y):

@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.gradient_reader` (the sums) and :mod:`cmfpga.rtl.gradient` (G)."""
+"""Model of :mod:`cmfpga.rtl.image.gradient_reader` (the sums) and :mod:`cmfpga.rtl.ascent.gradient` (G)."""
 
 from typing import NamedTuple
 

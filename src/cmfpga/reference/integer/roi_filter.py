@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.roi_filter`."""
+"""Model of :mod:`cmfpga.rtl.ingest.roi_filter`."""
 
 from dataclasses import dataclass
 

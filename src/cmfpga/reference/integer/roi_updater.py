@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.roi_updater`: one move."""
+"""Model of :mod:`cmfpga.rtl.ascent.roi_updater`: one move."""
 
 from ..roi_follower import move_within
 

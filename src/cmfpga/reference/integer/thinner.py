@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.thinner`."""
+"""Model of :mod:`cmfpga.rtl.ingest.thinner`."""
 
 
 def next_thinning(count, target):

@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.reciprocal` and :mod:`cmfpga.rtl.time_scaler`."""
+"""Model of :mod:`cmfpga.rtl.ingest.reciprocal` and :mod:`cmfpga.rtl.image.time_scaler`."""
 
 from ...fixed import round_half_up
 

@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.updater`."""
+"""Model of :mod:`cmfpga.rtl.ascent.updater`."""
 
 from ...fixed import floor_shift, round_half_up, saturate
 

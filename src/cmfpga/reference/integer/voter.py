@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.voter`."""
+"""Model of :mod:`cmfpga.rtl.image.voter`."""
 
 from typing import NamedTuple
 

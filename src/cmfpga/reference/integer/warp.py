@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.warp`."""
+"""Model of :mod:`cmfpga.rtl.image.warp`."""
 
 from ...fixed import floor_shift, saturate
 

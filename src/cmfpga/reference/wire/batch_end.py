@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.axi.batch_end`."""
+"""Model of :mod:`cmfpga.rtl.shell.batch_end`."""
 
 from dataclasses import dataclass
 

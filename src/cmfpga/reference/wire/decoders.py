@@ -1,9 +1,9 @@
-"""Models of :mod:`cmfpga.rtl.axi.evt21_decoder`, ``evt20_decoder``, ``packed_decoder`` and ``sensor_gate``."""
+"""Models of :mod:`cmfpga.rtl.shell.evt21_decoder`, ``evt20_decoder``, ``packed_decoder`` and ``sensor_gate``."""
 
 from collections import Counter
 from typing import NamedTuple
 
-from ...word_format import EVENT_TYPES, HIGH_BITS, LOW_BITS, OTHER_TYPES, TIME_HIGH
+from ...protocol.word_format import EVENT_TYPES, HIGH_BITS, LOW_BITS, OTHER_TYPES, TIME_HIGH
 
 WHOLE = 0xFF
 
@@ -124,7 +124,7 @@ def decode(config, beats, form, *, swap=False):
         ``time_bits``: what is left of time stamps.
     beats : iterable of Beat
     form : str
-        Key of :data:`cmfpga.registers.FORMATS`.
+        Key of :data:`cmfpga.protocol.registers.FORMATS`.
     swap : bool
         The halves of each word come exchanged.
     """

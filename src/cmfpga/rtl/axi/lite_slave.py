@@ -4,8 +4,8 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from ...registers.declaration import ADDRESS_BITS
-from . import payloads
+from ...protocol.registers.declaration import ADDRESS_BITS
+from ..shell import payloads
 
 
 class LiteSlave(wiring.Component):

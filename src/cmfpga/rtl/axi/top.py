@@ -3,19 +3,19 @@
 from amaranth.hdl import ClockDomain, DomainRenamer, Elaboratable, Module, Mux, ResetInserter, Signal
 from amaranth.lib.wiring import connect
 
-from ...flags import Flag
-from ...registers.declaration import ADDRESS_BITS, register_map
+from ...protocol.flags import Flag
+from ...protocol.registers.declaration import ADDRESS_BITS, register_map
 from ..core import Core
-from . import payloads
-from .batch_end import BatchEnd
-from .counters import Counters
-from .input_path import InputPath
+from ..shell import payloads
+from ..shell.batch_end import BatchEnd
+from ..shell.counters import Counters
+from ..shell.input_path import InputPath
+from ..shell.register_bank import RegisterBank
+from ..shell.result_packet import ResultPacket
+from ..shell.schedule_store import ScheduleStore
+from ..shell.settings import Settings
 from .lite_slave import LiteSlave
 from .ports import axi_ports
-from .register_bank import RegisterBank
-from .result_packet import ResultPacket
-from .schedule_store import ScheduleStore
-from .settings import Settings
 from .skid_buffer import SkidBuffer
 
 
@@ -32,7 +32,7 @@ class KV260Top(Elaboratable):
     Parameters
     ----------
     config : Config
-        Raises :exc:`ConfigError` where :func:`cmfpga.registers.declaration.check` does.
+        Raises :exc:`ConfigError` where :func:`cmfpga.protocol.registers.declaration.check` does.
 
     Attributes
     ----------

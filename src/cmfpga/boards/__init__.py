@@ -1,0 +1,1 @@
+"""Boards: facts of each that software needs."""

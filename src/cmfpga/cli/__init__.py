@@ -1,0 +1,225 @@
+"""What the command lines share: the configuration's options, and errors in one line."""
+
+import argparse
+import contextlib
+import dataclasses
+import re
+import sys
+from pathlib import Path
+
+from .. import __version__
+from ..config import DEFAULT_PRESET, PRESETS, Config, preset
+from ..errors import ConfigError, UserError
+
+#: What stands before a command's name in its help: that of ``python -m cmfpga.NAME``, or of the command ``cmfpga``.
+_prefix = "python -m cmfpga."
+
+
+@contextlib.contextmanager
+def called_as(prefix):
+    """Let parsers that are made meanwhile call themselves ``prefix`` and their name."""
+    global _prefix
+    before, _prefix = _prefix, prefix
+    try:
+        yield
+    finally:
+        _prefix = before
+
+
+def parser(name, description, examples):
+    """An argument parser for ``python -m cmfpga.NAME`` and ``cmfpga NAME``, with examples at the end of its help.
+
+    Examples begin with ``python -m cmfpga.NAME``; in the help of ``cmfpga NAME`` they begin with that.
+    """
+    examples = [re.sub(r"python -m cmfpga\.(\w+)", rf"{_prefix}\1", line) for line in examples]
+    made = _Parser(
+        prog=f"{_prefix}{name}",
+        description=description,
+        epilog="examples:\n" + "".join(f"  {line}\n" for line in examples),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    made.add_argument("--version", action="version", version=f"cmfpga {__version__}")
+    return made
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises :exc:`UserError` for a mistake, and takes ``--roi -1,5`` for an option with its value."""
+
+    def parse_known_args(self, args=None, namespace=None):
+        if _captured is not None:
+            raise _Captured(self)
+        args = [*(sys.argv[1:] if args is None else args)]
+        for argument in args:
+            if argument == "--":
+                break
+            if argument.startswith("--") and argument.endswith("=--"):
+                # argparse of Python 3.11 loses the value, and fails.
+                raise UserError(f"argument {argument[:-3]}: '--' is no value (--help lists the options)")
+        return super().parse_known_args(_join_negative(args), namespace)
+
+    def error(self, message):
+        raise UserError(f"{message} (--help lists the options)")
+
+
+def _join_negative(arguments):
+    """``--roi -1,5`` as ``--roi=-1,5``: argparse would take the value for an option."""
+    joined = []
+    for argument in arguments:
+        last = joined[-1] if joined else ""
+        if re.match(r"-[\d.]", argument) and re.fullmatch(r"--[a-z][a-z-]*", last):
+            joined[-1] = f"{last}={argument}"
+        else:
+            joined.append(argument)
+    return joined
+
+
+class _Captured(Exception):
+    """Ends a ``main`` as soon as it parses; its argument is the parser."""
+
+
+_captured = None
+
+
+def parser_of(main):
+    """The parser that ``main(arguments)`` of a command makes; nothing else of it is run."""
+    global _captured
+    _captured = True
+    try:
+        main([])
+    except _Captured as captured:
+        return captured.args[0]
+    finally:
+        _captured = None
+    raise TypeError(f"{main.__module__}.main does not parse its arguments with cli.parser")
+
+
+def add_config_options(made):
+    """``--preset``, ``--set`` and ``--list-fields``."""
+    group = made.add_argument_group("configuration")
+    group.add_argument(
+        "--preset",
+        default=DEFAULT_PRESET,
+        metavar="P",
+        help=f"one of: {', '.join(PRESETS)} (default: {DEFAULT_PRESET})",
+    )
+    group.add_argument(
+        "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"
+    )
+    group.add_argument("--list-fields", action=_ListFields, help="list all fields with their defaults and units")
+
+
+def config_changes(options):
+    """The fields that ``--set`` names, as a dictionary."""
+    return Config.parse(options.assignments)
+
+
+def make_config(options, **defaults):
+    """The configuration that the options ask for; ``defaults`` go before the preset's values, ``--set`` before all."""
+    return preset(options.preset).replace(**{**defaults, **config_changes(options)})
+
+
+class _ListFields(argparse.Action):
+    def __init__(self, *args, **options):
+        super().__init__(*args, nargs=0, **options)
+
+    def __call__(self, parser, *_):
+        for field in dataclasses.fields(Config):
+            meta = field.metadata
+            unit = f" [{meta['unit']}]" if meta["unit"] else ""
+            when = "; run-time" if meta["runtime"] else ""
+            print(f"{field.name} = {field.default}{unit}: {meta['doc']}{when}")
+        parser.exit()
+
+
+def add_batch_options(made):
+    """How a recording is cut into batches, and where the first one begins."""
+    size = made.add_argument_group("batches (one of; default: --batch-events 5000)").add_mutually_exclusive_group()
+    size.add_argument("--batch-events", type=positive, metavar="N", help="events of the whole sensor")
+    size.add_argument("--batch-us", type=positive, metavar="D", help="duration, µs")
+    size.add_argument("--batch-roi-events", type=positive, metavar="M", help="events in the ROI")
+    made.add_argument("--start-event", type=natural, default=0, metavar="K", help="first event (default: 0)")
+
+
+def add_recording_options(made):
+    """``--sensor`` and ``--time-unit``, for :func:`recording_options`."""
+    made.add_argument("--sensor", type=pair("W,H"), metavar="W,H", help="sensor size, px, if the file doesn't say")
+    made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
+
+
+def files(action):
+    """Marks an argument of argparse as a file, for the completion of shells."""
+    action.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}
+    return action
+
+
+def pair(what):
+    """A parser of ``A,B`` (two integers) for argparse."""
+
+    def parse(text):
+        parts = text.split(",")
+        try:
+            first, second = (int(part) for part in parts)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r}: {what}, two whole numbers, is needed") from None
+        return first, second
+
+    return parse
+
+
+def positive(text):
+    """A parser of an integer of 1 or more for argparse."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of 1 or more is needed")
+    return number
+
+
+def natural(text):
+    """A parser of an integer of 0 or more for argparse."""
+    try:
+        number = int(text)
+    except ValueError:
+        number = -1
+    if number < 0:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of 0 or more is needed")
+    return number
+
+
+def output_folder(path):
+    """``path`` as an existing folder in which files can be made."""
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe = folder / ".cmfpga-write-test"
+        probe.touch()
+        probe.unlink()
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the path
+        raise ConfigError(f"--out {path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
+    return folder
+
+
+def run(main, arguments=None):
+    """Call ``main(arguments)``; a user's mistake, or the system's refusal, becomes one line and exit status 2."""
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # a terminal or a pipe may not have every sign of a path or a unit
+            stream.reconfigure(errors="backslashreplace")
+    try:
+        return main(arguments)
+    except UserError as error:
+        return _fail(str(error))
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 1
+    except OSError as error:  # such as a full disk, or a folder where a file is to be written
+        return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+def _fail(message):
+    print("error:", " ".join(message.splitlines()), file=sys.stderr)
+    return 2

@@ -1,0 +1,109 @@
+"""The command ``cmfpga``: one name for all tools. ``cmfpga NAME …`` is ``python -m cmfpga.NAME …``.
+
+A subcommand is a module with ``main(arguments)``, which parses by ``cli.parser`` and returns the exit status. It is
+imported when it is called, so that ``cmfpga --help`` takes no time.
+"""
+
+import argparse
+import difflib
+import importlib
+import sys
+
+from .. import __version__, cli
+from ..errors import UserError
+
+#: Module and purpose of each subcommand, in the order of the help.
+COMMANDS = {
+    "info": ("info", "what a recording holds, and an ROI and batches that suit it"),
+    "track": ("track", "follow objects through a recording"),
+    "sweep": ("sweep", "many recordings with many configurations, and which did best"),
+    "build": ("build", "emit the accelerator as Verilog"),
+    "bench": ("bench", "cycles of the accelerator, and times of programs for the same"),
+    "report": ("report", "one page of a track: what moved, where to, how fast"),
+    "accuracy": ("accuracy", "how well the motion is found, on batches whose motion is known and on real ones"),
+    "driver": ("driver.__main__", "self-test of the accelerator: simulated, or on a board"),
+    "generate": ("generate", "write a synthetic recording with known motion"),
+}
+
+EXAMPLES = (
+    "cmfpga info rec.h5",
+    "cmfpga track rec.h5 --roi auto",
+    "cmfpga track --help",
+    "cmfpga --print-completion bash > ~/.local/share/bash-completion/completions/cmfpga",
+)
+
+
+def load(name):
+    """The module of the subcommand ``name``."""
+    if name not in COMMANDS:
+        near = difflib.get_close_matches(name, COMMANDS, n=1)
+        meant = f"did you mean {near[0]!r}? One" if near else "one"
+        raise UserError(f"{name[:40]!r}: no such subcommand; {meant} of {', '.join(COMMANDS)} is needed")
+    return importlib.import_module(f"cmfpga.{COMMANDS[name][0]}")
+
+
+def _parser():
+    made = argparse.ArgumentParser(
+        prog="cmfpga",
+        description="Contrast Maximization for event cameras on an FPGA.",
+        epilog="subcommands:\n"
+        + "".join(f"  {name:<10} {purpose}\n" for name, (_, purpose) in COMMANDS.items())
+        + "\nexamples:\n"
+        + "".join(f"  {line}\n" for line in EXAMPLES),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        usage="cmfpga [--help] [--version] [--print-completion SHELL] SUBCOMMAND …",
+        exit_on_error=False,
+    )
+    _add_options(made)
+    return made
+
+
+def _add_options(made):
+    made.add_argument("--version", action="version", version=f"cmfpga {__version__}")
+    made.add_argument(
+        "--print-completion", choices=("bash", "zsh", "tcsh"), metavar="SHELL",
+        help="print a script by which bash, zsh or tcsh completes subcommands, options and files; needs shtab",
+    )  # fmt: skip
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    arguments = [*(sys.argv[1:] if arguments is None else arguments)]
+    if arguments and not arguments[0].startswith("-"):
+        name, *rest = arguments
+        with cli.called_as("cmfpga "):
+            return load(name).main(rest)
+    try:
+        options, unknown = _parser().parse_known_args(arguments)
+    except argparse.ArgumentError as error:
+        raise UserError(f"{error} (--help lists the options)") from None
+    if options.print_completion:
+        print(_completion(options.print_completion))
+        return 0
+    if unknown:
+        raise UserError(f"{unknown[0]}: a subcommand is needed first: {', '.join(COMMANDS)} (--help)")
+    _parser().print_help()
+    return 2
+
+
+def _completion(shell):
+    """A script for ``shell`` of all subcommands and their options."""
+    try:
+        import shtab
+    except ModuleNotFoundError as error:
+        if error.name != "shtab":
+            raise
+        raise UserError("--print-completion: shtab is not installed; pip install 'cmfpga[completion]'") from None
+    whole = argparse.ArgumentParser(prog="cmfpga")
+    _add_options(whole)
+    commands = whole.add_subparsers()
+    with cli.called_as("cmfpga "):
+        for name, (_, purpose) in COMMANDS.items():
+            # The copy has the subcommand's own --help, too.
+            commands.add_parser(name, parents=[cli.parser_of(load(name).main)], add_help=False, help=purpose)
+    return shtab.complete(whole, shell=shell)
+
+
+def entry():
+    """The entry point."""
+    return cli.run(main)

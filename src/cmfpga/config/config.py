@@ -1,0 +1,497 @@
+"""The one configuration that shapes everything: hardware, integer model, float reference, tools.
+
+A :class:`Config` is frozen and validated on construction. Fields marked *run-time* only set the value that the
+tools write to an input of the hardware before a batch; all others shape the hardware itself. Everything
+derived from the fields is a property, so that no width is written twice.
+
+This module imports neither Amaranth nor NumPy nor torch.
+"""
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import cached_property
+
+from ..errors import ConfigError
+from ..fixed import Q, bits_for, signed_bits_for
+from .schedule import parse_schedule
+
+START_MODES = ("zero", "given", "last")
+GRADIENTS = ("sweep", "one_pass")
+ASCENTS = ("constant", "sign")
+RAM_STYLES = ("auto", "block", "ultra")
+
+# Measured best on synthetic and real batches; see docs/accuracy.md.
+COLD = "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5"
+WARM = "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5"
+
+
+def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=False):
+    """A documented field; ``low … high`` or ``choices`` is what validation allows."""
+    meta = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "runtime": runtime}
+    return dataclasses.field(default=default, metadata=meta)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """Parameters of one accelerator.
+
+    Raises
+    ------
+    ConfigError
+        Names the field, its value and what is allowed.
+    """
+
+    # Geometry
+    sensor_width: int = _field(240, "columns of the sensor", unit="px", low=2, high=4096)
+    sensor_height: int = _field(180, "rows of the sensor", unit="px", low=2, high=4096)
+    roi_width: int = _field(64, "columns of the region of interest (ROI), even", unit="px", low=2, high=4096)
+    roi_height: int = _field(64, "rows of the ROI, even", unit="px", low=2, high=4096)
+
+    # Batches
+    buffer_events: int = _field(2048, "ROI events that the event buffer holds", unit="events", low=1, high=1 << 17)
+    buffers: int = _field(
+        1, "event buffers; with 2 a batch is taken in while the one before is optimised", low=1, high=2
+    )
+    max_batch_events: int = _field(
+        65535, "largest batch, in events of the whole sensor", unit="events", low=1, high=(1 << 31) - 1
+    )
+    time_bits: int = _field(32, "width of the camera's time stamps, which wrap", unit="bits of µs", low=8, high=48)
+    span_bits: int = _field(24, "width of times relative to the batch's first event", unit="bits of µs", low=4, high=32)
+    min_roi_events: int = _field(
+        1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
+    )
+    thinning: int = _field(1, "store one ROI event in so many", low=1, high=255, runtime=True)
+    thin_target: int = _field(
+        0,
+        "choose the thinning so that about so many are stored; 0: off",
+        unit="events",
+        low=0,
+        high=1 << 17,
+        runtime=True,
+    )
+
+    # Ascent
+    gradient: str = _field("sweep", "gradient architecture", choices=GRADIENTS)
+    ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=ASCENTS)
+    iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
+    max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
+    cold: str = _field(COLD, "schedule of the sign ascent without a last v", runtime=True)
+    warm: str = _field(WARM, "schedule of the sign ascent from the last v", runtime=True)
+    schedule_entries: int = _field(32, "iterations that the table of schedules holds, cold and warm", low=2, high=256)
+    max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
+    eta: float = _field(
+        1.0, "step η of the gradient ascent", unit="(px/half batch)² per (events/px)²", low=0.0, runtime=True
+    )
+    start: str = _field("last", "start velocity of a batch", choices=START_MODES, runtime=True)
+    v_start_x: float = _field(0.0, "start velocity along x when start = given", unit="px/half batch", runtime=True)
+    v_start_y: float = _field(0.0, "start velocity along y when start = given", unit="px/half batch", runtime=True)
+    roi_gain: float = _field(2.0, "ROI displacement per v; 2 because v is per half batch", low=0.0, runtime=True)
+
+    # Fixed-point formats
+    dt_frac: int = _field(12, "fraction bits of dt (range −1 … 1)", unit="bits", low=2, high=16)
+    v_int: int = _field(5, "integer bits of v", unit="bits", low=1, high=10)
+    v_frac: int = _field(12, "fraction bits of v", unit="bits", low=1, high=16)
+    position_frac: int = _field(8, "fraction bits of a warped position", unit="bits", low=1, high=12)
+    weight_frac: int = _field(8, "fraction bits of a vote", unit="bits", low=1, high=16)
+    derivative_frac: int = _field(8, "fraction bits of a vote's derivative", unit="bits", low=1, high=16)
+    reciprocal_bits: int = _field(16, "precision of the reciprocal of the batch's range", unit="bits", low=4, high=17)
+    gradient_int: int = _field(11, "integer bits of the contrast's gradient", unit="bits", low=1, high=20)
+    gradient_frac: int = _field(24, "fraction bits of the contrast's gradient", unit="bits", low=4, high=32)
+    eta_int: int = _field(6, "integer bits of η", unit="bits", low=0, high=10)
+    eta_frac: int = _field(10, "fraction bits of η", unit="bits", low=1, high=16)
+    roi_gain_int: int = _field(2, "integer bits of roi_gain", unit="bits", low=1, high=4)
+    roi_gain_frac: int = _field(4, "fraction bits of roi_gain", unit="bits", low=0, high=8)
+    dither_frac: int = _field(0, "fraction bits of the dither of positions; 0: none", unit="bits", low=0, high=8)
+    tag_bits: int = _field(8, "width of the iteration's number in the one-pass banks", unit="bits", low=2, high=20)
+
+    # Memories
+    ram_style: str = _field("auto", "kind of RAM of the banks", choices=RAM_STYLES)
+
+    # ---------------------------------------------------------------- validation
+
+    def __post_init__(self):
+        for field in dataclasses.fields(self):
+            self._check_field(field, getattr(self, field.name))
+        self._check_size("roi_width", "sensor_width")
+        self._check_size("roi_height", "sensor_height")
+        if self.gradient == "sweep":
+            for name in ("roi_width", "roi_height"):
+                if getattr(self, name) % 2:
+                    raise ConfigError(
+                        f"{name} = {getattr(self, name)}: an even number of pixels is needed by the sweep"
+                    )
+        if self.span_bits >= self.time_bits:
+            raise ConfigError(
+                f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
+                "or a step back in time could not be told from a long batch"
+            )
+        self._check_size("iterations", "max_iterations")
+        self._check_size("min_roi_events", "buffer_events")
+        self._check_size("thin_target", "buffer_events")
+        for name, fmt in (
+            ("eta", self.eta_format),
+            ("roi_gain", self.roi_gain_format),
+            ("v_start_x", self.v),
+            ("v_start_y", self.v),
+        ):
+            self._check_real(name, fmt)
+        if self.ascent == "sign" and len(self.cold_schedule) + len(self.warm_schedule) > self.schedule_entries:
+            raise ConfigError(
+                f"cold and warm: {len(self.cold_schedule)} + {len(self.warm_schedule)} iterations; "
+                f"at most {self.schedule_entries} are allowed in all (schedule_entries)"
+            )
+        if self.dither_frac > self.dt_frac + self.v_frac:
+            raise ConfigError(
+                f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
+            )
+        for what, width in self.exact_widths.items():
+            if width > 63:
+                raise ConfigError(
+                    f"{what} needs {width} bits, more than the 63 that the exact integer model has: "
+                    "a smaller buffer_events, ROI, or fraction width is needed"
+                )
+
+    def _check_field(self, field, value):
+        meta = field.metadata
+        if meta["choices"]:
+            if value not in meta["choices"]:
+                raise ConfigError(f"{field.name} = {value!r}: one of {', '.join(meta['choices'])} is needed")
+            return
+        if field.type is str:
+            if not isinstance(value, str):
+                raise ConfigError(f"{field.name} = {value!r}: text is needed")
+            return
+        kind = (int,) if field.type is int else (int, float)
+        if isinstance(value, bool) or not isinstance(value, kind):
+            raise ConfigError(
+                f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed"
+            )
+        low, high = meta["low"], meta["high"]
+        if value != value or (low is not None and value < low) or (high is not None and value > high):
+            allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
+            raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
+
+    def _check_size(self, name, limit):
+        if getattr(self, name) > getattr(self, limit):
+            raise ConfigError(f"{name} = {getattr(self, name)}: at most {getattr(self, limit)} is allowed ({limit})")
+
+    def _check_real(self, name, fmt):
+        value = getattr(self, name)
+        low, high = fmt.real(fmt.min), fmt.real(fmt.max)
+        if not low <= value <= high:
+            raise ConfigError(f"{name} = {value!r}: {low:g} to {high:g} is needed ({fmt})")
+        if value and not fmt.raw(value):
+            raise ConfigError(f"{name} = {value!r}: smaller than the step {fmt.step:g} of its format {fmt}")
+
+    # ---------------------------------------------------------------- construction
+
+    def replace(self, **changes):
+        """A copy with some fields changed. Unknown names raise :exc:`ConfigError`."""
+        self._check_names(changes)
+        return dataclasses.replace(self, **changes)
+
+    @classmethod
+    def _check_names(cls, names):
+        known = [field.name for field in dataclasses.fields(cls)]
+        for name in names:
+            if name not in known:
+                raise ConfigError(f"{name!r}: no such field; the fields are {', '.join(known)}")
+
+    @classmethod
+    def parse(cls, assignments):
+        """Turn ``FIELD=VALUE`` strings into a dictionary for :meth:`replace`."""
+        types = {field.name: field.type for field in dataclasses.fields(cls)}
+        changes = {}
+        for text in assignments:
+            name, equals, value = text.partition("=")
+            if not equals:
+                raise ConfigError(f"{text!r}: FIELD=VALUE is needed")
+            cls._check_names([name])
+            try:
+                changes[name] = types[name](value)
+            except ValueError:
+                kind = "an integer" if types[name] is int else "a number"
+                raise ConfigError(f"{name} = {value!r}: {kind} is needed") from None
+        return changes
+
+    def to_dict(self):
+        """All fields, JSON-ready."""
+        return dataclasses.asdict(self)
+
+    @cached_property
+    def hardware_fields(self):
+        """The fields that shape the hardware (run-time values left out)."""
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if not f.metadata["runtime"]}
+
+    @cached_property
+    def hardware_hash(self):
+        """Hexadecimal SHA-256 of the hardware fields: equal hash, equal Verilog."""
+        return hashlib.sha256(json.dumps(self.hardware_fields, sort_keys=True).encode()).hexdigest()
+
+    # ---------------------------------------------------------------- formats (fixed by fields)
+
+    @property
+    def dt(self):
+        """Scaled time, −1 … 1 inclusive."""
+        return Q(1, self.dt_frac)
+
+    @property
+    def v(self):
+        """Velocity in pixels per half batch; saturates."""
+        return Q(self.v_int, self.v_frac)
+
+    @property
+    def eta_format(self):
+        """Step η of the ascent."""
+        return Q(self.eta_int, self.eta_frac, signed=False)
+
+    @property
+    def roi_gain_format(self):
+        """Gain of the ROI update."""
+        return Q(self.roi_gain_int, self.roi_gain_frac, signed=False)
+
+    @property
+    def gradient_format(self):
+        """Gradient of the contrast, ∂C/∂v, before it is multiplied by η; saturates."""
+        return Q(self.gradient_int, self.gradient_frac)
+
+    @property
+    def gain_format(self):
+        """η times the part of 2/P² that is not a power of two (see :attr:`gradient_scale`)."""
+        return Q(self.eta_int, self.eta_frac + 8, signed=False)
+
+    # ---------------------------------------------------------------- schedules of the sign ascent
+
+    def _schedule(self, name):
+        limits = {"max_level": self.max_level, "v": self.v, "entries": self.schedule_entries}
+        return parse_schedule(getattr(self, name), name=name, **limits)
+
+    @property
+    def cold_schedule(self):
+        """Iterations of a batch without a last v: tuple of :class:`~cmfpga.config.schedule.ScheduleEntry`."""
+        return self._schedule("cold")
+
+    @property
+    def warm_schedule(self):
+        """Iterations of a batch that starts from the last v."""
+        return self._schedule("warm")
+
+    # ---------------------------------------------------------------- geometry
+
+    def level_size(self, level):
+        """Columns and rows of the image whose pixels are 2^level px wide."""
+        return -(-self.roi_width // (1 << level)), -(-self.roi_height // (1 << level))
+
+    @property
+    def pixels(self):
+        """P, the ROI's number of pixels."""
+        return self.roi_width * self.roi_height
+
+    @property
+    def bank_columns(self):
+        """Columns of one parity bank."""
+        return (self.roi_width + 1) // 2
+
+    @property
+    def bank_rows(self):
+        """Rows of one parity bank."""
+        return (self.roi_height + 1) // 2
+
+    @property
+    def bank_words(self):
+        """Words of one parity bank that hold a pixel: P/4."""
+        return self.bank_columns * self.bank_rows
+
+    @property
+    def bank_column_bits(self):
+        """Address bits of a bank's column; the row stands above them, so that no multiplier is needed."""
+        return bits_for(self.bank_columns - 1)
+
+    @property
+    def bank_depth(self):
+        """Words of one parity bank's memory, the unused ends of rows included."""
+        return self.bank_rows << self.bank_column_bits
+
+    @property
+    def roi_x_max(self):
+        """Largest column of the ROI's left edge."""
+        return self.sensor_width - self.roi_width
+
+    @property
+    def roi_y_max(self):
+        """Largest row of the ROI's top edge."""
+        return self.sensor_height - self.roi_height
+
+    @property
+    def roi_x_format(self):
+        """Column of the ROI's left edge, with the fraction bits that the ROI update needs to be exact."""
+        return Q(bits_for(self.roi_x_max), self.v_frac + self.roi_gain_frac, signed=False)
+
+    @property
+    def roi_y_format(self):
+        """Row of the ROI's top edge."""
+        return Q(bits_for(self.roi_y_max), self.v_frac + self.roi_gain_frac, signed=False)
+
+    @property
+    def x_bits(self):
+        """Bits of a sensor column."""
+        return bits_for(self.sensor_width - 1)
+
+    @property
+    def y_bits(self):
+        """Bits of a sensor row."""
+        return bits_for(self.sensor_height - 1)
+
+    # ---------------------------------------------------------------- widths (proved by their bounds)
+
+    @property
+    def position_x(self):
+        """Warped column relative to the ROI, clamped to −2 … roi_width (whole pixels outside vote nowhere)."""
+        return Q(bits_for(self.roi_width), self.position_frac)
+
+    @property
+    def position_y(self):
+        """Warped row relative to the ROI, clamped to −2 … roi_height."""
+        return Q(bits_for(self.roi_height), self.position_frac)
+
+    @property
+    def weight_max(self):
+        """Largest single vote: weight 1."""
+        return 1 << self.weight_frac
+
+    @property
+    def derivative_max(self):
+        """Largest magnitude of a single derivative: |dt| = 1 times weight 1."""
+        return 1 << self.derivative_frac
+
+    @property
+    def image_max(self):
+        """Largest I of a pixel: every event of the buffer votes with weight 1."""
+        return self.buffer_events * self.weight_max
+
+    @property
+    def image_bits(self):
+        """Width of a word of I (unsigned)."""
+        return bits_for(self.image_max)
+
+    @property
+    def derivative_image_max(self):
+        """Largest magnitude of D of a pixel."""
+        return self.buffer_events * self.derivative_max
+
+    @property
+    def derivative_image_bits(self):
+        """Width of a word of Dx or Dy (two's complement)."""
+        return signed_bits_for(self.derivative_image_max)
+
+    @property
+    def sum_i_max(self):
+        """Bound of ΣI: the four weights of an event sum to 1, and each rounds by at most half a unit."""
+        return self.buffer_events * (self.weight_max + 2)
+
+    @property
+    def sum_i_bits(self):
+        """Width of ΣI (unsigned)."""
+        return bits_for(self.sum_i_max)
+
+    @property
+    def sum_d_max(self):
+        """Bound of |ΣD|: dropped corners leave at most two derivatives of one sign, which sum to |dt|, rounded."""
+        return self.buffer_events * (self.derivative_max + 1)
+
+    @property
+    def sum_d_bits(self):
+        """Width of ΣDx and ΣDy (two's complement)."""
+        return signed_bits_for(self.sum_d_max)
+
+    @property
+    def s_max(self):
+        """Bound of |S| = |Σ I·D| ≤ ΣI · max|D|."""
+        return self.sum_i_max * self.derivative_image_max
+
+    @property
+    def s_bits(self):
+        """Width of Sx and Sy (two's complement)."""
+        return signed_bits_for(self.s_max)
+
+    @property
+    def g_max(self):
+        """Bound of |G| = |P·S − ΣI·ΣD|."""
+        return self.pixels * self.s_max + self.sum_i_max * self.sum_d_max
+
+    @property
+    def g_bits(self):
+        """Width of Gx and Gy (two's complement)."""
+        return signed_bits_for(self.g_max)
+
+    @property
+    def gradient_scale(self):
+        """``(shift, mantissa)`` of the factor that turns G into ∂C/∂v.
+
+        With P² = ρ·2^q and 1 ≤ ρ < 2, ∂C/∂v = 2·G/(P²·2^(weight_frac + derivative_frac)) = G·2^-shift/ρ, and
+        ``mantissa`` = 2^16/ρ, rounded. The shift is free; the mantissa is folded into η once per batch.
+        """
+        square = self.pixels**2
+        q = square.bit_length() - 1
+        mantissa = ((1 << (q + 17)) + square) // (2 * square)
+        return self.weight_frac + self.derivative_frac + q - 1, mantissa
+
+    @property
+    def gradient_shift(self):
+        """Bits that the gradient drops from G (floored) to have ``gradient_frac`` of them; negative: none."""
+        return self.gradient_scale[0] - self.gradient_frac
+
+    @property
+    def step_shift(self):
+        """Bits between the product gradient · gain and v."""
+        return self.gradient_frac + self.gain_format.f - self.v_frac
+
+    @property
+    def exact_widths(self):
+        """Every intermediate that the integer model computes in 64 bits, with its width."""
+        return {
+            "G = P·S − ΣI·ΣD": self.g_bits + max(0, -self.gradient_shift),
+            "gradient · gain": self.gradient_format.width + self.gain_format.width + 1,
+            "time difference · reciprocal": self.span_bits + self.reciprocal_bits + 3,
+            "dt · v": self.dt.width + self.v.width + 1,
+            "warped position": max(self.x_bits, self.y_bits) + self.dt_frac + self.v_frac + self.v_int + 2,
+            "ROI position": self.roi_x_format.width + self.roi_gain_format.width + 2,
+        }
+
+
+_FAST = Config(
+    gradient="one_pass",
+    ascent="sign",
+    # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
+    buffer_events=2047,
+    tag_bits=7,
+    buffers=2,
+    max_level=2,
+    dt_frac=8,
+    v_frac=6,
+    position_frac=4,
+    weight_frac=4,
+    derivative_frac=4,
+    dither_frac=4,
+    reciprocal_bits=12,
+)
+
+PRESETS = {
+    "paper": Config(),
+    "fast": _FAST,
+    "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4096, tag_bits=9),
+    "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
+}
+
+#: What the commands take if no preset is given.
+DEFAULT_PRESET = "fast"
+
+
+def preset(name=DEFAULT_PRESET):
+    """The preset called ``name``."""
+    try:
+        return PRESETS[name]
+    except KeyError:
+        raise ConfigError(f"preset {name!r}: one of {', '.join(PRESETS)} is needed") from None

@@ -1,0 +1,58 @@
+"""Schedules of the sign ascent: which pixel size and which step each iteration uses.
+
+A schedule is written as entries ``LEVEL:LOG2STEP``, or ``LEVEL:LOG2STEP*COUNT``, separated by blanks: ``2:1*4 0:-5`` is
+four iterations with pixels 4 px wide and a step of 2 px per half batch, then one with full resolution and 1/32.
+"""
+
+import re
+from typing import NamedTuple
+
+from ..errors import ConfigError
+
+_ENTRY = re.compile(r"(\d{1,9}):(-?\d{1,9})(?:\*(\d{1,9}))?")
+
+
+class ScheduleEntry(NamedTuple):
+    """One iteration: pixels are 2^level px wide, v moves by 2^log2_step px per half batch along each axis."""
+
+    level: int
+    log2_step: int
+
+
+def parse_schedule(text, *, name, max_level, v, entries):
+    """The iterations of a schedule, a tuple of :class:`ScheduleEntry`.
+
+    Parameters
+    ----------
+    text : str
+        See above.
+    name : str
+        For messages.
+    max_level : int
+        Largest level that the hardware has.
+    v : Q
+        Format of v: steps from its unit to half its range.
+    entries : int
+        Length of the hardware's table.
+
+    Raises
+    ------
+    ConfigError
+        The text is malformed or empty, too long, or has a level or step out of range.
+    """
+    iterations = []
+    for word in str(text).split():
+        match = _ENTRY.fullmatch(word)
+        if not match:
+            raise ConfigError(f"{name}: {word!r}: LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed")
+        level, log2_step, count = int(match[1]), int(match[2]), int(match[3] or 1)
+        if level > max_level:
+            raise ConfigError(f"{name}: {word!r}: level 0 to {max_level} is needed (max_level)")
+        if not -v.f <= log2_step < v.i:
+            raise ConfigError(f"{name}: {word!r}: a log2 step of {-v.f} to {v.i - 1} is needed ({v})")
+        if not 1 <= count <= entries:
+            raise ConfigError(f"{name}: {word!r}: a count of 1 to {entries} is needed (schedule_entries)")
+        iterations += [ScheduleEntry(level, log2_step)] * count
+    if not 1 <= len(iterations) <= entries:
+        raise ConfigError(f"{name}: {len(iterations)} iterations: 1 to {entries} are needed (schedule_entries)")
+    return tuple(iterations)

@@ -1,0 +1,44 @@
+"""An accelerator as an engine."""
+
+import dataclasses
+
+from ..driver.results import WireResult
+from .base import Engine
+
+
+class AcceleratorEngine(Engine):
+    """An accelerator with the checks, the empty batches and the ROI of :class:`cmfpga.engines.Engine`.
+
+    Parameters
+    ----------
+    accelerator : Accelerator
+        Its ``process`` runs the batches.
+    """
+
+    name = "axi"
+
+    def __init__(self, accelerator):
+        super().__init__(accelerator.config)
+        self._accelerator = accelerator
+        self._v = (0.0, 0.0)
+
+    @property
+    def v(self):
+        return self._v
+
+    def forget(self):
+        """The state after a reset."""
+        self.roi, self._waiting_roi, self._v = (0, 0), None, (0.0, 0.0)
+
+    def _run(self, events, settings):
+        result = self._accelerator.process(events, settings)
+        self._v = result.v
+        return result
+
+    def _nothing(self, settings):
+        empty = super()._nothing(settings)
+        common = {f.name: getattr(empty, f.name) for f in dataclasses.fields(empty) if f.name != "trace"}
+        return WireResult(**common, batch=0, t_first=None, t_ref=None, sums=(0,) * 5)
+
+    def close(self):
+        self._accelerator.close()

@@ -1,0 +1,1 @@
+"""Images of warped events, their contrast, and pictures of both, in NumPy."""

@@ -1,0 +1,1 @@
+"""What crosses the boundary of the hardware: settings, results, flags, words, registers."""

@@ -1,0 +1,172 @@
+"""Documents of the register map: SystemRDL, Markdown, Tcl; from the SystemRDL, by PeakRDL, C header, HTML and IP-XACT.
+
+PeakRDL (https://peakrdl.readthedocs.io) is optional: ``pip install 'cmfpga[registers]'``.
+"""
+
+import importlib.util
+
+from ... import __version__
+from .layout import ACCESS
+
+#: What PeakRDL writes: file or folder, and what it is.
+BY_PEAKRDL = {
+    "cmfpga_registers.h": "C header",
+    "registers.xml": "IP-XACT (IEEE 1685-2009)",
+    "registers-html/index.html": "HTML",
+}
+
+# Of IP-XACT, as Vivado's `ipx` commands take it.
+_IPX_ACCESS = {"constant": "read-only", "status": "read-only", "command": "write-only"}
+
+_RDL_ACCESS = {
+    "constant": "sw = r; hw = na;",
+    "status": "sw = r; hw = w;",
+    "stored": "sw = rw; hw = r;",
+    "flag": "sw = rw; hw = rw;",
+    "sticky": "sw = rw; onwrite = woclr; hw = w;",
+    "command": "sw = w; hw = r; singlepulse;",
+}
+
+
+def systemrdl(registers, title):
+    """The map as SystemRDL 2.0 text, an ``addrmap`` called ``cmfpga``."""
+    lines = [f"// {title}", ""]
+    for register in registers:
+        for f in register.fields:
+            if f.values:
+                lines.append(f"enum {_enum(register, f)} {{")
+                lines += [f"    {name} = {f.width}'d{value};" for name, value in f.values.items()]
+                lines += ["};", ""]
+    lines += ["addrmap cmfpga {", f"    name = {_quoted('cmfpga')};", f"    desc = {_quoted(title)};"]
+    lines += ["    default regwidth = 32;", "    default accesswidth = 32;"]
+    for register in registers:
+        lines += ["    reg {", f"        name = {_quoted(register.name)};", f"        desc = {_quoted(register.doc)};"]
+        for f in register.fields:
+            lines += ["        field {", f"            desc = {_quoted(_meaning(f))};"]
+            lines.append(f"            {_RDL_ACCESS[f.access]}")
+            if f.values:
+                lines.append(f"            encode = {_enum(register, f)};")
+            if f.access != "status":  # which has no value of its own
+                reset = f.reset & ((1 << f.width) - 1)
+                lines.append(f"            reset = {f.width}'h{reset:x};")
+            lines.append(f"        }} {f.name}[{f.lsb + f.width - 1}:{f.lsb}];")
+        count = f"[{register.count}]" if register.count > 1 else ""
+        lines.append(f"    }} {register.name}{count} @ {register.offset:#x};")
+    return "\n".join([*lines, "};"]) + "\n"
+
+
+def _quoted(text):
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _enum(register, f):
+    return f"{register.name}_{f.name}_t".lower()
+
+
+def _meaning(f):
+    """A field's line, with unit and range."""
+    text = f.doc
+    if f.signed:
+        text += " (two's complement)"
+    if f.unit:
+        text += f" [{f.unit}]"
+    if f.high is not None and f.writable:
+        text += f"; {f.low or 0} to {f.high}"
+    return text
+
+
+def markdown(registers):
+    """The map as tables, one for each group."""
+    lines, group = [], None
+    for register in registers:
+        if register.group != group:
+            group = register.group
+            lines += ["", f"### {group}", "", "| offset | register | bits | field | access | reset | meaning |"]
+            lines.append("| ---: | --- | ---: | --- | --- | ---: | --- |")
+        offset, name = f"`{register.offset:#05x}`", f"`{register.name}`"
+        if register.count > 1:
+            name += f" × {register.count}"
+        for f in register.fields:
+            bits = f"{f.lsb + f.width - 1}:{f.lsb}" if f.width > 1 else f"{f.lsb}"
+            reset = "" if f.access in ("status", "command") else f"{f.reset:#x}" if f.reset > 9 else f"{f.reset}"
+            meaning = _meaning(f)
+            if f.values:
+                meaning += ": " + ", ".join(f"{value} = {key}" for key, value in f.values.items())
+            lines.append(f"| {offset} | {name} | {bits} | `{f.name}` | {f.access} | {reset} | {meaning} |")
+            offset = name = ""
+    lines += ["", "| access | meaning |", "| --- | --- |", *(f"| {name} | {doc} |" for name, doc in ACCESS.items())]
+    return "\n".join(lines).strip() + "\n"
+
+
+def tcl(registers):
+    """The map for Vivado's IP packager: a procedure ``cmfpga_registers ADDRESS_BLOCK`` that adds registers and fields.
+
+    A register that stands several times is added as often, with its number. Commands and properties: AMD UG835, `ipx`.
+    """
+    lines = ["proc cmfpga_registers {address_block} {"]
+    for register in registers:
+        for number in range(register.count):
+            name = f"{register.name}_{number}" if register.count > 1 else register.name
+            reset = sum((f.reset << f.lsb) & f.mask for f in register.fields)
+            access = {_IPX_ACCESS.get(f.access, "read-write") for f in register.fields}
+            lines += [
+                f"    set register [ipx::add_register {name} $address_block]",
+                f"    set_property address_offset 0x{register.offset + 4 * number:X} $register",
+                "    set_property size 32 $register",
+                f"    set_property access {access.pop() if len(access) == 1 else 'read-write'} $register",
+                f"    set_property description {_braced(register.doc)} $register",
+                f"    set_property reset_value 0x{reset:X} $register",
+            ]
+            for f in register.fields:
+                lines += [
+                    f"    set field [ipx::add_field {f.name} $register]",
+                    f"    set_property bit_offset {f.lsb} $field",
+                    f"    set_property bit_width {f.width} $field",
+                    f"    set_property access {_IPX_ACCESS.get(f.access, 'read-write')} $field",
+                    f"    set_property description {_braced(_meaning(f))} $field",
+                ]
+                if f.access == "sticky":
+                    lines.append("    set_property modified_write_value oneToClear $field")
+    return "\n".join([*lines, "}"]) + "\n"
+
+
+def _braced(text):
+    """A word of Tcl in which nothing is substituted."""
+    if set(text) & set("{}\\"):
+        raise ValueError(f"{text!r}: no braces or backslashes can be in it")
+    return "{" + text + "}"
+
+
+def has_peakrdl():
+    """Whether the optional extra is installed."""
+    names = ("systemrdl", "peakrdl_cheader", "peakrdl_html", "peakrdl_ipxact")
+    return all(importlib.util.find_spec(name) is not None for name in names)
+
+
+def write_documents(registers, title, folder):
+    """Write ``registers.rdl`` and ``.md``, ``regs.tcl``, and with PeakRDL :data:`BY_PEAKRDL`; returns their paths."""
+    rdl, table, script = (folder / name for name in ("registers.rdl", "registers.md", "regs.tcl"))
+    rdl.write_text(systemrdl(registers, title), encoding="utf-8")
+    table.write_text(f"# Registers\n\n{title}\n\n{markdown(registers)}", encoding="utf-8")
+    script.write_text(f"# {title}\n\n{tcl(registers)}", encoding="utf-8")
+    paths = [rdl, table, script]
+    if has_peakrdl():
+        _by_peakrdl(rdl, folder)
+        paths += [folder / name for name in BY_PEAKRDL]
+    return paths
+
+
+def _by_peakrdl(rdl, folder):
+    from peakrdl_cheader.exporter import CHeaderExporter
+    from peakrdl_html import HTMLExporter
+    from peakrdl_ipxact import IPXACTExporter, Standard
+    from systemrdl import RDLCompiler
+
+    compiler = RDLCompiler()
+    compiler.compile_file(str(rdl))
+    top = compiler.elaborate().top
+    header, ipxact, html = (folder / name for name in BY_PEAKRDL)
+    CHeaderExporter().export(top, str(header))
+    names = {"vendor": "cmfpga.org", "library": "ip", "version": __version__}
+    IPXACTExporter(**names, standard=Standard.IEEE_1685_2009).export(top, str(ipxact))
+    HTMLExporter().export(top, str(html.parent), skip_not_present=False)

@@ -1,0 +1,1 @@
+"""Blocks that move v, and the ROI after it."""

@@ -1,0 +1,81 @@
+"""Gradient: joins the sums into G, whose sign and size are those of the contrast's slope."""
+
+from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from .. import payloads
+from ..arithmetic import delay
+
+
+class Gradient(wiring.Component):
+    """G = P·S − ΣI·ΣD for both axes, exactly: ∂C/∂v = 2·G/P² (Eq. C_v_x with the means multiplied out).
+
+    Every gradient architecture ends here. ΣI·ΣD is ready when S arrives, because its factors are final ``lead``
+    cycles earlier. P is a constant; where it is a power of two, P·S is a shift and costs no cycle.
+
+    One item per ``lead`` cycles; latency :attr:`latency` cycles.
+
+    Parameters
+    ----------
+    config : Config
+        Widths and P.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`payloads.sums`
+        ``i``, ``dx`` and ``dy`` must be final ``lead`` cycles before ``valid``, and stay until then.
+    o : ``Out``, flow of a :func:`payloads.vector` of ``g_bits``
+    """
+
+    #: Registers of a multiplication, the last two inside DSPs.
+    lead = 3
+
+    def __init__(self, config):
+        self.config = config
+        self.latency = 1 if self._is_shift(config.pixels) else 1 + self.lead
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.sums(config))),
+                "o": Out(payloads.flow(payloads.vector(config.g_bits))),
+            }
+        )
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        for axis, means in self._means(m).items():
+            means = delay(m, means, self.latency - 1, name=f"means_{axis}")
+            scaled = self.i.payload[f"s{axis}"] * config.pixels
+            if not self._is_shift(config.pixels):
+                scaled = delay(m, scaled, self.lead, name=f"scaled_{axis}")
+            m.d.sync += self.o.payload[axis].eq(scaled - means)
+        m.d.sync += self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True))
+        return m
+
+    def _means(self, m):
+        """ΣI·ΣD of both axes, when ``i`` is valid.
+
+        If a product fits one DSP, two of the three registers are enough for it, and the axes take turns with one DSP.
+        It does not matter whose turn it is: in the first two of ``lead`` cycles each has one.
+        """
+        config, sums = self.config, self.i.payload
+        shape = signed(config.sum_i_bits + config.sum_d_bits)
+        means = {axis: Signal(shape, name=f"means_{axis}", reset_less=True) for axis in ("x", "y")}
+        if config.sum_i_bits < 18 and config.sum_d_bits <= 27:  # 18 bits signed
+            turn = Signal()
+            product = Signal(shape, reset_less=True)
+            m.d.sync += [turn.eq(~turn), product.eq(sums.i * Mux(turn, sums.dy, sums.dx))]
+            with m.If(turn):  # of y now, so the product is x's
+                m.d.sync += means["x"].eq(product)
+            with m.Else():
+                m.d.sync += means["y"].eq(product)
+            return means
+        for axis in means:
+            m.d.sync += means[axis].eq(sums.i * sums[f"d{axis}"])
+            means[axis] = delay(m, means[axis], self.lead - 1, name=f"means_{axis}")
+        return means
+
+    @staticmethod
+    def _is_shift(factor):
+        return factor & (factor - 1) == 0

@@ -1,0 +1,121 @@
+"""ROI updater: holds the ROI's position and moves it with the object."""
+
+from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import round_half_up
+from .. import payloads
+from ..arithmetic import delay, saturate, small_product
+
+
+class RoiUpdater(wiring.Component):
+    """position ← position + roi_gain·v, limited to the sensor (Eq. roi_update of the article, whose gain is 1).
+
+    The position keeps all fraction bits, so that slow motion adds up; ``roi`` is it rounded to whole pixels.
+
+    With one event buffer a batch is cropped where the position is. With two, a batch is cropped before the move of the
+    one ahead of it is known: where the position would be if the last move were repeated. Either way a load takes effect
+    at once.
+
+    A move takes :attr:`latency` cycles, until ``roi_next`` shows it :attr:`settle` cycles.
+
+    Parameters
+    ----------
+    config : Config
+        Sensor and ROI size, formats, ``buffers``.
+
+    Members
+    -------
+    new_batch, load : ``In(1)``
+        A batch begins: forget ``clamped``, crop it at ``roi_next``, or where ``load``, at ``x`` and ``y``.
+    move, still : ``In(1)``
+        Add ``roi_gain``·``v``; with ``still``, nothing (a batch that measured nothing). With two buffers these three
+        stay for a cycle more.
+    x, y : ``In``
+        Whole pixels of the sensor.
+    v : ``In``, :func:`payloads.velocity`
+    roi_gain : ``In``
+    roi : ``Out``, :func:`payloads.roi_corner`
+        The corner of the batch that is being taken in; (0, 0) after a reset.
+    roi_next : ``Out``, :func:`payloads.roi_corner`
+        The corner of the next batch, if it does not load another.
+    clamped : ``Out(1)``
+        Whether a load, or what moved this batch's ROI, was limited to the sensor: with one buffer the move after it,
+        with two the one before.
+    """
+
+    latency = 3
+    settle = 6
+
+    def __init__(self, config):
+        self.config = config
+        super().__init__(
+            {
+                **dict.fromkeys(("new_batch", "load", "move", "still"), In(1)),
+                "x": In(config.x_bits),
+                "y": In(config.y_bits),
+                "v": In(payloads.velocity(config)),
+                "roi_gain": In(config.roi_gain_format.width),
+                "roi": Out(payloads.roi_corner(config)),
+                "roi_next": Out(payloads.roi_corner(config)),
+                "clamped": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        move, products = self._products(m)
+        out_of_range, moved_out = [], []
+        for axis, wanted, limit, fmt in (
+            ("x", self.x, config.roi_x_max, config.roi_x_format),
+            ("y", self.y, config.roi_y_max, config.roi_y_format),
+        ):
+            largest = limit << fmt.f
+            position = Signal(fmt.width, name=f"position_{axis}")
+            step_s1 = Signal(signed(len(self.v[axis]) + len(self.roi_gain)), name=f"step_{axis}_s1")
+            target_s2 = Signal(signed(max(fmt.width, len(step_s1)) + 2), name=f"target_{axis}_s2", reset_less=True)
+            limited = Signal(fmt.width, name=f"limited_{axis}")
+            with m.If((self.new_batch & self.load) | (move[axis] & self.still)):
+                m.d.sync += step_s1.eq(0)
+            with m.Elif(move[axis]):
+                m.d.sync += step_s1.eq(products[axis])  # stage 1
+            m.d.sync += target_s2.eq(position + step_s1)  # stage 2
+            m.d.comb += limited.eq(saturate(target_s2, 0, largest))
+            move_s2 = delay(m, move[axis], 2, name=f"move_{axis}", valid=True)
+            with m.If(self.new_batch & self.load):
+                m.d.sync += position.eq(saturate(wanted, 0, limit) << fmt.f)
+            with m.Elif(move_s2):  # stage 3
+                m.d.sync += position.eq(limited)
+            out_of_range.append(wanted > limit)
+            moved_out.append((target_s2 < 0) | (target_s2 > largest))
+
+            ahead = position
+            if config.buffers == 2:  # the last step is still there: two cycles later the target is the next one
+                ahead = Signal(fmt.width, name=f"ahead_{axis}")
+                m.d.sync += ahead.eq(limited)
+            m.d.comb += self.roi_next[axis].eq(round_half_up(ahead, fmt.f))
+            if config.buffers == 2:
+                with m.If(self.new_batch):
+                    m.d.sync += self.roi[axis].eq(Mux(self.load, saturate(wanted, 0, limit), self.roi_next[axis]))
+            else:
+                m.d.comb += self.roi[axis].eq(self.roi_next[axis])
+        if config.buffers == 2:
+            ahead_out = delay(m, moved_out[0] | moved_out[1], 1, name="ahead_out")
+            with m.If(self.new_batch):
+                m.d.sync += self.clamped.eq(Mux(self.load, out_of_range[0] | out_of_range[1], ahead_out))
+        else:
+            with m.If(self.new_batch):
+                m.d.sync += self.clamped.eq(self.load & (out_of_range[0] | out_of_range[1]))
+            with m.Elif(move_s2 & (moved_out[0] | moved_out[1])):
+                m.d.sync += self.clamped.eq(1)
+        return m
+
+    def _products(self, m):
+        """When each axis moves, and by what, both by axis. With two buffers there is time for one small multiplier."""
+        if self.config.buffers == 1:
+            return dict.fromkeys("xy", self.move), {axis: self.v[axis] * self.roi_gain for axis in "xy"}
+        y_moves = delay(m, self.move, 1, name="y_moves", valid=True)
+        product = small_product(Mux(y_moves, self.v.y, self.v.x), self.roi_gain)
+        return {"x": self.move, "y": y_moves}, dict.fromkeys("xy", product)

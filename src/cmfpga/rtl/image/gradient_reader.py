@@ -1,0 +1,97 @@
+"""Gradient reader: sweeps the images, sums them and their products, and leaves zeros behind."""
+
+from amaranth.hdl import Module, Signal, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from .. import payloads
+from ..arithmetic import accumulate, delay
+
+
+class GradientReader(wiring.Component):
+    """Sweeps all banks at once, P/4 addresses, and computes ΣI, ΣDx, ΣDy, Σ I·Dx and Σ I·Dy exactly.
+
+    The first address leaves in the cycle of ``start``; the sums are valid :attr:`latency` cycles after the last
+    one; ΣI, ΣDx and ΣDy are final :attr:`lead` cycles earlier. Eight products per cycle.
+
+    Parameters
+    ----------
+    config : Config
+        Widths and ROI size.
+
+    Members
+    -------
+    start : ``In(1)``
+        Begin a sweep. Not before the sums of the one before are valid.
+    sweep : ``Out``, flow of :func:`payloads.sweep_address`
+        To the accumulator; ``last`` marks the last address.
+    i : ``In``, flow of an array of four :func:`payloads.pixel`
+        From the accumulator, ``accumulator_latency`` cycles later.
+    o : ``Out``, flow of :func:`payloads.sums`
+        One item per sweep.
+    """
+
+    #: Cycles by which the plain sums are final before the sums of products: a multiplication's registers.
+    lead = 3
+
+    _stages = lead + 2
+
+    def __init__(self, config, *, accumulator_latency):
+        self.config = config
+        self.accumulator_latency = accumulator_latency
+        self.latency = accumulator_latency + self._stages
+        super().__init__(
+            {
+                "start": In(1),
+                "sweep": Out(payloads.flow(payloads.sweep_address(config))),
+                "i": In(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4))),
+                "o": Out(payloads.flow(payloads.sums(config))),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        self._addresses(m)
+
+        # Stages 1 to 3: multiply (two product registers, one for each of two cascaded DSPs), for the sums of
+        # products only. Then pairs, then the total.
+        first = delay(m, self.sweep.payload.first, self.accumulator_latency, name="first")
+        sums = self.o.payload
+        pixels = [self.i.payload[number] for number in range(4)]
+        for name in ("i", "dx", "dy"):
+            accumulate(m, [pixel[name] for pixel in pixels], sums[name], first, self.i.valid, name=name)
+        first = delay(m, first, self.lead, name="first_product")
+        active = delay(m, self.i.valid, self.lead, name="active_product", valid=True)
+        for axis in ("x", "y"):
+            products = []
+            for n, pixel in enumerate(pixels):
+                derivative = pixel[f"d{axis}"]
+                product = Signal(signed(len(pixel.i) + len(derivative)), name=f"product_{axis}_{n}", reset_less=True)
+                m.d.sync += product.eq(pixel.i * derivative)
+                products.append(delay(m, product, self.lead - 1, name=f"product_{axis}_{n}"))
+            accumulate(m, products, sums[f"s{axis}"], first, active, name=f"s{axis}")
+        last = delay(m, self.sweep.payload.last & self.sweep.valid, self.latency, name="last", valid=True)
+        m.d.comb += self.o.valid.eq(last)
+        return m
+
+    def _addresses(self, m):
+        """Walk the P/4 addresses; the unused ends of rows are skipped."""
+        config = self.config
+        running = Signal()
+        column = Signal(range(max(2, config.bank_columns)))
+        row = Signal(range(max(2, config.bank_rows)))
+        row_ends, ends = Signal(), Signal()
+        m.d.comb += [
+            self.sweep.valid.eq(self.start | running),
+            self.sweep.payload.address.eq((row << config.bank_column_bits) | column),
+            self.sweep.payload.first.eq(self.start),
+            self.sweep.payload.last.eq(ends),
+            row_ends.eq(column == config.bank_columns - 1),
+            ends.eq(row_ends & (row == config.bank_rows - 1)),
+        ]
+        with m.If(self.sweep.valid):
+            m.d.sync += [running.eq(~ends), column.eq(column + 1)]
+            with m.If(row_ends):
+                m.d.sync += [column.eq(0), row.eq(row + 1)]
+            with m.If(ends):
+                m.d.sync += row.eq(0)

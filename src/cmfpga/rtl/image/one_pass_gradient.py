@@ -1,0 +1,107 @@
+"""One-pass gradient: the sums over the images, kept up to date vote by vote."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from .. import payloads
+from ..arithmetic import delay
+
+
+class OnePassGradient(wiring.Component):
+    """ΣI, ΣDx, ΣDy, Σ I·Dx and Σ I·Dy, complete when the last vote has landed: no sweep.
+
+    When a pixel goes from (I, D) to (I + w, D + d), Σ I·D grows by I·d + w·(D + d); the accumulator has all of these in
+    hand. In integers that is the sweep's sum, bit for bit.
+
+    The two corners of a cell's row have opposite ∂w/∂vx, those of a column opposite ∂w/∂vy. So the four I·d of an axis
+    are two products, each of a difference of two I; with the four w·(D + d) that makes twelve products a cycle, narrow
+    ones: a full pixel by a vote. The differences and the sums of two products fit the adders inside the DSPs.
+
+    One event per cycle; the sums are valid :attr:`latency` cycles after the last votes enter the accumulator, and ΣI,
+    ΣDx and ΣDy final :attr:`lead` cycles earlier at the latest.
+
+    Parameters
+    ----------
+    config : Config
+        Widths.
+
+    Members
+    -------
+    votes : ``In``, flow of :func:`payloads.votes`
+        As they enter the accumulator. Valid ones are opposite: banks 0 and 1, 2 and 3 in dx, 0 and 2, 1 and 3 in dy.
+    steps : ``In``, array of four :func:`payloads.tagged_step`
+        From the accumulator, ``accumulator_latency`` cycles later. Beside a valid step, one that is not has ``i`` = 0,
+        and what it did not add is opposite, too.
+    o : ``Out``, flow of :func:`payloads.sums`
+        One item per iteration.
+    """
+
+    #: Cycles by which the plain sums are final before the sums of products, as :class:`Gradient` needs.
+    lead = 3
+
+    _stages = 4  # multiply, add pairs, add both kinds of products, total
+
+    def __init__(self, config, *, accumulator_latency):
+        self.config = config
+        self.accumulator_latency = accumulator_latency
+        self.latency = accumulator_latency + self._stages
+        super().__init__(
+            {
+                "votes": In(payloads.flow(payloads.votes(config))),
+                "steps": In(data.ArrayLayout(payloads.tagged_step(config), 4)),
+                "o": Out(payloads.flow(payloads.sums(config))),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        votes, sums = self.votes.payload, self.o.payload
+        first = Signal(init=1)
+        with m.If(self.votes.valid):
+            m.d.sync += first.eq(votes.last)
+        begin = delay(m, self.votes.valid & first, 1, name="begin", valid=True)
+        self._sum_votes(m, begin)
+        begin = delay(m, begin, self.latency - 2, name="begin_products", valid=True)
+        for axis, pairs in (("x", ((0, 1), (2, 3))), ("y", ((0, 2), (1, 3)))):
+            growth = [self._growth(m, axis, *pair) for pair in pairs]
+            # Stage 4: sum.
+            self._total(m, sums[f"s{axis}"], growth[0] + growth[1], begin)
+        m.d.comb += self.o.valid.eq(delay(m, self.votes.valid & votes.last, self.latency, name="last", valid=True))
+        return m
+
+    def _total(self, m, total, growth, begin):
+        """Add ``growth`` to ``total``, or to zero; outside iterations there is no growth."""
+        m.d.sync += total.eq(growth + Mux(begin, 0, total))
+
+    def _sum_votes(self, m, begin):
+        """ΣI, ΣDx and ΣDy: two pairs, then both onto the total."""
+        banks = self.votes.payload.banks
+        valid = [self.votes.valid & bank.valid for bank in banks]
+        for name, pairs in (("i", ((0, 1), (2, 3))), ("dx", ((0, 1), (2, 3))), ("dy", ((0, 2), (1, 3)))):
+            growth = []
+            for a, b in pairs:
+                first, second = banks[a][name], banks[b][name]
+                if name == "i":
+                    value = Mux(valid[a], first, 0) + Mux(valid[b], second, 0)
+                else:  # the two are opposite
+                    value = Mux(valid[a] ^ valid[b], Mux(valid[a], first, second), 0)
+                growth.append(delay(m, value, 1, name=f"pair_{name}_{a}"))
+            self._total(m, self.o.payload[name], growth[0] + growth[1], begin)
+
+    def _growth(self, m, axis, a, b):
+        """What two banks, whose derivatives along ``axis`` are opposite, add to Σ I·D; three cycles."""
+        first, second = self.steps[a], self.steps[b]
+
+        # Stage 1: w·(D + d), and the difference of I.
+        products_s1 = [
+            delay(m, Mux(step.valid, step.total[f"d{axis}"] * step.add.i, 0), 1, name=f"product_{axis}_{n}")
+            for n, step in ((a, first), (b, second))
+        ]
+        difference_s1 = delay(m, first.i - second.i, 1, name=f"difference_{axis}_{a}")
+        d_s1 = delay(m, Mux(first.valid | second.valid, first.add[f"d{axis}"], 0), 1, name=f"d_{axis}_{a}")
+        # Stage 2: their sum, and I·d of both.
+        sum_s2 = delay(m, products_s1[0] + products_s1[1], 1, name=f"sum_{axis}_{a}")
+        product_s2 = delay(m, difference_s1 * d_s1, 1, name=f"old_{axis}_{a}")
+        # Stage 3: all four products.
+        return delay(m, product_s2 + sum_s2, 1, name=f"growth_{axis}_{a}")

@@ -1,0 +1,188 @@
+"""Tagged accumulator: four banks of wide words that never need clearing between iterations."""
+
+from amaranth.hdl import Const, Module, Mux, Signal
+from amaranth.lib import data, memory, wiring
+from amaranth.lib.wiring import In, Out
+
+from .. import payloads
+
+
+class TaggedBank(wiring.Component):
+    """Read–add–write of whole pixels {tag, Dy, Dx, I}; a word with another tag than the operation's reads as zero.
+
+    The pipeline, and why three forwarded sums are enough, is that of
+    :class:`cmfpga.rtl.image.accumulator.ReadAddWrite`; a forwarded sum, too, counts only if its tag is the operation's.
+
+    One operation per cycle; ``o`` tells what it did, :attr:`latency` cycles after it.
+
+    Parameters
+    ----------
+    config : Config
+        Widths, depth, ``ram_style``.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`payloads.tagged_operation`
+    o : ``Out``, flow of :func:`payloads.tagged_step`
+    """
+
+    latency = 3
+
+    def __init__(self, config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.tagged_operation(config))),
+                "o": Out(payloads.flow(payloads.tagged_step(config))),
+            }
+        )
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        pixel = payloads.pixel(config)
+        word = data.StructLayout({**pixel.members, "tag": config.tag_bits})
+        style = {} if config.ram_style == "auto" else {"ram_style": config.ram_style}
+        m.submodules.ram = ram = memory.Memory(shape=word, depth=config.bank_depth, init=[], attrs=style)
+        write, read = ram.write_port(), ram.read_port()
+
+        valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 6)]
+        operation = payloads.tagged_operation(config)
+        address = [self.i.payload.address] + [
+            Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 6)
+        ]
+        tag = [self.i.payload.tag] + [
+            Signal(config.tag_bits, name=f"tag_s{stage}", reset_less=True) for stage in range(1, 6)
+        ]
+        for stage in range(1, 6):
+            m.d.sync += [
+                valid[stage].eq(valid[stage - 1]),
+                address[stage].eq(address[stage - 1]),
+                tag[stage].eq(tag[stage - 1]),
+            ]
+        add_s1 = Signal(operation["add"].shape, reset_less=True)
+        add_s2 = Signal(operation["add"].shape, reset_less=True)
+        read_s2 = Signal(word, reset_less=True)
+        total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (3, 4, 5)}
+        found, base = Signal(pixel), Signal(pixel)
+        counts = Signal()
+
+        # Stage 1: the RAM reads. Which younger sum, if any, will replace what it returns, and does it count?
+        m.d.sync += [add_s1.eq(self.i.payload.add), add_s2.eq(add_s1), read_s2.eq(read.data)]
+        forwarded_s2 = Signal(2, reset_less=True)  # none, or the sum of stage 3, 4, 5: a word bit's choice is one LUT6
+        same_s2 = Signal(reset_less=True)
+        forwarded, same = Const(0, 2), Const(0, 1)
+        for number, stage in ((3, 5), (2, 4), (1, 3)):  # the youngest wins
+            match = Signal(name=f"match_s{stage}")
+            m.d.comb += match.eq(valid[stage - 1] & (address[stage - 1] == address[1]))
+            forwarded = Mux(match, number, forwarded)
+            same = Mux(match, tag[stage - 1] == tag[1], same)
+        m.d.sync += [forwarded_s2.eq(forwarded), same_s2.eq(same)]
+
+        # Stage 2: output register; another tag means zero.
+        words = [read_s2.as_value()[: pixel.size], *(total[stage].as_value() for stage in (3, 4, 5))]
+        low, high = forwarded_s2
+        m.d.comb += [
+            found.eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
+            counts.eq(Mux(forwarded_s2 == 0, read_s2.tag == tag[2], same_s2)),
+            base.as_value().eq(Mux(counts, found, 0)),
+        ]
+
+        # Stage 3: write. Stages 4, 5 only remember.
+        m.d.comb += [
+            read.addr.eq(address[0]),
+            write.addr.eq(address[3]),
+            write.data.tag.eq(tag[3]),
+            write.en.eq(valid[3]),
+            self.o.valid.eq(valid[3]),
+            self.o.payload.total.eq(total[3]),
+        ]
+        m.d.sync += [
+            total[4].eq(total[3]),
+            total[5].eq(total[4]),
+            self.o.payload.i.eq(found.i),
+            self.o.payload.add.eq(add_s2),
+        ]
+        for name in pixel.members:
+            m.d.comb += write.data[name].eq(total[3][name])
+            m.d.sync += total[3][name].eq(add_s2[name] + base[name])
+        with m.If(~counts | ~valid[2]):  # not valid: for who adds up I·d of all banks. The registers' reset, no logic
+            m.d.sync += self.o.payload.i.eq(0)
+        return m
+
+
+class TaggedAccumulator(wiring.Component):
+    """Sums votes into I, Dx and Dy, spread over four banks by the parity of column and row.
+
+    Every word carries the number of the iteration that wrote it, so nothing is cleared between iterations. Before a
+    number is used again, no word may carry it: in cycles without an event, which all lie between iterations, a sweep
+    writes tag 0, which no iteration has, one address after the other, through the same pipeline as the votes.
+
+    One event per cycle; ``o`` follows by :attr:`latency` cycles.
+
+    Parameters
+    ----------
+    config : Config
+        Widths, ROI size, ``tag_bits``.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`payloads.votes`
+        Without a gap inside an iteration.
+    next_tag : ``In(1)``
+        An iteration is over. At least one cycle after its last event.
+    o : ``Out``, array of four :func:`payloads.tagged_step`
+        What each bank did for a vote; never valid for the sweep. A bank without a vote, beside one that has one, tells
+        of ``i`` = 0.
+    swept : ``Out(1)``
+        The sweep leaves the last address: after a reset, every word has been written.
+    """
+
+    latency = TaggedBank.latency
+
+    def __init__(self, config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.votes(config))),
+                "next_tag": In(1),
+                "o": Out(data.ArrayLayout(payloads.tagged_step(config), 4)),
+                "swept": Out(1),
+            }
+        )
+
+    @staticmethod
+    def enough_idle_cycles(config, idle):
+        """Whether the sweep passes every word before a tag comes back, with ``idle`` cycles between iterations."""
+        return ((1 << config.tag_bits) - 1) * idle >= config.bank_depth
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        tag = Signal(config.tag_bits, init=1)
+        with m.If(self.next_tag):
+            m.d.sync += tag.eq(Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1))
+
+        address = Signal(range(max(2, config.bank_depth)))
+        last = address == config.bank_depth - 1
+        m.d.comb += self.swept.eq(~self.i.valid & last)
+        with m.If(~self.i.valid):
+            m.d.sync += address.eq(Mux(last, 0, address + 1))
+
+        voted = Signal(self.latency)
+        m.d.sync += voted.eq((voted << 1) | self.i.valid)
+        for number in range(4):
+            bank = TaggedBank(config)
+            m.submodules[f"bank_{number}"] = bank
+            vote = self.i.payload.banks[number]
+            operation = bank.i.payload
+            with m.If(self.i.valid):
+                m.d.comb += [bank.i.valid.eq(vote.valid), operation.address.eq(vote.address), operation.tag.eq(tag)]
+                m.d.comb += [operation.add[name].eq(vote[name]) for name in payloads.pixel(config).members]
+            with m.Else():
+                m.d.comb += [bank.i.valid.eq(1), operation.address.eq(address)]
+            m.d.comb += [
+                self.o[number].eq(bank.o.payload),
+                self.o[number].valid.eq(bank.o.valid & voted[-1]),
+            ]
+        return m

@@ -1,0 +1,72 @@
+"""t_ref/dt scaler: turns an event's time into dt = (t − t_ref)/((t_N − t_1)/2)."""
+
+from amaranth.hdl import Cat, Const, Module, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for, round_half_up
+from .. import payloads
+from ..arithmetic import delay
+
+
+class TimeScaler(wiring.Component):
+    """Scales times to −1 … 1 (Eqs. t_ref and dt of the article) by the reciprocal of the batch's range.
+
+    dt = (2t − span)/span with t counted from t_1, so t_ref's half microsecond is not lost. One multiplier.
+
+    One event per cycle; latency :attr:`latency` cycles.
+
+    Parameters
+    ----------
+    config : Config
+        ``span_bits``, ``reciprocal_bits``, ``dt``.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`payloads.dithered_event`
+    o : ``Out``, flow of :func:`payloads.scaled_event`
+    span, shift, mantissa : ``In``
+        The range and its reciprocal; may change only while no event is in flight.
+    """
+
+    latency = 5
+
+    def __init__(self, config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.dithered_event(config))),
+                "o": Out(payloads.flow(payloads.scaled_event(config))),
+                "span": In(config.span_bits),
+                "shift": In(bits_for(config.span_bits - 1)),
+                "mantissa": In(config.reciprocal_bits + 1),
+            }
+        )
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        width = config.span_bits + 1
+        numerator_s1 = Signal(signed(width), reset_less=True)
+        numerator_s2 = Signal(signed(width), reset_less=True)
+        numerator_s3 = Signal(signed(width), reset_less=True)
+        product_s4 = Signal(signed(width + config.reciprocal_bits + 1), reset_less=True)
+
+        # Stage 1: twice the distance to t_ref.
+        m.d.sync += numerator_s1.eq((self.i.payload.t << 1) - self.span)
+        # Stages 2, 3: normalise as the divisor was, in two steps; |2t − span| ≤ span, so nothing overflows.
+        m.d.sync += numerator_s2.eq(numerator_s1 << Cat(Const(0, 2), self.shift[2:]))
+        m.d.sync += numerator_s3.eq(numerator_s2 << self.shift[:2])
+        # Stage 4: multiply.
+        m.d.sync += product_s4.eq(numerator_s3 * self.mantissa)
+        # Stage 5: round.
+        fraction = config.span_bits - 1 + config.reciprocal_bits - config.dt_frac
+        m.d.sync += self.o.payload.dt.eq(round_half_up(product_s4, fraction))
+
+        m.d.sync += [
+            self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
+            self.o.payload.x.eq(delay(m, self.i.payload.x, self.latency - 1, name="x")),
+            self.o.payload.y.eq(delay(m, self.i.payload.y, self.latency - 1, name="y")),
+            self.o.payload.last.eq(delay(m, self.i.payload.last, self.latency - 1, name="last")),
+        ]
+        return m

@@ -1,0 +1,145 @@
+"""Bilinear voter: spreads a warped event over four pixels, with the derivatives of each vote."""
+
+import operator
+
+from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for, floor_shift, half_of, round_half_up
+from .. import payloads
+from ..arithmetic import delay, select, small_product
+
+
+class BilinearVoter(wiring.Component):
+    """Weights and derivatives of the four corners of an event's cell (Eqs. weights and w_dx_x), sorted by bank.
+
+    A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
+    dropped alone. With fx, fy the fractions and one product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have
+    at most four bits), all others follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
+
+    One event per cycle; latency :attr:`latency` cycles.
+
+    Parameters
+    ----------
+    config : Config
+        Formats and ROI size.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`payloads.warped_event`
+    o : ``Out``, flow of :func:`payloads.votes`
+    level : ``In``
+        Coarse levels have smaller images. Changes only while no event is in flight.
+    """
+
+    latency = 3
+
+    def __init__(self, config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.warped_event(config))),
+                "o": Out(payloads.flow(payloads.votes(config))),
+                "level": In(bits_for(config.max_level)),
+            }
+        )
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        frac = config.position_frac
+        one = 1 << frac
+        dt = self.i.payload.dt
+        fx, fy = self.i.payload.x[:frac], self.i.payload.y[:frac]
+
+        # Stage 1: products.
+        def register(shape, name):
+            return Signal(shape, name=name, reset_less=True)
+
+        fx_fy_s1 = register(2 * frac, "fx_fy_s1")
+        dt_fx_s1 = register(signed(config.dt.width + frac), "dt_fx_s1")
+        dt_fy_s1 = register(signed(config.dt.width + frac), "dt_fy_s1")
+        fx_s1, fy_s1 = register(frac, "fx_s1"), register(frac, "fy_s1")
+        # dt·1, and what rounds dt·(1 − fy) half up, so that one subtraction is left.
+        shift = config.dt_frac + frac - config.derivative_frac
+        dt_half_s1 = register(signed(config.dt.width + frac + 1), "dt_half_s1")
+        product = small_product if frac <= 4 else operator.mul
+        m.d.sync += [
+            fx_fy_s1.eq(fx * fy),
+            dt_fx_s1.eq(product(dt, fx)),
+            dt_fy_s1.eq(product(dt, fy)),
+            fx_s1.eq(fx),
+            fy_s1.eq(fy),
+            dt_half_s1.eq(dt * one + half_of(shift)),
+        ]
+
+        # Stage 2: round. Corners are (right, down).
+        def weight(product):
+            return round_half_up(product, 2 * frac - config.weight_frac)
+
+        def derivative(product):
+            return round_half_up(product, shift)
+
+        def rest(product):
+            return floor_shift(dt_half_s1 - product, shift)
+
+        w_s2 = {
+            corner: register(config.weight_frac + 1, f"w{corner[0]}{corner[1]}_s2")
+            for corner in ((0, 0), (1, 0), (0, 1), (1, 1))
+        }
+        slope = signed(config.derivative_frac + 2)
+        # Magnitude of ∂w/∂vx on the upper and lower row, of ∂w/∂vy on the left and right column.
+        dx_s2 = [register(slope, "dx_up_s2"), register(slope, "dx_down_s2")]
+        dy_s2 = [register(slope, "dy_left_s2"), register(slope, "dy_right_s2")]
+        m.d.sync += [
+            w_s2[0, 0].eq(weight((one - fx_s1 - fy_s1) * one + fx_fy_s1)),
+            w_s2[1, 0].eq(weight(fx_s1 * one - fx_fy_s1)),
+            w_s2[0, 1].eq(weight(fy_s1 * one - fx_fy_s1)),
+            w_s2[1, 1].eq(weight(fx_fy_s1)),
+            dx_s2[0].eq(rest(dt_fy_s1)),
+            dx_s2[1].eq(derivative(dt_fy_s1)),
+            dy_s2[0].eq(rest(dt_fx_s1)),
+            dy_s2[1].eq(derivative(dt_fx_s1)),
+        ]
+        widths, heights = zip(*(config.level_size(level) for level in range(config.max_level + 1)), strict=True)
+        column_s2 = self._axis(m, "column", self.i.payload.x >> frac, widths)
+        row_s2 = self._axis(m, "row", self.i.payload.y >> frac, heights)
+
+        # Stage 3: give each bank the corner of its parity.
+        valid_s2 = delay(m, self.i.valid, 2, name="valid", valid=True)
+        for number in range(4):
+            bank = self.o.payload.banks[number]
+            right, column, column_inside = column_s2[number & 1]
+            down, row, row_inside = row_s2[number >> 1]
+            dx, dy = Mux(down, dx_s2[1], dx_s2[0]), Mux(right, dy_s2[1], dy_s2[0])
+            m.d.sync += [
+                bank.valid.eq(valid_s2 & column_inside & row_inside),
+                bank.address.eq((row << config.bank_column_bits) | column[: config.bank_column_bits]),
+                bank.i.eq(Mux(down, Mux(right, w_s2[1, 1], w_s2[0, 1]), Mux(right, w_s2[1, 0], w_s2[0, 0]))),
+                bank.dx.eq(Mux(right, -dx, dx)),
+                bank.dy.eq(Mux(down, -dy, dy)),
+            ]
+        m.d.sync += [
+            self.o.valid.eq(valid_s2),
+            self.o.payload.last.eq(delay(m, self.i.payload.last, 2, name="last")),
+        ]
+        return m
+
+    def _axis(self, m, name, cell, sizes):
+        """For each parity of one axis: (is it the far corner, its bank coordinate, is it inside), at stage 2."""
+        cell_s1 = delay(m, cell, 1, name=name)
+        parities = []
+        # Of c and c + 1 the even one is 2·⌊(c + 1)/2⌋, the odd one 2·⌊c/2⌋ + 1.
+        for parity, index in enumerate(((cell_s1 + 1) >> 1, cell_s1 >> 1)):
+            far = Signal(name=f"{name}{parity}_far_s2", reset_less=True)
+            inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
+            coordinate = Signal(range(max(2, (sizes[0] + 1) // 2)), name=f"{name}{parity}_s2", reset_less=True)
+            lengths = [(size + 1 - parity) // 2 for size in sizes]
+            m.d.sync += [
+                far.eq(cell_s1[0] ^ parity),
+                inside.eq((index >= 0) & (index < select(self.level, lengths))),
+                coordinate.eq(index),
+            ]
+            parities.append((far, coordinate, inside))
+        return parities

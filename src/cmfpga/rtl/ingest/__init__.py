@@ -1,0 +1,1 @@
+"""Blocks that take a batch in."""

@@ -1,0 +1,116 @@
+"""ROI filter: crops the event stream and measures the batch's time range."""
+
+from amaranth.hdl import Module, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for
+from .. import payloads
+
+
+class RoiFilter(wiring.Component):
+    """Passes the events that lie in the ROI, relative to its corner and to the batch's first event.
+
+    The first event after ``start`` gives t_1; the last good one t_N. An event whose time steps back, or lies
+    ``2**span_bits`` µs or more after t_1, is dropped and counted. Time stamps may wrap.
+
+    One event per cycle; latency :attr:`latency` cycles.
+
+    Parameters
+    ----------
+    config : Config
+        Sizes and widths.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`payloads.event`
+        All events of the batch; ``last`` is not used here.
+    o : ``Out``, flow of :func:`payloads.roi_event`
+        Events in the ROI.
+    start : ``In(1)``
+        A new batch begins: clears the counters. No event in this cycle and the two before.
+    roi : ``In``, :func:`payloads.roi_corner`
+        The ROI's corner; constant during a batch.
+    t_first, span : ``Out``
+        t_1 and t_N − t_1, in µs.
+    outside, time_back, time_span : ``Out``
+        Events outside the ROI, dropped for a step back, dropped for lying beyond the span.
+    """
+
+    latency = 3
+
+    def __init__(self, config):
+        self.config = config
+        count = bits_for(config.max_batch_events)
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.event(config))),
+                "o": Out(payloads.flow(payloads.roi_event(config))),
+                "start": In(1),
+                "roi": In(payloads.roi_corner(config)),
+                "t_first": Out(config.time_bits),
+                "span": Out(config.span_bits),
+                "outside": Out(count),
+                "time_back": Out(count),
+                "time_span": Out(count),
+            }
+        )
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+
+        # Stage 1: register the event; the first one sets t_1.
+        valid_s1 = Signal()
+        event_s1 = Signal(payloads.event(config), reset_less=True)
+        first = Signal(init=1)
+        m.d.sync += [valid_s1.eq(self.i.valid), event_s1.eq(self.i.payload)]
+        with m.If(self.start):
+            m.d.sync += first.eq(1)
+        with m.Elif(self.i.valid):
+            m.d.sync += first.eq(0)
+        with m.If(self.i.valid & first):
+            m.d.sync += self.t_first.eq(self.i.payload.t)
+
+        # Stage 2: relative to t_1 (modulo the counter's width) and to the ROI.
+        valid_s2 = Signal()
+        t_s2 = Signal(signed(config.time_bits), reset_less=True)
+        x_s2 = Signal(signed(config.x_bits + 1), reset_less=True)
+        y_s2 = Signal(signed(config.y_bits + 1), reset_less=True)
+        m.d.sync += [
+            valid_s2.eq(valid_s1),
+            t_s2.eq((event_s1.t - self.t_first)[: config.time_bits].as_signed()),
+            x_s2.eq(event_s1.x - self.roi.x),
+            y_s2.eq(event_s1.y - self.roi.y),
+        ]
+
+        # Stage 3: judge, count, pass on.
+        back, late, inside = Signal(), Signal(), Signal()
+        m.d.comb += [
+            back.eq(t_s2 < self.span),
+            late.eq(t_s2 >= 1 << config.span_bits),
+            inside.eq((x_s2 >= 0) & (x_s2 < config.roi_width) & (y_s2 >= 0) & (y_s2 < config.roi_height)),
+        ]
+        m.d.sync += [
+            self.o.valid.eq(valid_s2 & inside & ~back & ~late),
+            self.o.payload.t.eq(t_s2),
+            self.o.payload.x.eq(x_s2),
+            self.o.payload.y.eq(y_s2),
+        ]
+        with m.If(self.start):
+            m.d.sync += [
+                self.span.eq(0),
+                self.outside.eq(0),
+                self.time_back.eq(0),
+                self.time_span.eq(0),
+            ]
+        with m.Elif(valid_s2):
+            with m.If(back):
+                m.d.sync += self.time_back.eq(self.time_back + 1)
+            with m.Elif(late):
+                m.d.sync += self.time_span.eq(self.time_span + 1)
+            with m.Else():
+                m.d.sync += self.span.eq(t_s2)
+                with m.If(~inside):
+                    m.d.sync += self.outside.eq(self.outside + 1)
+        return m

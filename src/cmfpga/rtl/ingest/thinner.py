@@ -1,0 +1,80 @@
+"""Thinner: stores one ROI event in k, so that a burst of events does not cost time or buffer."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for
+from .. import payloads
+
+
+class Thinner(wiring.Component):
+    """Passes the first of every ``k`` events, evenly over the batch, and counts the others.
+
+    ``k`` is set by hand, or follows the last batch: with a target it is the smallest with which that batch's events
+    would not have exceeded it (at most 255). No divider: every ``target`` events count one.
+
+    One event per cycle; latency :attr:`latency` cycle.
+
+    Parameters
+    ----------
+    config : Config
+        Widths.
+
+    Members
+    -------
+    i, o : ``In``, ``Out``, flows of :func:`payloads.roi_event`
+    start : ``In(1)``
+        A new batch begins. No event in this cycle and the one before.
+    thinning, target : ``In``
+        Taken over with ``start``. ``thinning`` counts if ``target``, or that of the last batch, is zero.
+    thinned : ``Out``
+        Events left out since ``start``.
+    """
+
+    latency = 1
+
+    def __init__(self, config):
+        self.config = config
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.roi_event(config))),
+                "o": Out(payloads.flow(payloads.roi_event(config))),
+                "start": In(1),
+                "thinning": In(payloads.THINNING_BITS),
+                "target": In(bits_for(config.buffer_events)),
+                "thinned": Out(bits_for(config.max_batch_events)),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        factor = Signal(payloads.THINNING_BITS)
+        position = Signal(payloads.THINNING_BITS)  # 0 … factor − 1; the event at 0 passes
+        target = Signal.like(self.target)
+        filled = Signal.like(self.target)  # 1 … target
+        wanted = Signal(payloads.THINNING_BITS)  # ⌈events/target⌉, saturated
+        passes = position == 0
+        m.d.sync += [self.o.valid.eq(self.i.valid & passes), self.o.payload.eq(self.i.payload)]
+        with m.If(self.start):
+            follow = (self.target != 0) & (target != 0)
+            m.d.sync += [
+                factor.eq(Mux(follow, Mux(wanted == 0, 1, wanted), self.thinning)),
+                target.eq(self.target),
+                position.eq(0),
+                filled.eq(0),
+                wanted.eq(0),
+                self.thinned.eq(0),
+            ]
+        with m.Elif(self.i.valid):
+            m.d.sync += [
+                position.eq(Mux(position + 1 >= factor, 0, position + 1)),
+                self.thinned.eq(self.thinned + ~passes),
+            ]
+            with m.If((wanted == 0) | (filled == target)):
+                m.d.sync += filled.eq(1)
+                with m.If(~wanted.all()):
+                    m.d.sync += wanted.eq(wanted + 1)
+            with m.Else():
+                m.d.sync += filled.eq(filled + 1)
+        return m

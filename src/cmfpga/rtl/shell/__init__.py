@@ -1,0 +1,1 @@
+"""What stands around a core on any board: words in, packets out, settings, counters."""

@@ -1,0 +1,1 @@
+"""Following objects through a recording: batches in order, and what is kept of them."""

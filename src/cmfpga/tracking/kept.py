@@ -1,0 +1,215 @@
+"""What a track keeps for its report: every batch's row, and the events of as many batches as a page can hold."""
+
+import json
+import zipfile
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..config import Config
+from ..errors import ConfigError
+from ..imaging.iwe import scaled_roi_events
+from .loop import COLUMNS
+from .replay import Replay
+
+#: Name of the file in the folder of a track.
+FILE = "track.npz"
+
+#: Of the file's layout; another one is refused.
+VERSION = 1
+
+#: Compressed bytes of details. Base64 makes them 4/3 as many, and plotly.js has 4.8 MB: the page stays below 10 MB.
+BUDGET = 3_500_000
+
+#: Columns and rows of an event frame are binned to at most so many.
+FRAME_SIZE = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Detail:
+    """What is drawn of one batch.
+
+    Parameters
+    ----------
+    batch : int
+        Its number.
+    frame : uint8 array [rows, columns]
+        Events per pixel of the sensor, at most 255; ``frame_bin`` × ``frame_bin`` pixels in one.
+    x, y : uint16 arrays [n]
+        ROI events: column and row in the ROI, px.
+    since : uint32 array [n]
+        Their time since the batch's first event, µs.
+    v : float64 array [T + 1, 2]
+        Velocity that each iteration used, then the result; px per half batch.
+    levels : uint8 array [T]
+        Level of each iteration.
+    """
+
+    batch: int
+    frame: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    since: np.ndarray
+    v: np.ndarray
+    levels: np.ndarray
+
+    @property
+    def size(self):
+        """Compressed bytes, about."""
+        arrays = (self.frame, self.x, self.y, np.diff(self.since, prepend=np.uint32(0)))
+        return sum(len(zlib.compress(array.tobytes(), 6)) for array in arrays)
+
+
+class Kept:
+    """Collects while batches go by, in bounded memory but for the rows.
+
+    Where the details of all batches would be too much, those of every second, fourth … batch are kept.
+
+    Parameters
+    ----------
+    config : Config
+    engine : str
+        Name of the engine.
+    recording : str
+        Name of the recording.
+    motion : Motion, optional
+        The true motion, where it is known.
+
+    Attributes
+    ----------
+    rows : list of tuple of str
+        As in ``track.csv``.
+    spans : list of int
+        t_N − t_1 of each batch, µs.
+    truths : list of (float, float)
+        True mean velocity of each batch, px/s; NaN where it is not known.
+    roi_next : pair of int
+        ROI after the last batch.
+    details : list of Detail
+        In the order of batches.
+    """
+
+    def __init__(self, config, engine, recording, motion=None):
+        self.config, self.engine, self.recording = config, engine, recording
+        self.rows, self.spans, self.truths, self.details = [], [], [], []
+        self.roi_next = (0, 0)
+        self._motion = motion
+        self._replay = Replay(config)
+        self._stride = 1
+        self._sizes = {}
+
+    @property
+    def frame_bin(self):
+        """Pixels along one side of an element of an event frame."""
+        return -(-max(self.config.sensor_width, self.config.sensor_height) // FRAME_SIZE)
+
+    def column(self, name):
+        """Text of a column of ``track.csv``, one per batch."""
+        return [row[COLUMNS.index(name)] for row in self.rows]
+
+    def numbers(self, name):
+        """The same as float64; NaN where it is empty."""
+        return np.array([float(text or "nan") for text in self.column(name)])
+
+    def add(self, batch):
+        """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
+        result, events = batch.result, batch.events
+        plan, _ = self._replay.settings_of(result)
+        self.rows.append(batch.row())
+        self.spans.append(result.span)
+        self.roi_next = result.roi_next
+        known = self._motion is not None and len(events) > 0
+        truth = self._motion.mean_velocity(int(events.t[0]), int(events.t[-1])) if known else (np.nan, np.nan)
+        self.truths.append(tuple(float(axis) for axis in truth))
+        if batch.index % self._stride:
+            return
+        detail = self._detail(batch, plan)
+        self.details.append(detail)
+        self._sizes[detail.batch] = detail.size
+        while len(self.details) > 1 and sum(self._sizes.values()) > BUDGET:
+            self._stride *= 2
+            self.details = [detail for detail in self.details if detail.batch % self._stride == 0]
+            self._sizes = {detail.batch: self._sizes[detail.batch] for detail in self.details}
+
+    def _detail(self, batch, plan):
+        config, result, events = self.config, batch.result, batch.events
+        side = self.frame_bin
+        frame = np.zeros((-(-config.sensor_height // side), -(-config.sensor_width // side)), np.int64)
+        np.add.at(frame, (events.y // side, events.x // side), 1)
+        x, y, dt = scaled_roi_events(config, events, result.roi, thinned=bool(result.thinned))
+        since = np.rint((dt + 1) * result.span / 2)
+        scale = 1.0 if self.engine == "float" else config.v.step
+        return Detail(
+            batch.index,
+            np.minimum(frame, 255).astype(np.uint8),
+            x.astype(np.uint16),
+            y.astype(np.uint16),
+            since.astype(np.uint32),
+            np.array(result.trace.v, np.float64).reshape(-1, 2) * scale,
+            np.array([entry.level if entry else 0 for entry in plan], np.uint8),
+        )
+
+    def save(self, path):
+        """Write everything as ``.npz``."""
+        head = {"version": VERSION, "engine": self.engine, "recording": self.recording, "config": self.config.to_dict()}
+        details = self.details
+
+        def joined(name, dtype):
+            return np.concatenate([np.zeros(0, dtype), *(getattr(detail, name).ravel() for detail in details)])
+
+        np.savez_compressed(
+            path,
+            head=np.array(json.dumps(head)),
+            rows=np.array(self.rows, str),
+            spans=np.array(self.spans, np.int64),
+            truths=np.array(self.truths, np.float64),
+            roi_next=np.array(self.roi_next, np.int64),
+            batches=np.array([detail.batch for detail in details], np.int64),
+            counts=np.array([len(detail.x) for detail in details], np.int64),
+            iterations=np.array([len(detail.levels) for detail in details], np.int64),
+            velocities=np.array([len(detail.v) for detail in details], np.int64),
+            frames=np.array([detail.frame for detail in details]),
+            x=joined("x", np.uint16),
+            y=joined("y", np.uint16),
+            since=joined("since", np.uint32),
+            v=joined("v", np.float64).reshape(-1, 2),
+            levels=joined("levels", np.uint8),
+        )
+
+    @classmethod
+    def load(cls, path):
+        """What :meth:`save` wrote. Raises :exc:`ConfigError` for anything else."""
+        try:
+            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
+                data = {name: file[name] for name in file.files}
+            head = json.loads(str(data["head"]))
+            if head["version"] != VERSION:
+                raise ConfigError(f"{path}: version {head['version']}: {VERSION} is needed; track again with --report")
+            return cls._from_arrays(head, data)
+        except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, TypeError, IndexError, ValueError) as error:
+            if isinstance(error, ConfigError):
+                raise
+            raise ConfigError(f"{path}: damaged, or not written by track --report") from None
+
+    @classmethod
+    def _from_arrays(cls, head, data):
+        kept = cls(Config(**head["config"]), head["engine"], head["recording"])
+        kept.rows = [tuple(row) for row in data["rows"].tolist()]
+        kept.spans, kept.truths = data["spans"].tolist(), [tuple(pair) for pair in data["truths"].tolist()]
+        kept.roi_next = tuple(data["roi_next"].tolist())
+        if not kept.rows or {len(row) for row in kept.rows} != {len(COLUMNS)} or len(kept.spans) != len(kept.rows):
+            raise ValueError("rows")
+
+        def split(name, counts):
+            return np.split(data[name], np.cumsum(data[counts])[:-1])
+
+        parts = (
+            data["batches"].tolist(),
+            data["frames"],
+            *(split(name, "counts") for name in ("x", "y", "since")),
+            split("v", "velocities"),
+            split("levels", "iterations"),
+        )
+        kept.details = [Detail(*each) for each in zip(*parts, strict=True)]
+        return kept

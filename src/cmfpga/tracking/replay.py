@@ -1,0 +1,36 @@
+"""Which settings an engine used for each batch of a track, found from the results of the batches before it."""
+
+from ..protocol.batch import Flag
+from ..reference.integer.thinner import next_thinning
+
+
+class Replay:
+    """Keeps what the engines keep between batches, apart from v and the ROI.
+
+    Parameters
+    ----------
+    config : Config
+    """
+
+    def __init__(self, config):
+        self._config = config
+        self._following = False  # the batch before measured v, so the warm schedule applies
+        self._thinning = None  # what the batch before asks for
+
+    def settings_of(self, result):
+        """``(plan, thinning)`` of the next batch, whose :class:`BatchResult` this is.
+
+        ``plan`` has a ``ScheduleEntry`` per iteration, None for a constant η; the engine stored one ROI event in
+        ``thinning``.
+        """
+        config = self._config
+        plan = (None,) * result.iterations
+        if config.ascent == "sign":
+            warm = config.start == "last" and self._following
+            plan = (config.warm_schedule if warm else config.cold_schedule)[: result.iterations]
+        thinning = self._thinning if config.thin_target and self._thinning else config.thinning
+        if result.events:
+            self._following = Flag.DEGENERATE not in result.flags
+            found = result.roi_events + result.overflow + result.thinned
+            self._thinning = next_thinning(found, config.thin_target)
+        return plan, thinning

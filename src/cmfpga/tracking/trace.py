@@ -1,0 +1,204 @@
+"""Every intermediate of a tracked batch: computed again from its events, and checked against the engine's trace."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from ..errors import RecordingError
+from ..protocol.batch import BatchSettings
+from ..reference import floating
+from ..reference.ingest import take_in
+from ..reference.integer.core import IntegerCore
+from ..reference.integer.dither import dither
+from ..reference.integer.time_scaler import time_scaler
+from ..reference.integer.updater import gain
+from ..reference.integer.warp import warp
+
+
+@dataclass(frozen=True, eq=False)
+class IterationTrace:
+    """One iteration: what the engine has between its blocks.
+
+    Real numbers, float64. Those of the engines ``rtl`` and ``model`` are raw integers times the step of their format,
+    so nothing is lost; ``raw`` holds the integers.
+
+    Parameters
+    ----------
+    v, v_next : [2]
+        Velocity that the iteration used, and the one that it found; px per half batch.
+    level : int
+        The image's pixels are 2^level px wide. Positions, images and derivatives are in these pixels.
+    log2_step : int or None
+        The step is 2^log2_step px per half batch; None for a constant η.
+    x, y : [n]
+        Warped columns and rows, relative to the ROI.
+    iwe, iwe_dx, iwe_dy : [rows, columns]
+        Image of warped events I in events per pixel, ∂I/∂vx, ∂I/∂vy.
+    sum_i, sum_d, s, g : scalar, [2], [2], [2]
+        ΣI, ΣD, S = Σ I·D, G = P·S − ΣI·ΣD.
+    raw : dict or None
+        The same names, int64, in the formats of ``Config``; None for the engine ``float``.
+    """
+
+    v: np.ndarray
+    v_next: np.ndarray
+    level: int
+    log2_step: int | None
+    x: np.ndarray
+    y: np.ndarray
+    iwe: np.ndarray
+    iwe_dx: np.ndarray
+    iwe_dy: np.ndarray
+    sum_i: float
+    sum_d: np.ndarray
+    s: np.ndarray
+    g: np.ndarray
+    raw: dict | None
+
+
+class BatchTrace:
+    """A batch, iteration by iteration: ``trace[k]`` is the :class:`IterationTrace` of iteration k, ``len(trace)`` is T.
+
+    Parameters
+    ----------
+    config : Config
+    engine : str
+        Name of the engine that ran the batch.
+    events : Events
+        All events of the batch.
+    result : BatchResult
+        What the engine returned.
+    plan : tuple
+        A ``ScheduleEntry`` per iteration, None for a constant η.
+    thinning : int
+        The engine stored one ROI event in so many.
+    name : str
+        Of the recording, for messages.
+
+    Attributes
+    ----------
+    v : float64 [T + 1, 2]
+        Velocity that each iteration used, then the result; px per half batch.
+    levels : int64 [T]
+        Level of each iteration.
+    t, x, y : int64 [n]
+        Stored ROI events: µs since the batch's first event, column and row in the ROI, px.
+    x_dithered, y_dithered : float64 [n]
+        The same positions as the iterations use them: with the dither, if the configuration has one.
+    dt : float64 [n]
+        Scaled times, −1 … 1.
+
+    Raises
+    ------
+    RecordingError
+        The events are not those that the engine was given: the recording has changed.
+    """
+
+    def __init__(self, config, engine, events, result, *, plan, thinning, name):
+        self.config, self.result, self.plan = config, result, tuple(plan)
+        self._real = engine == "float"
+        self._name = name
+        settings = BatchSettings.from_config(config.replace(thinning=thinning, thin_target=0))
+        batch = take_in(config, events.t, events.x, events.y, settings, roi=result.roi, last_thinning=None)
+        if batch.counts != {key: getattr(result, key) for key in batch.counts}:
+            raise self._changed()
+        self.t, self.x, self.y = (axis.numpy() for axis in (batch.t, batch.x, batch.y))
+        self.levels = np.array([entry.level if entry else 0 for entry in self.plan], np.int64)
+        self.v = np.array(result.trace.v, np.float64).reshape(-1, 2) * (1 if self._real else config.v.step)
+        self._settings = settings
+        if self._real:
+            self._place_real(batch)
+        else:
+            self._place_raw(batch)
+
+    def _place_real(self, batch):
+        x, y = floating.float64(batch.x), floating.float64(batch.y)
+        if self.config.dither_frac:
+            x, y = (axis + offset for axis, offset in zip((x, y), floating.dither(len(x)), strict=True))
+        self._events = (x, y, floating.scaled_times(batch.t, 0, self.result.span))
+        self.x_dithered, self.y_dithered, self.dt = (axis.numpy() for axis in self._events)
+
+    def _place_raw(self, batch):
+        config = self.config
+        x, y = dither(config, batch.x, batch.y)
+        dt = time_scaler(config, batch.t, span=self.result.span) if self.result.span else torch.zeros_like(batch.t)
+        self._events = (x, y, dt)
+        step = 2.0**-config.dither_frac
+        self.x_dithered, self.y_dithered, self.dt = x.numpy() * step, y.numpy() * step, dt.numpy() * config.dt.step
+
+    def _changed(self):
+        return RecordingError(f"{self._name}: the events are not those that were tracked; the recording has changed")
+
+    def __len__(self):
+        return len(self.plan)
+
+    def __getitem__(self, k):
+        if not -len(self) <= k < len(self):
+            raise IndexError(f"iteration {k}: 0 to {len(self) - 1} is needed")
+        k %= len(self)
+        done = self._real_iteration(k) if self._real else self._raw_iteration(k)
+        self._check(k, done)
+        return done
+
+    def _check(self, k, done):
+        """What was computed here is what the engine found."""
+        trace, mine = self.result.trace, done if self._real else done.raw
+        mine = mine if isinstance(mine, dict) else vars(mine)
+        pairs = [(trace.v[k], mine["v"]), (trace.v[k + 1], mine["v_next"])]
+        pairs += [(getattr(trace, name)[k], mine[name]) for name in ("sum_i", "sum_d", "s")]
+        if not all(np.allclose(a, b, rtol=1e-9, atol=1e-9) if self._real else np.array_equal(a, b) for a, b in pairs):
+            raise self._changed()
+
+    def _raw_iteration(self, k):
+        config, entry = self.config, self.plan[k]
+        level = entry.level if entry else 0
+        columns, rows = config.level_size(level)
+        x, y, dt = self._events
+        v = tuple(int(axis) for axis in self.result.trace.v[k])
+        done, _ = IntegerCore(config).iterate(x, y, dt, v, gain=gain(config, self._settings.eta), entry=entry)
+        warped_x, warped_y = warp(config, x, y, dt, v, level)
+        raw = {
+            "v": np.array(done.v, np.int64),
+            "v_next": np.array(done.v_next, np.int64),
+            "x": warped_x.numpy(),
+            "y": warped_y.numpy(),
+            "iwe": done.images.i.numpy()[:rows, :columns],
+            "iwe_dx": done.images.dx.numpy()[:rows, :columns],
+            "iwe_dy": done.images.dy.numpy()[:rows, :columns],
+            "sum_i": done.sums.i,
+            "sum_d": np.array([done.sums.dx, done.sums.dy], np.int64),
+            "s": np.array([done.sums.sx, done.sums.sy], np.int64),
+            "g": np.array(done.g),  # may be wider than 64 bits
+        }
+        weight, derivative = 2.0**-config.weight_frac, 2.0**-config.derivative_frac
+        steps = {
+            **dict.fromkeys(("v", "v_next"), config.v.step),
+            **dict.fromkeys(("x", "y"), 2.0**-config.position_frac),
+            **dict.fromkeys(("iwe", "sum_i"), weight),
+            **dict.fromkeys(("iwe_dx", "iwe_dy", "sum_d"), derivative),
+            **dict.fromkeys(("s", "g"), weight * derivative),
+        }
+        real = {name: value * steps[name] for name, value in raw.items()}
+        return IterationTrace(**real, level=level, log2_step=entry.log2_step if entry else None, raw=raw)
+
+    def _real_iteration(self, k):
+        config, entry = self.config, self.plan[k]
+        level = entry.level if entry else 0
+        columns, rows = config.level_size(level)
+        x, y, dt = self._events
+        now = floating.evaluate(x, y, dt, self.v[k], width=config.roi_width, height=config.roi_height, level=level)
+        warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))
+        images = (image.numpy()[:rows, :columns] for image in (now.image, now.derivative_x, now.derivative_y))
+        pairs = ((now.sum_dx, now.sum_dy), (now.s_x, now.s_y), (now.g_x, now.g_y))
+        return IterationTrace(
+            self.v[k],
+            self.v[k + 1],
+            level,
+            entry.log2_step if entry else None,
+            *warped,
+            *images,
+            float(now.sum_i),
+            *(np.array([float(axis) for axis in pair]) for pair in pairs),
+            raw=None,
+        )

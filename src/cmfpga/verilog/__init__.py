@@ -1,0 +1,1 @@
+"""From Amaranth to Verilog text, estimates of its resources, and compiled simulators."""

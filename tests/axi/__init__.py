@@ -1,1 +1,0 @@
-"""Blocks of the AXI top, each against its model."""

@@ -1,0 +1,44 @@
+"""Schedules as text."""
+
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.config.schedule import parse_schedule
+from cmfpga.errors import ConfigError
+from cmfpga.fixed import Q
+
+LIMITS = {"name": "cold", "max_level": 2, "v": Q(5, 6), "entries": 16}
+
+
+def test_entries_and_counts():
+    assert parse_schedule("2:1*3 1:0  0:-6", **LIMITS) == ((2, 1), (2, 1), (2, 1), (1, 0), (0, -6))
+    assert len(parse_schedule("0:4*16", **LIMITS)) == 16
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "cold: 0 iterations: 1 to 16 are needed (schedule_entries)"),
+        ("3:0", "cold: '3:0': level 0 to 2 is needed (max_level)"),
+        ("0:5", "cold: '0:5': a log2 step of -6 to 4 is needed (Q5.6)"),
+        ("0:-7", "cold: '0:-7': a log2 step of -6 to 4 is needed (Q5.6)"),
+        ("0:0*0", "cold: '0:0*0': a count of 1 to 16 is needed (schedule_entries)"),
+        ("0:0*9 0:0*9", "cold: 18 iterations: 1 to 16 are needed (schedule_entries)"),
+        ("0:0*999999999", "cold: '0:0*999999999': a count of 1 to 16 is needed (schedule_entries)"),
+        ("0:0*" + "9" * 5000, f"cold: '0:0*{'9' * 5000}': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+        ("0,0", "cold: '0,0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+        ("0:0 x", "cold: 'x': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+        ("-1:0", "cold: '-1:0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+    ],
+)
+def test_refusals(text, message):
+    with pytest.raises(ConfigError) as caught:
+        parse_schedule(text, **LIMITS)
+    assert str(caught.value) == message
+
+
+def test_the_fast_preset_has_fifteen_cold_and_eight_warm_iterations():
+    config = preset("fast")
+    assert (len(config.cold_schedule), len(config.warm_schedule)) == (15, 8)
+    with pytest.raises(ConfigError, match=r"^warm: "):
+        config.replace(warm="0:9")

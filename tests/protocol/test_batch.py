@@ -1,0 +1,84 @@
+"""Settings, flags and results of a batch."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cmfpga.config import Config
+from cmfpga.fixed import Q
+from cmfpga.protocol.batch import BatchSettings, Flag, Trace, clamp_roi, crop_position
+
+
+def test_flags_have_the_bits_of_the_hardware():
+    assert {flag.name: flag.value for flag in Flag} == {
+        "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
+        "SCHEDULE": 128, "THINNED": 256,
+    }  # fmt: skip
+
+
+def test_flags_as_text():
+    assert Flag(0).text == ""
+    assert Flag.OVERFLOW.text == "overflow"
+    assert Flag(511).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped|schedule|thinned"
+    assert (Flag.ROI_CLAMPED | Flag.DEGENERATE).text == "degenerate|roi_clamped"
+
+
+@pytest.mark.parametrize(
+    "start, start_last, v_start",
+    [("last", True, (0, 0)), ("zero", False, (0, 0)), ("given", False, (1 << 12, -(3 << 11)))],
+)
+def test_settings_of_a_configuration(start, start_last, v_start):
+    config = Config(start=start, v_start_x=1.0, v_start_y=-1.5, eta=0.75, roi_gain=1.5, iterations=7, min_roi_events=9)
+    assert BatchSettings.from_config(config, (3, 4)) == BatchSettings(
+        roi=(3, 4), iterations=7, eta=768, roi_gain=24, start_last=start_last, v_start=v_start, min_roi_events=9
+    )
+    assert BatchSettings.from_config(config).roi is None
+    thin = BatchSettings.from_config(config.replace(thinning=5, thin_target=700))
+    assert (thin.thinning, thin.thin_target) == (5, 700)
+
+
+def test_settings_are_rounded_to_the_nearest():
+    config = Config(eta=1.0 + 0.6 / 1024, roi_gain=1.0 + 0.4 / 16)
+    assert (BatchSettings.from_config(config).eta, BatchSettings.from_config(config).roi_gain) == (1025, 16)
+
+
+def test_traces_are_compared_by_all_their_values():
+    def trace(**changes):
+        fields = {"v": np.zeros((2, 2)), "sum_i": np.zeros(1), "sum_d": np.zeros((1, 2)), "s": np.zeros((1, 2))}
+        return Trace(**{**fields, **changes})
+
+    assert trace() == trace()
+    assert trace() != "trace"
+    for field in dataclasses.fields(Trace):
+        values = getattr(trace(), field.name)
+        assert trace(**{field.name: values + 1}) != trace()
+        assert trace(**{field.name: values[:0]}) != trace()
+
+
+def test_crop_position_rounds_half_up():
+    config = Config(v_frac=3, roi_gain_frac=1)  # sixteenths of a pixel
+    assert [crop_position(config, raw) for raw in (0, 7, 8, 9, 16, 23, 24, 31, 40)] == [0, 0, 1, 1, 1, 1, 2, 2, 3]
+    np.testing.assert_array_equal(crop_position(config, np.array([7, 8, 24])), [0, 1, 2])
+
+
+@pytest.mark.parametrize(
+    "roi, clamped",
+    [
+        ((0, 0), (0, 0)), ((176, 116), (176, 116)), ((177, 0), (176, 0)), ((0, 117), (0, 116)), ((-1, 5), (0, 5)),
+        ((5, -1), (5, 0)), ((10**30, -(10**30)), (176, 0)),
+    ],
+)  # fmt: skip
+def test_clamp_roi(roi, clamped):
+    assert clamp_roi(Config(), roi) == (clamped, clamped != roi)
+
+
+def test_clamp_roi_of_numpy_integers():
+    clamped, changed = clamp_roi(Config(), (np.int64(200), np.int64(3)))
+    assert clamped == (176, 3) and changed and type(clamped[0]) is int
+
+
+def test_a_position_can_hold_every_roi():
+    config = Config(sensor_width=239, roi_width=2)
+    assert crop_position(config, config.roi_x_max << config.roi_x_format.f) == config.roi_x_max == 237
+    assert isinstance(config.roi_x_format, Q) and config.roi_x_format.max >= config.roi_x_max << config.roi_x_format.f

@@ -1,0 +1,139 @@
+"""Event words: what the encoders write is read by models that know nothing of them, and by real files."""
+
+import h5py
+import numpy as np
+import pytest
+
+from cmfpga.config import Config
+from cmfpga.errors import RecordingError
+from cmfpga.events.arrays import Events
+from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.words import encode, encode_evt20, encode_evt21, read_raw, swap_halves
+from cmfpga.reference.wire import decode, to_beats
+
+CONFIG = Config()
+
+
+def random_events(rng, count):
+    t = 5_000_000_000 + np.cumsum(rng.integers(0, 90, count) * (rng.random(count) < 0.2))
+    x = np.where(rng.random(count) < 0.7, np.arange(count) % 240, rng.integers(0, 240, count))
+    rows = np.arange(count) // 50
+    return Events(t, x, rows % 180, rows % 2)
+
+
+@pytest.mark.parametrize("swap", [False, True])
+@pytest.mark.parametrize("form", FORMATS)
+def test_round_trip(form, swap, rng):
+    events = random_events(rng, 3000)
+    words = encode(events, form, swap=swap)
+    assert words.dtype == np.uint64
+    tokens, counts = decode(CONFIG, to_beats(words, last=False), form, swap=swap)
+    assert not sum(counts.values()) and all(token.known and token.event for token in tokens)
+    got = np.array([(token.t, token.x, token.y) for token in tokens])
+    assert np.array_equal(got, np.stack([events.t % (1 << 32), events.x, events.y], axis=1))
+
+
+def test_evt21_packs_neighbours(rng):
+    events = random_events(rng, 3000)
+    assert len(encode(events, "EVT21")) < 0.8 * len(events)
+    full = Events(np.full(64, 7), np.arange(64), np.full(64, 3), np.ones(64))
+    words = encode_evt21(full.t, full.x, full.y, full.p)
+    assert [hex(word) for word in words.tolist()] == ["0x8000000000000000", "0x11c00003ffffffff", "0x11c10003ffffffff"]
+
+
+def test_by_hand():
+    """Bits as in Prophesee's documentation: type, low time bits, column, row; time words in between."""
+    t, x, y, p = [0x12345, 0x12345 + 64], [5, 6], [7, 8], [1, 0]
+    time, later = 0x12345 >> 6, (0x12345 >> 6) + 1
+    low = 0x12345 & 63
+    words = encode_evt20(t, x, y, p).view("<u4").tolist()
+    assert words == [8 << 28 | time, 1 << 28 | low << 22 | 5 << 11 | 7, 8 << 28 | later, low << 22 | 6 << 11 | 8]
+    words = encode_evt21(t, x, y, p).tolist()
+    assert words == [
+        8 << 60 | time << 32, 1 << 60 | low << 54 | 7 << 32 | 1 << 5, 8 << 60 | later << 32,
+        low << 54 | 8 << 32 | 1 << 6,
+    ]  # fmt: skip
+    assert encode(Events(t, x, y, p), "PACKED").tolist() == [
+        0x12345 << 32 | 1 << 31 | 7 << 16 | 5, (0x12345 + 64) << 32 | 8 << 16 | 6
+    ]  # fmt: skip
+
+
+def test_packed_words_are_a_c_struct():
+    words = encode(Events([1, 2], [3, 4], [5, 6], [0, 0]), "PACKED")
+    struct = np.dtype([("x", "<u2"), ("y", "<u2"), ("t", "<u4")])
+    assert words.astype("<u8").view(struct).tolist() == [(3, 5, 1), (4, 6, 2)]
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_no_events(form):
+    assert len(encode(Events.empty(), form)) == 0
+
+
+def test_an_odd_word_is_filled_up():
+    words = encode(Events([1], [2], [3], [1]), "EVT20")
+    assert len(words) == 1  # a time word, and the event
+    words = encode(Events([1, 1], [2, 4], [3, 3], [1, 1]), "EVT20")
+    assert words.view("<u4")[3] >> 28 == 8
+
+
+def test_halves(rng):
+    words = rng.integers(0, 1 << 63, 9).astype(np.uint64)
+    assert np.array_equal(swap_halves(words), words.view("<u4").reshape(-1, 2)[:, ::-1].reshape(-1).view("<u8"))
+
+
+@pytest.mark.parametrize("form, x, y", [("EVT21", 2048, 0), ("EVT20", 0, 2048), ("PACKED", 0, 32768)])
+def test_what_does_not_fit(form, x, y):
+    with pytest.raises(ValueError, match="fit this format"):
+        encode(Events([1], [x], [y], [1]), form)
+    with pytest.raises(ValueError, match="'EVT3': one of EVT21, EVT20, PACKED"):
+        encode(Events.empty(), "EVT3")
+
+
+# ---------------------------------------------------------------- files
+
+
+def test_a_real_file(data_dir):
+    """Prophesee's own EVT 2.0: decoded by the model as the events that others decoded; written again word by word."""
+    form, words = read_raw(data_dir / "original_formats" / "prophesee_spinner_640x480_evt2.raw")
+    assert form == "EVT20"
+    with h5py.File(data_dir / "prophesee_spinner_640x480.h5") as recording:
+        events = Events(*(recording[f"events/{name}"][:] for name in "txyp"))
+    tokens, counts = decode(CONFIG, to_beats(words), form)
+    found = [token for token in tokens if token.event]
+    assert len(found) == len(events) and all(token.known for token in found)
+    got = np.array([(token.t, token.x, token.y) for token in found])
+    assert np.array_equal(got, np.stack([events.t % (1 << 32), events.x, events.y], axis=1))
+    assert counts["format_errors"] == counts["time_high_back"] == 0
+    ours = encode(events, form).view("<u4")
+    theirs = words.view("<u4")
+    theirs = theirs[theirs >> 28 != 0xF]
+    # Theirs repeats time words that did not change; ours does not.
+    repeated = (theirs >> 28 == 8) & np.concatenate([[False], _last_time(theirs)[:-1] == theirs[1:]])
+    assert np.array_equal(ours[: len(theirs) - repeated.sum()], theirs[~repeated])
+
+
+def _last_time(words):
+    """The time word before or at each word."""
+    position = np.where(words >> 28 == 8, np.arange(len(words)), 0)
+    return words[np.maximum.accumulate(position)]
+
+
+def test_files_of_other_formats(data_dir, tmp_path):
+    with pytest.raises(RecordingError, match=r"neither evt 2\.0 nor evt 2\.1"):
+        read_raw(data_dir / "original_formats" / "prophesee_driving_1280x720_evt3.raw")
+    with pytest.raises(RecordingError, match="No such file"):
+        read_raw(tmp_path / "none.raw")
+
+
+def test_headers(tmp_path):
+    path = tmp_path / "a.raw"
+    word = (0x8000000100000000).to_bytes(8, "little")
+    path.write_bytes(b"% evt 2.1\n% end\n" + word + b"%%%")
+    assert read_raw(path)[0] == "EVT21" and read_raw(path)[1].tolist() == [0x8000000100000000]
+    path.write_bytes(b"% format EVT2.1;height=720\n" + word)
+    assert read_raw(path)[0] == "EVT21"
+    path.write_bytes(b"% evt 2.0\n" + word[:4])
+    assert read_raw(path)[1].view("<u4").tolist() == [0, 0xFFFFFFFF]
+    path.write_bytes(b"% evt 2.0")
+    with pytest.raises(RecordingError, match="without an end"):
+        read_raw(path)

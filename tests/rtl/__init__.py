@@ -1,1 +1,0 @@
-"""Each block of the RTL against its integer model."""

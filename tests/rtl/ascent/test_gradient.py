@@ -1,0 +1,89 @@
+"""Gradient against its model: exact at every bound of the sums."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.config import Config
+from cmfpga.reference.integer.gradient import Sums, gradient
+from cmfpga.rtl.ascent.gradient import Gradient
+from support.bench import CONFIGS, corners, edge_integers, integers_at_edges, np, play, random_value
+
+SHAPES = {
+    **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
+    # As wide as the exact model allows.
+    "widest": Config(roi_width=64, roi_height=64, buffer_events=1 << 14, weight_frac=8, derivative_frac=8),
+}
+
+
+def bounds(config):
+    """(low, high) of each member of :class:`Sums`."""
+    return [
+        (0, config.sum_i_max),
+        *[(-config.sum_d_max, config.sum_d_max)] * 2,
+        *[(-config.s_max, config.s_max)] * 2,
+    ]
+
+
+def check(config, items, spacing=None, seed=0):
+    """Each item's plain sums stand from ``lead`` cycles before its ``valid`` on, Sx and Sy only with it.
+
+    Where items come every ``lead`` cycles, the plain sums of the next stand there already in the cycle of ``valid``.
+    """
+    block = Gradient(config)
+    rng = np.random.default_rng(seed)
+    valid = np.cumsum(spacing or [block.lead] * len(items)).tolist()
+    shape = block.i.payload.shape()
+    script = [{"i.payload": random_value(shape, rng)} for _ in range(valid[-1] + block.latency + 5)]
+    for sums, at in zip(items, valid, strict=True):
+        for cycle in script[at - block.lead : at + 1]:
+            cycle["i.payload"] |= {"i": sums.i, "dx": sums.dx, "dy": sums.dy}
+        script[at]["i.valid"] = 1
+        script[at]["i.payload"] |= {"sx": sums.sx, "sy": sums.sy}
+    recording = play(block, script)
+    expected = [dict(zip("xy", gradient(config, sums), strict=True)) for sums in items]
+    assert recording.values() == expected
+    assert [out - into for out, into in zip(recording.cycles(), valid, strict=True)] == [block.latency] * len(items)
+    return recording
+
+
+def random_sums(config, rng, count):
+    columns = [edge_integers(rng, low, high, count).tolist() for low, high in bounds(config)]
+    return [Sums(*values) for values in zip(*columns, strict=True)]
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_matches_model(name, rng):
+    config = SHAPES[name]
+    items = random_sums(config, rng, 60)
+    check(config, items, rng.integers(Gradient.lead, 9, 60).tolist())
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_exact_at_the_bounds(name):
+    """Every combination of the sums' extremes: G reaches ±g_max and its width holds it."""
+    config = SHAPES[name]
+    extremes = [sorted({low, 0, high}) for low, high in bounds(config)]
+    # y takes the opposite of x, which halves the number of combinations without losing one.
+    items = [Sums(i, dx, -dx, sx, -sx) for i, dx, sx in itertools.product(extremes[0], extremes[1], extremes[3])]
+    recording = check(config, items)
+    came = [value for item in recording.values() for value in item.values()]
+    assert max(came) == config.g_max and min(came) == -config.g_max
+
+
+@pytest.mark.parametrize("name, latency", [("default", 1), ("narrow", 1), ("tiny", 1), ("odd", 4), ("sensor", 4)])
+def test_latency_and_throughput(name, latency, rng):
+    """P·S costs cycles only where P is no power of two; an item every ``lead`` cycles."""
+    config = SHAPES[name]
+    recording = check(config, random_sums(config, rng, 20))
+    assert recording.cycles() == [Gradient.lead * (n + 1) + latency for n in range(20)]
+
+
+@corners
+@given(st.data())
+def test_corners(data):
+    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
+    item = st.builds(Sums, *(integers_at_edges(*bound) for bound in bounds(config)))
+    check(config, data.draw(st.lists(item, min_size=5, max_size=20)))

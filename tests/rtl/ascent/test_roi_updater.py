@@ -1,0 +1,291 @@
+"""ROI updater against its model: a position that keeps its fraction, limited to the sensor at every border."""
+
+import itertools
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.config import Config
+from cmfpga.protocol.batch import clamp_roi, crop_position
+from cmfpga.reference.integer.roi_updater import roi_updater
+from cmfpga.reference.roi_follower import RoiFollower
+from cmfpga.rtl.ascent.roi_updater import RoiUpdater
+from support.bench import CONFIGS, ODD, TINY, corners, edge_integers, held, integers_at_edges, np, play, random_value
+
+SHAPES = {
+    **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny")},
+    # The ROI is the sensor: it cannot move. One column and one row of freedom. A gain without fraction bits.
+    "whole": Config(roi_width=240, roi_height=180),
+    "one": Config(**TINY).replace(sensor_width=3, sensor_height=3),
+    "whole gain": Config(**ODD, v_frac=1, roi_gain_frac=0),
+}
+
+
+def check(config, batches, seed=0):
+    """Batches of (corner to load or None, v, gain, whether to move); compares corner and flag in every cycle.
+
+    A move that is none is ``still`` half of the time, and no ``move`` at all otherwise.
+    """
+    rng = np.random.default_rng(seed)
+    block = RoiUpdater(config)
+    script, position, clamped = [], (0, 0), False
+    timeline = {0: ((0, 0), False)}
+
+    def cycle(**values):
+        # Nothing counts without its strobe.
+        noise = {"x": random_value(config.x_bits, rng), "y": random_value(config.y_bits, rng)}
+        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.roi_gain_format.width, rng)}
+        noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
+        noise["still"] = 0 if "v" in values else int(rng.integers(2))
+        script.append({**noise, **values})
+
+    def note(at):
+        timeline[at] = tuple(crop_position(config, axis) for axis in position), clamped
+
+    cycle()
+    for load, v, gain, move in batches:
+        clamped = False
+        if load is None:
+            cycle(new_batch=1)
+        else:
+            cycle(new_batch=1, load=1, x=load[0], y=load[1])
+            corner, clamped = clamp_roi(config, load)
+            position = tuple(axis << config.roi_x_format.f for axis in corner)
+        note(len(script))
+        for _ in range(int(rng.integers(3))):
+            cycle()
+        if move:
+            start = len(script)
+            # v and the gain stand from `move` on.
+            for number in range(block.latency):
+                cycle(**({"move": 1} if number == 0 else {}), v={"x": v[0], "y": v[1]}, roi_gain=gain)
+            position, limited = roi_updater(config, position, v, roi_gain=gain)
+            clamped |= limited
+            note(start + block.latency)
+        elif rng.random() < 0.5:
+            for number in range(block.latency):
+                cycle(move=int(number == 0), still=1)
+        cycle()
+    recording = play(block, script, flows=(), watch=("roi", "roi_next", "clamped")).watch
+    assert recording["roi_next"] == recording["roi"]
+    for number, wanted in enumerate(held(timeline, len(script))):
+        roi = recording["roi"][number]
+        assert ((roi["x"], roi["y"]), bool(recording["clamped"][number])) == wanted, f"cycle {number}"
+    return list(timeline.values())
+
+
+def check_ahead(config, batches, seed=0, *, hurry=False):
+    """As :func:`check` with two buffers: every batch is cropped before the move of the one ahead of it.
+
+    The move follows a batch's crop, after any time, and the next crop :attr:`RoiUpdater.settle` cycles later, with
+    ``hurry`` in the first cycle in which it may. Where a batch loads its ROI, nothing moves. Returns (corner, clamped)
+    of each batch.
+    """
+    config = config.replace(buffers=2)
+    rng = np.random.default_rng(seed)
+    block, follower = RoiUpdater(config), RoiFollower(config, 1 << config.roi_x_format.f)
+    script, crops, following = [], {0: ((0, 0), False)}, {}
+    step = None  # of the batch ahead: (v, gain, whether to move)
+
+    def cycle(**values):
+        noise = {"x": random_value(config.x_bits, rng), "y": random_value(config.y_bits, rng)}
+        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.roi_gain_format.width, rng)}
+        noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
+        noise["still"] = int(rng.integers(2))
+        script.append({**noise, **values})
+
+    def wait(longest=4):
+        for _ in range(0 if hurry else int(rng.integers(longest))):
+            cycle()
+
+    wait()
+    for load, *coming in batches:
+        if load is None:
+            cycle(new_batch=1)
+        else:
+            cycle(new_batch=1, load=1, x=load[0], y=load[1])
+        crops[len(script)] = follower.crop(load)
+        wait()
+        if load is None and step is not None:
+            v, gain, moves = step
+            values = {"v": {"x": v[0], "y": v[1]}, "roi_gain": gain, "still": int(not moves)}
+            cycle(move=1, **values)
+            cycle(**values)
+        else:
+            cycle()
+        # ``move`` is followed by settle − 1 cycles, and what comes then sees the next ROI.
+        for _ in range(block.settle - 2):
+            cycle()
+        following[len(script)] = follower.next_corner
+        wait(9)
+        following[len(script)] = follower.next_corner
+        step = coming
+        follower.move(tuple(axis * coming[1] for axis in coming[0]) if coming[2] else None)
+    cycle()
+    recording = play(block, script, flows=(), watch=("roi", "roi_next", "clamped")).watch
+    for number, (corner, clamped) in enumerate(held(crops, len(script))):
+        roi = recording["roi"][number]
+        assert ((roi["x"], roi["y"]), bool(recording["clamped"][number])) == (corner, clamped), f"cycle {number}"
+    for number, corner in following.items():
+        assert (recording["roi_next"][number]["x"], recording["roi_next"][number]["y"]) == corner, f"cycle {number}"
+    return list(crops.values())[1:]
+
+
+def random_batches(config, rng, count):
+    batches = []
+    for _ in range(count):
+        load = None
+        if rng.random() < 0.3:
+            load = int(rng.integers(config.sensor_width)), int(rng.integers(config.sensor_height))
+        fast = rng.random() < 0.3
+        limits = (config.v.min, config.v.max) if fast else (-2 << config.v_frac, 2 << config.v_frac)
+        gain = edge_integers(rng, 0, config.roi_gain_format.max, 1)[0]
+        batches.append((load, tuple(edge_integers(rng, *limits, 2).tolist()), int(gain), rng.random() < 0.8))
+    return batches
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_matches_model(name, rng):
+    timeline = check(SHAPES[name], random_batches(SHAPES[name], rng, 150))
+    assert {clamped for _, clamped in timeline} == {False, True}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("hurry", [False, True])
+def test_with_two_buffers_matches_model(name, hurry, rng):
+    crops = check_ahead(SHAPES[name], random_batches(SHAPES[name], rng, 250), hurry=hurry)
+    assert {clamped for _, clamped in crops} == {False, True}
+
+
+def test_with_two_buffers_the_last_move_is_repeated():
+    """A constant velocity is met exactly, one batch late; a batch that measured nothing stops it, a load resets it."""
+    config = SHAPES["default"]
+    unit, pixel = 1 << config.roi_gain_frac, 1 << config.v_frac
+    step = ((3 * pixel, -pixel), unit, True)
+    nothing = (step[0], unit, False)
+    batches = [((50, 60), *step), (None, *step), (None, *step), (None, *nothing), (None, *step), (None, *step)]
+    batches += [((50, 60), *step), (None, *step), (None, *step)]
+    # The first move is known when the second batch has been cropped, and then repeated for the third.
+    assert [corner for corner, _ in check_ahead(config, batches)] == [
+        (50, 60), (50, 60), (56, 58), (59, 57), (62, 56), (59, 57), (50, 60), (50, 60), (56, 58),
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_with_two_buffers_clamps_at_every_border(name):
+    """The position and what is ahead of it, each on its own: by a unit and by far; and back."""
+    config = SHAPES[name]
+    unit = 1 << config.roi_gain_frac
+    speeds = (1, -1, 1 << config.v_frac, -1 << config.v_frac, config.v.max, config.v.min)
+    batches = []
+    for x, y in itertools.product((0, config.roi_x_max), (0, config.roi_y_max)):
+        for v in speeds:
+            for velocity in ((v, 0), (0, v), (v, -v - (v < 0))):
+                batches += [((x, y), velocity, unit, True), *[(None, velocity, unit, True)] * 2]
+                batches += [(None, (0, 0), unit, True), (None, velocity, 0, True), (None, velocity, unit, False)]
+    crops = check_ahead(config, batches)
+    assert {clamped for _, clamped in crops} == {False, True}
+
+
+def test_with_two_buffers_a_load_out_of_range():
+    config = SHAPES["odd"]
+    loads = [(config.roi_x_max + dx, config.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
+    loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
+    crops = check_ahead(config, [(load, (0, 0), 0, False) for load in loads])
+    wanted = [load[0] > config.roi_x_max or load[1] > config.roi_y_max for load in loads]
+    assert [clamped for _, clamped in crops] == wanted
+
+
+def test_settling_time():
+    """The cycle in which ``roi_next`` first shows a move, or a load: not later than promised."""
+    config = Config(buffers=2)
+    step = 4 << config.v_frac
+    values = {"v": {"x": step, "y": step}, "roi_gain": 1 << config.roi_gain_frac}
+    idle = [{}] * 12
+    script = [
+        {"new_batch": 1, "load": 1, "x": 20, "y": 9},
+        *idle,
+        {"new_batch": 1},
+        values | {"move": 1},
+        values,
+        *idle,
+    ]
+    next_corners = play(RoiUpdater(config), script, flows=(), watch=("roi_next",)).watch["roi_next"]
+    for axis, at, then in (("x", 20, 28), ("y", 9, 17)):
+        seen = [row[axis] for row in next_corners]
+        loaded, moved = seen.index(at), seen.index(then)
+        assert loaded <= RoiUpdater.settle and moved - 14 <= RoiUpdater.settle
+        assert set(seen[loaded:15]) == {at} and set(seen[moved:]) == {then}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_clamps_at_every_border(name):
+    """To the first and last column and row, from one unit short of it to far beyond; the flag for a unit too much."""
+    config = SHAPES[name]
+    unit = 1 << config.roi_gain_frac  # gain 1
+    small, whole = 1, 1 << config.v_frac
+    batches = []
+    for corner in [(x, y) for x in (0, config.roi_x_max) for y in (0, config.roi_y_max)]:
+        for v in (small, whole, -small, -whole, config.v.max, config.v.min):
+            batches += [
+                (corner, (v, 0), unit, True),
+                (corner, (0, v), unit, True),
+                (corner, (v, -v - (v < 0)), unit, True),
+            ]
+            # Exactly back to the border sets no flag.
+            batches += [(corner, (0, 0), unit, True), (corner, (0, 0), 0, True)]
+    check(config, batches)
+
+
+def test_load_out_of_range():
+    """Every corner beyond the last one is limited and flagged; the last one is not."""
+    config = SHAPES["odd"]
+    loads = [(config.roi_x_max + dx, config.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
+    loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
+    timeline = check(config, [(load, (0, 0), 0, False) for load in loads])
+    wanted = [load[0] > config.roi_x_max or load[1] > config.roi_y_max for load in loads]
+    assert [clamped for _, clamped in timeline[1:]] == wanted
+
+
+def test_flag_sticks_until_the_next_batch():
+    config = SHAPES["odd"]
+    still = (None, (0, 0), 16, True)
+    # Loaded out of range, then a move that stays inside: still flagged. The next batch clears it.
+    timeline = check(config, [((60, 0), (-4096, 0), 16, True), still, (None, (config.v.max, 0), 63, True), still])
+    assert [clamped for _, clamped in timeline] == [False, True, True, False, False, False, True, False, False]
+
+
+def test_slow_motion_adds_up_and_halves_round_up():
+    """An eighth of a pixel per batch: the corner follows after four batches, and moves once in eight."""
+    config = SHAPES["default"]
+    eighth = 1 << (config.v_frac - 3)
+    gain = 1 << config.roi_gain_frac
+    timeline = check(config, [((10, 20), (0, 0), gain, False), *[(None, (eighth, -eighth), gain, True)] * 20])
+    corners = [corner for corner, _ in timeline[2:]][1::2]
+    # 10 + n/8 rounds up at the half; 20 − n/8 stays until it is below the half.
+    assert [x for x, _ in corners] == [10 + (n + 4) // 8 for n in range(1, 21)]
+    assert [y for _, y in corners] == [20 + (4 - n) // 8 for n in range(1, 21)]
+
+
+def test_latency():
+    """``move`` takes ``latency`` cycles, ``new_batch`` one (asserted in every cycle by ``check``)."""
+    assert RoiUpdater.latency == 3
+    check(SHAPES["default"], [((50, 50), (8192, 8192), 32, True)])
+
+
+@corners
+@given(st.data())
+def test_corners(data):
+    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
+    velocity = integers_at_edges(config.v.min, config.v.max)
+    load = st.tuples(integers_at_edges(0, config.sensor_width - 1), integers_at_edges(0, config.sensor_height - 1))
+    batch = st.tuples(
+        st.one_of(st.none(), load),
+        st.tuples(velocity, velocity),
+        integers_at_edges(0, config.roi_gain_format.max),
+        st.booleans(),
+    )
+    batches = data.draw(st.lists(batch, min_size=5, max_size=20))
+    check(config, batches)
+    check_ahead(config, batches, hurry=data.draw(st.booleans()))

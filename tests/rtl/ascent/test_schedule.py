@@ -1,0 +1,157 @@
+"""Schedule: parts of the table in any order, entries out of range limited and flagged only where they are used."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.rtl import payloads
+from cmfpga.rtl.ascent.schedule import Schedule
+from support.bench import LEVELS, corners, held, np, play, random_value, shape_range
+
+SHAPES = {
+    "fast": LEVELS["fast"],
+    "fast odd": LEVELS["fast odd"],
+    "fast wide": LEVELS["fast wide"],
+    # A table whose length is no power of two; one level; a v of few bits.
+    "short": LEVELS["fast tiny"].replace(
+        schedule_entries=11, max_level=0, v_int=2, v_frac=3, dither_frac=1, cold="0:0", warm="0:-1"
+    ),
+}
+
+
+class Player:
+    """Drives a schedule and says what its outputs must be in every cycle."""
+
+    def __init__(self, config, rng):
+        self.config, self.rng = config, rng
+        self.block = Schedule(config)
+        self.table = [(0, 0)] * config.schedule_entries
+        self.script, self.entry, self.limited = [], {}, {0: 0}
+
+    def cycle(self, **values):
+        """Inputs of a cycle; whatever has no strobe is random."""
+        noise = {
+            "first": random_value(self.block.first.shape(), self.rng),
+            "write.payload": random_value(self.block.write.payload.shape(), self.rng),
+        }
+        self.script.append(noise | values)
+
+    def write(self, address, entry):
+        self.cycle(**{"write.valid": 1, "write.payload": {"address": address, "entry": entry}})
+        self.table[address] = entry["level"], entry["shift"]
+
+    def batch(self, first, count, gaps):
+        """One batch of ``count`` iterations, each ``gaps[k]`` cycles longer than it has to be."""
+        self.cycle(new_batch=1)
+        self.limited[len(self.script)] = 0
+        self.cycle(load=1, first=first)
+        shown = len(self.script) + 1
+        self.cycle()
+        for k, gap in zip(range(count), gaps, strict=True):
+            level, shift = self.table[(first + k) % len(self.table)]
+            most = self.config.max_level, self.config.v.width - 2
+            self.entry[shown] = min(level, most[0]), min(shift, most[1])
+            for _ in range(gap):
+                self.cycle()
+            self.cycle(advance=1)
+            if level > most[0] or shift > most[1]:
+                self.limited[len(self.script)] = 1
+            shown = len(self.script)
+        self.entry[shown] = None  # what follows the last entry is nobody's
+        for _ in range(2):
+            self.cycle()
+
+    def check(self):
+        watch = play(self.block, self.script, flows=(), watch=("level", "shift", "limited")).watch
+        entries = held({0: None} | self.entry, len(self.script))
+        for cycle, (wanted, limited) in enumerate(zip(entries, held(self.limited, len(self.script)), strict=True)):
+            if wanted is not None:
+                assert (watch["level"][cycle], watch["shift"][cycle]) == wanted, f"cycle {cycle}"
+            assert watch["limited"][cycle] == limited, f"cycle {cycle}"
+        return [entry for entry in self.entry.values() if entry], set(self.limited.values())
+
+
+def entry_of(config, rng, *, good):
+    """An entry within its range, or any."""
+    if not good:
+        return random_value(payloads.schedule_entry(config), rng)
+    return {"level": int(rng.integers(config.max_level + 1)), "shift": int(rng.integers(config.v.width - 1))}
+
+
+@pytest.mark.parametrize("good", [True, False], ids=["in range", "any"])
+@pytest.mark.parametrize("name", SHAPES)
+def test_parts_of_the_table(name, good, rng):
+    """Batches that use any part, past the table's end too, and rewrite some of it in between."""
+    config = SHAPES[name]
+    player = Player(config, rng)
+    entries = config.schedule_entries
+    for address in rng.permutation(entries).tolist():
+        player.write(address, entry_of(config, rng, good=good))
+    for number in range(12):
+        count = int(rng.integers(1, entries + 1))
+        first = entries - 1 if number == 3 else int(rng.integers(entries))
+        gaps = (rng.integers(0, 3, count) if number % 2 else np.zeros(count, int)).tolist()
+        player.batch(first, count, gaps)
+        for _ in range(3):
+            player.write(int(rng.integers(entries)), entry_of(config, rng, good=good))
+    used, flags = player.check()
+    assert len(set(used)) >= 5
+    assert flags == ({0} if good else {0, 1})
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_limits_to_the_unit(name):
+    """The largest level and step pass, one more is limited; whichever the formats can hold."""
+    config = SHAPES[name]
+    shape = payloads.schedule_entry(config)
+    most = config.max_level, config.v.width - 2
+    tops = [shape_range(shape[field].shape)[1] for field in ("level", "shift")]
+    cases = {(level, shift) for level in (most[0], tops[0]) for shift in (most[1], tops[1])}
+    cases |= {(min(most[0] + 1, tops[0]), 0), (0, min(most[1] + 1, tops[1]))}
+    for level, shift in sorted(cases):
+        player = Player(config, np.random.default_rng(0))
+        player.write(0, {"level": level, "shift": shift})
+        player.batch(0, 1, [0])
+        used, flags = player.check()
+        assert used == [(min(level, most[0]), min(shift, most[1]))]
+        assert (1 in flags) == (level > most[0] or shift > most[1])
+
+
+def test_only_entries_that_are_used_are_flagged(rng):
+    """Entries out of range before and right behind the part: shown to nobody, flagged by nobody."""
+    config = SHAPES["fast"]
+    player = Player(config, rng)
+    bad = {"level": 3, "shift": 15}
+    for address in range(config.schedule_entries):
+        player.write(address, bad)
+    for address in (4, 5, 6):
+        player.write(address, {"level": 1, "shift": 2})
+    player.batch(4, 3, [0, 2, 0])
+    player.batch(6, 1, [3])
+    assert player.check()[1] == {0}
+
+
+def test_the_flag_stays_until_the_next_batch(rng):
+    config = SHAPES["fast"]
+    player = Player(config, rng)
+    player.write(0, {"level": 3, "shift": 1})
+    for address in (1, 2, 3):
+        player.write(address, {"level": 2, "shift": address})
+    player.batch(0, 4, [0, 1, 0, 1])  # the first is limited, the others are not
+    player.batch(1, 3, [0, 0, 0])
+    used, flags = player.check()
+    assert used == [(2, 1), (2, 1), (2, 2), (2, 3), (2, 1), (2, 2), (2, 3)] and flags == {0, 1}
+
+
+@corners
+@given(st.data())
+def test_corners(data):
+    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
+    player = Player(config, np.random.default_rng(data.draw(st.integers(0, 100))))
+    entries = config.schedule_entries
+    for address in range(entries):
+        player.write(address, entry_of(config, player.rng, good=data.draw(st.booleans())))
+    for _ in range(3):
+        gaps = data.draw(st.lists(st.integers(0, 2), min_size=1, max_size=entries))
+        player.batch(data.draw(st.integers(0, entries - 1)), len(gaps), gaps)
+    player.check()

@@ -1,0 +1,178 @@
+"""Updater against its model: v + η·∂C/∂v, saturation both ways, a flag that sticks until the next batch."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.config import Config
+from cmfpga.reference.integer.updater import gain, updater
+from cmfpga.rtl.ascent.updater import Updater
+from support.bench import CONFIGS, ODD, corners, edge_integers, held, integers_at_edges, np, play, random_value
+
+SHAPES = {
+    **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
+    # The gradient is shifted left to its format, and the step is shifted left to v's.
+    "left": Config(**ODD, gradient_int=4, gradient_frac=32),
+    "left step": Config(**ODD, v_frac=16, gradient_int=6, gradient_frac=4, eta_int=6, eta_frac=1),
+    # Steps so large that one of them crosses all of v.
+    "steep": Config(**ODD, v_int=2, gradient_int=20, gradient_frac=8),
+}
+
+
+def random_g(config, rng, count):
+    """G of every magnitude, and its bounds."""
+    exponents = rng.uniform(0, config.g_bits - 1, count)
+    values = [
+        int(2.0**exponent) * int(sign) for exponent, sign in zip(exponents, rng.choice([-1, 1], count), strict=True)
+    ]
+    bounds = [0, -1, 1, config.g_max, -config.g_max]
+    return [bounds[int(rng.integers(5))] if rng.random() < 0.2 else value for value in values]
+
+
+def check(config, batches, *, spacing=None, seed=0):
+    """Batches of (start or None to keep v, η, list of (Gx, Gy)); compares v and the flag in every cycle."""
+    rng = np.random.default_rng(seed)
+    block = Updater(config)
+    script, entered, v, saturated = [], [], (0, 0), False
+    timeline = {0: (v, saturated)}
+
+    def cycle(**values):
+        # Neither a gradient nor a start velocity counts without its strobe.
+        noise = {
+            "i.payload": random_value(block.i.payload.shape(), rng),
+            "start": random_value(block.start.shape(), rng),
+        }
+        script.append({**noise, **values})
+
+    def xy(pair):
+        return dict(zip("xy", pair, strict=True))
+
+    cycle()
+    for start, eta, gradients in batches:
+        cycle(new_batch=1, eta=eta)
+        saturated = False
+        timeline[len(script)] = v, saturated
+        if start is not None:
+            cycle(load=1, start=xy(start))
+            v = start
+            timeline[len(script)] = v, saturated
+        cycle()
+        for g in gradients:
+            entered.append(len(script))
+            cycle(**{"i.valid": 1, "i.payload": xy(g)})
+            steps = [
+                updater(config, axis_v, axis_g, gain=gain(config, eta)) for axis_v, axis_g in zip(v, g, strict=True)
+            ]
+            v = steps[0][0], steps[1][0]
+            saturated |= steps[0][1] or steps[1][1]
+            timeline[entered[-1] + block.latency] = v, saturated
+            for _ in range(block.latency - 1 + (spacing or 0)):
+                cycle()
+        for _ in range(3):
+            cycle()
+
+    recording = play(block, script, flows=(), watch=("v", "saturated", "done")).watch
+    for number, wanted in enumerate(held(timeline, len(script))):
+        velocity = recording["v"][number]
+        got = (velocity["x"], velocity["y"]), bool(recording["saturated"][number])
+        assert got == wanted, f"cycle {number}"
+    done = [number for number, value in enumerate(recording["done"]) if value]
+    assert done == [number + block.latency for number in entered]
+    return [v for v, _ in timeline.values()], [saturated for _, saturated in timeline.values()]
+
+
+def random_batches(config, rng, count, iterations=12):
+    batches = []
+    for number in range(count):
+        start = tuple(edge_integers(rng, config.v.min, config.v.max, 2).tolist()) if number % 3 else None
+        eta = int(edge_integers(rng, 0, config.eta_format.max, 1)[0])
+        pairs = zip(random_g(config, rng, iterations), random_g(config, rng, iterations), strict=True)
+        batches.append((start, eta, list(pairs)))
+    return batches
+
+
+@pytest.mark.parametrize("spacing", [0, 3])
+@pytest.mark.parametrize("name", SHAPES)
+def test_matches_model(name, spacing, rng):
+    config = SHAPES[name]
+    velocities, flags = check(config, random_batches(config, rng, 8), spacing=spacing)
+    assert len(set(velocities)) > 10 and set(flags) == {False, True}
+
+
+def test_shapes_cover_both_signs_of_every_shift():
+    """What the configurations above are for."""
+    assert {config.gradient_shift > 0 for config in SHAPES.values()} == {True, False}
+    assert {config.gradient_shift < 0 for config in SHAPES.values()} == {True, False}
+    assert {config.step_shift < 0 for config in SHAPES.values()} == {True, False}
+    assert {config.pixels & (config.pixels - 1) == 0 for config in SHAPES.values()} == {True, False}
+
+
+def g_of_slope(config, slope):
+    """A G that the shift turns into ``slope``."""
+    return slope << config.gradient_shift if config.gradient_shift >= 0 else slope >> -config.gradient_shift
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_v_saturates_and_the_flag_sticks(sign):
+    """Up to the end of v's format and not beyond; the flag stays until the next batch, v longer."""
+    config = SHAPES["steep"]
+    end = config.v.max if sign > 0 else config.v.min
+    g = g_of_slope(config, sign * (1 << config.gradient_frac))  # ∂C/∂v = ±1, so v moves by η/ρ, 1.7 px
+    eta = config.eta_format.raw(3.0)
+    velocities, flags = check(
+        config, [((0, 0), eta, [(0, 0), (g, 0), (0, 0), (g, 0), (g, 0), (-g, 0), (0, -g)]), (None, eta, [(-g, g)])]
+    )
+    assert (end, 0) in velocities
+    assert flags[:5] == [False] * 5 and flags[-2:] == [False, False] and any(flags)
+    first = flags.index(True)
+    assert all(flags[first:-2])
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("name", ["default", "odd", "fine"])
+def test_gradient_saturates(name, axis):
+    """The flag at exactly one unit beyond the gradient's format, on either axis; with η = 0 v stands still."""
+    config = SHAPES[name].replace(gradient_int=1)  # within reach of G
+    fmt = config.gradient_format
+    for slope, expected in ((fmt.max, False), (fmt.max + 1, True), (fmt.min, False), (fmt.min - 1, True)):
+        g = [0, 0]
+        g[axis] = g_of_slope(config, slope)
+        assert abs(g[axis]) <= config.g_max
+        velocities, flags = check(config, [((5, -7), 0, [tuple(g)])])
+        assert flags[-1] == expected and velocities[-1] == (5, -7)
+
+
+@pytest.mark.parametrize("name", ["default", "odd"])
+def test_halves_round_up(name):
+    """The smallest gradients and steps of either sign: the gradient is floored, the step rounds half up."""
+    config = SHAPES[name]
+    shift = max(0, config.gradient_shift)
+    unit = 1 << max(0, config.step_shift - config.gain_format.f)  # slope that moves v by about a unit at η = 1
+    eta = config.eta_format.raw(1.0)
+    around = sorted({value + near for value in (0, unit // 2, unit, 3 * unit // 2) for near in (-1, 0, 1)})
+    gs = [sign * (slope << shift) + near for slope in around for sign in (-1, 1) for near in (-1, 0, 1)]
+    check(config, [((0, 0), eta, [(g, -g) for g in gs])])
+
+
+def test_keeps_v_from_batch_to_batch(rng):
+    """Warm start: without ``load`` the next batch goes on from the last v; with it from ``start``."""
+    config = SHAPES["default"]
+    g = g_of_slope(config, 1 << (config.gradient_frac - 3))
+    eta = config.eta_format.raw(1.0)
+    velocities, _ = check(config, [(None, eta, [(g, -g)]), (None, eta, [(g, -g)]), ((100, 200), eta, [(g, 0)])])
+    step = 1 << (config.v_frac - 3)
+    assert velocities[-1] == (100 + step, 200) and (2 * step, -2 * step) in velocities
+
+
+@corners
+@given(st.data())
+def test_corners(data):
+    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
+    velocity = integers_at_edges(config.v.min, config.v.max)
+    g = integers_at_edges(-config.g_max, config.g_max)
+    batches = st.tuples(
+        st.one_of(st.none(), st.tuples(velocity, velocity)),
+        integers_at_edges(0, config.eta_format.max),
+        st.lists(st.tuples(g, g), min_size=1, max_size=6),
+    )
+    check(config, data.draw(st.lists(batches, min_size=1, max_size=4)))

@@ -1,0 +1,185 @@
+"""Accumulator against its model: no vote is lost however close two of them come, and a sweep leaves zeros."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.config import Config
+from cmfpga.reference.integer.accumulator import accumulator
+from cmfpga.reference.integer.voter import voter
+from cmfpga.rtl.image.accumulator import Accumulator, ReadAddWrite
+from support.bench import (
+    CONFIGS,
+    NARROW,
+    bank_pixels,
+    corners,
+    np,
+    play,
+    random_gaps,
+    random_value,
+    random_values,
+    sweep_addresses,
+    tensor,
+    vote_payloads,
+)
+from support.votes import cell_votes, patterns
+
+CONFIGS = {name: CONFIGS[name] for name in ("narrow", "odd", "tiny", "sensor")} | {
+    # Odd numbers of columns and rows in a bank.
+    "uneven": Config(roi_width=6, roi_height=10, buffer_events=40),
+}
+
+
+# ---------------------------------------------------------------- votes
+
+
+# ---------------------------------------------------------------- playing
+
+
+def script_of(config, phases, rng, probability=0.0):
+    """Votes of a phase, then a sweep, then the next phase: no cycle between them, but for random gaps.
+
+    Whatever is not valid has random values: banks without a vote, votes in a gap or during a sweep.
+    """
+    block = Accumulator(config)
+    votes_noise = random_values(block.i.payload.shape(), rng)
+    vote_noise = random_values(block.i.payload.shape()["banks"].shape.elem_shape, rng)
+    sweep_noise = random_values(block.sweep.payload.shape(), rng)
+    script, starts = [], []
+
+    def idle(cycles):
+        script.extend({"i.payload": next(votes_noise)} for _ in range(cycles))
+
+    for votes in phases:
+        events = vote_payloads(config, votes)
+        for banks, gap in zip(events, random_gaps(rng, len(events), probability), strict=True):
+            idle(gap)
+            banks = [bank or next(vote_noise) | {"valid": 0} for bank in banks]
+            script.append({"i.valid": 1, "i.payload": {"banks": banks, "last": int(rng.integers(2))}})
+        addresses = [address for address, *_ in sweep_addresses(config)]
+        starts.append([])
+        for address, gap in zip(addresses, random_gaps(rng, len(addresses), probability / 2), strict=True):
+            idle(gap)
+            starts[-1].append(len(script))
+            sweep = next(sweep_noise) | {"address": address}
+            script.append({"sweep.valid": 1, "sweep.payload": sweep})
+    idle(8)
+    return block, script, starts
+
+
+def check(config, phases, probability=0.0, seed=0):
+    """``phases`` is a dictionary {name: votes}."""
+    rng = np.random.default_rng(seed)
+    block, script, starts = script_of(config, phases.values(), rng, probability)
+    recording = play(block, script)
+    expected = {name: bank_pixels(config, accumulator(config, votes)) for name, votes in phases.items()}
+    values = iter(recording.values())
+    for name, pixels in expected.items():
+        for place, wanted in zip(sweep_addresses(config), pixels, strict=True):
+            assert next(values, "nothing more") == wanted, f"{name!r} at address, row, column {place}"
+    assert next(values, None) is None, "more items than were swept"
+    swept = [cycle for cycles in starts for cycle in cycles]
+    assert recording.cycles() == [cycle + block.latency for cycle in swept]
+    return expected
+
+
+@pytest.mark.parametrize("probability", [0.0, 0.5], ids=["free", "gaps"])
+@pytest.mark.parametrize("name", ["narrow", "odd", "tiny", "uneven"])
+def test_hazards(name, probability, rng):
+    """All patterns, back to back, each followed at once by its sweep; in between, sweeps that must read zeros."""
+    config = CONFIGS[name]
+    nothing = cell_votes(config, [], rng)
+    phases = {}
+    for pattern, cells in patterns(config, rng).items():
+        phases[pattern] = cell_votes(config, cells, rng)
+        if len(phases) % 8 == 0:
+            phases[f"zeros after {pattern!r}"] = nothing
+    check(config, phases, probability)
+
+
+@pytest.mark.parametrize("name", ["narrow", "odd"])
+def test_votes_of_the_voter(name, rng):
+    """What the voter really gives, events along a moving edge."""
+    config = CONFIGS[name]
+    phases = {}
+    for batch in range(3):
+        count = config.buffer_events
+        frac = config.position_frac
+        x = (rng.integers(-1, 4, count) + config.roi_width // 2 << frac) + rng.integers(0, 1 << frac, count)
+        y = rng.integers(-2 << frac, (config.roi_height + 1) << frac, count)
+        dt = rng.integers(-1 << config.dt_frac, 1 << config.dt_frac, count, endpoint=True)
+        phases[f"batch {batch}"] = voter(config, tensor(x), tensor(y), tensor(dt))
+    check(config, phases)
+
+
+def test_whole_sensor(rng):
+    """240×180: votes at the far ends of the address range."""
+    config = CONFIGS["sensor"]
+    far = [(239, 179), (238, 178), (239, 0), (0, 179), (-1, -1), (127, 127), (128, 128)] * 5
+    check(config, {"far": cell_votes(config, far, rng)})
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_words_hold_every_event_on_one_pixel(sign):
+    """As many events as the buffer holds, with the largest votes, on one pixel: the largest words that can be."""
+    config = Config(**NARROW).replace(buffer_events=64, roi_width=4, roi_height=4)
+    votes = cell_votes(config, [(1, 1)] * config.buffer_events, np.random.default_rng(0))
+    top = sign * config.derivative_max
+    votes = votes._replace(w=votes.w * 0 + config.weight_max, dx=votes.dx * 0 + top, dy=votes.dy * 0 - top)
+    largest = {
+        "i": config.image_max,
+        "dx": sign * config.derivative_image_max,
+        "dy": -sign * config.derivative_image_max,
+    }
+    expected = check(config, {"full": votes, "zeros": cell_votes(config, [], np.random.default_rng(0))})
+    assert largest in expected["full"][0]
+
+
+def test_latency_and_throughput(rng):
+    """A vote, or a swept address, in every cycle: asserted by :func:`check` for every item; here the number."""
+    config = CONFIGS["odd"]
+    assert Accumulator.latency == ReadAddWrite.latency == 3
+    block, script, starts = script_of(config, [cell_votes(config, [(0, 0)] * 20, rng)], rng)
+    recording = play(block, script)
+    assert starts[0] == list(range(20, 20 + config.bank_words))
+    assert recording.cycles() == list(range(23, 23 + config.bank_words))
+
+
+@corners
+@given(st.data())
+def test_any_order_of_few_addresses(data):
+    """Votes among few cells, with gaps of any pattern: where forwarding works."""
+    config = CONFIGS["uneven"]
+    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
+    cell = st.tuples(st.sampled_from([0, 1, 2]), st.sampled_from([0, 2]))
+    phases = {}
+    for phase in range(3):
+        cells = data.draw(st.lists(cell, min_size=3, max_size=config.buffer_events))
+        phases[f"phase {phase}"] = cell_votes(config, cells, rng)
+    check(config, phases, data.draw(st.sampled_from([0.0, 0.3, 0.6])), seed=data.draw(st.integers(0, 1000)))
+
+
+def test_read_add_write_gives_the_value_before(rng):
+    """The bank alone: every operation returns what stood there before it, clears included."""
+    from amaranth.hdl import signed
+    from amaranth.lib import data
+
+    word = data.StructLayout({"a": 12, "b": signed(14)})
+    block = ReadAddWrite(word, data.StructLayout({"a": 5, "b": signed(6)}), 5)
+    memory = [{"a": 0, "b": 0} for _ in range(5)]
+    script, expected = [], []
+    for _ in range(600):
+        operation = random_value(block.operation, rng) | {"address": int(rng.choice([0, 0, 1, 4])), "clear": 0}
+        operation["clear"] = int(rng.random() < 0.1)
+        if rng.random() < 0.2:
+            script.append({"i.payload": operation})
+            continue
+        script.append({"i.valid": 1, "i.payload": operation})
+        old = memory[operation["address"]]
+        expected.append(old)
+        add = operation["add"] if not operation["clear"] else {name: -value for name, value in old.items()}
+        memory[operation["address"]] = {name: old[name] + add[name] for name in old}
+    recording = play(block, [*script, *[{}] * 6])
+    assert recording.values() == expected
+    pushed = [cycle for cycle, values in enumerate(script) if "i.valid" in values]
+    assert [out - into for out, into in zip(recording.cycles(), pushed, strict=True)] == [block.latency] * len(pushed)

@@ -1,0 +1,84 @@
+"""Time scaler against its model: dt is −1 … 1, x, y and last pass through."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.config import Config
+from cmfpga.reference.integer.time_scaler import reciprocal, time_scaler
+from cmfpga.rtl.image.time_scaler import TimeScaler
+from support.bench import (
+    CONFIGS,
+    GAPS,
+    check_flow,
+    check_throughput,
+    corners,
+    edge_integers,
+    integers_at_edges,
+    np,
+    random_gaps,
+    random_value,
+    tensor,
+)
+
+SHAPES = {
+    "default": CONFIGS["default"],
+    "narrow": CONFIGS["narrow"],
+    "short": Config(span_bits=4, reciprocal_bits=4, dt_frac=4),
+    "long": Config(time_bits=48, span_bits=32, reciprocal_bits=17, dt_frac=16),
+    # dt has more fraction bits than the product: shifted left, not rounded.
+    "coarse": Config(span_bits=4, reciprocal_bits=4, dt_frac=12),
+}
+
+
+def check(config, times, span, gaps, seed=0):
+    rng = np.random.default_rng(seed)
+    block = TimeScaler(config)
+    dt = time_scaler(config, tensor(times), span=span).tolist()
+    items, expected = [], []
+    for t, value in zip(times, dt, strict=True):
+        payload = {**random_value(block.i.payload.shape(), rng), "t": t}
+        items.append(payload)
+        expected.append({"dt": value, **{name: payload[name] for name in ("x", "y", "last")}})
+    shift, mantissa = reciprocal(config, span)
+    pushed, popped = check_flow(
+        block, items, expected, gaps=gaps, rng=rng, before=[{"span": span, "shift": shift, "mantissa": mantissa}]
+    )
+    return pushed, popped, dt
+
+
+@pytest.mark.parametrize("gap", GAPS)
+@pytest.mark.parametrize("name", SHAPES)
+def test_matches_model(name, gap, rng):
+    config = SHAPES[name]
+    largest = (1 << config.span_bits) - 1
+    for span in {1, 2, largest, largest // 2 + 1, int(rng.integers(1, largest))}:
+        times = edge_integers(rng, 0, span, 40).tolist()
+        *_, dt = check(config, [0, *times, span], span, [0, *random_gaps(rng, 41, GAPS[gap])])
+        # The first event is at −1, the last at +1, up to the reciprocal's precision.
+        error = 1 + (1 << config.dt_frac >> config.reciprocal_bits - 1)
+        assert abs(dt[0] + (1 << config.dt_frac)) <= error
+        assert abs(dt[-1] - (1 << config.dt_frac)) <= error
+
+
+def test_latency_and_throughput(rng):
+    config = CONFIGS["default"]
+    times = np.sort(rng.integers(0, 10_001, 64)).tolist()
+    pushed, popped, _ = check(config, times, 10_000, [0] * 64)
+    check_throughput(pushed, popped)
+
+
+def test_every_time_of_every_short_span():
+    """All that 4 bits allow."""
+    config = SHAPES["short"]
+    for span in range(1, 16):
+        check(config, list(range(span + 1)), span, [0] * (span + 1))
+
+
+@corners
+@given(st.data())
+def test_corners(data):
+    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
+    span = data.draw(integers_at_edges(1, (1 << config.span_bits) - 1))
+    times = data.draw(st.lists(integers_at_edges(0, span), min_size=10, max_size=30))
+    check(config, times, span, [0] * len(times))

@@ -1,0 +1,80 @@
+"""Reciprocal against its model: shift and mantissa, exact latency, results that stay."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.config import Config
+from cmfpga.reference.integer.time_scaler import reciprocal
+from cmfpga.rtl.ingest.reciprocal import Reciprocal
+from support.bench import CONFIGS, corners, integers_at_edges, np, play
+
+SHAPES = {
+    "default": CONFIGS["default"],
+    "short": Config(span_bits=4, reciprocal_bits=4),
+    "long": Config(time_bits=48, span_bits=32, reciprocal_bits=17),
+    "wide divisor": Config(span_bits=20, reciprocal_bits=4),
+    "wide result": Config(span_bits=5, reciprocal_bits=17),
+}
+
+
+def check(config, spans, idle=0):
+    """Divide by one span after the other; while a division runs, its input may change."""
+    block = Reciprocal(config)
+    rng = np.random.default_rng(0)
+    script, starts = [], []
+    for span in spans:
+        starts.append(len(script))
+        script.append({"start": 1, "span": span})
+        script += [{"span": int(rng.integers(1 << config.span_bits))} for _ in range(block.latency - 1 + idle)]
+    script += [{}] * 3
+    recording = play(block, script, flows=(), watch=("done", "shift", "mantissa")).watch
+    assert [cycle for cycle, done in enumerate(recording["done"]) if done] == [s + block.latency for s in starts]
+    ends = [*(start for start in starts[1:]), len(script) - 1]
+    for span, start, end in zip(spans, starts, ends, strict=True):
+        # From `done` until the next start, inclusive.
+        for cycle in range(start + block.latency, end + 1):
+            got = recording["shift"][cycle], recording["mantissa"][cycle]
+            assert got == reciprocal(config, span), f"1/{span}, cycle {cycle - start}"
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_matches_model(name, rng):
+    config = SHAPES[name]
+    powers = {1 << bit for bit in range(0, config.span_bits, 3)}
+    spans = sorted(powers | {max(1, power - 1) for power in powers} | {power + 1 for power in powers})
+    spans += [(1 << config.span_bits) - 1, *rng.integers(1, 1 << config.span_bits, 10).tolist()]
+    check(config, spans)
+    check(config, spans[:4], idle=4)
+
+
+def test_latency():
+    """A division may start in the cycle in which the one before is done: one every ``latency`` cycles."""
+    block = Reciprocal(CONFIGS["default"])
+    assert block.latency == 24 + 16 + 1
+    recording = play(
+        block, ([{"start": 1, "span": 1000}, *[{}] * (block.latency - 1)]) * 3 + [{}], flows=(), watch=("done",)
+    )
+    assert [cycle for cycle, done in enumerate(recording.watch["done"]) if done] == [41, 82, 123]
+
+
+def test_every_short_span():
+    check(SHAPES["short"], list(range(1, 16)))
+
+
+def test_zero_takes_the_same_time():
+    """1/0 means nothing, but must not hang, nor spoil the next division."""
+    config = SHAPES["short"]
+    block = Reciprocal(config)
+    cycle = [{}] * (block.latency - 1)
+    script = [{"start": 1, "span": 0}, *cycle, {"start": 1, "span": 11}, *cycle, {}]
+    recording = play(block, script, flows=(), watch=("done", "shift", "mantissa")).watch
+    assert [n for n, done in enumerate(recording["done"]) if done] == [block.latency, 2 * block.latency]
+    assert (recording["shift"][-1], recording["mantissa"][-1]) == reciprocal(config, 11)
+
+
+@corners
+@given(st.data())
+def test_corners(data):
+    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
+    check(config, data.draw(st.lists(integers_at_edges(1, (1 << config.span_bits) - 1), min_size=3, max_size=6)))

@@ -1,0 +1,197 @@
+"""ROI filter against its model: cropping, time range, counters, time stamps that wrap, step back or run too far."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from cmfpga.config import Config
+from cmfpga.reference.integer.roi_filter import roi_filter
+from cmfpga.rtl.ingest.roi_filter import RoiFilter
+from support.bench import (
+    CONFIGS,
+    GAPS,
+    NARROW,
+    ODD,
+    TINY,
+    check_throughput,
+    corners,
+    flow_script,
+    integers_at_edges,
+    np,
+    play,
+    random_gaps,
+)
+
+SHAPES = {
+    "default": CONFIGS["default"],
+    "narrow": Config(**NARROW, time_bits=16, span_bits=12),
+    "odd": Config(**ODD, time_bits=20, span_bits=19),
+    "tiny": Config(**TINY, time_bits=8, span_bits=4),
+    # No room to move: the ROI is the whole sensor.
+    "whole": Config(roi_width=240, roi_height=180),
+    # The span is half of the counter: nothing can lie beyond it, it would be a step back.
+    "half": Config(**ODD, time_bits=8, span_bits=7),
+}
+COUNTERS = ("outside", "time_back", "time_span", "span", "t_first")
+
+
+def check(config, batches, probability=0.0, seed=0):
+    """Batches of (t, x, y, roi), back to back; returns the models' results and the recorded cycles."""
+    rng = np.random.default_rng(seed)
+    block = RoiFilter(config)
+    script, expected, ends, pushed, results = [], [], [], [], []
+    for t, x, y, roi in batches:
+        # `start` comes when the batch before is through; the ROI stays for the whole batch.
+        script.append({"start": 1, "roi": {"x": roi[0], "y": roi[1]}})
+        events = [{"t": t, "x": x, "y": y, "last": int(rng.integers(2))} for t, x, y in zip(t, x, y, strict=True)]
+        part, cycles = flow_script(block, events, random_gaps(rng, len(events), probability), rng, drain=block.latency)
+        model = roi_filter(config, t, x, y, roi=roi)
+        pushed.append([len(script) + cycle for cycle in cycles])
+        script += part
+        ends.append(len(script) - 1)
+        results.append(model)
+        expected += zip(model.t.tolist(), model.x.tolist(), model.y.tolist(), strict=True)
+    recording = play(block, script, watch=COUNTERS)
+    assert [(value["t"], value["x"], value["y"]) for value in recording.values()] == expected
+    for (t, *_), end, model in zip(batches, ends, results, strict=True):
+        got = {name: recording.watch[name][end] for name in COUNTERS}
+        if len(t):
+            wanted = {name: getattr(model, name) for name in COUNTERS[:4]} | {"t_first": t[0]}
+            assert got == wanted
+            assert model.events == len(model.t) + got["outside"] + got["time_back"] + got["time_span"]
+        else:
+            assert [got[name] for name in COUNTERS[:4]] == [0, 0, 0, 0]
+    return results, pushed, recording.cycles()
+
+
+def random_batch(config, rng, count, *, errors=0.0):
+    """Around the ROI's borders as often as anywhere; ``errors`` is the share of bad time stamps."""
+    roi = (int(rng.integers(config.roi_x_max + 1)), int(rng.integers(config.roi_y_max + 1)))
+    columns = []
+    for corner, size, limit in zip(
+        roi, (config.roi_width, config.roi_height), (config.sensor_width, config.sensor_height), strict=True
+    ):
+        border = rng.choice([corner - 1, corner, corner + 1, corner + size - 1, corner + size], count)
+        inside = rng.integers(corner, corner + size, count)
+        anywhere = rng.integers(0, limit, count)
+        column = np.choose(rng.integers(0, 3, count), [border, inside, anywhere])
+        columns.append(np.clip(column, 0, limit - 1).tolist())
+    wrap = 1 << config.time_bits
+    span = min(1 << config.span_bits, wrap // 2) - 1
+    t = np.sort(rng.integers(0, span, count, endpoint=True))
+    wrong = rng.random(count) < errors
+    t = np.where(wrong, t + rng.integers(-span, 2 * span, count), t)
+    return ((t + rng.integers(wrap)) % wrap).tolist(), *columns, roi
+
+
+@pytest.mark.parametrize("gap", GAPS)
+@pytest.mark.parametrize("name", SHAPES)
+def test_matches_model(name, gap, rng):
+    """Batches of many sizes back to back, half of them with wrong time stamps."""
+    config = SHAPES[name]
+    batches = [
+        random_batch(config, rng, count, errors=errors)
+        for count in (40, 1, 3, 60, 2, 25) for errors in (0.0, 0.3)
+    ]  # fmt: skip
+    results, *_ = check(config, batches, GAPS[gap])
+    assert sum(len(model.t) for model in results) > 20
+    assert sum(model.time_back for model in results) > 5
+    assert name == "whole" or sum(model.outside for model in results) > 5
+
+
+def test_latency_and_throughput(rng):
+    config = CONFIGS["default"]
+    t = np.arange(100, 164).tolist()
+    x, y = rng.integers(50, 114, 64).tolist(), rng.integers(30, 94, 64).tolist()
+    _, (pushed,), popped = check(config, [(t, x, y, (50, 30))])
+    check_throughput(pushed, popped)
+    assert popped[0] - pushed[0] == RoiFilter.latency
+
+
+def test_nothing_leaves_without_an_event():
+    """An idle filter stays silent, from the first cycle."""
+    results, _, popped = check(SHAPES["tiny"], [([], [], [], (0, 0))] * 3)
+    assert not popped and all(model.events == 0 for model in results)
+
+
+def test_counter_wraps_within_a_batch():
+    config = SHAPES["narrow"]
+    wrap = 1 << config.time_bits
+    t = [(wrap - 20 + k) % wrap for k in range(0, 40, 2)]
+    (model,), *_ = check(config, [(t, [1] * 20, [1] * 20, (0, 0))])
+    assert model.t.tolist() == list(range(0, 40, 2)) and model.span == 38
+
+
+def test_steps_back_are_dropped_and_counted():
+    """A step back is judged against the last good event, however far back it is, also across the counter's wrap."""
+    config = SHAPES["narrow"]
+    wrap = 1 << config.time_bits
+    t = [5, 10, 9, 10, 3, wrap - 1, 11, 5 + wrap // 2 - 1 - wrap, 12]
+    t = [value % wrap for value in t]
+    (model,), *_ = check(config, [(t, [1] * len(t), [1] * len(t), (0, 0))])
+    # 9, 3, −1 step back; 5 + half the counter's range lies beyond the span; what follows is good again.
+    assert (model.time_back, model.time_span, model.span) == (3, 1, 7)
+    assert model.t.tolist() == [0, 5, 5, 6, 7]
+
+
+def test_span_ends_exactly_at_its_width():
+    config = SHAPES["narrow"]
+    limit = 1 << config.span_bits
+    t = [7, 7 + limit - 1, 7 + limit, 7 + limit + 1, 7 + limit - 1, 7 + limit - 2]
+    (model,), *_ = check(config, [(t, [0] * 6, [0] * 6, (0, 0))])
+    assert (model.time_span, model.time_back, model.span) == (2, 1, limit - 1)
+
+
+def test_first_event_sets_the_origin_even_outside_the_roi():
+    config = SHAPES["odd"]
+    (model,), *_ = check(config, [([1000, 1001, 1005], [39, 3, 3], [29, 3, 3], (0, 0))])
+    assert (model.t.tolist(), model.outside, model.span) == ([1, 5], 1, 5)
+
+
+def test_dropped_events_do_not_count_as_outside():
+    """One event, one counter: a bad time comes before a wrong place."""
+    config = SHAPES["narrow"]
+    limit = 1 << config.span_bits
+    t = [100, 99, 100 + limit, 101]
+    (model,), *_ = check(config, [(t, [99] * 4, [49] * 4, (0, 0))])
+    assert (model.outside, model.time_back, model.time_span) == (2, 1, 1)
+
+
+@pytest.mark.parametrize("name", ["narrow", "odd", "tiny", "whole"])
+def test_every_border_of_every_corner_position(name):
+    """The ROI in the four corners of the sensor; events on both sides of each of its borders."""
+    config = SHAPES[name]
+    batches = []
+    for roi in [(x, y) for x in (0, config.roi_x_max) for y in (0, config.roi_y_max)]:
+        xs = {0, roi[0] - 1, roi[0], roi[0] + config.roi_width - 1, roi[0] + config.roi_width, config.sensor_width - 1}
+        ys = {
+            0,
+            roi[1] - 1,
+            roi[1],
+            roi[1] + config.roi_height - 1,
+            roi[1] + config.roi_height,
+            config.sensor_height - 1,
+        }
+        points = [(x, y) for x in xs for y in ys if 0 <= x < config.sensor_width and 0 <= y < config.sensor_height]
+        batches.append(([3] * len(points), *map(list, zip(*points, strict=True)), roi))
+    check(config, batches)
+
+
+@corners
+@given(st.data())
+def test_corners(data):
+    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
+    wrap, limit = 1 << config.time_bits, 1 << config.span_bits
+    start = data.draw(integers_at_edges(0, wrap - 1))
+    near = sorted({0, 1, limit - 1, limit, limit + 1, wrap // 2 - 1, wrap // 2, wrap - 1})
+    event = st.tuples(
+        st.one_of(st.sampled_from(near), st.integers(0, limit)),
+        integers_at_edges(0, config.sensor_width - 1),
+        integers_at_edges(0, config.sensor_height - 1),
+    )
+    roi = data.draw(st.tuples(integers_at_edges(0, config.roi_x_max), integers_at_edges(0, config.roi_y_max)))
+    batches = []
+    for _ in range(2):
+        t, x, y = zip(*data.draw(st.lists(event, min_size=5, max_size=20)), strict=True)
+        batches.append(([(start + value) % wrap for value in t], list(x), list(y), roi))
+    check(config, batches)

@@ -1,0 +1,336 @@
+"""The emitted Verilog, in Verilator, against the integer model: every sum of every iteration, every cycle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from cmfpga.config import Config, preset
+from cmfpga.config.schedule import ScheduleEntry
+from cmfpga.engines.rtl import schedule_table, settings_values, to_batch_result
+from cmfpga.engines.verilated import VerilatedCore
+from cmfpga.errors import ConfigError
+from cmfpga.protocol.batch import BatchSettings, Flag, clamp_roi
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.rtl.top import VerilogCore
+from support.hazards import PATTERNS, times
+
+NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
+CONFIGS = {
+    "paper": Config(),
+    "not a power of two": Config(roi_width=50, roi_height=36, buffer_events=300, time_bits=34, span_bits=20),
+    "narrow formats": Config(
+        sensor_width=90, sensor_height=70, roi_width=32, roi_height=16, buffer_events=333, **NARROW
+    ),
+    "two by two": Config(sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16),
+    "whole sensor": Config(sensor_width=64, sensor_height=48, roi_width=64, roi_height=48, buffer_events=512),
+    "fast": preset("fast"),
+    "fast, odd sizes": preset("fast").replace(roi_width=37, roi_height=21, buffer_events=200),
+    "fast, one pixel wide bank": preset("fast").replace(
+        sensor_width=8, sensor_height=6, roi_width=2, roi_height=3, buffer_events=16, tag_bits=2
+    ),
+    "fast, by sweep": preset("fast").replace(gradient="sweep", roi_width=32, roi_height=24, buffer_events=200),
+    "paper, in one pass": Config(gradient="one_pass", roi_width=40, roi_height=30, buffer_events=300),
+}
+BATCHES = {"paper": 300, "fast": 300}  # 60 for the others
+
+
+@pytest.fixture(scope="module", params=CONFIGS)
+def pair(request):
+    """A verilated core and the model, both after a reset."""
+    torch.set_num_threads(1)
+    config = CONFIGS[request.param]
+    core = VerilatedCore(config, seed=7)
+    yield core, IntegerCore(config), BATCHES.get(request.param, 60)
+    core.close()
+
+
+def random_settings(config, rng, previous_roi):
+    """Settings that change from batch to batch, and the ROI that the patterns are made for."""
+    roi = None
+    if rng.random() < 0.6:
+        roi = (int(rng.integers(config.roi_x_max + 1)), int(rng.integers(config.roi_y_max + 1)))
+    settings = BatchSettings(
+        roi=roi,
+        iterations=int(rng.choice([0, 1, 2, 3, 7, 12], p=[0.03, 0.17, 0.2, 0.2, 0.2, 0.2])),
+        eta=int(rng.choice([0, 1, 500, 1024, 5000, config.eta_format.max])),
+        roi_gain=int(rng.integers(config.roi_gain_format.max + 1)),
+        start_last=bool(rng.random() < 0.5),
+        v_start=tuple(int(v) for v in rng.integers(config.v.min, config.v.max + 1, 2) >> rng.integers(0, 12)),
+        min_roi_events=int(rng.choice([1, 1, 1, 4])),
+        thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
+        thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
+        **(random_schedules(config, rng) if config.ascent == "sign" else {}),
+    )
+    return settings, clamp_roi(config, roi or previous_roi)[0]
+
+
+def random_schedules(config, rng):
+    """Two schedules of random length, also empty, with any level and step."""
+    return {
+        name: tuple(
+            ScheduleEntry(int(rng.integers(config.max_level + 1)), int(rng.integers(-config.v.f, config.v.i)))
+            for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
+        )
+        for name in ("cold", "warm")
+    }
+
+
+def accounted(result):
+    """Events that a result says something of: all of them."""
+    lost = result.overflow + result.thinned + result.time_back + result.time_span
+    return result.roi_events + result.outside + lost
+
+
+def run_both(core, model, t, x, y, settings, **options):
+    """One batch by both; returns the RTL's values, result and the model's result."""
+    core.write_schedule(schedule_table(core.config, settings))
+    values, trace, pixels = core.run(t, x, y, settings_values(core.config, settings), **options)
+    keep = options.get("keep_pixels", False)
+    return values, to_batch_result(core.config, values, trace), model.run(t, x, y, settings, keep=keep), pixels
+
+
+def assert_same(rtl, model):
+    """Equal in everything but the cycle count, which only the RTL has."""
+    for name in vars(model):
+        if name != "cycles":
+            assert getattr(rtl, name) == getattr(model, name), name
+
+
+def test_adversarial_batches_back_to_back(pair, rng):
+    core, model, batches = pair
+    config = core.config
+    names = list(PATTERNS)
+    seen, roi, iterations = set(), (0, 0), 0
+    for number in range(batches):
+        name = names[number % len(names)]
+        settings, roi = random_settings(config, rng, roi)
+        x, y = PATTERNS[name](config, rng, roi)
+        t = times(config, rng, len(x))
+        gaps = rng.integers(0, 4, len(x)) * (rng.random(len(x)) < 0.3) if number % 3 == 0 else None
+        values, rtl, expected, _ = run_both(core, model, t, x, y, settings, gaps=gaps, result_stall=int(number % 5))
+        assert_same(rtl, expected)
+        # The first batch is offered while the banks are swept after the reset, and has to wait.
+        waited = values["measured_cycles"] - values["cycles"]
+        assert 0 <= waited <= config.bank_depth + 8 if number == 0 else waited == 0
+        assert accounted(rtl) == rtl.events == len(x)
+        if gaps is None and rtl.iterations and rtl.events >= core.core.shortest_batch:
+            assert rtl.cycles == core.core.cycles(
+                events=rtl.events, roi_events=rtl.roi_events, iterations=rtl.iterations
+            )
+        roi = rtl.roi_next
+        seen |= {flag for flag in rtl.flags}
+        iterations += rtl.iterations
+    if batches >= 300:  # the test is only worth its name if all of this happened
+        assert iterations > 1000
+        assert seen >= set(Flag) - {Flag.CUT, Flag.SCHEDULE}
+
+
+def test_images_of_every_iteration(pair, rng):
+    core, model, _ = pair
+    config = core.config
+    if config.gradient != "sweep":
+        pytest.skip("in one pass nothing reads whole images; their every change is in the sums")
+    roi = (config.roi_x_max // 2, config.roi_y_max // 2)
+    for name in PATTERNS:
+        x, y = PATTERNS[name](config, rng, roi)
+        t = 1000 + np.cumsum(rng.integers(1, 20, len(x)))
+        settings = BatchSettings.from_config(config.replace(iterations=3, start="given", v_start_x=0.7), roi)
+        _, rtl, expected, pixels = run_both(core, model, t, x, y, settings, keep_pixels=True)
+        assert_same(rtl, expected)
+        assert len(pixels) == len(model.iterations) == rtl.iterations
+        for read, iteration in zip(pixels, model.iterations, strict=True):
+            np.testing.assert_array_equal(images_of_banks(config, read), torch.stack(iteration.images).numpy())
+
+
+def images_of_banks(config, read):
+    """I, Dx, Dy, [3, height, width], from what one sweep read, [P/4, 12]."""
+    images = np.zeros((3, 2 * config.bank_rows, 2 * config.bank_columns), np.int64)
+    for bank in range(4):
+        for k in range(3):
+            images[k, bank >> 1 :: 2, bank & 1 :: 2] = read[:, 3 * bank + k].reshape(config.bank_rows, -1)
+    return images[:, : config.roi_height, : config.roi_width]
+
+
+def test_reset_in_the_middle_of_a_batch(pair, rng):
+    core, model, _ = pair
+    config = core.config
+    roi = (0, 0)
+    x, y = PATTERNS["random_inside"](config, rng, roi)
+    t = np.arange(len(x)) * 5 + 10
+    settings = BatchSettings.from_config(config.replace(iterations=5), roi)
+    for stop_after in (1, len(x), len(x) + 90, len(x) + 150):
+        core.write_schedule(schedule_table(config, settings))
+        with pytest.raises(TimeoutError):
+            core.run(t, x, y, settings_values(config, settings), max_cycles=stop_after)
+        core.reset()
+        model = IntegerCore(config)
+        _, rtl, expected, _ = run_both(core, model, t, x, y, settings)
+        assert_same(rtl, expected)
+
+
+def test_a_batch_ends_by_count_and_at_the_counter_s_limit(rng):
+    config = Config(sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16, max_batch_events=20)
+    core = VerilatedCore(config)
+    x = y = np.zeros(40, np.int64)
+    t = np.arange(40)
+    settings = settings_values(config, BatchSettings.from_config(config.replace(iterations=2), (0, 0)))
+    for batch_events, events, cut in ((7, 7, False), (20, 20, False), (0, 20, True)):
+        values, _, _ = core.run(t, x, y, settings | {"batch_events": batch_events}, open_end=True)
+        assert (values["events"], values["accepted"]) == (events, events)
+        assert bool(values["flags"] & 16) == cut
+    core.close()
+
+
+def test_batches_back_to_back_without_a_pause(pair, rng):
+    """The next batch is offered while the one before is optimised; gaps and stalls change nothing but the time."""
+    core, _, batches = pair
+    config = core.config
+    names = list(PATTERNS)
+    for gaps, stalls in ((False, False), (True, False), (False, True), (True, True)):
+        core.reset()
+        model, roi = IntegerCore(config), (0, 0)
+        events, settings, expected = [], [], []
+        schedules = random_schedules(config, rng) if config.ascent == "sign" else {}
+        for number in range(batches // 4):
+            setting, roi = random_settings(config, rng, roi)
+            if number == 0 or rng.random() < 0.7:
+                setting = replace(setting, roi=None)
+            setting = replace(setting, **schedules)
+            x, y = PATTERNS[names[number % len(names)]](config, rng, roi)
+            t = times(config, rng, len(x))
+            events.append((t, x, y))
+            settings.append(settings_values(config, setting))
+            expected.append(model.run(t, x, y, setting))
+            roi = expected[-1].roi_next
+        count = sum(len(t) for t, _, _ in events)
+        core.write_schedule(schedule_table(config, setting))
+        results, traces = core.stream(
+            events,
+            settings,
+            gaps=rng.integers(0, 40, count) * (rng.random(count) < 0.2) if gaps else None,
+            stalls=rng.integers(0, 3000, len(events)) if stalls else None,
+        )
+        for values, trace, wanted in zip(results, traces, expected, strict=True):
+            assert_same(to_batch_result(config, values, trace), wanted)
+
+
+def test_sustained_rate_of_the_article_s_workload(rng):
+    """N = 5000, n = 800, warm: as long as the eight iterations take, the ingest of 5000 events is hidden."""
+    config = preset("fast")
+    core = VerilatedCore(config)
+    settings = BatchSettings.from_config(config, (80, 60))
+    core.write_schedule(schedule_table(config, settings))
+    inside = rng.permutation(np.arange(5000) < 800)
+    x = np.where(inside, 80 + rng.integers(64, size=5000), rng.integers(70, size=5000))
+    y = np.where(inside, 60 + rng.integers(64, size=5000), rng.integers(50, size=5000))
+    t = np.sort(rng.integers(40_000, size=5000))
+    still = settings_values(config, replace(settings, roi=None, roi_gain=0))
+    results, _ = core.stream([(t, x, y)] * 8, [settings_values(config, settings) | {"roi_gain": 0}, *[still] * 7])
+    assert [row["roi_events"] for row in results] == [800] * 8
+    assert [row["iterations"] for row in results] == [15, *[8] * 7]
+    periods = np.diff([row["valid"] for row in results])
+    # Eight iterations, from the hand-over to the result, and from there until the next ROI is settled: the next batch
+    # has been complete for long.
+    hand_over_to_result = core.core.batch_latency - core.core.drain
+    per_batch = 8 * (800 + core.core.iteration_latency) + hand_over_to_result + core.core.roi_updater.settle + 2
+    assert set(periods[1:].tolist()) == {per_batch} and per_batch <= 6900
+    core.close()
+
+
+def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
+    """Exactly at that event, however events arrive; what comes after it belongs to the next batch."""
+    for config in (CONFIGS["two by two"], CONFIGS["fast, odd sizes"]):
+        core, model = VerilatedCore(config), IntegerCore(config)
+        settings = BatchSettings.from_config(config.replace(iterations=2), (3, 2))
+        core.write_schedule(schedule_table(config, settings))
+        for wanted in (1, 2, 5, config.buffer_events):
+            x, y = rng.integers(config.sensor_width, size=20_000), rng.integers(config.sensor_height, size=20_000)
+            t = np.cumsum(rng.integers(1, 5, len(x)))
+            inside = (x >= 3) & (x < 3 + config.roi_width) & (y >= 2) & (y < 2 + config.roi_height)
+            end = int(np.flatnonzero(inside)[wanted - 1]) + 1
+            gaps = rng.integers(0, 9, len(x)) * (rng.random(len(x)) < 0.4) if wanted % 2 else None
+            values, trace, _ = core.run(
+                t, x, y, settings_values(config, settings) | {"batch_roi_events": wanted}, gaps=gaps, open_end=True
+            )
+            expected = model.run(t[:end], x[:end], y[:end], settings)
+            assert values["events"] == end
+            assert values["accepted"] == end or config.buffers == 2  # which begins the next batch at once
+            assert_same(to_batch_result(config, values, trace), expected)
+            core.reset()
+            model = IntegerCore(config)
+        core.close()
+
+
+def test_two_architectures_take_the_same_path(rng):
+    """Given the same ascent, sweep and one pass give the same v and sums in every iteration."""
+    for ascent in ({}, {"ascent": "sign", "max_level": 2, "dither_frac": 4}):
+        sweep = Config(roi_width=32, roi_height=24, buffer_events=200, iterations=12, **ascent)
+        cores = [VerilatedCore(sweep), VerilatedCore(sweep.replace(gradient="one_pass"))]
+        for _ in range(12):
+            roi = (int(rng.integers(200)), int(rng.integers(150)))
+            x, y = PATTERNS["moving_edge"](sweep, rng, roi)
+            t = np.cumsum(rng.integers(0, 50, len(x)))
+            settings = BatchSettings.from_config(sweep, roi)
+            traces = []
+            for core in cores:
+                core.write_schedule(schedule_table(sweep, settings))
+                _, trace, _ = core.run(t, x, y, settings_values(sweep, settings))
+                traces.append(trace)
+            assert len(traces[0]) >= 12
+            np.testing.assert_array_equal(*traces)
+        for core in cores:
+            core.close()
+
+
+def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
+    config = preset("fast").replace(roi_width=32, roi_height=24, buffer_events=200)
+    core, model = VerilatedCore(config), IntegerCore(config)
+    roi = (60, 50)
+    x, y = PATTERNS["moving_edge"](config, rng, roi)
+    t = np.cumsum(rng.integers(1, 50, len(x)))
+    good = BatchSettings.from_config(config, roi)
+    largest = config.v.width - 2
+    for bad, limited in (((3, 2), (2, 2)), ((1, largest + 1), (1, largest)), ((3, 15), (2, largest))):
+        entries = [(2, 6), bad, (0, 1)]
+        core.write_schedule(entries)
+        settings = replace(
+            good, cold=tuple(ScheduleEntry(level, shift - config.v.f) for level, shift in ((2, 6), limited, (0, 1)))
+        )
+        values, trace, _ = core.run(t, x, y, settings_values(config, settings))
+        expected = model.run(t, x, y, settings)
+        assert Flag.SCHEDULE in Flag(values["flags"])
+        assert to_batch_result(config, values, trace).trace == expected.trace
+        core.write_schedule([(2, 6), limited, (0, 1)])
+        values, _, _ = core.run(t, x, y, settings_values(config, settings))
+        model.run(t, x, y, settings)
+        assert Flag.SCHEDULE not in Flag(values["flags"])
+    core.close()
+
+
+def test_more_iterations_than_there_are_tags(rng):
+    """Tags come back after 2^tag_bits − 1 iterations: 700 iterations with 4-bit tags, without a reset."""
+    config = preset("fast").replace(
+        roi_width=16, roi_height=16, buffer_events=64, tag_bits=4, schedule_entries=256, cold="0:0", warm="0:0"
+    )
+    core, model = VerilatedCore(config), IntegerCore(config)
+    iterations = 0
+    while iterations < 700:
+        roi = (int(rng.integers(200)), int(rng.integers(150))) if rng.random() < 0.3 else None
+        settings = BatchSettings.from_config(config, roi)
+        settings = replace(settings, **{name: plan * 25 for name, plan in random_schedules(config, rng).items()})
+        settings = replace(settings, cold=settings.cold[:120], warm=settings.warm[:120])
+        x, y = PATTERNS["random_everywhere" if roi is None else "repeats_at_distances_1_to_5"](
+            config, rng, roi or (0, 0)
+        )
+        t = np.cumsum(rng.integers(0, 50, len(x)))
+        _, rtl, expected, _ = run_both(core, model, t, x, y, settings)
+        assert_same(rtl, expected)
+        iterations += rtl.iterations
+    core.close()
+
+
+def test_too_few_tags_are_refused_with_the_numbers():
+    with pytest.raises(ConfigError, match=r"^tag_bits = 5: .* · 16 idle cycles an iteration = 496, .* 1024 words"):
+        VerilogCore(preset("fast").replace(tag_bits=5))

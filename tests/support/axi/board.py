@@ -1,0 +1,171 @@
+"""The AXI top in a cocotb simulation, as software and DMA see it."""
+
+import json
+import os
+import random
+
+import cocotb
+import numpy as np
+from cocotb.clock import Clock
+from cocotb.triggers import ClockCycles, RisingEdge, with_timeout
+from cocotbext.axi import (
+    AxiLiteBus,
+    AxiLiteMaster,
+    AxiStreamBus,
+    AxiStreamFrame,
+    AxiStreamMonitor,
+    AxiStreamSink,
+    AxiStreamSource,
+)
+
+from cmfpga.config import Config
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.words import result_values, setting_words, split_packets
+
+CONFIG = Config(**json.loads(os.environ["CMFPGA_CONFIG"])) if "CMFPGA_CONFIG" in os.environ else Config()
+PERIOD = 4  # ns
+
+
+class Board:
+    """Ports driven by cocotbext-axi; registers by name.
+
+    Attributes
+    ----------
+    cycle : int
+        Clock cycles since the start.
+    taken : list of int
+        Cycles in which a word was taken from s_axis.
+    sent : list of (int, bool)
+        Cycles in which m_axis handed a word over, and whether it had TLAST.
+    """
+
+    def __init__(self, dut, *, seed=0, pauses=0.0, lite=True):
+        self.dut = dut
+        self.registers = register_map(CONFIG)
+        self.random = random.Random(seed)
+        for name in ("s_axi_awprot", "s_axi_arprot", "s_axi_awvalid", "s_axi_wvalid", "s_axi_arvalid", "s_axis_tvalid"):
+            getattr(dut, name).value = 0
+        for name in ("s_axi_bready", "s_axi_rready", "m_axis_tready"):
+            getattr(dut, name).value = 0
+        dut.aresetn.value = 0
+        cocotb.start_soon(Clock(dut.aclk, PERIOD, unit="ns").start())
+        reset = (dut.aclk, dut.aresetn, False)
+        self.lite = AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axi"), *reset) if lite else None
+        self.source = AxiStreamSource(AxiStreamBus.from_prefix(dut, "s_axis"), *reset)
+        self.sink = AxiStreamSink(AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
+        self.monitor = AxiStreamMonitor(AxiStreamBus.from_prefix(dut, "m_axis"), *reset)
+        for stream in (self.source, self.sink, self.monitor):
+            stream.log.setLevel("ERROR")  # they write out whole packets
+        self.cycle, self.taken, self.sent = 0, [], []
+        self.pause(pauses)
+        cocotb.start_soon(self._watch())
+
+    def pause(self, probability, *, stream=True, lite=True):
+        """Gaps and stalls on all channels with this probability."""
+
+        def generator():
+            return iter(lambda: self.random.random() < probability, None)
+
+        channels = [self.source, self.sink] if stream else []
+        if lite and self.lite:
+            writes, reads = self.lite.write_if, self.lite.read_if
+            channels += [writes.aw_channel, writes.w_channel, writes.b_channel, reads.ar_channel, reads.r_channel]
+        for channel in channels:
+            channel.clear_pause_generator()
+            channel.pause = False
+            if probability:
+                channel.set_pause_generator(generator())
+
+    async def _watch(self):
+        """Count cycles and transfers, and check the rules of the streams, before each edge."""
+        dut = self.dut
+        waiting = {}
+        outputs = {"m_axis": ("tdata", "tkeep", "tlast", "tuser")}
+        while True:
+            await RisingEdge(dut.aclk)
+            if dut.s_axis_tvalid.value == 1 and dut.s_axis_tready.value == 1:
+                self.taken.append(self.cycle)
+            if dut.m_axis_tvalid.value == 1 and dut.m_axis_tready.value == 1:
+                self.sent.append((self.cycle, bool(dut.m_axis_tlast.value == 1)))
+            for port, names in outputs.items():
+                valid, ready = getattr(dut, f"{port}_tvalid").value, getattr(dut, f"{port}_tready").value
+                payload = tuple(int(getattr(dut, f"{port}_{name}").value) for name in names) if valid == 1 else None
+                if waiting.get(port) is not None and dut.aresetn.value == 1:
+                    assert payload == waiting[port], f"{port}: {waiting[port]} became {payload} while it waited"
+                waiting[port] = payload if payload is not None and ready != 1 else None
+            self.cycle += 1
+
+    async def reset(self, cycles=4):
+        """Hold aresetn low."""
+        self.dut.aresetn.value = 0
+        await ClockCycles(self.dut.aclk, cycles)
+        self.dut.aresetn.value = 1
+        await ClockCycles(self.dut.aclk, 3)
+
+    async def cycles(self, count):
+        await ClockCycles(self.dut.aclk, count)
+
+    # ---------------------------------------------------------------- registers
+
+    async def write_word(self, offset, word):
+        await with_timeout(self.lite.write_dword(offset, word & 0xFFFFFFFF), 100, "us")
+
+    async def read_word(self, offset):
+        return int(await with_timeout(self.lite.read_dword(offset), 100, "us"))
+
+    async def write(self, name, word=None, **fields):
+        """Write a register: a word, or fields by name (others 0)."""
+        register = self.registers[name]
+        await self.write_word(register.offset, register.pack(**fields) if word is None else word)
+
+    async def read(self, name, field=None):
+        """A register's word, or one field of it."""
+        register = self.registers[name]
+        word = await self.read_word(register.offset)
+        return register[field].unpack(word) if field else word
+
+    async def counters(self):
+        """All counters by their links."""
+        return {
+            link: await self.read_word(parts[0][0].offset) for link, parts in self.registers.linked("Counters").items()
+        }
+
+    async def apply(self, settings):
+        """Write settings by their links, and the schedules that they point at."""
+        for name, word in setting_words(self.registers, settings).items():
+            await self.write(name, word)
+        for k, (level, shift) in enumerate(settings.get("schedule", ())):
+            register = self.registers["SCHEDULE"]
+            await self.write_word(register.offset + 4 * k, register.pack(LEVEL=level, SHIFT=shift))
+
+    async def until(self, name, field, value=1, *, polls=4000):
+        """Poll a field; how often."""
+        for k in range(polls):
+            if await self.read(name, field) == value:
+                return k
+        raise AssertionError(f"{name}.{field} is not {value} after {polls} reads")
+
+    async def result_registers(self):
+        """The result as the registers show it."""
+        group = self.registers.group("Result")
+        return result_values(self.registers, [await self.read_word(register.offset) for register in group])
+
+    # ---------------------------------------------------------------- streams
+
+    async def send(self, words, *, keep=None, wait=True):
+        """One packet of 64-bit words, TLAST with the last; ``keep`` has one mask a word."""
+        data = np.asarray(words, "<u8").tobytes()
+        keep = None if keep is None else [mask >> n & 1 for mask in keep for n in range(8)]
+        await self.source.send(AxiStreamFrame(data, tkeep=keep))
+        if wait:
+            await with_timeout(self.source.wait(), 1, "ms")
+
+    async def packet(self, *, timeout=1):
+        """The next packet on m_axis, as 64-bit words; TKEEP must be all ones."""
+        frame = await with_timeout(self.sink.recv(compact=False), timeout, "ms")
+        assert all(frame.tkeep), "TKEEP is not all ones"
+        return np.frombuffer(bytes(frame.tdata), "<u8").astype(np.uint64)
+
+    async def result(self, **options):
+        """The next result packet's values."""
+        return result_values(self.registers, split_packets(await self.packet(**options))[0].tolist())

@@ -1,0 +1,113 @@
+"""What the AXI top must give, by the models: wire, batches, integer core."""
+
+import numpy as np
+import torch
+
+from cmfpga.engines.rtl import schedule_table, settings_values
+from cmfpga.events.arrays import Events
+from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.reference.wire import BatchEnds, decode, sensor_gate, split_batches
+
+torch.set_num_threads(1)
+
+COUNTED = ("roi_events", "outside", "overflow", "thinned", "time_back", "time_span")
+
+
+def links(config, settings, ends=None):
+    """Settings by the registers' links, with the table of schedules."""
+    values = settings_values(config, settings)
+    ends = ends or BatchEnds()
+    values |= {"batch_events": ends.events, "duration": ends.duration, "by_tlast": int(ends.by_tlast)}
+    if config.ascent == "sign":
+        values["schedule"] = schedule_table(config, settings)
+    return values
+
+
+def default_settings(config, roi=None):
+    return BatchSettings.from_config(config, roi)
+
+
+class Expected:
+    """The integer core behind the models of the wire; counts as the hardware's counters do."""
+
+    def __init__(self, config):
+        self.config = config
+        self.core = IntegerCore(config)
+        self.batches = 0
+        self.totals = dict.fromkeys(
+            (*COUNTED, "batches", "degenerate", "cut", "events_taken", "events_in", "before_time", "out_of_sensor",
+             "format_errors", "other_words", "time_high_back", "empty_ends"), 0
+        )  # fmt: skip
+
+    def receive(self, beats, form, ends=None, *, swap=False):
+        """Batches of a stream, and the events behind the last end."""
+        tokens, counts = decode(self.config, beats, form, swap=swap)
+        passed, gated = sensor_gate(self.config, tokens)
+        batches, rest, empty = split_batches(self.config, passed, ends or BatchEnds())
+        for name, count in (counts | gated).items():
+            self.totals[name] += count
+        self.totals["empty_ends"] += empty
+        self.totals["events_taken"] += sum(len(t) for t, *_ in batches)
+        return batches, rest
+
+    def result(self, batch, settings, *, wire=0, config_range=0):
+        """A result's values, less ``cycles``."""
+        t, x, y, cut = batch
+        found = self.core.run(t, x, y, settings, cut=cut)
+        self.batches += 1
+        self.totals["batches"] += 1
+        self.totals["degenerate"] += Flag.DEGENERATE in found.flags
+        self.totals["cut"] += cut
+        for name in COUNTED:
+            self.totals[name] += getattr(found, name)
+        assert found.events == sum(getattr(found, name) for name in COUNTED) == len(t)
+        sums = dict.fromkeys(("i", "dx", "dy", "sx", "sy"), 0)
+        if Flag.DEGENERATE not in found.flags:
+            trace = found.trace
+            last = (trace.sum_i[-1], *trace.sum_d[-1], *trace.s[-1])
+            sums = dict(zip(sums, map(int, last), strict=True))
+        return {
+            "batch": self.batches,
+            "flags": int(found.flags),
+            "wire": wire,
+            "config_range": config_range,
+            "iterations": found.iterations,
+            "v_x": self.core.v[0],
+            "v_y": self.core.v[1],
+            "t_first": int(t[0]),
+            "span": found.span,
+            "t_ref": (int(t[0]) + found.span // 2) % (1 << 32),
+            "events": found.events,
+            **{name: getattr(found, name) for name in COUNTED},
+            "roi_x": found.roi[0],
+            "roi_y": found.roi[1],
+            "roi_next_x": found.roi_next[0],
+            "roi_next_y": found.roi_next[1],
+            **{f"sums_{name}": value for name, value in sums.items()},
+        }
+
+
+def same(found, wanted, *, but=()):
+    """Assert that values are equal, those named ``but`` left out; ``cycles`` of a result, too, which no model knows."""
+    skipped = {*but, "cycles"}
+    different = {
+        name: f"{found.get(name)}, {wanted.get(name)} is right"
+        for name in {*found, *wanted} - skipped
+        if found.get(name) != wanted.get(name)
+    }
+    assert not different, different
+
+
+def moving_events(config, count, seed, *, t0=1000, step=20):
+    """Events of some edges that move over the sensor, and noise; times increase."""
+    rng = np.random.default_rng(seed)
+    t = t0 + np.cumsum(rng.integers(0, step, count))
+    phase = (t - t[0]) / max(1, t[-1] - t[0])
+    edges = rng.integers(0, 6, count)
+    x = config.sensor_width / 2 + 3 * edges - 9 + 6 * phase + rng.normal(0, 0.4, count)
+    y = config.sensor_height / 2 + rng.integers(-8, 8, count) + 3 * phase
+    noise = rng.random(count) < 0.3
+    x = np.where(noise, rng.integers(0, config.sensor_width, count), x).clip(0, config.sensor_width - 1)
+    y = np.where(noise, rng.integers(0, config.sensor_height, count), y).clip(0, config.sensor_height - 1)
+    return Events(t, x.astype(int), y.astype(int), rng.integers(0, 2, count))

@@ -1,0 +1,70 @@
+"""The simulated hardware of the driver's tests, compiled once, and batches for it."""
+
+import time
+
+import numpy as np
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.driver.results import differences
+from cmfpga.engines.model import ModelEngine
+from cmfpga.engines.rtl import find_compiler
+from cmfpga.events import Events
+from cmfpga.protocol.batch import BatchSettings
+from cmfpga.protocol.registers import register_map
+
+SMALL = {"sensor_width": 48, "sensor_height": 32, "roi_width": 16, "roi_height": 16, "buffer_events": 64}
+CONFIG = preset("fast").replace(**SMALL)
+REGISTERS = register_map(CONFIG)
+
+
+@pytest.fixture
+def compiler():
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler to compile the Verilog with: install g++")
+
+
+@pytest.fixture
+def top(compiler):
+    """A fresh :class:`~cmfpga.simulation.axi_top.SimulatedTop`; its library is compiled once."""
+    from cmfpga.simulation.axi_top import SimulatedTop
+
+    made = SimulatedTop(CONFIG)
+    yield made
+    made.close()
+
+
+def batch(rng, events=100, *, begin=0, config=CONFIG):
+    """Random events all over the sensor."""
+    return Events(
+        np.sort(rng.integers(begin, begin + 1000, events)),
+        rng.integers(0, config.sensor_width, events),
+        rng.integers(0, config.sensor_height, events),
+        rng.integers(0, 2, events),
+    )
+
+
+def model_run(model, events, roi=None, config=CONFIG):
+    return model.run(events, BatchSettings.from_config(config, roi))
+
+
+def within(seconds):
+    """Fails if what stands in the block takes longer."""
+
+    class Timer:
+        def __enter__(self):
+            self.begin = time.monotonic()
+
+        def __exit__(self, *_):
+            assert time.monotonic() - self.begin < seconds
+
+    return Timer()
+
+
+def works(accelerator, rng):
+    """As after a reset."""
+    model = ModelEngine(CONFIG)
+    for number in range(2):
+        events = batch(rng, 120, begin=1000 * number)
+        roi = None if number else (8, 4)
+        assert differences(accelerator.run(events, roi=roi), model_run(model, events, roi)) == []

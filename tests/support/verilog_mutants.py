@@ -1,0 +1,80 @@
+"""The emitted core, broken on purpose: the test bench must find each of these."""
+
+import re
+from dataclasses import dataclass
+
+from cmfpga.verilog.emit import TOP
+from support.verilog_tools import modules
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One change in the text of one module: the first, or ``every``, of ``occurrences`` of ``pattern`` is replaced."""
+
+    name: str
+    module: str
+    pattern: str
+    replacement: str
+    occurrences: int = 1
+    every: bool = False
+    says: str = ""  # a regular expression of what the bench prints
+
+    def apply(self, text):
+        """The broken text. Fails where the emitted text has changed so that the mutant means nothing any more."""
+        before = modules(text)[f"{TOP}_{self.module}" if self.module else TOP]
+        count = len(re.findall(self.pattern, before, re.DOTALL))
+        assert count == self.occurrences, f"mutant {self.name!r} has to be rewritten: its pattern occurs {count} times"
+        after = re.sub(self.pattern, self.replacement, before, count=0 if self.every else 1, flags=re.DOTALL)
+        assert after != before and text.count(before) == 1
+        return text.replace(before, after)
+
+    def __str__(self):
+        return self.name.replace(" ", "-")
+
+
+MUTANTS = [
+    Mutant(
+        "oldest sum wins",
+        "accumulator_bank_0",
+        r"if \(match_s5\) begin(\s+)base = total_s5;(.*?)if \(match_s3\) begin(\s+)base = total_s3;",
+        r"if (match_s3) begin\1base = total_s3;\2if (match_s5) begin\3base = total_s5;",
+        says="trace_sums",
+    ),
+    Mutant("second sum not forwarded", "accumulator_bank_2", r"if \(match_s4\)", "if (1'h0)"),
+    Mutant("unsigned derivative", "accumulator_bank_3", r"\+ \$signed\((operation_s2\[\d+:\d+\])\)", r"+ \1", 2),
+    # What a memory holds at power up stays: X here, anything in a device.
+    Mutant("banks never cleared", "accumulator_bank_1", r"if \(operation_s2\[\d+\]\)", "if (1'h0)", says="x"),
+    Mutant("batch begins before the banks are clear", "batch_control", r"if \(cleared\)", "if (1'h1)", says="cycles"),
+    Mutant("ROI a row too high", "roi_filter", r"(\$signed\(y_s2\)) < ", r"\1 <= ", says="result_outside"),
+    Mutant("reference time is the last event's", "roi_filter", r" & first;", ";", says="result_t_first"),
+    Mutant("sign of a derivative", "voter", r"= - \$signed", "= $signed", 8, says="trace_sums_d"),
+    Mutant("corner beyond the ROI", "voter", r"(\$signed\(\\\$\d+ \)) < ", r"\1 <= ", 4),
+    Mutant("rounded down", "updater", r"(\$signed\(product_x_s1\)) \+ \$signed\(\d+'h\w+\)", r"\1", says="v_x"),
+    Mutant("v wraps", "updater", r"\$signed\(target_s4_x\) < ", "1'h0 & clk < ", 3, every=True, says="v_x"),
+    Mutant("sweep too short", "gradient_reader", r"(column == \d+'h)\w+", r"\g<1>0", says="words of pixels"),
+    Mutant(
+        "one iteration too many",
+        "batch_control",
+        r"(assign \\final  = \\\$\d+  == )batch",
+        r"\1 1'h1 + batch",
+        says="iteration",
+    ),
+    Mutant("cycle not counted", "batch_control", r"= 32'd1;", "= 32'd0;", says="result_cycles"),
+    Mutant("result changes while it waits", "batch_control", r"= cycles;", "= cycles + 1;", says="the waiting result"),
+    Mutant("result is not waited for", "batch_control", r"if \(taken\)", "if (1'h1)", says="result_valid"),
+    Mutant("settings not kept", "batch_control", r"(\[\d+:0\] +)= current;", r"\1= settings;"),
+    Mutant("division is not waited for", "batch_control", r"if \(divided\)(?= begin\s+\S+  = 3'h4)", "if (1'h1)"),
+    Mutant(
+        "batch never ends",
+        "batch_control",
+        r"if \(updated\)(?= begin\s+if)",
+        "if (1'h0)",
+        2,
+        every=True,
+        says="FAIL: time-out",
+    ),
+    Mutant("overflow not counted", "event_buffer", r"= overflow \+ 1'h1", "= overflow", says="result_overflow"),
+    Mutant(
+        "wrong pixel shown", "", r"trace_pixels_3_dy = [^;]*", "trace_pixels_3_dy = trace_pixels_3_dx", says="pixel"
+    ),
+]

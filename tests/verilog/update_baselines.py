@@ -1,0 +1,60 @@
+"""Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
+
+python tests/verilog/update_baselines.py
+python docs/generate.py
+"""
+
+import json
+import sys
+from pathlib import Path
+
+from cmfpga.accuracy import WIDTH_FIELDS, WIDTHS
+from cmfpga.config import preset
+from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog import resources
+from cmfpga.verilog.emit import AXI_TOP, emit_verilog
+
+PATH = Path(__file__).with_name("baselines.json")
+PRESETS = ("paper", "fast")
+
+
+def emitted(config):
+    return emit_verilog(VerilogCore(config))
+
+
+def measure_preset(name, report=None):
+    """Of every block of a preset."""
+    found = resources.estimate(emitted(preset(name)), **({"report": report} if report else {}))
+    kept = {part: found[part] for part in ("estimate", "yosys", "total", "sum_of_blocks", "blocks")}
+    return {**kept, "axi": measure_axi(name)}
+
+
+def measure_axi(name):
+    """Of the AXI top."""
+    return resources.core(emit_verilog(KV260Top(preset(name)), AXI_TOP), top=AXI_TOP)
+
+
+def measure_widths(widths):
+    """Of ``fast`` with other fraction bits: a row of the study of word widths."""
+    return resources.core(emitted(preset("fast").replace(**dict(zip(WIDTH_FIELDS, widths, strict=True)))))
+
+
+def main():
+    def report(doing):
+        print(f"  {doing}", file=sys.stderr, flush=True)
+
+    presets, rows = {}, {}
+    for name in PRESETS:
+        print(f"preset {name}", file=sys.stderr)
+        presets[name] = measure_preset(name, report)
+    for widths in WIDTHS:
+        name = ", ".join(map(str, widths))
+        report(f"widths {name}")
+        rows[name] = measure_widths(widths)
+    PATH.write_text(json.dumps({"presets": presets, "widths": rows}, indent=1) + "\n", encoding="utf-8")
+    print(f"wrote {PATH.name}")
+
+
+if __name__ == "__main__":
+    main()
