@@ -5,7 +5,7 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
     python docs/generate.py            rewrite them
     python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
 
-The resource estimates are those that ``python tests/verilog/update_baselines.py`` measured last.
+The resource estimates are those that ``python tests/support/baselines.py`` measured last.
 """
 
 import argparse
@@ -32,7 +32,7 @@ from cmfpga.verilog import resources
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-RESOURCES = ROOT / "tests" / "resources" / "baselines.json"
+RESOURCES = ROOT / "tests" / "verilog" / "baselines.json"
 
 #: The two architectures, the default one first.
 BOTH = ("fast", "paper")

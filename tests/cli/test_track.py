@@ -12,7 +12,7 @@ from cmfpga.config import Config
 from cmfpga.engines import make_engine, rtl
 from cmfpga.events import BatchCutter, Events, open_recording, write_hdf5
 from cmfpga.protocol.batch import Flag
-from cmfpga.tracking.result import loop as tracker
+from cmfpga.tracking import loop as tracker
 
 DOT = ["--roi", "8,9"]
 

@@ -44,24 +44,24 @@ CLEAN = {
 
 #: Packages of the library, and what no file of theirs may import anywhere, not even inside a function.
 FORBIDDEN = {
-    "config.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
+    "config": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
     "fixed.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
-    "flags.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    "word_format.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    "registers": (
+    "protocol/flags.py": ("cmfpga.", "amaranth", "numpy", "torch"),
+    "protocol/word_format.py": ("cmfpga.", "amaranth", "numpy", "torch"),
+    "protocol/registers": (
         *("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events"),
         *("amaranth", "numpy", "torch"),
     ),
-    "words.py": (
+    "protocol/words.py": (
         *("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events"),
         *("amaranth", "torch"),
     ),
     "errors.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    "batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
+    "protocol/batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
     "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.verilog.emit", "amaranth"),
     "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "numpy", "torch"),
-    "emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
+    "verilog/emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }
 
 

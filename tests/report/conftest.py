@@ -8,6 +8,7 @@ import pytest
 
 from cmfpga.config import Config, preset
 from cmfpga.events import generate
+from support.reporting import keep
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 

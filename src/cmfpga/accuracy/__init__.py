@@ -263,9 +263,9 @@ def _spread(position):
 def contrasts(x, y, dt, velocities, *, spread=True):
     """Contrast (population variance of the image of warped events) at each of ``velocities`` [k, 2]: float64 [k].
 
-    Without ``spread`` this is the article's contrast, that of :func:`cmfpga.imaging.iwe.contrast`. It is no fair yardstick:
-    events lie on whole pixels, so the image is sharper wherever vx or vy is zero, whatever the motion is. With
-    ``spread`` each event is spread evenly over its pixel before it votes, as it may have come from anywhere in it. The
+    Without ``spread`` this is the article's contrast, that of :func:`cmfpga.imaging.iwe.contrast`. It is no fair
+    yardstick: events lie on whole pixels, so the image is sharper wherever vx or vy is zero, whatever the motion is.
+    With ``spread`` each event is spread evenly over its pixel before it votes, as it may have come from anywhere in it. The
     image is then the mean over all dithers; no particular dither is favoured.
     """
     kernel = _spread if spread else _bilinear

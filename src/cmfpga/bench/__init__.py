@@ -5,7 +5,6 @@ import json
 import os
 import platform
 import statistics
-import sys
 import time
 import warnings
 from dataclasses import asdict, dataclass, field

@@ -166,7 +166,7 @@ class Accelerator:
         self._streaming = True
 
     def send(self, words, timeout=None):
-        """Send words to ``s_axis``, once those before them have been taken; see :func:`cmfpga.protocol.words.encode`."""
+        """Send words to ``s_axis``, once those before them have been taken (:func:`cmfpga.protocol.words.encode`)."""
         words = np.ascontiguousarray(words, np.uint64)
         timeout = self.timeout if timeout is None else _checked(timeout)
         for first in range(0, len(words), self.backend.max_words):

@@ -1,4 +1,4 @@
-"""Numbers of Prophesee's EVT 2.0 and EVT 2.1 words, for encoders and decoders alike (see :mod:`cmfpga.protocol.words`)."""
+"""Numbers of Prophesee's EVT 2.0 and EVT 2.1 words, for encoders and decoders alike."""
 
 #: Types of words.
 TIME_HIGH = 0x8

@@ -328,7 +328,7 @@ def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):
     Parameters
     ----------
     schedule : sequence of (level, log2_step)
-        One pair per iteration, such as a :class:`cmfpga.config.schedule.ScheduleEntry`: pixels are 2^level px wide, the step
+        One pair per iteration, such as a :class:`cmfpga.config.ScheduleEntry`: pixels are 2^level px wide, the step
         is 2^log2_step px per half batch. Where G is zero, v stays along that axis.
 
     v does not saturate here, as it does in the hardware.

@@ -141,7 +141,7 @@ def roi_corner(config):
 
 
 def settings(config):
-    """Run-time inputs, taken over when a batch's first event is offered (see :class:`cmfpga.protocol.batch.BatchSettings`)."""
+    """Run-time inputs, taken over when a batch's first event is offered (``BatchSettings``)."""
     return data.StructLayout(
         {
             "roi_load": 1,

@@ -9,7 +9,7 @@ from .. import payloads
 
 
 class Dither(wiring.Component):
-    """Adds frac((k + ½)·α) − ½ to column and row of the k-th event of a replay (R2 sequence, see :mod:`cmfpga.config.dither`).
+    """Adds frac((k + ½)·α) − ½ to column and row of the k-th event of a replay (:mod:`cmfpga.config.dither`).
 
     Events sit on whole pixels, which makes v = 0 a peak of the contrast whatever the motion is; the offsets remove it.
     They depend on k alone, so every iteration sees the same, and the buffer need not store them.

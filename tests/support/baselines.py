@@ -1,6 +1,6 @@
 """Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
 
-python tests/verilog/update_baselines.py
+python tests/support/baselines.py
 python docs/generate.py
 """
 
@@ -15,7 +15,7 @@ from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import resources
 from cmfpga.verilog.emit import AXI_TOP, emit_verilog
 
-PATH = Path(__file__).with_name("baselines.json")
+PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
 
 
