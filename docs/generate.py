@@ -226,7 +226,7 @@ def cycles_table():
         schedules = (config.cold_schedule, config.warm_schedule) if core.signs else (range(config.iterations),)
         ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
-        article = events + 100 * (roi_events + 32 + config.pixels // 4 + 35)
+        article = events + 100 * (roi_events + 32 + config.geometry.pixels // 4 + 35)
         what = f"`{name}`" if size is None else f"`{name}`, other size"
         size = f"{config.roi_width}×{config.roi_height}"
         rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{article:,}"))
@@ -246,9 +246,11 @@ def memories_table():
         }
         if config.gradient == "one_pass":
             bits = config.tag_bits + sum(widths.values())
-            rows.append((f"`{name}`: tag, Dy, Dx and I, by parity", 4, config.bank_depth, bits))
+            rows.append((f"`{name}`: tag, Dy, Dx and I, by parity", 4, config.geometry.bank_depth, bits))
         else:
-            rows += [(f"`{name}`: {title}, by parity", 4, config.bank_depth, bits) for title, bits in widths.items()]
+            rows += [
+                (f"`{name}`: {title}, by parity", 4, config.geometry.bank_depth, bits) for title, bits in widths.items()
+            ]
     rows = [(*row, f"{row[1] * row[2] * row[3]:,}") for row in rows]
     return table(("memory", "number", "words", "bits a word", "bits in all"), rows, right=(1, 2, 3, 4))
 
@@ -277,7 +279,7 @@ def ports_table():
     rows = {}
     for name in BOTH:
         config = preset(name)
-        values = {"eta": config.eta_format, "roi_gain": config.roi_gain_format}
+        values = {"eta": config.formats.eta, "roi_gain": config.formats.roi_gain}
         for port in ports(elaborated(config)):
             key = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port["name"])
             shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", key)

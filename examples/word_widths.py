@@ -48,7 +48,9 @@ words = errors.copy()
 for vote in WIDTHS:
     for derivative in WIDTHS:
         config = preset("fast").replace(weight_frac=vote, derivative_frac=derivative)
-        words.loc[vote, derivative] = config.tag_bits + config.image_bits + 2 * config.derivative_image_bits
+        words.loc[vote, derivative] = (
+            config.tag_bits + config.widths.image_bits + 2 * config.widths.derivative_image_bits
+        )
 print(words.astype(int).to_string())
 
 assert errors.loc[4, 4] < errors.loc[8, 8] + 0.1, "the four bits of the preset `fast` do as well as eight"

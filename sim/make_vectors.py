@@ -86,14 +86,16 @@ class Maker:
     def settings(self, **changes):
         """Settings unlike the batch before."""
         config, rng = self.config, self.rng
-        roi = (int(rng.integers(config.roi_x_max + 1)), int(rng.integers(config.roi_y_max + 1)))
+        roi = (int(rng.integers(config.geometry.roi_x_max + 1)), int(rng.integers(config.geometry.roi_y_max + 1)))
         fields = {
             "roi": roi if rng.random() < 0.5 else None,
             "iterations": min(config.max_iterations, int(rng.integers(1, 5))),
-            "eta": min(config.eta_format.max, int(rng.choice([1, 500, 1024, 5000, 1 << 20]))),
-            "roi_gain": int(rng.integers(config.roi_gain_format.max + 1)),
+            "eta": min(config.formats.eta.max, int(rng.choice([1, 500, 1024, 5000, 1 << 20]))),
+            "roi_gain": int(rng.integers(config.formats.roi_gain.max + 1)),
             "start_last": bool(rng.random() < 0.5),
-            "v_start": tuple(int(v) for v in rng.integers(config.v.min, config.v.max + 1, 2) >> rng.integers(0, 9)),
+            "v_start": tuple(
+                int(v) for v in rng.integers(config.formats.v.min, config.formats.v.max + 1, 2) >> rng.integers(0, 9)
+            ),
             "min_roi_events": 1,
         }
         return BatchSettings(**{**fields, **changes})
@@ -137,7 +139,7 @@ def repeated(make, roi):
     """The same few pixels again after 1, 2, … 6 events, for the forwarding, and a step as large as can be."""
     x, y = make.inside(6, roi)
     order = np.concatenate([np.tile(np.arange(distance), 7) for distance in range(1, 7)])[: make.n]
-    settings = {"eta": make.config.eta_format.max, "start_last": False, "v_start": (0, 0)}
+    settings = {"eta": make.config.formats.eta.max, "start_last": False, "v_start": (0, 0)}
     return {"pixels": (x[order], y[order]), "settings": settings}
 
 
@@ -159,7 +161,10 @@ def borders(make, roi):
     y = np.select([edge == 4, edge == 5, edge == 6, edge == 7], [top - 1, top, bottom - 1, bottom], y)
     order = rng.permutation(n)
     pixels = np.clip(x, 0, config.sensor_width - 1)[order], np.clip(y, 0, config.sensor_height - 1)[order]
-    return {"pixels": pixels, "settings": {"start_last": False, "v_start": (config.v.max, config.v.min)}}
+    return {
+        "pixels": pixels,
+        "settings": {"start_last": False, "v_start": (config.formats.v.max, config.formats.v.min)},
+    }
 
 
 @kind
@@ -216,8 +221,8 @@ def one_instant(make, roi):
 def outside_the_sensor(make, roi):
     """An ROI that is asked for where it does not fit, and followed with the largest gain."""
     config = make.config
-    corner = ((1 << config.x_bits) - 1, (1 << config.y_bits) - 1)
-    gain = config.roi_gain_format.max
+    corner = ((1 << config.geometry.x_bits) - 1, (1 << config.geometry.y_bits) - 1)
+    gain = config.formats.roi_gain.max
     # The corner is limited to the sensor, so the events have to lie there.
     return {"pixels": make.inside(make.n, clamp_roi(config, corner)[0]), "settings": {"roi": corner, "roi_gain": gain}}
 
@@ -323,11 +328,11 @@ class Vectors:
             "BATCHES": len(self.words["batches"]),
             "EVENTS": len(self.words["events"]),
             "ITERATIONS": len(self.words["trace"]),
-            "BANK_WORDS": config.bank_words,
+            "BANK_WORDS": config.geometry.bank_words,
             # After a reset the banks are swept, and the sums of that sweep settle.
-            "CLEARING": config.bank_words + self.core.gradient_reader.latency,
+            "CLEARING": config.geometry.bank_words + self.core.gradient_reader.latency,
             # Twice the longest time in which nothing that the bench counts can happen.
-            "PATIENCE": 2 * (config.buffer_events + config.bank_words + 500),
+            "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
             "GAP_BITS": GAP_BITS,
             "STALL_BITS": STALL_BITS,
             "RESET_BITS": RESET_BITS,

@@ -56,7 +56,7 @@ def test_measured_cycles_equal_the_cores_formula(compiler, name, ascent):
     assert row.per_iteration == row.cycles - core.cycles(**size, iterations=case.iterations - 1)
     assert row.after_last == row.cycles - events
     if config.buffers == 1:
-        assert row.cycles <= row.back_to_back <= row.cycles + 10 + config.bank_words
+        assert row.cycles <= row.back_to_back <= row.cycles + 10 + config.geometry.bank_words
     else:  # a batch is taken in while the one before is optimised, which takes longer here
         assert row.after_last <= row.back_to_back <= row.after_last + 10 < row.cycles
     if ascent != bench.CONSTANT:

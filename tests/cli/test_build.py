@@ -215,11 +215,22 @@ def test_the_description_is_that_of_the_configuration(files):
     )
     assert info["configuration_hash"] == config.hardware_hash
     assert re.fullmatch(r"0\.5\.\d+", info["amaranth"]) and info["yosys"]
-    for name, fmt in {"v": config.v, "dt": config.dt, "η": config.eta_format, "ROI x": config.roi_x_format}.items():
+    for name, fmt in {
+        "v": config.formats.v,
+        "dt": config.formats.dt,
+        "η": config.formats.eta,
+        "ROI x": config.formats.roi_x,
+    }.items():
         assert (info["formats"][name]["format"], info["formats"][name]["bits"]) == (str(fmt), fmt.width)
     bits = {port["name"]: (port["bits"], port["signed"]) for port in info["ports"]}
-    assert bits["event_x"] == (config.x_bits, False) and bits["event_t"] == (info["formats"]["t"]["bits"], False)
-    assert bits["result_v_x"] == (config.v.width, True) and bits["settings_eta"] == (config.eta_format.width, False)
+    assert bits["event_x"] == (config.geometry.x_bits, False) and bits["event_t"] == (
+        info["formats"]["t"]["bits"],
+        False,
+    )
+    assert bits["result_v_x"] == (config.formats.v.width, True) and bits["settings_eta"] == (
+        config.formats.eta.width,
+        False,
+    )
     if config.gradient == "sweep":
         assert bits["trace_pixels_0_i"] == (info["formats"]["I"]["bits"], False)
     assert set(info["latencies"]) == blocks_of(config) - {"batch_control", "schedule"}

@@ -80,7 +80,7 @@ def test_numbers_are_numbers(name, value):
 @pytest.mark.parametrize("name", REAL)
 def test_each_number_fits_its_format(name):
     config = Config()
-    fmt = {"eta": config.eta_format, "roi_gain": config.roi_gain_format}.get(name, config.v)
+    fmt = {"eta": config.formats.eta, "roi_gain": config.formats.roi_gain}.get(name, config.formats.v)
     largest = fmt.real(fmt.max)
     for value in (fmt.real(fmt.min), 0, -0.0, largest, fmt.step, int(largest)):
         assert getattr(Config(**{name: value}), name) == value
@@ -273,27 +273,44 @@ def test_to_dict_is_json_and_makes_the_same_configuration():
 def test_derived_values_of_the_paper_preset():
     """Widths worked out by hand, so that a bound that changes is noticed."""
     config = Config()
-    formats = (config.dt, config.v, config.eta_format, config.roi_gain_format, config.gradient_format)
+    formats = (
+        config.formats.dt,
+        config.formats.v,
+        config.formats.eta,
+        config.formats.roi_gain,
+        config.formats.gradient,
+    )
     assert [str(q) for q in formats] == [
         "Q1.12", "Q5.12", "UQ6.10", "UQ2.4", "Q11.24",
     ]  # fmt: skip
-    assert (config.pixels, config.bank_columns, config.bank_rows, config.bank_words, config.bank_depth) == (
+    sizes = config.geometry
+    assert (sizes.pixels, sizes.bank_columns, sizes.bank_rows, sizes.bank_words, sizes.bank_depth) == (
         4096, 32, 32, 1024, 1024,
     )  # fmt: skip
-    assert (config.roi_x_max, config.roi_y_max, config.x_bits, config.y_bits) == (176, 116, 8, 8)
-    assert str(config.roi_x_format) == "UQ8.16" and str(config.roi_y_format) == "UQ7.16"
+    assert (config.geometry.roi_x_max, config.geometry.roi_y_max, config.geometry.x_bits, config.geometry.y_bits) == (
+        176,
+        116,
+        8,
+        8,
+    )
+    assert str(config.formats.roi_x) == "UQ8.16" and str(config.formats.roi_y) == "UQ7.16"
     # 2048 votes of 256: 2^19 needs 20 bits, 21 with a sign; ΣI up to 2048·258; S up to 2048·258 · 2048·256.
-    assert (config.image_bits, config.derivative_image_bits, config.sum_i_bits, config.sum_d_bits) == (20, 21, 20, 21)
-    assert (config.s_bits, config.g_bits) == (40, 52)
+    assert (
+        config.widths.image_bits,
+        config.widths.derivative_image_bits,
+        config.widths.sum_i_bits,
+        config.widths.sum_d_bits,
+    ) == (20, 21, 20, 21)
+    assert (config.widths.s_bits, config.widths.g_bits) == (40, 52)
     # P² = 2^24 exactly, so ρ = 1.
-    assert config.gradient_scale == (8 + 8 + 24 - 1, 1 << 16)
+    assert config.widths.gradient_scale == (8 + 8 + 24 - 1, 1 << 16)
 
 
 def test_banks_whose_rows_are_no_power_of_two():
     config = Config(roi_width=10, roi_height=6)
-    assert (config.bank_columns, config.bank_rows, config.bank_words) == (5, 3, 15)
-    assert config.bank_column_bits == 3 and config.bank_depth == 24
-    shift, mantissa = config.gradient_scale
+    assert (config.geometry.bank_columns, config.geometry.bank_rows, config.geometry.bank_words) == (5, 3, 15)
+    assert config.geometry.bank_column_bits == 3 and config.geometry.bank_depth == 24
+    shift, mantissa = config.widths.gradient_scale
     exact = 2 / (60**2 * 2.0 ** (config.weight_frac + config.derivative_frac))
     assert mantissa / 2**16 * 2.0**-shift == pytest.approx(exact, rel=2**-16)
     assert 1 << 15 < mantissa <= 1 << 16
@@ -301,8 +318,8 @@ def test_banks_whose_rows_are_no_power_of_two():
 
 def test_an_roi_as_large_as_the_sensor_has_one_position():
     config = Config(roi_width=240, roi_height=180)
-    assert (config.roi_x_max, config.roi_y_max) == (0, 0)
-    assert config.roi_x_format.i == 1  # no format of no bits
+    assert (config.geometry.roi_x_max, config.geometry.roi_y_max) == (0, 0)
+    assert config.formats.roi_x.i == 1  # no format of no bits
 
 
 # ---------------------------------------------------------------- imports

@@ -98,12 +98,13 @@ def sequence(rng):
         ("negative time", make_events(rng, 60, np.arange(60) - 30), settings(), Flag(0)),
         ("gap of half a wrap", make_events(rng, 50, np.r_[steps, steps + 40000]), settings(), Flag.TIME_BACK),
         ("buffer full", at_rest, settings((8, 8)), Flag.OVERFLOW),
-        ("v out of its range", make_events(rng, 80), settings((8, 8), eta=CONFIG.eta_format.max, iterations=15,
+        ("v out of its range", make_events(rng, 80), settings((8, 8), eta=CONFIG.formats.eta.max, iterations=15,
                                                               roi_gain=0), Flag.SATURATED),
-        ("ends of v", make_events(rng, 80), settings((8, 8), start_last=False, v_start=(CONFIG.v.max, CONFIG.v.min),
-                                                     roi_gain=0), Flag.SATURATED),
+        ("ends of v", make_events(rng, 80), settings((8, 8), start_last=False, roi_gain=0,
+                                                     v_start=(CONFIG.formats.v.max, CONFIG.formats.v.min)), Flag.SATURATED),
         ("to the sensor's edge", make_events(rng, 80), settings((8, 8), v_start=(-30000, 30000), start_last=False,
-                                                                roi_gain=CONFIG.roi_gain_format.max), Flag.ROI_CLAMPED),
+                                                                roi_gain=CONFIG.formats.roi_gain.max),
+         Flag.ROI_CLAMPED),
         ("no step", make_events(rng, 80), settings((8, 8), eta=0, iterations=1, roi_gain=0), Flag(0)),
         ("no events at all in the ROI", make_events(rng, 60), settings((24, 16)), Flag.DEGENERATE),
         ("last", make_events(rng, 60), settings((8, 8), start_last=False), Flag(0)),
@@ -157,8 +158,8 @@ def test_the_float_engine_crops_and_counts_the_same(lives, name):
     assert (floating.flags ^ compiled.flags) & ~Flag.SATURATED == Flag(0)
     if not floating.iterations:
         return
-    one = CONFIG.weight_max
-    np.testing.assert_allclose(floating.trace.v[0], compiled.trace.v[0] * CONFIG.v.step, atol=0.05)
+    one = CONFIG.widths.weight_max
+    np.testing.assert_allclose(floating.trace.v[0], compiled.trace.v[0] * CONFIG.formats.v.step, atol=0.05)
     np.testing.assert_allclose(floating.trace.sum_i[0], compiled.trace.sum_i[0] / one, atol=0.3)
     np.testing.assert_allclose(floating.trace.s[0], compiled.trace.s[0] / one**2, atol=2)
     assert floating.events == sum(getattr(floating, count) for count in COUNTS)
@@ -172,10 +173,10 @@ def test_random_batches(verilated_engine, rng):
         events = make_events(rng, int(rng.integers(0, 101)), right=rng.integers(6, 21), bottom=rng.integers(6, 17))
         changes = {
             "iterations": int(rng.integers(0, 16)),
-            "eta": int(rng.integers(CONFIG.eta_format.max + 1) >> rng.integers(0, 3)),
-            "roi_gain": int(rng.integers(CONFIG.roi_gain_format.max + 1)),
+            "eta": int(rng.integers(CONFIG.formats.eta.max + 1) >> rng.integers(0, 3)),
+            "roi_gain": int(rng.integers(CONFIG.formats.roi_gain.max + 1)),
             "start_last": bool(rng.integers(2)),
-            "v_start": tuple(int(v) >> 3 for v in rng.integers(CONFIG.v.min, CONFIG.v.max + 1, 2)),
+            "v_start": tuple(int(v) >> 3 for v in rng.integers(CONFIG.formats.v.min, CONFIG.formats.v.max + 1, 2)),
             "min_roi_events": int(rng.integers(1, 12)),
         }
         roi = (int(rng.integers(12)), int(rng.integers(12))) if rng.random() < 0.7 else None
@@ -229,7 +230,7 @@ def test_an_empty_batch_changes_nothing(engine, rng):
     assert all(len(values) == 0 for values in (empty.trace.v, empty.trace.sum_i, empty.trace.sum_d, empty.trace.s))
     after = engine.run(make_events(rng, 60), settings())
     assert after.roi == first.roi_next
-    start = tuple(after.trace.v[0] * (1 if engine.name == "float" else CONFIG.v.step))
+    start = tuple(after.trace.v[0] * (1 if engine.name == "float" else CONFIG.formats.v.step))
     assert start == first.v
 
 

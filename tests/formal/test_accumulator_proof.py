@@ -35,7 +35,9 @@ def paper_bank():
     config = preset("paper")
     vote = payloads.votes(config)["banks"].shape.elem_shape
     word = payloads.pixel(config)
-    return ReadAddWrite(word, data.StructLayout({name: vote[name].shape for name in word.members}), config.bank_depth)
+    return ReadAddWrite(
+        word, data.StructLayout({name: vote[name].shape for name in word.members}), config.geometry.bank_depth
+    )
 
 
 @pytest.mark.parametrize("bank, cycles", [(small_bank, LONG), (paper_bank, SHORT)], ids=["small", "paper"])

@@ -80,5 +80,10 @@ def test_clamp_roi_of_numpy_integers():
 
 def test_a_position_can_hold_every_roi():
     config = Config(sensor_width=239, roi_width=2)
-    assert crop_position(config, config.roi_x_max << config.roi_x_format.f) == config.roi_x_max == 237
-    assert isinstance(config.roi_x_format, Q) and config.roi_x_format.max >= config.roi_x_max << config.roi_x_format.f
+    assert (
+        crop_position(config, config.geometry.roi_x_max << config.formats.roi_x.f) == config.geometry.roi_x_max == 237
+    )
+    assert (
+        isinstance(config.formats.roi_x, Q)
+        and config.formats.roi_x.max >= config.geometry.roi_x_max << config.formats.roi_x.f
+    )

@@ -112,9 +112,9 @@ def random_batch(rng, config, n=None):
     if rng.random() < 0.3:  # structure: few places, so that images are high
         x, y = x // 3, y // 3
     reach = rng.choice([0.3, 3, 12])
-    v = [config.v.raw(value) for value in rng.uniform(-reach, reach, 2)]
+    v = [config.formats.v.raw(value) for value in rng.uniform(-reach, reach, 2)]
     if rng.random() < 0.3:
-        v = [round(value * config.v.step) << config.v_frac for value in v]  # whole pixels, zero among them
+        v = [round(value * config.formats.v.step) << config.v_frac for value in v]  # whole pixels, zero among them
     return (t, x, y), (t_first, t_first + span), v
 
 
@@ -126,7 +126,7 @@ def compare(config, events, batch, v, **model):
     """|integer − float| and its bound, [2] each."""
     t, x, y = events
     dt = scaled_times(t, *batch)
-    real_v = [config.v.real(value) for value in v]
+    real_v = [config.formats.v.real(value) for value in v]
     raw_dt = [integer_dt(config, t_k, *batch) for t_k in integers(t)]
     exact = evaluate(x, y, dt, real_v, width=config.roi_width, height=config.roi_height).gradient.tolist()
     integer = integer_gradient(config, integers(x), integers(y), raw_dt, v, **model)
@@ -157,8 +157,8 @@ def test_bound_holds_and_is_not_absurdly_loose(rng):
             ratios += ratio
             few += ratio if len(events[0]) <= 2 else []
             dt = scaled_times(events[0], *batch)
-            for axis, place in enumerate(warp(*events[1:], dt, [config.v.real(value) for value in v])):
-                below, above = position_error(config, dt, config.v.real(v[axis]))
+            for axis, place in enumerate(warp(*events[1:], dt, [config.formats.v.real(value) for value in v])):
+                below, above = position_error(config, dt, config.formats.v.real(v[axis]))
                 crossings += int(((place - below).floor() < (place + above).floor()).sum())
     print(f"actual/bound: median {np.median(ratios):.3f}, at most 2 events {np.median(few):.3f}, max {max(ratios):.3f}")
     assert crossings > 500  # the hard case did occur
@@ -237,7 +237,7 @@ def test_an_adversary_within_the_formats_reaches_the_bound(coarse, rng):
         n = int(rng.integers(1, 7))
         x, y = rng.integers(8, size=n), rng.integers(6, size=n)
         dt = rng.uniform(-1, 1, n)
-        v = [config.v.real(config.v.raw(value)) for value in rng.uniform(-3, 3, 2)]
+        v = [config.formats.v.real(config.formats.v.raw(value)) for value in rng.uniform(-3, 3, 2)]
         exact = evaluate(x, y, dt, v, width=8, height=6)
         phi = (exact.image - exact.image.mean()).T.tolist()
         psi = (exact.derivative_x - exact.derivative_x.mean()).T.tolist()
@@ -280,7 +280,7 @@ def test_dt_error_holds_and_is_reached(rng):
         (t, _, _), batch, _ = random_batch(rng, config, n=40)
         dt = scaled_times(t, *batch)
         raw = np.array([integer_dt(config, t_k, *batch) for t_k in integers(t)])
-        ratio = np.abs(config.dt.real(raw) - dt.numpy()) / dt_error(config, dt).numpy()
+        ratio = np.abs(config.formats.dt.real(raw) - dt.numpy()) / dt_error(config, dt).numpy()
         assert ratio.max() <= 1
         worst = max(worst, ratio.max())
     assert worst > 0.95
@@ -296,8 +296,8 @@ def test_position_error_holds_and_is_reached(rng):
             integer_position(config, x_k, integer_dt(config, t_k, *batch), v)
             for t_k, x_k in zip(integers(t), integers(x), strict=True)
         ]
-        error = np.array(raw) * 2.0**-config.position_frac - warp(x, x, dt, (config.v.real(v), 0.0))[0].numpy()
-        below, above = (b.numpy() for b in position_error(config, dt, config.v.real(v)))
+        error = np.array(raw) * 2.0**-config.position_frac - warp(x, x, dt, (config.formats.v.real(v), 0.0))[0].numpy()
+        below, above = (b.numpy() for b in position_error(config, dt, config.formats.v.real(v)))
         assert (error >= -below - 1e-12).all() and (error <= above + 1e-12).all()
         if v:
             low, high = min(low, (error / below).min()), max(high, (error / above).max())
@@ -328,7 +328,7 @@ def test_nothing_is_floored_where_the_product_is_coarse():
 
 def test_no_events():
     config = Config()
-    assert gradient_bound(config, [], [], [], (1.0, 0.5)).tolist() == [config.gradient_format.step] * 2
+    assert gradient_bound(config, [], [], [], (1.0, 0.5)).tolist() == [config.formats.gradient.step] * 2
     assert position_error(config, [], 1.0)[0].shape == (0,)
 
 

@@ -23,10 +23,10 @@ def compare(events, roi, config=CONFIG):
     x, y, dt = scaled_roi_events(config, events, roi)
     assert len(core.iterations) == config.iterations and len(x) > 100
     # 2·G/P² in events² per px, from raw sums.
-    unit = 2.0 / config.pixels**2 / (config.weight_max * config.derivative_max)
+    unit = 2.0 / config.geometry.pixels**2 / (config.widths.weight_max * config.widths.derivative_max)
     shares = []
     for step in core.iterations:
-        v = np.array([config.v.real(axis) for axis in step.v])
+        v = np.array([config.formats.v.real(axis) for axis in step.v])
         there = evaluate(x, y, dt, v, width=config.roi_width, height=config.roi_height).gradient.numpy()
         error = np.abs(np.array(step.g) * unit - there)
         bound = np.asarray(gradient_bound(config, x.astype(np.int64), y.astype(np.int64), dt, v))

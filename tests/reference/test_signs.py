@@ -253,11 +253,11 @@ def raw_iterations(config, t, x, y, v_start, schedule, exact_dither=False):
         exact = tuple(axis + offset for axis, offset in zip((x.double(), y.double()), dither(len(t)), strict=True))
     else:
         exact = tuple(axis.double() * 2.0**-config.dither_frac for axis in positions)
-    v = tuple(config.v.raw(axis) for axis in v_start)
+    v = tuple(config.formats.v.raw(axis) for axis in v_start)
     size = {"width": config.roi_width, "height": config.roi_height}
     for entry in schedule:
         step, _ = core.iterate(*positions, raw_dt, v, entry=entry)
-        real_v = [config.v.real(axis) for axis in v]
+        real_v = [config.formats.v.real(axis) for axis in v]
         yield step, evaluate(*exact, dt, real_v, level=entry.level, **size)
         v = step.v_next
 
@@ -273,12 +273,14 @@ def compare(config, rng, batches, tiny, exact_dither=False):
     wrong = compared = 0
     worst = 0.0
     schedule = parse_schedule("2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5", name="cold", max_level=2,
-                              v=config.v, entries=32)  # fmt: skip
+                              v=config.formats.v, entries=32)  # fmt: skip
     unit = 2.0 ** -(config.weight_frac + config.derivative_frac)
     for _ in range(batches):
         t, x, y = moving_object(rng, rng.uniform(-6, 6, 2))
         for step, exact in raw_iterations(config, t, x, y, (0.0, 0.0), schedule, exact_dither):
-            for raw, g, scale in zip(step.g, (exact.g_x, exact.g_y), scale_of(exact, config.pixels), strict=True):
+            for raw, g, scale in zip(
+                step.g, (exact.g_x, exact.g_y), scale_of(exact, config.geometry.pixels), strict=True
+            ):
                 worst = max(worst, abs(raw * unit - float(g)) / scale)
                 if abs(float(g)) > tiny * scale:
                     compared += 1

@@ -81,8 +81,8 @@ def random_batch(config, rng, *, bad_times=0.15):
     if rng.random() < 0.6:
         roi = int(rng.integers(config.sensor_width)), int(rng.integers(config.sensor_height))
         if rng.random() < 0.7:
-            roi = min(roi[0], config.roi_x_max), min(roi[1], config.roi_y_max)
-    eta = int(rng.choice([0, 1, config.eta_format.raw(1.0), config.eta_format.raw(8.0), config.eta_format.max]))
+            roi = min(roi[0], config.geometry.roi_x_max), min(roi[1], config.geometry.roi_y_max)
+    eta = int(rng.choice([0, 1, config.formats.eta.raw(1.0), config.formats.eta.raw(8.0), config.formats.eta.max]))
     slow = 3 << config.v_frac
     size = config.roi_width, config.roi_height
     around = tuple(c + s // 2 for c, s in zip(roi, size, strict=True)) if roi else None
@@ -94,9 +94,11 @@ def random_batch(config, rng, *, bad_times=0.15):
             roi=roi,
             iterations=int(rng.choice([0, 1, 2, 3, 4])),
             eta=eta,
-            roi_gain=int(edge_integers(rng, 0, config.roi_gain_format.max, 1)[0]),
+            roi_gain=int(edge_integers(rng, 0, config.formats.roi_gain.max, 1)[0]),
             start_last=bool(rng.integers(2)),
-            v_start=tuple(edge_integers(rng, max(config.v.min, -slow), min(config.v.max, slow), 2).tolist()),
+            v_start=tuple(
+                edge_integers(rng, max(config.formats.v.min, -slow), min(config.formats.v.max, slow), 2).tolist()
+            ),
             min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
             thinning=int(rng.choice([1, 1, 1, 2, 3, 7, 255])),
             thin_target=min(config.buffer_events, int(rng.choice([0, 0, 0, 1, 5, 20, 48]))),
@@ -339,7 +341,7 @@ def test_result_waits(rng):
 def test_settings_are_taken_with_the_first_event(rng):
     """Every setting changes from batch to batch and is random in between; each batch uses its own."""
     config = CONFIGS["small"]
-    eta = config.eta_format.raw(4.0)
+    eta = config.formats.eta.raw(4.0)
     changes = [
         {"iterations": 4, "eta": eta},
         {"iterations": 1, "eta": 0, "start_last": False, "v_start": (-4096, 8192)},
@@ -365,7 +367,7 @@ def test_reset_in_the_middle(name, moment, rng):
     reset = Signal()
     top = Module()
     top.submodules.core = ResetInserter(reset)(core)
-    moved = [spread(config, rng, 20, iterations=2, eta=config.eta_format.raw(8.0)) for _ in range(2)]
+    moved = [spread(config, rng, 20, iterations=2, eta=config.formats.eta.raw(8.0)) for _ in range(2)]
     serial = config.buffers == 1
     come, came = at_moment(core, moment), []
 
@@ -415,7 +417,7 @@ def at_moment(core, moment):
             "ingest": seen["events"] == 30,
             "division": seen["cycles since the last event"] == 20,
             "votes": seen["votes"] == 3 * 20 + 15,
-            "sweep": seen["swept"] == core.config.bank_words * 3 + core.config.bank_words // 2,
+            "sweep": seen["swept"] == core.config.geometry.bank_words * 3 + core.config.geometry.bank_words // 2,
             "evaluation": seen["traced"] == 4,
             "result": seen["traced"] == 4 and ctx.get(core.o.valid),
         }[moment]

@@ -50,14 +50,16 @@ def random_settings(config, rng, previous_roi):
     """Settings that change from batch to batch, and the ROI that the patterns are made for."""
     roi = None
     if rng.random() < 0.6:
-        roi = (int(rng.integers(config.roi_x_max + 1)), int(rng.integers(config.roi_y_max + 1)))
+        roi = (int(rng.integers(config.geometry.roi_x_max + 1)), int(rng.integers(config.geometry.roi_y_max + 1)))
     settings = BatchSettings(
         roi=roi,
         iterations=int(rng.choice([0, 1, 2, 3, 7, 12], p=[0.03, 0.17, 0.2, 0.2, 0.2, 0.2])),
-        eta=int(rng.choice([0, 1, 500, 1024, 5000, config.eta_format.max])),
-        roi_gain=int(rng.integers(config.roi_gain_format.max + 1)),
+        eta=int(rng.choice([0, 1, 500, 1024, 5000, config.formats.eta.max])),
+        roi_gain=int(rng.integers(config.formats.roi_gain.max + 1)),
         start_last=bool(rng.random() < 0.5),
-        v_start=tuple(int(v) for v in rng.integers(config.v.min, config.v.max + 1, 2) >> rng.integers(0, 12)),
+        v_start=tuple(
+            int(v) for v in rng.integers(config.formats.v.min, config.formats.v.max + 1, 2) >> rng.integers(0, 12)
+        ),
         min_roi_events=int(rng.choice([1, 1, 1, 4])),
         thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
         thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
@@ -70,7 +72,9 @@ def random_schedules(config, rng):
     """Two schedules of random length, also empty, with any level and step."""
     return {
         name: tuple(
-            ScheduleEntry(int(rng.integers(config.max_level + 1)), int(rng.integers(-config.v.f, config.v.i)))
+            ScheduleEntry(
+                int(rng.integers(config.max_level + 1)), int(rng.integers(-config.formats.v.f, config.formats.v.i))
+            )
             for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
         )
         for name in ("cold", "warm")
@@ -113,7 +117,7 @@ def test_adversarial_batches_back_to_back(pair, rng):
         assert_same(rtl, expected)
         # The first batch is offered while the banks are swept after the reset, and has to wait.
         waited = values["measured_cycles"] - values["cycles"]
-        assert 0 <= waited <= config.bank_depth + 8 if number == 0 else waited == 0
+        assert 0 <= waited <= config.geometry.bank_depth + 8 if number == 0 else waited == 0
         assert accounted(rtl) == rtl.events == len(x)
         if gaps is None and rtl.iterations and rtl.events >= core.core.shortest_batch:
             assert rtl.cycles == core.core.cycles(
@@ -132,7 +136,7 @@ def test_images_of_every_iteration(pair, rng):
     config = core.config
     if config.gradient != "sweep":
         pytest.skip("in one pass nothing reads whole images; their every change is in the sums")
-    roi = (config.roi_x_max // 2, config.roi_y_max // 2)
+    roi = (config.geometry.roi_x_max // 2, config.geometry.roi_y_max // 2)
     for name in PATTERNS:
         x, y = PATTERNS[name](config, rng, roi)
         t = 1000 + np.cumsum(rng.integers(1, 20, len(x)))
@@ -146,10 +150,10 @@ def test_images_of_every_iteration(pair, rng):
 
 def images_of_banks(config, read):
     """I, Dx, Dy, [3, height, width], from what one sweep read, [P/4, 12]."""
-    images = np.zeros((3, 2 * config.bank_rows, 2 * config.bank_columns), np.int64)
+    images = np.zeros((3, 2 * config.geometry.bank_rows, 2 * config.geometry.bank_columns), np.int64)
     for bank in range(4):
         for k in range(3):
-            images[k, bank >> 1 :: 2, bank & 1 :: 2] = read[:, 3 * bank + k].reshape(config.bank_rows, -1)
+            images[k, bank >> 1 :: 2, bank & 1 :: 2] = read[:, 3 * bank + k].reshape(config.geometry.bank_rows, -1)
     return images[:, : config.roi_height, : config.roi_width]
 
 
@@ -291,12 +295,13 @@ def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
     x, y = PATTERNS["moving_edge"](config, rng, roi)
     t = np.cumsum(rng.integers(1, 50, len(x)))
     good = BatchSettings.from_config(config, roi)
-    largest = config.v.width - 2
+    largest = config.formats.v.width - 2
     for bad, limited in (((3, 2), (2, 2)), ((1, largest + 1), (1, largest)), ((3, 15), (2, largest))):
         entries = [(2, 6), bad, (0, 1)]
         core.write_schedule(entries)
         settings = replace(
-            good, cold=tuple(ScheduleEntry(level, shift - config.v.f) for level, shift in ((2, 6), limited, (0, 1)))
+            good,
+            cold=tuple(ScheduleEntry(level, shift - config.formats.v.f) for level, shift in ((2, 6), limited, (0, 1))),
         )
         values, trace, _ = core.run(t, x, y, settings_values(config, settings))
         expected = model.run(t, x, y, settings)

@@ -371,9 +371,9 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     settings_noise = random_values(core.settings.shape(), rng)
     outcomes = [Outcome() for _ in batches]
     # Twice what all batches take one after the other, and as much again for idle cycles.
-    limit = 500 + 2 * config.bank_words
+    limit = 500 + 2 * config.geometry.bank_words
     for batch in batches:
-        busy = batch.settings.iterations * (len(batch.events) + config.bank_words + core.iteration_latency)
+        busy = batch.settings.iterations * (len(batch.events) + config.geometry.bank_words + core.iteration_latency)
         limit += 2 * (len(batch.events) + busy + core.batch_latency) + 20
     limit = int(limit / (1 - min(0.9, max(gap, stall))))
 
@@ -484,8 +484,8 @@ SHORTEST = 3
 
 def per_iteration(config):
     """P/4 + L as a number, L in one pass; for a constant η."""
-    division = 0 if config.pixels & (config.pixels - 1) == 0 else 3
-    return division + (19 + config.bank_words if config.gradient == "sweep" else 18)
+    division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
+    return division + (19 + config.geometry.bank_words if config.gradient == "sweep" else 18)
 
 
 def constant_cycles(config):
@@ -504,7 +504,7 @@ def vote_payloads(config, votes):
         banks = [None] * 4
         for inside, column, row, w, dx, dy in zip(*event, strict=True):
             number = 2 * (row & 1) + (column & 1)
-            address = ((row >> 1) << config.bank_column_bits) | (column >> 1)
+            address = ((row >> 1) << config.geometry.bank_column_bits) | (column >> 1)
             if inside:
                 banks[number] = {"valid": 1, "address": address, "i": w, "dx": dx, "dy": dy}
         payloads.append(banks)
@@ -514,9 +514,9 @@ def vote_payloads(config, votes):
 def sweep_addresses(config):
     """Addresses of a bank in the order of a sweep, as (address, row, column) of the bank."""
     return [
-        ((row << config.bank_column_bits) | column, row, column)
-        for row in range(config.bank_rows)
-        for column in range(config.bank_columns)
+        ((row << config.geometry.bank_column_bits) | column, row, column)
+        for row in range(config.geometry.bank_rows)
+        for column in range(config.geometry.bank_columns)
     ]
 
 

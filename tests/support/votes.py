@@ -10,12 +10,12 @@ def cell_votes(config, cells, rng):
     shape = (len(cells), 4)
     column = cells[:, :1] + [0, 1, 0, 1]
     row = cells[:, 1:] + [0, 0, 1, 1]
-    top = config.derivative_max
+    top = config.widths.derivative_max
     return Votes(
         tensor((column >= 0) & (column < config.roi_width) & (row >= 0) & (row < config.roi_height)).bool(),
         tensor(column),
         tensor(row),
-        w=tensor(rng.integers(0, config.weight_max, shape, endpoint=True)),
+        w=tensor(rng.integers(0, config.widths.weight_max, shape, endpoint=True)),
         dx=tensor(rng.integers(-top, top, shape, endpoint=True)),
         dy=tensor(rng.integers(-top, top, shape, endpoint=True)),
     )

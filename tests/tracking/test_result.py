@@ -185,7 +185,7 @@ def test_every_intermediate_is_that_of_the_model(dot, engine, config):
             for k, expected in enumerate(core.iterations):
                 got = trace[k]
                 rows, columns = got.iwe.shape
-                assert (columns, rows) == steps.level_size(got.level) and got.level == trace.levels[k]
+                assert (columns, rows) == steps.geometry.level_size(got.level) and got.level == trace.levels[k]
                 for name, image in (("iwe", expected.images.i), ("iwe_dx", expected.images.dx)):
                     assert (got.raw[name] == image.numpy()[:rows, :columns]).all()
                     assert not image.numpy()[rows:].any() and not image.numpy()[:, columns:].any()

@@ -69,10 +69,10 @@ def test_the_memories_are_where_they_should_be(core_and_text):
         )
         for name, module in modules(text).items()
     }
-    pixel = [config.image_bits, config.derivative_image_bits, config.derivative_image_bits]
+    pixel = [config.widths.image_bits, config.widths.derivative_image_bits, config.widths.derivative_image_bits]
     event = len(core.event_buffer.i.payload.as_value())
     assert {name: sizes for name, sizes in found.items() if sizes} == {
-        **{f"accumulator_bank_{n}": sorted((bits, config.bank_depth) for bits in pixel) for n in range(4)},
+        **{f"accumulator_bank_{n}": sorted((bits, config.geometry.bank_depth) for bits in pixel) for n in range(4)},
         "event_buffer": [(event, config.buffer_events)],
     }
 

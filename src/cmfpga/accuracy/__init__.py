@@ -265,7 +265,7 @@ def contrasts(x, y, dt, velocities, *, spread=True):
 
     Without ``spread`` this is the article's contrast, that of :func:`cmfpga.imaging.iwe.contrast`. It is no fair
     yardstick: events lie on whole pixels, so the image is sharper wherever vx or vy is zero, whatever the motion is.
-    With ``spread`` each event is spread evenly over its pixel before it votes, as it may have come from anywhere in it. The
+    With ``spread`` each event is spread evenly over its pixel before it votes, as it may have come from anywhere in it.
     image is then the mean over all dithers; no particular dither is favoured.
     """
     kernel = _spread if spread else _bilinear
@@ -322,7 +322,7 @@ def find_v(engine, case, *, warm=False):
     settings = dataclasses.replace(
         settings,
         start_last=False,
-        v_start=tuple(config.v.raw(axis) for axis in start),
+        v_start=tuple(config.formats.v.raw(axis) for axis in start),
         cold=settings.warm if warm else settings.cold,
     )
     return engine.run(case.events, settings).v

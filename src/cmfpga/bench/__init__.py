@@ -210,7 +210,7 @@ def measure(case, design):
         per_iteration=cycles - less["measured_cycles"],
         after_last=cycles - events,
         back_to_back=_back_to_back(core, settings, case),
-        v=tuple(design.config.v.real(result[f"v_{axis}"]) for axis in "xy"),
+        v=tuple(design.config.formats.v.real(result[f"v_{axis}"]) for axis in "xy"),
     )
 
 

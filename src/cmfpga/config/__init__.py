@@ -1,6 +1,7 @@
 """The configuration that shapes hardware, models and tools. Imports neither Amaranth nor NumPy nor torch."""
 
-from .config import ASCENTS, DEFAULT_PRESET, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset
+from .config import ASCENTS, GRADIENTS, RAM_STYLES, START_MODES, Config
+from .presets import DEFAULT_PRESET, PRESETS, preset
 from .schedule import ScheduleEntry
 
 __all__ = [

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError
-from ..fixed import Q, bits_for, signed_bits_for
+from .formats import Formats
+from .geometry import Geometry
 from .schedule import parse_schedule
+from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 GRADIENTS = ("sweep", "one_pass")
@@ -131,10 +133,10 @@ class Config:
         self._check_size("min_roi_events", "buffer_events")
         self._check_size("thin_target", "buffer_events")
         for name, fmt in (
-            ("eta", self.eta_format),
-            ("roi_gain", self.roi_gain_format),
-            ("v_start_x", self.v),
-            ("v_start_y", self.v),
+            ("eta", self.formats.eta),
+            ("roi_gain", self.formats.roi_gain),
+            ("v_start_x", self.formats.v),
+            ("v_start_y", self.formats.v),
         ):
             self._check_real(name, fmt)
         if self.ascent == "sign" and len(self.cold_schedule) + len(self.warm_schedule) > self.schedule_entries:
@@ -146,7 +148,7 @@ class Config:
             raise ConfigError(
                 f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
             )
-        for what, width in self.exact_widths.items():
+        for what, width in self.widths.exact.items():
             if width > 63:
                 raise ConfigError(
                     f"{what} needs {width} bits, more than the 63 that the exact integer model has: "
@@ -230,42 +232,25 @@ class Config:
         """Hexadecimal SHA-256 of the hardware fields: equal hash, equal Verilog."""
         return hashlib.sha256(json.dumps(self.hardware_fields, sort_keys=True).encode()).hexdigest()
 
-    # ---------------------------------------------------------------- formats (fixed by fields)
+    # ---------------------------------------------------------------- what follows from the fields
 
-    @property
-    def dt(self):
-        """Scaled time, −1 … 1 inclusive."""
-        return Q(1, self.dt_frac)
+    @cached_property
+    def formats(self):
+        """Fixed-point formats."""
+        return Formats(self)
 
-    @property
-    def v(self):
-        """Velocity in pixels per half batch; saturates."""
-        return Q(self.v_int, self.v_frac)
+    @cached_property
+    def geometry(self):
+        """Sizes of sensor, ROI and banks."""
+        return Geometry(self)
 
-    @property
-    def eta_format(self):
-        """Step η of the ascent."""
-        return Q(self.eta_int, self.eta_frac, signed=False)
-
-    @property
-    def roi_gain_format(self):
-        """Gain of the ROI update."""
-        return Q(self.roi_gain_int, self.roi_gain_frac, signed=False)
-
-    @property
-    def gradient_format(self):
-        """Gradient of the contrast, ∂C/∂v, before it is multiplied by η; saturates."""
-        return Q(self.gradient_int, self.gradient_frac)
-
-    @property
-    def gain_format(self):
-        """η times the part of 2/P² that is not a power of two (see :attr:`gradient_scale`)."""
-        return Q(self.eta_int, self.eta_frac + 8, signed=False)
-
-    # ---------------------------------------------------------------- schedules of the sign ascent
+    @cached_property
+    def widths(self):
+        """Bounds and widths of all sums."""
+        return Widths(self)
 
     def _schedule(self, name):
-        limits = {"max_level": self.max_level, "v": self.v, "entries": self.schedule_entries}
+        limits = {"max_level": self.max_level, "v": self.formats.v, "entries": self.schedule_entries}
         return parse_schedule(getattr(self, name), name=name, **limits)
 
     @property
@@ -277,221 +262,3 @@ class Config:
     def warm_schedule(self):
         """Iterations of a batch that starts from the last v."""
         return self._schedule("warm")
-
-    # ---------------------------------------------------------------- geometry
-
-    def level_size(self, level):
-        """Columns and rows of the image whose pixels are 2^level px wide."""
-        return -(-self.roi_width // (1 << level)), -(-self.roi_height // (1 << level))
-
-    @property
-    def pixels(self):
-        """P, the ROI's number of pixels."""
-        return self.roi_width * self.roi_height
-
-    @property
-    def bank_columns(self):
-        """Columns of one parity bank."""
-        return (self.roi_width + 1) // 2
-
-    @property
-    def bank_rows(self):
-        """Rows of one parity bank."""
-        return (self.roi_height + 1) // 2
-
-    @property
-    def bank_words(self):
-        """Words of one parity bank that hold a pixel: P/4."""
-        return self.bank_columns * self.bank_rows
-
-    @property
-    def bank_column_bits(self):
-        """Address bits of a bank's column; the row stands above them, so that no multiplier is needed."""
-        return bits_for(self.bank_columns - 1)
-
-    @property
-    def bank_depth(self):
-        """Words of one parity bank's memory, the unused ends of rows included."""
-        return self.bank_rows << self.bank_column_bits
-
-    @property
-    def roi_x_max(self):
-        """Largest column of the ROI's left edge."""
-        return self.sensor_width - self.roi_width
-
-    @property
-    def roi_y_max(self):
-        """Largest row of the ROI's top edge."""
-        return self.sensor_height - self.roi_height
-
-    @property
-    def roi_x_format(self):
-        """Column of the ROI's left edge, with the fraction bits that the ROI update needs to be exact."""
-        return Q(bits_for(self.roi_x_max), self.v_frac + self.roi_gain_frac, signed=False)
-
-    @property
-    def roi_y_format(self):
-        """Row of the ROI's top edge."""
-        return Q(bits_for(self.roi_y_max), self.v_frac + self.roi_gain_frac, signed=False)
-
-    @property
-    def x_bits(self):
-        """Bits of a sensor column."""
-        return bits_for(self.sensor_width - 1)
-
-    @property
-    def y_bits(self):
-        """Bits of a sensor row."""
-        return bits_for(self.sensor_height - 1)
-
-    # ---------------------------------------------------------------- widths (proved by their bounds)
-
-    @property
-    def position_x(self):
-        """Warped column relative to the ROI, clamped to −2 … roi_width (whole pixels outside vote nowhere)."""
-        return Q(bits_for(self.roi_width), self.position_frac)
-
-    @property
-    def position_y(self):
-        """Warped row relative to the ROI, clamped to −2 … roi_height."""
-        return Q(bits_for(self.roi_height), self.position_frac)
-
-    @property
-    def weight_max(self):
-        """Largest single vote: weight 1."""
-        return 1 << self.weight_frac
-
-    @property
-    def derivative_max(self):
-        """Largest magnitude of a single derivative: |dt| = 1 times weight 1."""
-        return 1 << self.derivative_frac
-
-    @property
-    def image_max(self):
-        """Largest I of a pixel: every event of the buffer votes with weight 1."""
-        return self.buffer_events * self.weight_max
-
-    @property
-    def image_bits(self):
-        """Width of a word of I (unsigned)."""
-        return bits_for(self.image_max)
-
-    @property
-    def derivative_image_max(self):
-        """Largest magnitude of D of a pixel."""
-        return self.buffer_events * self.derivative_max
-
-    @property
-    def derivative_image_bits(self):
-        """Width of a word of Dx or Dy (two's complement)."""
-        return signed_bits_for(self.derivative_image_max)
-
-    @property
-    def sum_i_max(self):
-        """Bound of ΣI: the four weights of an event sum to 1, and each rounds by at most half a unit."""
-        return self.buffer_events * (self.weight_max + 2)
-
-    @property
-    def sum_i_bits(self):
-        """Width of ΣI (unsigned)."""
-        return bits_for(self.sum_i_max)
-
-    @property
-    def sum_d_max(self):
-        """Bound of |ΣD|: dropped corners leave at most two derivatives of one sign, which sum to |dt|, rounded."""
-        return self.buffer_events * (self.derivative_max + 1)
-
-    @property
-    def sum_d_bits(self):
-        """Width of ΣDx and ΣDy (two's complement)."""
-        return signed_bits_for(self.sum_d_max)
-
-    @property
-    def s_max(self):
-        """Bound of |S| = |Σ I·D| ≤ ΣI · max|D|."""
-        return self.sum_i_max * self.derivative_image_max
-
-    @property
-    def s_bits(self):
-        """Width of Sx and Sy (two's complement)."""
-        return signed_bits_for(self.s_max)
-
-    @property
-    def g_max(self):
-        """Bound of |G| = |P·S − ΣI·ΣD|."""
-        return self.pixels * self.s_max + self.sum_i_max * self.sum_d_max
-
-    @property
-    def g_bits(self):
-        """Width of Gx and Gy (two's complement)."""
-        return signed_bits_for(self.g_max)
-
-    @property
-    def gradient_scale(self):
-        """``(shift, mantissa)`` of the factor that turns G into ∂C/∂v.
-
-        With P² = ρ·2^q and 1 ≤ ρ < 2, ∂C/∂v = 2·G/(P²·2^(weight_frac + derivative_frac)) = G·2^-shift/ρ, and
-        ``mantissa`` = 2^16/ρ, rounded. The shift is free; the mantissa is folded into η once per batch.
-        """
-        square = self.pixels**2
-        q = square.bit_length() - 1
-        mantissa = ((1 << (q + 17)) + square) // (2 * square)
-        return self.weight_frac + self.derivative_frac + q - 1, mantissa
-
-    @property
-    def gradient_shift(self):
-        """Bits that the gradient drops from G (floored) to have ``gradient_frac`` of them; negative: none."""
-        return self.gradient_scale[0] - self.gradient_frac
-
-    @property
-    def step_shift(self):
-        """Bits between the product gradient · gain and v."""
-        return self.gradient_frac + self.gain_format.f - self.v_frac
-
-    @property
-    def exact_widths(self):
-        """Every intermediate that the integer model computes in 64 bits, with its width."""
-        return {
-            "G = P·S − ΣI·ΣD": self.g_bits + max(0, -self.gradient_shift),
-            "gradient · gain": self.gradient_format.width + self.gain_format.width + 1,
-            "time difference · reciprocal": self.span_bits + self.reciprocal_bits + 3,
-            "dt · v": self.dt.width + self.v.width + 1,
-            "warped position": max(self.x_bits, self.y_bits) + self.dt_frac + self.v_frac + self.v_int + 2,
-            "ROI position": self.roi_x_format.width + self.roi_gain_format.width + 2,
-        }
-
-
-_FAST = Config(
-    gradient="one_pass",
-    ascent="sign",
-    # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
-    buffer_events=2047,
-    tag_bits=7,
-    buffers=2,
-    max_level=2,
-    dt_frac=8,
-    v_frac=6,
-    position_frac=4,
-    weight_frac=4,
-    derivative_frac=4,
-    dither_frac=4,
-    reciprocal_bits=12,
-)
-
-PRESETS = {
-    "paper": Config(),
-    "fast": _FAST,
-    "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4096, tag_bits=9),
-    "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
-}
-
-#: What the commands take if no preset is given.
-DEFAULT_PRESET = "fast"
-
-
-def preset(name=DEFAULT_PRESET):
-    """The preset called ``name``."""
-    try:
-        return PRESETS[name]
-    except KeyError:
-        raise ConfigError(f"preset {name!r}: one of {', '.join(PRESETS)} is needed") from None

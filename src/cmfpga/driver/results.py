@@ -42,7 +42,7 @@ def from_words(config, registers, words):
         **{name: value[name] for name in (*counts, "iterations", "cycles", "batch", "t_first", "t_ref")},
         roi=(value["roi_x"], value["roi_y"]),
         roi_next=(value["roi_next_x"], value["roi_next_y"]),
-        v=(config.v.real(value["v_x"]), config.v.real(value["v_y"])),
+        v=(config.formats.v.real(value["v_x"]), config.formats.v.real(value["v_y"])),
         flags=Flag(value["flags"]),
         sums=tuple(value[f"sums_{name}"] for name in SUMS),
         wire=bool(value["wire"]),

@@ -32,7 +32,9 @@ class AmaranthEngine(RtlEngine):
         # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
         n, iterations = len(events), max(settings.iterations, len(table))
         cycles = (
-            2 * self._core.cycles(events=n, roi_events=n, iterations=iterations) + 2 * self.config.bank_words + 1000
+            2 * self._core.cycles(events=n, roi_events=n, iterations=iterations)
+            + 2 * self.config.geometry.bank_words
+            + 1000
         )
         for _ in range(2 * cycles + 1000):
             self._simulator.advance()

@@ -13,7 +13,7 @@ def check_roi(config, roi):
     """Raise :exc:`ConfigError` unless an ROI with its left column and top row at ``roi`` lies on the sensor."""
     if clamp_roi(config, roi)[1]:
         raise ConfigError(
-            f"ROI at {roi[0]},{roi[1]}: 0,0 to {config.roi_x_max},{config.roi_y_max} is needed for "
+            f"ROI at {roi[0]},{roi[1]}: 0,0 to {config.geometry.roi_x_max},{config.geometry.roi_y_max} is needed for "
             f"{config.roi_width}×{config.roi_height} px on a sensor of {config.sensor_width}×{config.sensor_height} px"
         )
 

@@ -51,11 +51,11 @@ class FloatEngine(Engine):
             trace = Trace(v=np.array([self._v]), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
         else:
             if not warm:
-                self._v = tuple(config.v.real(axis) for axis in settings.v_start)
+                self._v = tuple(config.formats.v.real(axis) for axis in settings.v_start)
             trace = self._ascend(batch, settings, plan)
             self._v = tuple(trace.v[-1].tolist())
             self._tracking = True
-            gain = config.roi_gain_format.real(settings.roi_gain)
+            gain = config.formats.roi_gain.real(settings.roi_gain)
             step = tuple(gain * axis for axis in self._v)
         limited |= self._follower.move(step)
         flags |= Flag.ROI_CLAMPED if limited else Flag(0)
@@ -78,6 +78,6 @@ class FloatEngine(Engine):
         if config.ascent == "sign":
             done = ascend_by_signs(x, y, dt, **start, schedule=plan)
         else:
-            eta = config.eta_format.real(settings.eta)
+            eta = config.formats.eta.real(settings.eta)
             done = ascend(x, y, dt, **start, eta=eta, iterations=len(plan))
         return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())

@@ -18,7 +18,7 @@ class ModelEngine(Engine):
 
     @property
     def v(self):
-        return tuple(self.config.v.real(axis) for axis in self.core.v)
+        return tuple(self.config.formats.v.real(axis) for axis in self.core.v)
 
     def _run(self, events, settings):
         return self.core.run(events.t, events.x, events.y, settings)

@@ -58,7 +58,7 @@ def settings_values(config, settings):
 
 def schedule_table(config, settings):
     """The table of schedules, cold then warm: tuple of (level, shift), as :func:`settings_values` points at it."""
-    return tuple((entry.level, entry.log2_step + config.v.f) for entry in (*settings.cold, *settings.warm))
+    return tuple((entry.level, entry.log2_step + config.formats.v.f) for entry in (*settings.cold, *settings.warm))
 
 
 class RtlEngine(Engine):
@@ -96,7 +96,7 @@ def to_batch_result(config, result, trace):
         span=result["span"],
         roi=(result["roi_x"], result["roi_y"]),
         roi_next=(result["roi_next_x"], result["roi_next_y"]),
-        v=(config.v.real(v[0]), config.v.real(v[1])),
+        v=(config.formats.v.real(v[0]), config.formats.v.real(v[1])),
         iterations=result["iterations"],
         flags=Flag(result["flags"]),
         trace=Trace(v=np.vstack([trace[:, :2], [v]]), sum_i=trace[:, 2], sum_d=trace[:, 3:5], s=trace[:, 5:7]),

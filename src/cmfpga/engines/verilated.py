@@ -147,7 +147,7 @@ class VerilatedCore:
         row = np.array([settings[name] for name in self.settings_names], np.int64)
         waits = None if gaps is None else np.ascontiguousarray(gaps, np.int64)
         iterations = max(int(settings.get(name, 0)) for name in ("iterations", "cold_count", "warm_count"))
-        words = self.config.bank_words
+        words = self.config.geometry.bank_words
         if max_cycles is None:
             max_cycles = 2 * self.core.cycles(events=len(inputs[0]), roi_events=len(inputs[0]), iterations=iterations)
             max_cycles += 2 * words + result_stall + (0 if waits is None else int(waits.sum())) + 1000
@@ -217,7 +217,7 @@ class VerilatedCore:
             self.core.cycles(events=len(batch[0]), roi_events=len(batch[0]), iterations=plan)
             for batch, plan in zip(batches, plans, strict=True)
         )
-        spare = int(delays.sum()) + (0 if waits is None else int(waits.sum())) + 2 * self.config.bank_depth
+        spare = int(delays.sum()) + (0 if waits is None else int(waits.sum())) + 2 * self.config.geometry.bank_depth
         results = np.zeros((len(batches), len(self.result_names)), np.int64)
         offered, valid = np.zeros((2, len(batches)), np.int64)
         trace = np.zeros((max(1, sum(plans)), len(self.trace_names)), np.int64)

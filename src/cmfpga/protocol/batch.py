@@ -19,11 +19,11 @@ class BatchSettings:
     iterations : int
         T.
     eta, roi_gain : int
-        Raw ``config.eta_format`` and ``config.roi_gain_format``.
+        Raw ``config.formats.eta`` and ``config.formats.roi_gain``.
     start_last : bool
         Start from the last batch's v; otherwise from ``v_start``.
     v_start : pair of int
-        Raw ``config.v``.
+        Raw ``config.formats.v``.
     min_roi_events : int
         Fewer ROI events make the batch degenerate.
     thinning, thin_target : int
@@ -52,10 +52,10 @@ class BatchSettings:
         return cls(
             roi=roi,
             iterations=config.iterations,
-            eta=config.eta_format.raw(config.eta),
-            roi_gain=config.roi_gain_format.raw(config.roi_gain),
+            eta=config.formats.eta.raw(config.eta),
+            roi_gain=config.formats.roi_gain.raw(config.roi_gain),
             start_last=config.start == "last",
-            v_start=(config.v.raw(start[0]), config.v.raw(start[1])),
+            v_start=(config.formats.v.raw(start[0]), config.formats.v.raw(start[1])),
             min_roi_events=config.min_roi_events,
             thinning=config.thinning,
             thin_target=config.thin_target,
@@ -116,11 +116,11 @@ class BatchResult(BatchOutcome):
 
 def crop_position(config, position):
     """Whole pixels of a raw ROI coordinate (x and y have the same fraction bits)."""
-    frac = config.roi_x_format.f
+    frac = config.formats.roi_x.f
     return (position + (1 << (frac - 1))) >> frac
 
 
 def clamp_roi(config, roi):
     """``roi`` limited to the sensor, and whether that changed it."""
-    clamped = (int(saturate(roi[0], 0, config.roi_x_max)), int(saturate(roi[1], 0, config.roi_y_max)))
+    clamped = (int(saturate(roi[0], 0, config.geometry.roi_x_max)), int(saturate(roi[1], 0, config.geometry.roi_y_max)))
     return clamped, clamped != tuple(roi)

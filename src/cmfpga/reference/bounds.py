@@ -40,8 +40,8 @@ exact product has no more bits than the format, nothing is rounded.
 from the same boxes, it is at most min(Σ εI·εD + Σ εI·Σ εD/P, ‖εI‖·‖εD‖).
 
 **6. Sums.** ΣI, ΣD, S and G are exact. The gradient is G·2^−shift, floored to gradient_frac bits: at most one step
-less. It still carries the factor ρ of ``config.gradient_scale``; it is meant divided by the exact ρ here. That the
-hardware multiplies by a rounded 1/ρ, folded into η, is a relative error of the step, :func:`gain_error`.
+less. It still carries the factor ρ of ``config.widths.gradient_scale``; it is meant divided by the exact ρ here. That
+the hardware multiplies by a rounded 1/ρ, folded into η, is a relative error of the step, :func:`gain_error`.
 
 **7. float64.** The reference rounds too; 2^−50 relative at the position, where it may decide about a crossing, and a
 generous multiple of its summation error are added.
@@ -64,10 +64,10 @@ def dt_error(config, dt):
 def position_error(config, dt, v):
     """``(below, above)``, float64 [n] each, in pixels: x̂' lies in x' − below … x' + above (part 2).
 
-    ``v`` is the velocity along the axis, a value of ``config.v``.
+    ``v`` is the velocity along the axis, a value of ``config.formats.v``.
     """
     raw = _raw_velocity(config, v)
-    product_step = 2.0**-config.dt_frac * (raw & -raw) * config.v.step
+    product_step = 2.0**-config.dt_frac * (raw & -raw) * config.formats.v.step
     floored = max(0.0, 2.0**-config.position_frac - product_step) if raw else 0.0
     above = dt_error(config, dt) * abs(float(v))
     return above + floored, above
@@ -76,13 +76,13 @@ def position_error(config, dt, v):
 def gain_error(config):
     """Relative error of the step's factor η·2^16/ρ as the hardware holds it, η's own rounding included; ≥ 0.
 
-    The hardware's step is the bounded gradient times η times at most 1 ± this, then rounded to ``config.v``. Zero for
-    a power-of-two P and an η that its format holds; also for η = 0.
+    The hardware's step is the bounded gradient times η times at most 1 ± this, then rounded to ``config.formats.v``. Zero
+    for a power-of-two P and an η that its format holds; also for η = 0.
     """
     if not config.eta:
         return 0.0
-    _, mantissa = config.gradient_scale
-    gain = Fraction(round_half_up(config.eta_format.raw(config.eta) * mantissa, 8), 1 << config.gain_format.f)
+    _, mantissa = config.widths.gradient_scale
+    gain = Fraction(round_half_up(config.formats.eta.raw(config.eta) * mantissa, 8), 1 << config.formats.gain.f)
     return float(abs(gain * _rho(config) / Fraction(config.eta) - 1))
 
 
@@ -98,11 +98,11 @@ def gradient_bound(config, x, y, dt, v):
     dt : float64 [n]
         Their :func:`~cmfpga.reference.floating.scaled_times`, unrounded.
     v : pair
-        The velocity, the same in both models: values of ``config.v``.
+        The velocity, the same in both models: values of ``config.formats.v``.
 
     Returns
     -------
-    The bounds; infinite along an axis where the integer gradient might leave ``config.gradient_format`` and saturate.
+    The bounds; infinite along an axis where the integer gradient might leave ``config.formats.gradient`` and saturate.
     """
     x, y, dt, v = float64(x), float64(y), float64(dt), float64(v)
     width, height = config.roi_width, config.roi_height
@@ -116,13 +116,13 @@ def gradient_bound(config, x, y, dt, v):
             _axis_bound(config, at.image.T, at.derivative_y.T, box_y, box_x, dt),
         )
     )
-    n, pixels = len(dt), config.pixels
+    n, pixels = len(dt), config.geometry.pixels
     # Each of the n + P roundings of a sum, times Σ (|I| + μ)·(Σ|d| + mean) ≤ 8·n·max I.
     summation = 2.0**-51 * (n + pixels + 16) * 8 * n * float(at.image.max())
     rho = float(_rho(config))
-    floored = config.gradient_format.step / rho if config.gradient_shift > 0 else 0.0
+    floored = config.formats.gradient.step / rho if config.widths.gradient_shift > 0 else 0.0
     bound = (half_sums + summation) * 2 / pixels + floored
-    fits = (at.gradient.abs() + bound) * rho <= config.gradient_format.real(config.gradient_format.max)
+    fits = (at.gradient.abs() + bound) * rho <= config.formats.gradient.real(config.formats.gradient.max)
     return torch.where(fits, bound, torch.inf)
 
 
@@ -130,15 +130,15 @@ def gradient_bound(config, x, y, dt, v):
 
 
 def _raw_velocity(config, v):
-    raw = float(v) / config.v.step
-    if raw != int(raw) or not config.v.min <= raw <= config.v.max:
-        raise ConfigError(f"v = {float(v)!r}: a value of the format {config.v} is needed")
+    raw = float(v) / config.formats.v.step
+    if raw != int(raw) or not config.formats.v.min <= raw <= config.formats.v.max:
+        raise ConfigError(f"v = {float(v)!r}: a value of the format {config.formats.v} is needed")
     return int(raw)
 
 
 def _rho(config):
     """ρ of P² = ρ·2^q, 1 ≤ ρ < 2, exactly."""
-    square = config.pixels**2
+    square = config.geometry.pixels**2
     return Fraction(square, 1 << (square.bit_length() - 1))
 
 

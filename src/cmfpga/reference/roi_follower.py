@@ -31,7 +31,7 @@ class RoiFollower:
 
     def __init__(self, config, pixel):
         self.buffers = config.buffers
-        self.limits = (config.roi_x_max * pixel, config.roi_y_max * pixel)
+        self.limits = (config.geometry.roi_x_max * pixel, config.geometry.roi_y_max * pixel)
         self.pixel = pixel
         self.position = (0 * pixel, 0 * pixel)
         self._still = self.position

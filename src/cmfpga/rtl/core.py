@@ -118,8 +118,8 @@ class Core(wiring.Component):
         if self.one_pass and not TaggedAccumulator.enough_idle_cycles(config, self.iteration_latency):
             raise ConfigError(
                 f"tag_bits = {config.tag_bits}: (2^tag_bits − 1) · {self.iteration_latency} idle cycles an iteration "
-                f"= {((1 << config.tag_bits) - 1) * self.iteration_latency}, at least the {config.bank_depth} words "
-                "of a bank are needed"
+                f"= {((1 << config.tag_bits) - 1) * self.iteration_latency}, at least the "
+                f"{config.geometry.bank_depth} words of a bank are needed"
             )
         self.batch_control = BatchControl(
             config,
@@ -174,7 +174,7 @@ class Core(wiring.Component):
     @property
     def sweep_cycles(self):
         """P/4 with the sweep, 0 in one pass."""
-        return 0 if self.one_pass else self.config.bank_words
+        return 0 if self.one_pass else self.config.geometry.bank_words
 
     @property
     def cycle_formula(self):

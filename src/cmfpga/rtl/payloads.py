@@ -17,7 +17,9 @@ def flow(layout):
 
 def event(config):
     """An event as the camera sends it; ``last`` ends the batch. Polarity is not used."""
-    return data.StructLayout({"t": config.time_bits, "x": config.x_bits, "y": config.y_bits, "last": 1})
+    return data.StructLayout(
+        {"t": config.time_bits, "x": config.geometry.x_bits, "y": config.geometry.y_bits, "last": 1}
+    )
 
 
 def roi_event(config):
@@ -46,16 +48,16 @@ def dithered_event(config):
 def scaled_event(config):
     """An event with its scaled time."""
     members = dithered_event(config).members
-    return data.StructLayout({"dt": signed(config.dt.width), "x": members["x"], "y": members["y"], "last": 1})
+    return data.StructLayout({"dt": signed(config.formats.dt.width), "x": members["x"], "y": members["y"], "last": 1})
 
 
 def warped_event(config):
     """An event moved to t_ref."""
     return data.StructLayout(
         {
-            "dt": signed(config.dt.width),
-            "x": signed(config.position_x.width),
-            "y": signed(config.position_y.width),
+            "dt": signed(config.formats.dt.width),
+            "x": signed(config.formats.position_x.width),
+            "y": signed(config.formats.position_y.width),
             "last": 1,
         }
     )
@@ -66,7 +68,7 @@ def votes(config):
     vote = data.StructLayout(
         {
             "valid": 1,
-            "address": config.bank_column_bits + bits_for(config.bank_rows - 1),
+            "address": config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
             "i": config.weight_frac + 1,
             "dx": signed(config.derivative_frac + 2),
             "dy": signed(config.derivative_frac + 2),
@@ -79,9 +81,9 @@ def pixel(config):
     """One pixel of the three images."""
     return data.StructLayout(
         {
-            "i": config.image_bits,
-            "dx": signed(config.derivative_image_bits),
-            "dy": signed(config.derivative_image_bits),
+            "i": config.widths.image_bits,
+            "dx": signed(config.widths.derivative_image_bits),
+            "dy": signed(config.widths.derivative_image_bits),
         }
     )
 
@@ -105,7 +107,7 @@ def tagged_step(config):
     return data.StructLayout(
         {
             "valid": 1,
-            "i": config.image_bits,
+            "i": config.widths.image_bits,
             "add": tagged_operation(config)["add"].shape,
             "total": pixel(config),
         }
@@ -116,11 +118,11 @@ def sums(config):
     """Sums over the ROI."""
     return data.StructLayout(
         {
-            "i": config.sum_i_bits,
-            "dx": signed(config.sum_d_bits),
-            "dy": signed(config.sum_d_bits),
-            "sx": signed(config.s_bits),
-            "sy": signed(config.s_bits),
+            "i": config.widths.sum_i_bits,
+            "dx": signed(config.widths.sum_d_bits),
+            "dy": signed(config.widths.sum_d_bits),
+            "sx": signed(config.widths.s_bits),
+            "sy": signed(config.widths.s_bits),
         }
     )
 
@@ -131,13 +133,13 @@ def vector(width):
 
 
 def velocity(config):
-    """A velocity in pixels per half batch, raw ``config.v``."""
-    return vector(config.v.width)
+    """A velocity in pixels per half batch, raw ``config.formats.v``."""
+    return vector(config.formats.v.width)
 
 
 def roi_corner(config):
     """Left column and top row of the ROI in whole pixels."""
-    return data.StructLayout({"x": bits_for(config.roi_x_max), "y": bits_for(config.roi_y_max)})
+    return data.StructLayout({"x": bits_for(config.geometry.roi_x_max), "y": bits_for(config.geometry.roi_y_max)})
 
 
 def settings(config):
@@ -145,15 +147,15 @@ def settings(config):
     return data.StructLayout(
         {
             "roi_load": 1,
-            "roi_x": config.x_bits,
-            "roi_y": config.y_bits,
+            "roi_x": config.geometry.x_bits,
+            "roi_y": config.geometry.y_bits,
             "batch_events": bits_for(config.max_batch_events),
             "batch_roi_events": bits_for(config.buffer_events),
             "thinning": THINNING_BITS,
             "thin_target": bits_for(config.buffer_events),
             "iterations": bits_for(config.max_iterations),
-            "eta": config.eta_format.width,
-            "roi_gain": config.roi_gain_format.width,
+            "eta": config.formats.eta.width,
+            "roi_gain": config.formats.roi_gain.width,
             "start_last": 1,
             "v_start": velocity(config),
             "min_roi_events": bits_for(config.buffer_events),
@@ -169,7 +171,7 @@ def plan(config):
 
 def schedule_entry(config):
     """One iteration of the sign ascent: pixels 2^level px wide, v moves by 2^shift raw units."""
-    return data.StructLayout({"level": bits_for(config.max_level), "shift": bits_for(config.v.width - 2)})
+    return data.StructLayout({"level": bits_for(config.max_level), "shift": bits_for(config.formats.v.width - 2)})
 
 
 def schedule_write(config):

@@ -64,7 +64,12 @@ class Subject:
         if self.roi is not None:
             return self.roi
         centre = self.truth.motion.position(self.first_us)
-        sizes = zip(centre, (config.roi_width, config.roi_height), (config.roi_x_max, config.roi_y_max), strict=True)
+        sizes = zip(
+            centre,
+            (config.roi_width, config.roi_height),
+            (config.geometry.roi_x_max, config.geometry.roi_y_max),
+            strict=True,
+        )
         return tuple(min(max(round(at - (size - 1) / 2), 0), most) for at, size, most in sizes)
 
 

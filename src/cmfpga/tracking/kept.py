@@ -139,7 +139,7 @@ class Kept:
         np.add.at(frame, (events.y // side, events.x // side), 1)
         x, y, dt = scaled_roi_events(config, events, result.roi, thinned=bool(result.thinned))
         since = np.rint((dt + 1) * result.span / 2)
-        scale = 1.0 if self.engine == "float" else config.v.step
+        scale = 1.0 if self.engine == "float" else config.formats.v.step
         return Detail(
             batch.index,
             np.minimum(frame, 255).astype(np.uint8),

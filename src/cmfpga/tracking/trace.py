@@ -105,7 +105,7 @@ class BatchTrace:
             raise self._changed()
         self.t, self.x, self.y = (axis.numpy() for axis in (batch.t, batch.x, batch.y))
         self.levels = np.array([entry.level if entry else 0 for entry in self.plan], np.int64)
-        self.v = np.array(result.trace.v, np.float64).reshape(-1, 2) * (1 if self._real else config.v.step)
+        self.v = np.array(result.trace.v, np.float64).reshape(-1, 2) * (1 if self._real else config.formats.v.step)
         self._settings = settings
         if self._real:
             self._place_real(batch)
@@ -125,7 +125,11 @@ class BatchTrace:
         dt = time_scaler(config, batch.t, span=self.result.span) if self.result.span else torch.zeros_like(batch.t)
         self._events = (x, y, dt)
         step = 2.0**-config.dither_frac
-        self.x_dithered, self.y_dithered, self.dt = x.numpy() * step, y.numpy() * step, dt.numpy() * config.dt.step
+        self.x_dithered, self.y_dithered, self.dt = (
+            x.numpy() * step,
+            y.numpy() * step,
+            dt.numpy() * config.formats.dt.step,
+        )
 
     def _changed(self):
         return RecordingError(f"{self._name}: the events are not those that were tracked; the recording has changed")
@@ -153,7 +157,7 @@ class BatchTrace:
     def _raw_iteration(self, k):
         config, entry = self.config, self.plan[k]
         level = entry.level if entry else 0
-        columns, rows = config.level_size(level)
+        columns, rows = config.geometry.level_size(level)
         x, y, dt = self._events
         v = tuple(int(axis) for axis in self.result.trace.v[k])
         done, _ = IntegerCore(config).iterate(x, y, dt, v, gain=gain(config, self._settings.eta), entry=entry)
@@ -173,7 +177,7 @@ class BatchTrace:
         }
         weight, derivative = 2.0**-config.weight_frac, 2.0**-config.derivative_frac
         steps = {
-            **dict.fromkeys(("v", "v_next"), config.v.step),
+            **dict.fromkeys(("v", "v_next"), config.formats.v.step),
             **dict.fromkeys(("x", "y"), 2.0**-config.position_frac),
             **dict.fromkeys(("iwe", "sum_i"), weight),
             **dict.fromkeys(("iwe_dx", "iwe_dy", "sum_d"), derivative),
@@ -185,7 +189,7 @@ class BatchTrace:
     def _real_iteration(self, k):
         config, entry = self.config, self.plan[k]
         level = entry.level if entry else 0
-        columns, rows = config.level_size(level)
+        columns, rows = config.geometry.level_size(level)
         x, y, dt = self._events
         now = floating.evaluate(x, y, dt, self.v[k], width=config.roi_width, height=config.roi_height, level=level)
         warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))

@@ -21,9 +21,9 @@ SHAPES = {
 def bounds(config):
     """(low, high) of each member of :class:`Sums`."""
     return [
-        (0, config.sum_i_max),
-        *[(-config.sum_d_max, config.sum_d_max)] * 2,
-        *[(-config.s_max, config.s_max)] * 2,
+        (0, config.widths.sum_i_max),
+        *[(-config.widths.sum_d_max, config.widths.sum_d_max)] * 2,
+        *[(-config.widths.s_max, config.widths.s_max)] * 2,
     ]
 
 
@@ -70,7 +70,7 @@ def test_exact_at_the_bounds(name):
     items = [Sums(i, dx, -dx, sx, -sx) for i, dx, sx in itertools.product(extremes[0], extremes[1], extremes[3])]
     recording = check(config, items)
     came = [value for item in recording.values() for value in item.values()]
-    assert max(came) == config.g_max and min(came) == -config.g_max
+    assert max(came) == config.widths.g_max and min(came) == -config.widths.g_max
 
 
 @pytest.mark.parametrize("name, latency", [("default", 1), ("narrow", 1), ("tiny", 1), ("odd", 4), ("sensor", 4)])

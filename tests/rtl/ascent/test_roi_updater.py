@@ -34,8 +34,8 @@ def check(config, batches, seed=0):
 
     def cycle(**values):
         # Nothing counts without its strobe.
-        noise = {"x": random_value(config.x_bits, rng), "y": random_value(config.y_bits, rng)}
-        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.roi_gain_format.width, rng)}
+        noise = {"x": random_value(config.geometry.x_bits, rng), "y": random_value(config.geometry.y_bits, rng)}
+        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.formats.roi_gain.width, rng)}
         noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
         noise["still"] = 0 if "v" in values else int(rng.integers(2))
         script.append({**noise, **values})
@@ -51,7 +51,7 @@ def check(config, batches, seed=0):
         else:
             cycle(new_batch=1, load=1, x=load[0], y=load[1])
             corner, clamped = clamp_roi(config, load)
-            position = tuple(axis << config.roi_x_format.f for axis in corner)
+            position = tuple(axis << config.formats.roi_x.f for axis in corner)
         note(len(script))
         for _ in range(int(rng.integers(3))):
             cycle()
@@ -84,13 +84,13 @@ def check_ahead(config, batches, seed=0, *, hurry=False):
     """
     config = config.replace(buffers=2)
     rng = np.random.default_rng(seed)
-    block, follower = RoiUpdater(config), RoiFollower(config, 1 << config.roi_x_format.f)
+    block, follower = RoiUpdater(config), RoiFollower(config, 1 << config.formats.roi_x.f)
     script, crops, following = [], {0: ((0, 0), False)}, {}
     step = None  # of the batch ahead: (v, gain, whether to move)
 
     def cycle(**values):
-        noise = {"x": random_value(config.x_bits, rng), "y": random_value(config.y_bits, rng)}
-        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.roi_gain_format.width, rng)}
+        noise = {"x": random_value(config.geometry.x_bits, rng), "y": random_value(config.geometry.y_bits, rng)}
+        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.formats.roi_gain.width, rng)}
         noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
         noise["still"] = int(rng.integers(2))
         script.append({**noise, **values})
@@ -139,8 +139,8 @@ def random_batches(config, rng, count):
         if rng.random() < 0.3:
             load = int(rng.integers(config.sensor_width)), int(rng.integers(config.sensor_height))
         fast = rng.random() < 0.3
-        limits = (config.v.min, config.v.max) if fast else (-2 << config.v_frac, 2 << config.v_frac)
-        gain = edge_integers(rng, 0, config.roi_gain_format.max, 1)[0]
+        limits = (config.formats.v.min, config.formats.v.max) if fast else (-2 << config.v_frac, 2 << config.v_frac)
+        gain = edge_integers(rng, 0, config.formats.roi_gain.max, 1)[0]
         batches.append((load, tuple(edge_integers(rng, *limits, 2).tolist()), int(gain), rng.random() < 0.8))
     return batches
 
@@ -177,9 +177,9 @@ def test_with_two_buffers_clamps_at_every_border(name):
     """The position and what is ahead of it, each on its own: by a unit and by far; and back."""
     config = SHAPES[name]
     unit = 1 << config.roi_gain_frac
-    speeds = (1, -1, 1 << config.v_frac, -1 << config.v_frac, config.v.max, config.v.min)
+    speeds = (1, -1, 1 << config.v_frac, -1 << config.v_frac, config.formats.v.max, config.formats.v.min)
     batches = []
-    for x, y in itertools.product((0, config.roi_x_max), (0, config.roi_y_max)):
+    for x, y in itertools.product((0, config.geometry.roi_x_max), (0, config.geometry.roi_y_max)):
         for v in speeds:
             for velocity in ((v, 0), (0, v), (v, -v - (v < 0))):
                 batches += [((x, y), velocity, unit, True), *[(None, velocity, unit, True)] * 2]
@@ -190,10 +190,10 @@ def test_with_two_buffers_clamps_at_every_border(name):
 
 def test_with_two_buffers_a_load_out_of_range():
     config = SHAPES["odd"]
-    loads = [(config.roi_x_max + dx, config.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
+    loads = [(config.geometry.roi_x_max + dx, config.geometry.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
     loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
     crops = check_ahead(config, [(load, (0, 0), 0, False) for load in loads])
-    wanted = [load[0] > config.roi_x_max or load[1] > config.roi_y_max for load in loads]
+    wanted = [load[0] > config.geometry.roi_x_max or load[1] > config.geometry.roi_y_max for load in loads]
     assert [clamped for _, clamped in crops] == wanted
 
 
@@ -226,8 +226,8 @@ def test_clamps_at_every_border(name):
     unit = 1 << config.roi_gain_frac  # gain 1
     small, whole = 1, 1 << config.v_frac
     batches = []
-    for corner in [(x, y) for x in (0, config.roi_x_max) for y in (0, config.roi_y_max)]:
-        for v in (small, whole, -small, -whole, config.v.max, config.v.min):
+    for corner in [(x, y) for x in (0, config.geometry.roi_x_max) for y in (0, config.geometry.roi_y_max)]:
+        for v in (small, whole, -small, -whole, config.formats.v.max, config.formats.v.min):
             batches += [
                 (corner, (v, 0), unit, True),
                 (corner, (0, v), unit, True),
@@ -241,10 +241,10 @@ def test_clamps_at_every_border(name):
 def test_load_out_of_range():
     """Every corner beyond the last one is limited and flagged; the last one is not."""
     config = SHAPES["odd"]
-    loads = [(config.roi_x_max + dx, config.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
+    loads = [(config.geometry.roi_x_max + dx, config.geometry.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
     loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
     timeline = check(config, [(load, (0, 0), 0, False) for load in loads])
-    wanted = [load[0] > config.roi_x_max or load[1] > config.roi_y_max for load in loads]
+    wanted = [load[0] > config.geometry.roi_x_max or load[1] > config.geometry.roi_y_max for load in loads]
     assert [clamped for _, clamped in timeline[1:]] == wanted
 
 
@@ -252,7 +252,9 @@ def test_flag_sticks_until_the_next_batch():
     config = SHAPES["odd"]
     still = (None, (0, 0), 16, True)
     # Loaded out of range, then a move that stays inside: still flagged. The next batch clears it.
-    timeline = check(config, [((60, 0), (-4096, 0), 16, True), still, (None, (config.v.max, 0), 63, True), still])
+    timeline = check(
+        config, [((60, 0), (-4096, 0), 16, True), still, (None, (config.formats.v.max, 0), 63, True), still]
+    )
     assert [clamped for _, clamped in timeline] == [False, True, True, False, False, False, True, False, False]
 
 
@@ -278,12 +280,12 @@ def test_latency():
 @given(st.data())
 def test_corners(data):
     config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    velocity = integers_at_edges(config.v.min, config.v.max)
+    velocity = integers_at_edges(config.formats.v.min, config.formats.v.max)
     load = st.tuples(integers_at_edges(0, config.sensor_width - 1), integers_at_edges(0, config.sensor_height - 1))
     batch = st.tuples(
         st.one_of(st.none(), load),
         st.tuples(velocity, velocity),
-        integers_at_edges(0, config.roi_gain_format.max),
+        integers_at_edges(0, config.formats.roi_gain.max),
         st.booleans(),
     )
     batches = data.draw(st.lists(batch, min_size=5, max_size=20))

@@ -49,7 +49,7 @@ class Player:
         self.cycle()
         for k, gap in zip(range(count), gaps, strict=True):
             level, shift = self.table[(first + k) % len(self.table)]
-            most = self.config.max_level, self.config.v.width - 2
+            most = self.config.max_level, self.config.formats.v.width - 2
             self.entry[shown] = min(level, most[0]), min(shift, most[1])
             for _ in range(gap):
                 self.cycle()
@@ -75,7 +75,7 @@ def entry_of(config, rng, *, good):
     """An entry within its range, or any."""
     if not good:
         return random_value(payloads.schedule_entry(config), rng)
-    return {"level": int(rng.integers(config.max_level + 1)), "shift": int(rng.integers(config.v.width - 1))}
+    return {"level": int(rng.integers(config.max_level + 1)), "shift": int(rng.integers(config.formats.v.width - 1))}
 
 
 @pytest.mark.parametrize("good", [True, False], ids=["in range", "any"])
@@ -104,7 +104,7 @@ def test_limits_to_the_unit(name):
     """The largest level and step pass, one more is limited; whichever the formats can hold."""
     config = SHAPES[name]
     shape = payloads.schedule_entry(config)
-    most = config.max_level, config.v.width - 2
+    most = config.max_level, config.formats.v.width - 2
     tops = [shape_range(shape[field].shape)[1] for field in ("level", "shift")]
     cases = {(level, shift) for level in (most[0], tops[0]) for shift in (most[1], tops[1])}
     cases |= {(min(most[0] + 1, tops[0]), 0), (0, min(most[1] + 1, tops[1]))}

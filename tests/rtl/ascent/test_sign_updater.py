@@ -51,7 +51,7 @@ def check(config, batches, *, spacing=0, seed=0):
             for _ in range(block.latency - 1):
                 cycle(shift=shift)
             moved = [
-                sign_updater(config, axis_v, axis_g, log2_step=shift - config.v.f)
+                sign_updater(config, axis_v, axis_g, log2_step=shift - config.formats.v.f)
                 for axis_v, axis_g in zip(v, g, strict=True)
             ]
             v = moved[0][0], moved[1][0]
@@ -75,16 +75,18 @@ def check(config, batches, *, spacing=0, seed=0):
 def random_g(config, rng):
     """Anything from one unit to the bound, and zero."""
     if rng.random() < 0.3:
-        return int(rng.choice([0, -1, 1, config.g_max, -config.g_max]))
-    return int(2.0 ** rng.uniform(0, config.g_bits - 1)) * int(rng.choice([-1, 1]))
+        return int(rng.choice([0, -1, 1, config.widths.g_max, -config.widths.g_max]))
+    return int(2.0 ** rng.uniform(0, config.widths.g_bits - 1)) * int(rng.choice([-1, 1]))
 
 
 def random_batches(config, rng, count, iterations=15):
     batches = []
     for number in range(count):
-        start = tuple(edge_integers(rng, config.v.min, config.v.max, 2).tolist()) if number % 3 else None
+        start = (
+            tuple(edge_integers(rng, config.formats.v.min, config.formats.v.max, 2).tolist()) if number % 3 else None
+        )
         steps = [
-            (int(rng.integers(config.v.width - 1)), random_g(config, rng), random_g(config, rng))
+            (int(rng.integers(config.formats.v.width - 1)), random_g(config, rng), random_g(config, rng))
             for _ in range(iterations)
         ]
         batches.append((start, steps))
@@ -103,9 +105,9 @@ def test_matches_model(name, spacing, rng):
 def test_every_step_from_every_end(name):
     """Steps of every size from zero and from both ends of v, up, down and not at all; limited to the unit."""
     config = SHAPES[name]
-    low, high = config.v.min, config.v.max
+    low, high = config.formats.v.min, config.formats.v.max
     batches = []
-    for shift in range(config.v.width - 1):
+    for shift in range(config.formats.v.width - 1):
         step = 1 << shift
         for start in {0, low, high, *(high - step + near for near in (0, 1)), *(low + step + near for near in (-1, 0))}:
             start = min(max(start, low), high)
@@ -117,11 +119,11 @@ def test_every_step_from_every_end(name):
 def test_the_axes_are_independent():
     """The sign of one axis and its saturation leave the other alone; each of them raises the flag."""
     config = SHAPES["fast"]
-    top = config.v.max
+    top = config.formats.v.max
     for axis in (0, 1):
         for sign in (-1, 1):
             g, start = [0, 0], [7, 7]
-            g[axis], start[axis] = sign, top if sign > 0 else config.v.min
+            g[axis], start[axis] = sign, top if sign > 0 else config.formats.v.min
             timeline = check(config, [(tuple(start), [(3, *g)])])
             assert timeline[-1] == (tuple(start), True)
 
@@ -129,7 +131,7 @@ def test_the_axes_are_independent():
 def test_the_flag_sticks_and_v_stays(rng):
     """Saturation is remembered until the next batch; without ``load`` v goes on from where it was."""
     config = SHAPES["fast"]
-    top = config.v.max
+    top = config.formats.v.max
     timeline = check(
         config, [((top - 1, 0), [(2, 1, 1), (0, -1, 0), (0, 0, 0)]), (None, [(0, -1, 1)]), ((5, 6), [(1, 1, -1)])]
     )
@@ -141,8 +143,8 @@ def test_the_flag_sticks_and_v_stays(rng):
 @given(st.data())
 def test_corners(data):
     config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    velocity = integers_at_edges(config.v.min, config.v.max)
-    g = integers_at_edges(-config.g_max, config.g_max)
-    step = st.tuples(st.integers(0, config.v.width - 2), g, g)
+    velocity = integers_at_edges(config.formats.v.min, config.formats.v.max)
+    g = integers_at_edges(-config.widths.g_max, config.widths.g_max)
+    step = st.tuples(st.integers(0, config.formats.v.width - 2), g, g)
     batch = st.tuples(st.one_of(st.none(), st.tuples(velocity, velocity)), st.lists(step, min_size=1, max_size=6))
     check(config, data.draw(st.lists(batch, min_size=1, max_size=4)), spacing=data.draw(st.integers(0, 2)))

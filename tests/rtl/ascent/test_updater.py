@@ -21,11 +21,11 @@ SHAPES = {
 
 def random_g(config, rng, count):
     """G of every magnitude, and its bounds."""
-    exponents = rng.uniform(0, config.g_bits - 1, count)
+    exponents = rng.uniform(0, config.widths.g_bits - 1, count)
     values = [
         int(2.0**exponent) * int(sign) for exponent, sign in zip(exponents, rng.choice([-1, 1], count), strict=True)
     ]
-    bounds = [0, -1, 1, config.g_max, -config.g_max]
+    bounds = [0, -1, 1, config.widths.g_max, -config.widths.g_max]
     return [bounds[int(rng.integers(5))] if rng.random() < 0.2 else value for value in values]
 
 
@@ -84,8 +84,10 @@ def check(config, batches, *, spacing=None, seed=0):
 def random_batches(config, rng, count, iterations=12):
     batches = []
     for number in range(count):
-        start = tuple(edge_integers(rng, config.v.min, config.v.max, 2).tolist()) if number % 3 else None
-        eta = int(edge_integers(rng, 0, config.eta_format.max, 1)[0])
+        start = (
+            tuple(edge_integers(rng, config.formats.v.min, config.formats.v.max, 2).tolist()) if number % 3 else None
+        )
+        eta = int(edge_integers(rng, 0, config.formats.eta.max, 1)[0])
         pairs = zip(random_g(config, rng, iterations), random_g(config, rng, iterations), strict=True)
         batches.append((start, eta, list(pairs)))
     return batches
@@ -101,24 +103,28 @@ def test_matches_model(name, spacing, rng):
 
 def test_shapes_cover_both_signs_of_every_shift():
     """What the configurations above are for."""
-    assert {config.gradient_shift > 0 for config in SHAPES.values()} == {True, False}
-    assert {config.gradient_shift < 0 for config in SHAPES.values()} == {True, False}
-    assert {config.step_shift < 0 for config in SHAPES.values()} == {True, False}
-    assert {config.pixels & (config.pixels - 1) == 0 for config in SHAPES.values()} == {True, False}
+    assert {config.widths.gradient_shift > 0 for config in SHAPES.values()} == {True, False}
+    assert {config.widths.gradient_shift < 0 for config in SHAPES.values()} == {True, False}
+    assert {config.widths.step_shift < 0 for config in SHAPES.values()} == {True, False}
+    assert {config.geometry.pixels & (config.geometry.pixels - 1) == 0 for config in SHAPES.values()} == {True, False}
 
 
 def g_of_slope(config, slope):
     """A G that the shift turns into ``slope``."""
-    return slope << config.gradient_shift if config.gradient_shift >= 0 else slope >> -config.gradient_shift
+    return (
+        slope << config.widths.gradient_shift
+        if config.widths.gradient_shift >= 0
+        else slope >> -config.widths.gradient_shift
+    )
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_v_saturates_and_the_flag_sticks(sign):
     """Up to the end of v's format and not beyond; the flag stays until the next batch, v longer."""
     config = SHAPES["steep"]
-    end = config.v.max if sign > 0 else config.v.min
+    end = config.formats.v.max if sign > 0 else config.formats.v.min
     g = g_of_slope(config, sign * (1 << config.gradient_frac))  # ∂C/∂v = ±1, so v moves by η/ρ, 1.7 px
-    eta = config.eta_format.raw(3.0)
+    eta = config.formats.eta.raw(3.0)
     velocities, flags = check(
         config, [((0, 0), eta, [(0, 0), (g, 0), (0, 0), (g, 0), (g, 0), (-g, 0), (0, -g)]), (None, eta, [(-g, g)])]
     )
@@ -133,11 +139,11 @@ def test_v_saturates_and_the_flag_sticks(sign):
 def test_gradient_saturates(name, axis):
     """The flag at exactly one unit beyond the gradient's format, on either axis; with η = 0 v stands still."""
     config = SHAPES[name].replace(gradient_int=1)  # within reach of G
-    fmt = config.gradient_format
+    fmt = config.formats.gradient
     for slope, expected in ((fmt.max, False), (fmt.max + 1, True), (fmt.min, False), (fmt.min - 1, True)):
         g = [0, 0]
         g[axis] = g_of_slope(config, slope)
-        assert abs(g[axis]) <= config.g_max
+        assert abs(g[axis]) <= config.widths.g_max
         velocities, flags = check(config, [((5, -7), 0, [tuple(g)])])
         assert flags[-1] == expected and velocities[-1] == (5, -7)
 
@@ -146,9 +152,9 @@ def test_gradient_saturates(name, axis):
 def test_halves_round_up(name):
     """The smallest gradients and steps of either sign: the gradient is floored, the step rounds half up."""
     config = SHAPES[name]
-    shift = max(0, config.gradient_shift)
-    unit = 1 << max(0, config.step_shift - config.gain_format.f)  # slope that moves v by about a unit at η = 1
-    eta = config.eta_format.raw(1.0)
+    shift = max(0, config.widths.gradient_shift)
+    unit = 1 << max(0, config.widths.step_shift - config.formats.gain.f)  # slope that moves v by about a unit at η = 1
+    eta = config.formats.eta.raw(1.0)
     around = sorted({value + near for value in (0, unit // 2, unit, 3 * unit // 2) for near in (-1, 0, 1)})
     gs = [sign * (slope << shift) + near for slope in around for sign in (-1, 1) for near in (-1, 0, 1)]
     check(config, [((0, 0), eta, [(g, -g) for g in gs])])
@@ -158,7 +164,7 @@ def test_keeps_v_from_batch_to_batch(rng):
     """Warm start: without ``load`` the next batch goes on from the last v; with it from ``start``."""
     config = SHAPES["default"]
     g = g_of_slope(config, 1 << (config.gradient_frac - 3))
-    eta = config.eta_format.raw(1.0)
+    eta = config.formats.eta.raw(1.0)
     velocities, _ = check(config, [(None, eta, [(g, -g)]), (None, eta, [(g, -g)]), ((100, 200), eta, [(g, 0)])])
     step = 1 << (config.v_frac - 3)
     assert velocities[-1] == (100 + step, 200) and (2 * step, -2 * step) in velocities
@@ -168,11 +174,11 @@ def test_keeps_v_from_batch_to_batch(rng):
 @given(st.data())
 def test_corners(data):
     config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    velocity = integers_at_edges(config.v.min, config.v.max)
-    g = integers_at_edges(-config.g_max, config.g_max)
+    velocity = integers_at_edges(config.formats.v.min, config.formats.v.max)
+    g = integers_at_edges(-config.widths.g_max, config.widths.g_max)
     batches = st.tuples(
         st.one_of(st.none(), st.tuples(velocity, velocity)),
-        integers_at_edges(0, config.eta_format.max),
+        integers_at_edges(0, config.formats.eta.max),
         st.lists(st.tuples(g, g), min_size=1, max_size=6),
     )
     check(config, data.draw(st.lists(batches, min_size=1, max_size=4)))

@@ -124,12 +124,12 @@ def test_words_hold_every_event_on_one_pixel(sign):
     """As many events as the buffer holds, with the largest votes, on one pixel: the largest words that can be."""
     config = Config(**NARROW).replace(buffer_events=64, roi_width=4, roi_height=4)
     votes = cell_votes(config, [(1, 1)] * config.buffer_events, np.random.default_rng(0))
-    top = sign * config.derivative_max
-    votes = votes._replace(w=votes.w * 0 + config.weight_max, dx=votes.dx * 0 + top, dy=votes.dy * 0 - top)
+    top = sign * config.widths.derivative_max
+    votes = votes._replace(w=votes.w * 0 + config.widths.weight_max, dx=votes.dx * 0 + top, dy=votes.dy * 0 - top)
     largest = {
-        "i": config.image_max,
-        "dx": sign * config.derivative_image_max,
-        "dy": -sign * config.derivative_image_max,
+        "i": config.widths.image_max,
+        "dx": sign * config.widths.derivative_image_max,
+        "dy": -sign * config.widths.derivative_image_max,
     }
     expected = check(config, {"full": votes, "zeros": cell_votes(config, [], np.random.default_rng(0))})
     assert largest in expected["full"][0]
@@ -141,8 +141,8 @@ def test_latency_and_throughput(rng):
     assert Accumulator.latency == ReadAddWrite.latency == 3
     block, script, starts = script_of(config, [cell_votes(config, [(0, 0)] * 20, rng)], rng)
     recording = play(block, script)
-    assert starts[0] == list(range(20, 20 + config.bank_words))
-    assert recording.cycles() == list(range(23, 23 + config.bank_words))
+    assert starts[0] == list(range(20, 20 + config.geometry.bank_words))
+    assert recording.cycles() == list(range(23, 23 + config.geometry.bank_words))
 
 
 @corners

@@ -42,7 +42,7 @@ def check(config, images, *, distances=None, accumulator_latency=3, seed=0):
     for image, distance in zip(images, distances or [1] * len(images), strict=True):
         script += [{"i.payload": next(noise)} for _ in range(distance)]
         starts.append(len(script))
-        part = [{"i.payload": next(noise)} for _ in range(config.bank_words - 1 + block.latency + 1)]
+        part = [{"i.payload": next(noise)} for _ in range(config.geometry.bank_words - 1 + block.latency + 1)]
         part[0]["start"] = 1
         for number, words in enumerate(bank_pixels(config, image)):
             part[number + accumulator_latency] = {"i.valid": 1, "i.payload": words}
@@ -56,7 +56,7 @@ def check(config, images, *, distances=None, accumulator_latency=3, seed=0):
     ]  # fmt: skip
     assert recording.flows["sweep"] == wanted
     sums = [gradient_reader(image)._asdict() for image in images]
-    ends = [start + config.bank_words - 1 + block.latency for start in starts]
+    ends = [start + config.geometry.bank_words - 1 + block.latency for start in starts]
     assert recording.flows["o"] == list(zip(ends, sums, strict=True))
     # The plain sums are there `lead` cycles earlier; all stay until the next sweep's first pixels come.
     payloads = recording.watch["o.payload"]
@@ -106,7 +106,7 @@ def test_any_accumulator_latency(accumulator_latency, rng):
 def test_each_bank_and_end_counts(name):
     """A single pixel in each corner of the ROI, all events on it: the largest words and products, both signs."""
     config = CONFIGS[name]
-    top_i, top_d = config.image_max, config.derivative_image_max
+    top_i, top_d = config.widths.image_max, config.widths.derivative_image_max
     images = []
     for row, column in itertools.product((0, 1, config.roi_height - 1), (0, 1, config.roi_width - 1)):
         for sign in (-1, 1):
@@ -118,19 +118,22 @@ def test_each_bank_and_end_counts(name):
 def test_sums_reach_their_bounds():
     """|S| at its bound, ΣI·max|D|, and ΣI, ΣD at theirs: four words of one address at once, and over two addresses."""
     config = CONFIGS["flat"]
-    quarter = config.sum_i_max // 4
-    top = config.derivative_image_max
+    quarter = config.widths.sum_i_max // 4
+    top = config.widths.derivative_image_max
     spread = {(row, column): (quarter, top, -top) for row in (0, 1) for column in (2, 3)}
-    rest = {(0, 0): (config.sum_i_max - 4 * quarter, top, -top)}
+    rest = {(0, 0): (config.widths.sum_i_max - 4 * quarter, top, -top)}
     # ΣD beyond its bound is not possible in the core, so the surplus is balanced elsewhere.
     balance = {(0, 10 + n): (0, -top, top) for n in range(4)}
     (sums,) = check(config, [point_images(config, spread | rest | balance)])
-    assert (sums["i"], sums["sx"], sums["sy"]) == (config.sum_i_max, config.s_max, -config.s_max)
-    half = config.sum_d_max // 2
+    assert (sums["i"], sums["sx"], sums["sy"]) == (config.widths.sum_i_max, config.widths.s_max, -config.widths.s_max)
+    half = config.widths.sum_d_max // 2
     for sign in (-1, 1):
-        ends = {(0, 0): (0, sign * half, sign * half), (1, 15): (0, sign * (config.sum_d_max - half), -sign * half)}
+        ends = {
+            (0, 0): (0, sign * half, sign * half),
+            (1, 15): (0, sign * (config.widths.sum_d_max - half), -sign * half),
+        }
         (sums,) = check(config, [point_images(config, ends)])
-        assert sums["dx"] == sign * config.sum_d_max
+        assert sums["dx"] == sign * config.widths.sum_d_max
 
 
 def test_latency_and_throughput(rng):
@@ -147,9 +150,11 @@ def test_corners(data):
     config = CONFIGS["uneven"]
     share = 4
     place = st.tuples(st.integers(0, config.roi_height - 1), st.integers(0, config.roi_width - 1))
-    top = config.derivative_image_max // share
+    top = config.widths.derivative_image_max // share
     words = st.tuples(
-        integers_at_edges(0, config.image_max // share), integers_at_edges(-top, top), integers_at_edges(-top, top)
+        integers_at_edges(0, config.widths.image_max // share),
+        integers_at_edges(-top, top),
+        integers_at_edges(-top, top),
     )
     images = data.draw(st.lists(st.dictionaries(place, words, max_size=share), min_size=1, max_size=5))
     check(config, [point_images(config, points) for points in images])

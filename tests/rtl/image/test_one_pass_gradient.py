@@ -178,9 +178,12 @@ def test_sums_hold_a_full_buffer(name, sign):
     }
     check(config, phases, lambda: 8)
     sums = gradient_reader(accumulator(config, phases["one pixel"]))
-    assert sums.i == config.image_max and abs(sums.sx) == config.image_max * config.derivative_image_max
+    assert (
+        sums.i == config.widths.image_max
+        and abs(sums.sx) == config.widths.image_max * config.widths.derivative_image_max
+    )
     sums = gradient_reader(accumulator(config, phases["left"]))
-    assert abs(sums.dx) == config.derivative_image_max
+    assert abs(sums.dx) == config.widths.derivative_image_max
 
 
 @corners
@@ -225,10 +228,10 @@ def test_behind_the_accumulator(name, rng):
     config = SHAPES[name].replace(tag_bits=4)
     wide = roomy(config)
     pair = Pair(wide)
-    idle = max(pair.latency, -(-config.bank_depth // 15))
+    idle = max(pair.latency, -(-config.geometry.bank_depth // 15))
     assert TaggedAccumulator.enough_idle_cycles(config, idle)
     noise = random_values(pair.i.payload.shape(), rng)
-    script = [{"i.payload": next(noise)} for _ in range(config.bank_depth)]
+    script = [{"i.payload": next(noise)} for _ in range(config.geometry.bank_depth)]
     expected = []
     for votes in random_phases(config, rng).values():
         events = vote_payloads(wide, votes)

@@ -64,14 +64,14 @@ class Script:
     def idle(self, cycles, next_tag=None):
         """Cycles without an event, ``next_tag`` in one of them."""
         for number in range(cycles):
-            if self.sweep == self.config.bank_depth - 1:
+            if self.sweep == self.config.geometry.bank_depth - 1:
                 self.swept.append(len(self.cycles))
-            self.sweep = (self.sweep + 1) % self.config.bank_depth
+            self.sweep = (self.sweep + 1) % self.config.geometry.bank_depth
             self.cycles.append({"i.payload": next(self.votes_noise), "next_tag": int(number == next_tag)})
 
     def first_pass(self):
         """The sweep's first pass, after which the first vote may come at once."""
-        self.idle(self.config.bank_depth)
+        self.idle(self.config.geometry.bank_depth)
 
     def iteration(self, events, *, idle, next_tag=None):
         """Events without a gap, then ``idle`` cycles; the tag changes in any of them."""
@@ -135,8 +135,8 @@ def check_phases(config, phases, idle, seed=0):
         images = accumulator(config, votes)
         for number, words in enumerate(script.words):
             for address, pixel in words.items():
-                row = 2 * (address >> config.bank_column_bits) + (number >> 1)
-                column = 2 * (address & ((1 << config.bank_column_bits) - 1)) + (number & 1)
+                row = 2 * (address >> config.geometry.bank_column_bits) + (number >> 1)
+                column = 2 * (address & ((1 << config.geometry.bank_column_bits) - 1)) + (number & 1)
                 assert [int(image[row, column]) for image in images] == [pixel[name] for name in PIXEL]
     script.check(script.play())
 
@@ -160,7 +160,7 @@ def test_votes_of_the_voter_at_every_level(name, rng):
         level = number % (config.max_level + 1)
         events = 30
         frac = config.position_frac
-        x, y = (rng.integers(-2 << frac, (size + 1) << frac, events) for size in config.level_size(level))
+        x, y = (rng.integers(-2 << frac, (size + 1) << frac, events) for size in config.geometry.level_size(level))
         dt = rng.integers(-1 << config.dt_frac, 1 << config.dt_frac, events, endpoint=True)
         phases[number] = voter(config, tensor(x), tensor(y), tensor(dt), level)
     check_phases(config, phases, lambda: fewest_idle_cycles(config))
@@ -174,7 +174,7 @@ def test_latency_and_throughput(rng):
     script.iteration(vote_payloads(config, cell_votes(config, [(1, 1)] * 20, rng)), idle=5)
     watch = script.play()
     script.check(watch)
-    first = config.bank_depth + 3
+    first = config.geometry.bank_depth + 3
     assert [cycle for cycle, steps in enumerate(watch["o"]) if steps[3]["valid"]] == list(range(first, first + 20))
 
 
@@ -184,13 +184,13 @@ def test_words_hold_every_event_on_one_pixel(sign):
     config = SHAPES["three tags"]
     rng = np.random.default_rng(0)
     votes = cell_votes(config, [(1, 1)] * config.buffer_events, rng)
-    top = sign * config.derivative_max
-    votes = votes._replace(w=votes.w * 0 + config.weight_max, dx=votes.dx * 0 + top, dy=votes.dy * 0 - top)
+    top = sign * config.widths.derivative_max
+    votes = votes._replace(w=votes.w * 0 + config.widths.weight_max, dx=votes.dx * 0 + top, dy=votes.dy * 0 - top)
     again = cell_votes(config, [(1, 1)], rng)
     check_phases(config, {"full": votes, "one": again, "full again": votes}, lambda: fewest_idle_cycles(config))
     largest = accumulator(config, votes)
-    assert int(largest.i.max()) == config.image_max
-    assert int((sign * largest.dx).max()) == int((-sign * largest.dy).max()) == config.derivative_image_max
+    assert int(largest.i.max()) == config.widths.image_max
+    assert int((sign * largest.dx).max()) == int((-sign * largest.dy).max()) == config.widths.derivative_image_max
 
 
 @corners
@@ -200,7 +200,7 @@ def test_any_order_of_few_addresses(data):
     rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
     cell = st.tuples(st.sampled_from([-1, 0, 1, 2]), st.sampled_from([0, 2]))
     script = Script(config, rng)
-    script.idle(data.draw(st.integers(config.bank_depth, 2 * config.bank_depth)))
+    script.idle(data.draw(st.integers(config.geometry.bank_depth, 2 * config.geometry.bank_depth)))
     fewest = fewest_idle_cycles(config)
     for _ in range(5):
         cells = data.draw(st.lists(cell, max_size=12))
@@ -216,7 +216,7 @@ def test_any_order_of_few_addresses(data):
 
 def words_of(config, numbers, rng):
     """One event per word of the banks in ``numbers``, with a vote in each bank."""
-    columns = config.bank_columns
+    columns = config.geometry.bank_columns
     cells = [(2 * (n % columns), 2 * (n // columns)) for n in numbers]
     return vote_payloads(config, cell_votes(config, cells, rng))
 
@@ -227,8 +227,8 @@ def every_word_when_its_tag_is_back(config, idle, rng):
     script = Script(config, rng)
     script.first_pass()
     # The sweep gets ahead by idle cycles, so in so many iterations it has stood everywhere when a tag came back.
-    for number in range(tags * (config.bank_depth + 2)):
-        words = range(number % tags, config.bank_words, tags)
+    for number in range(tags * (config.geometry.bank_depth + 2)):
+        words = range(number % tags, config.geometry.bank_words, tags)
         script.iteration(words_of(config, words, rng), idle=idle)
     return script
 
@@ -262,8 +262,8 @@ def test_the_rule_is_exact():
     for config in RETURNING.values():
         tags = (1 << config.tag_bits) - 1
         for idle in range(1, 20):
-            assert TaggedAccumulator.enough_idle_cycles(config, idle) == (tags * idle >= config.bank_depth)
-    assert fewest_idle_cycles(RETURNING["exactly enough"]) * 3 == RETURNING["exactly enough"].bank_depth
+            assert TaggedAccumulator.enough_idle_cycles(config, idle) == (tags * idle >= config.geometry.bank_depth)
+    assert fewest_idle_cycles(RETURNING["exactly enough"]) * 3 == RETURNING["exactly enough"].geometry.bank_depth
 
 
 def test_one_word_that_the_sweep_has_not_reached(rng):
@@ -272,7 +272,7 @@ def test_one_word_that_the_sweep_has_not_reached(rng):
     fewest = fewest_idle_cycles(config)
     for idle in (fewest, fewest - 1):
         # The sweep has just left the last word when the story begins; it ends with 12, or 9, words swept.
-        word = words_of(config, [config.bank_words - 1], rng)
+        word = words_of(config, [config.geometry.bank_words - 1], rng)
         script = Script(config, rng)
         script.first_pass()
         for events in (word, [], [], word):
@@ -288,7 +288,7 @@ def test_without_the_first_pass_there_is_garbage(rng):
     """That the tests above start from garbage is not idle talk: votes before the sweep's first pass meet it."""
     config = RETURNING["exactly enough"]
     script = Script(config, rng)
-    script.iteration(words_of(config, range(config.bank_words), rng), idle=1)
+    script.iteration(words_of(config, range(config.geometry.bank_words), rng), idle=1)
     assert len(script.differences(script.play())) > 1
 
 
@@ -303,9 +303,9 @@ def test_reset_at_any_moment(name, rng):
         for script in (before, after):
             script.first_pass()
             for number in range(7):
-                words = words_of(config, rng.integers(0, config.bank_words, number).tolist(), rng)
+                words = words_of(config, rng.integers(0, config.geometry.bank_words, number).tolist(), rng)
                 script.iteration(words, idle=idle)
-        cut = before.cycles[: int(rng.integers(config.bank_depth, len(before.cycles)))]
+        cut = before.cycles[: int(rng.integers(config.geometry.bank_depth, len(before.cycles)))]
         start = len(cut) + 1
         watch = after.play(top=top, cycles=[*cut, {"reset": 1}, *after.cycles])
         after.check(watch, start)

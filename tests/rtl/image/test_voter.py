@@ -156,7 +156,7 @@ def positions_at_level(config, level, rng, count):
     """Anywhere that :class:`Warp` can give, and around the level's own borders above all."""
     frac = config.position_frac
     columns = []
-    for (low, high), size in zip(limits(config), config.level_size(level), strict=True):
+    for (low, high), size in zip(limits(config), config.geometry.level_size(level), strict=True):
         cell = rng.choice([-2, -1, 0, 1, size - 2, size - 1, size, size + 1], count)
         border = (cell << frac) + edge_integers(rng, 0, (1 << frac) - 1, count)
         anywhere = rng.integers(low, high, count, endpoint=True)

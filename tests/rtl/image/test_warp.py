@@ -45,8 +45,8 @@ def random_events(config, rng, count):
         edge_integers(rng, -one, one, count).tolist(),
         edge_integers(rng, 0, config.roi_width - 1, count).tolist(),
         edge_integers(rng, 0, config.roi_height - 1, count).tolist(),
-        edge_integers(rng, config.v.min, config.v.max, count).tolist(),
-        edge_integers(rng, config.v.min, config.v.max, count).tolist(),
+        edge_integers(rng, config.formats.v.min, config.formats.v.max, count).tolist(),
+        edge_integers(rng, config.formats.v.min, config.formats.v.max, count).tolist(),
     )
 
 
@@ -58,7 +58,7 @@ def test_matches_model(name, gap, rng):
     last = rng.integers(0, 2, count).tolist()
     *_, (x, _) = check(config, *random_events(config, rng, count), random_gaps(rng, count, GAPS[gap]), last)
     # Both clamps were met, wherever v can carry an event that far.
-    if config.v.real(config.v.max) > config.roi_width:
+    if config.formats.v.real(config.formats.v.max) > config.roi_width:
         assert x.min() == -2 << config.position_frac
         assert x.max() == ((config.roi_width + 1) << config.position_frac) - 1
 
@@ -79,8 +79,8 @@ def test_corners(data):
         integers_at_edges(-one, one),
         integers_at_edges(0, config.roi_width - 1),
         integers_at_edges(0, config.roi_height - 1),
-        integers_at_edges(config.v.min, config.v.max),
-        integers_at_edges(config.v.min, config.v.max),
+        integers_at_edges(config.formats.v.min, config.formats.v.max),
+        integers_at_edges(config.formats.v.min, config.formats.v.max),
     )
     events = data.draw(st.lists(event, min_size=20, max_size=40))
     check(config, *(list(column) for column in zip(*events, strict=True)), [0] * len(events))
@@ -124,7 +124,7 @@ def dithered_events(config, rng, count):
     one = 1 << config.dt_frac
     return [
         edge_integers(rng, low, high, count).tolist()
-        for low, high in ((-one, one), *limits(config), *[(config.v.min, config.v.max)] * 2)
+        for low, high in ((-one, one), *limits(config), *[(config.formats.v.min, config.formats.v.max)] * 2)
     ]
 
 
@@ -200,8 +200,8 @@ def test_corners_with_levels(data):
     event = st.tuples(
         integers_at_edges(-one, one),
         *(integers_at_edges(*limit) for limit in limits(config)),
-        integers_at_edges(config.v.min, config.v.max),
-        integers_at_edges(config.v.min, config.v.max),
+        integers_at_edges(config.formats.v.min, config.formats.v.max),
+        integers_at_edges(config.formats.v.min, config.formats.v.max),
         st.integers(0, config.max_level),
     )
     events = data.draw(st.lists(event, min_size=20, max_size=40))

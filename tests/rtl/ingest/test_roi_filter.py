@@ -66,7 +66,7 @@ def check(config, batches, probability=0.0, seed=0):
 
 def random_batch(config, rng, count, *, errors=0.0):
     """Around the ROI's borders as often as anywhere; ``errors`` is the share of bad time stamps."""
-    roi = (int(rng.integers(config.roi_x_max + 1)), int(rng.integers(config.roi_y_max + 1)))
+    roi = (int(rng.integers(config.geometry.roi_x_max + 1)), int(rng.integers(config.geometry.roi_y_max + 1)))
     columns = []
     for corner, size, limit in zip(
         roi, (config.roi_width, config.roi_height), (config.sensor_width, config.sensor_height), strict=True
@@ -162,7 +162,7 @@ def test_every_border_of_every_corner_position(name):
     """The ROI in the four corners of the sensor; events on both sides of each of its borders."""
     config = SHAPES[name]
     batches = []
-    for roi in [(x, y) for x in (0, config.roi_x_max) for y in (0, config.roi_y_max)]:
+    for roi in [(x, y) for x in (0, config.geometry.roi_x_max) for y in (0, config.geometry.roi_y_max)]:
         xs = {0, roi[0] - 1, roi[0], roi[0] + config.roi_width - 1, roi[0] + config.roi_width, config.sensor_width - 1}
         ys = {
             0,
@@ -189,7 +189,9 @@ def test_corners(data):
         integers_at_edges(0, config.sensor_width - 1),
         integers_at_edges(0, config.sensor_height - 1),
     )
-    roi = data.draw(st.tuples(integers_at_edges(0, config.roi_x_max), integers_at_edges(0, config.roi_y_max)))
+    roi = data.draw(
+        st.tuples(integers_at_edges(0, config.geometry.roi_x_max), integers_at_edges(0, config.geometry.roi_y_max))
+    )
     batches = []
     for _ in range(2):
         t, x, y = zip(*data.draw(st.lists(event, min_size=5, max_size=20)), strict=True)

@@ -502,14 +502,14 @@ async def settings_out_of_range(dut):
     assert await board.read("STATUS", "CONFIG_RANGE") == 1
     limited = dataclasses.replace(
         settings,
-        roi=(CONFIG.roi_x_max, CONFIG.roi_y_max),
-        roi_gain=CONFIG.roi_gain_format.max,
-        v_start=(CONFIG.v.max, CONFIG.v.min),
+        roi=(CONFIG.geometry.roi_x_max, CONFIG.geometry.roi_y_max),
+        roi_gain=CONFIG.formats.roi_gain.max,
+        v_start=(CONFIG.formats.v.max, CONFIG.formats.v.min),
         start_last=False,
         thinning=1,
     )
     if CONFIG.ascent == "constant":
-        limited = dataclasses.replace(limited, iterations=CONFIG.max_iterations, eta=CONFIG.eta_format.max)
+        limited = dataclasses.replace(limited, iterations=CONFIG.max_iterations, eta=CONFIG.formats.eta.max)
         await board.write("ITERATIONS", 2)
         limited = dataclasses.replace(limited, iterations=2)
     events = moving_events(CONFIG, 80, 14)

@@ -134,7 +134,7 @@ class AccumulatorHarness(Harness):
     COVERS = 2
 
     def __init__(self, dut):
-        super().__init__(dut, dut.config.bank_depth)
+        super().__init__(dut, dut.config.geometry.bank_depth)
 
     def properties(self, m, row, memories):
         dut = self.dut

@@ -50,7 +50,9 @@ _NEXT = "Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1)"
 #: Only simulation and the proof of the accumulator can see these.
 ACCUMULATOR = [
     Mutant(
-        "sweep leaves a word out", "last = address == config.bank_depth - 1", "last = address == config.bank_depth - 2"
+        "sweep leaves a word out",
+        "last = address == config.geometry.bank_depth - 1",
+        "last = address == config.geometry.bank_depth - 2",
     ),
     Mutant("sweep writes nothing", "[bank.i.valid.eq(1), operation", "[bank.i.valid.eq(0), operation"),
     Mutant("sweep goes on under votes", "with m.If(~self.i.valid):", "with m.If(1):"),

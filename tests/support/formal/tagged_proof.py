@@ -86,7 +86,7 @@ class TaggedBankHarness(Harness):
     COVERS = 11
 
     def __init__(self, dut):
-        super().__init__(dut, dut.config.bank_depth)
+        super().__init__(dut, dut.config.geometry.bank_depth)
 
     def properties(self, m, row, memories):
         dut, (memory,) = self.dut, memories
@@ -194,7 +194,7 @@ class TaggedAccumulatorHarness(Harness):
     COVERS = 2
 
     def __init__(self, dut, idle, banks=range(4)):
-        super().__init__(dut, dut.config.bank_depth)
+        super().__init__(dut, dut.config.geometry.bank_depth)
         self.idle, self.banks = idle, banks
         self.tags = (1 << dut.config.tag_bits) - 1
 

@@ -27,7 +27,7 @@ class Operation:
 def traffic(seed, cycles=600):
     """Operations that meet each other at all distances up to six, then one on every word with every tag."""
     rng = random.Random(seed)
-    depth, tags = CONFIG.bank_depth, 1 << CONFIG.tag_bits
+    depth, tags = CONFIG.geometry.bank_depth, 1 << CONFIG.tag_bits
 
     def operation(address, *, valid=0.8, tag=None):
         add = {name: wrapped(rng.getrandbits(8), shape.shape) for name, shape in ADD}

@@ -303,7 +303,7 @@ def _settings(config):
     def several(name, offset, doc, *fields):
         return Register(name=name, offset=BASE["Settings"] + offset, group="Settings", doc=doc, fields=fields)
 
-    v, eta, gain = config.v, config.eta_format, config.roi_gain_format
+    v, eta, gain = config.formats.v, config.formats.eta, config.formats.roi_gain
     found = [
         number("BATCH_EVENTS", 0x00, "end a batch after so many events; 0: not by their number", "batch_events",
                high=config.max_batch_events, unit="events"),
@@ -420,7 +420,7 @@ def _schedule(config):
         return []
     fields = (
         _stored("LEVEL", 0, 8, "pixels are 2^LEVEL px wide", high=config.max_level, link="level"),
-        _stored("SHIFT", 8, 8, "v moves by 2^SHIFT raw units", high=config.v.width - 2, link="shift"),
+        _stored("SHIFT", 8, 8, "v moves by 2^SHIFT raw units", high=config.formats.v.width - 2, link="shift"),
     )
     return [
         Register(

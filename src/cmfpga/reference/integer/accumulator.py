@@ -19,7 +19,7 @@ def accumulator(config, votes):
     pixel = votes.row[keep] * config.roi_width + votes.column[keep]
 
     def image(values):
-        total = torch.zeros(config.pixels, dtype=torch.int64).index_add_(0, pixel, values[keep])
+        total = torch.zeros(config.geometry.pixels, dtype=torch.int64).index_add_(0, pixel, values[keep])
         return total.view(config.roi_height, config.roi_width)
 
     return Images(image(votes.w), image(votes.dx), image(votes.dy))

@@ -56,7 +56,7 @@ class IntegerCore:
         self.config = config
         self.v = (0, 0)
         self.tracking = False
-        self.follower = RoiFollower(config, 1 << config.roi_x_format.f)
+        self.follower = RoiFollower(config, 1 << config.formats.roi_x.f)
         self.thinning = None
         self.dt = None
         self.iterations = []
@@ -121,7 +121,7 @@ class IntegerCore:
             **batch.counts,
             roi=roi,
             roi_next=self.follower.next_corner,
-            v=(config.v.real(self.v[0]), config.v.real(self.v[1])),
+            v=(config.formats.v.real(self.v[0]), config.formats.v.real(self.v[1])),
             iterations=len(sums),
             flags=flags,
             trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),

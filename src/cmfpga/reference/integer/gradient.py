@@ -21,4 +21,4 @@ def gradient_reader(images):
 
 def gradient(config, sums):
     """(Gx, Gy), G = P·S − ΣI·ΣD: Eq. C_v_x with the means multiplied out, ∂C/∂v = 2·G/P² in raw units."""
-    return config.pixels * sums.sx - sums.i * sums.dx, config.pixels * sums.sy - sums.i * sums.dy
+    return config.geometry.pixels * sums.sx - sums.i * sums.dx, config.geometry.pixels * sums.sy - sums.i * sums.dy

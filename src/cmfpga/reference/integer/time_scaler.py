@@ -13,7 +13,7 @@ def reciprocal(config, span):
 
 
 def time_scaler(config, t, *, span):
-    """Raw ``config.dt`` of events at ``t`` µs after t_1: (2t − span)/span, which is −1 … 1 (Eqs. t_ref and dt)."""
+    """Raw ``config.formats.dt`` of events at ``t`` µs after t_1: (2t − span)/span, −1 … 1 (Eqs. t_ref and dt)."""
     shift, mantissa = reciprocal(config, span)
     numerator = (2 * t - span) << shift
     return round_half_up(numerator * mantissa, config.span_bits - 1 + config.reciprocal_bits - config.dt_frac)

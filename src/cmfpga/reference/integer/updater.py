@@ -4,15 +4,15 @@ from ...fixed import floor_shift, round_half_up, saturate
 
 
 def gain(config, eta):
-    """Raw ``config.gain_format``: η times the mantissa of 2/P², once per batch."""
-    return round_half_up(eta * config.gradient_scale[1], 8)
+    """Raw ``config.formats.gain``: η times the mantissa of 2/P², once per batch."""
+    return round_half_up(eta * config.widths.gradient_scale[1], 8)
 
 
 def sign_updater(config, v, g, *, log2_step):
     """One step v + 2^log2_step · sign(G) along one axis: (next raw v, whether it was limited to its format)."""
-    step = 1 << (log2_step + config.v.f)
+    step = 1 << (log2_step + config.formats.v.f)
     target = v + step * ((g > 0) - (g < 0))
-    limited = saturate(target, config.v.min, config.v.max)
+    limited = saturate(target, config.formats.v.min, config.formats.v.max)
     return limited, limited != target
 
 
@@ -22,7 +22,7 @@ def updater(config, v, g, *, gain):
     Parameters
     ----------
     v : int
-        Raw ``config.v``.
+        Raw ``config.formats.v``.
     g : int
         G of this axis.
     gain : int
@@ -33,9 +33,9 @@ def updater(config, v, g, *, gain):
     (v, saturated) : (int, bool)
         The next raw v; whether the gradient or v was limited to its format.
     """
-    fmt = config.gradient_format
-    slope = floor_shift(g, config.gradient_shift)
+    fmt = config.formats.gradient
+    slope = floor_shift(g, config.widths.gradient_shift)
     limited_slope = saturate(slope, fmt.min, fmt.max)
-    target = v + round_half_up(limited_slope * gain, config.step_shift)
-    limited = saturate(target, config.v.min, config.v.max)
+    target = v + round_half_up(limited_slope * gain, config.widths.step_shift)
+    limited = saturate(target, config.formats.v.min, config.formats.v.max)
     return limited, limited_slope != slope or limited != target

@@ -25,7 +25,7 @@ def voter(config, x, y, dt, level=0):
     zero unless a corner is dropped. At a coarse level the image is smaller; the derivatives are those by v in units of
     that level's pixels.
     """
-    width, height = config.level_size(level)
+    width, height = config.geometry.level_size(level)
     frac = config.position_frac
     one = 1 << frac
     fx, fy = x & (one - 1), y & (one - 1)

@@ -11,16 +11,17 @@ def warp(config, x, y, dt, v, level=0):
     x, y : int64 tensors, [n]
         Columns and rows in the ROI, with ``dither_frac`` fraction bits.
     dt : int64 tensor, [n]
-        Raw ``config.dt``.
+        Raw ``config.formats.dt``.
     v : pair of int
-        Raw ``config.v``.
+        Raw ``config.formats.v``.
     level : int
         Pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½.
 
     Returns
     -------
     (x'', y'') : int64 tensors, [n]
-        Raw ``config.position_x`` and ``config.position_y``, limited to −2 … size + 1 px: farther is as good as there.
+        Raw ``config.formats.position_x`` and ``config.formats.position_y``, limited to −2 … size + 1 px: farther
+        is as good as there.
     """
     return (
         _warp_axis(config, x, dt, v[0], level, config.roi_width),

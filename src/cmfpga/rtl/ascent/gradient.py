@@ -33,11 +33,11 @@ class Gradient(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self.latency = 1 if self._is_shift(config.pixels) else 1 + self.lead
+        self.latency = 1 if self._is_shift(config.geometry.pixels) else 1 + self.lead
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.sums(config))),
-                "o": Out(payloads.flow(payloads.vector(config.g_bits))),
+                "o": Out(payloads.flow(payloads.vector(config.widths.g_bits))),
             }
         )
 
@@ -46,8 +46,8 @@ class Gradient(wiring.Component):
         m = Module()
         for axis, means in self._means(m).items():
             means = delay(m, means, self.latency - 1, name=f"means_{axis}")
-            scaled = self.i.payload[f"s{axis}"] * config.pixels
-            if not self._is_shift(config.pixels):
+            scaled = self.i.payload[f"s{axis}"] * config.geometry.pixels
+            if not self._is_shift(config.geometry.pixels):
                 scaled = delay(m, scaled, self.lead, name=f"scaled_{axis}")
             m.d.sync += self.o.payload[axis].eq(scaled - means)
         m.d.sync += self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True))
@@ -60,9 +60,9 @@ class Gradient(wiring.Component):
         It does not matter whose turn it is: in the first two of ``lead`` cycles each has one.
         """
         config, sums = self.config, self.i.payload
-        shape = signed(config.sum_i_bits + config.sum_d_bits)
+        shape = signed(config.widths.sum_i_bits + config.widths.sum_d_bits)
         means = {axis: Signal(shape, name=f"means_{axis}", reset_less=True) for axis in ("x", "y")}
-        if config.sum_i_bits < 18 and config.sum_d_bits <= 27:  # 18 bits signed
+        if config.widths.sum_i_bits < 18 and config.widths.sum_d_bits <= 27:  # 18 bits signed
             turn = Signal()
             product = Signal(shape, reset_less=True)
             m.d.sync += [turn.eq(~turn), product.eq(sums.i * Mux(turn, sums.dy, sums.dx))]

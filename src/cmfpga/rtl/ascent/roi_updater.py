@@ -53,10 +53,10 @@ class RoiUpdater(wiring.Component):
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "load", "move", "still"), In(1)),
-                "x": In(config.x_bits),
-                "y": In(config.y_bits),
+                "x": In(config.geometry.x_bits),
+                "y": In(config.geometry.y_bits),
                 "v": In(payloads.velocity(config)),
-                "roi_gain": In(config.roi_gain_format.width),
+                "roi_gain": In(config.formats.roi_gain.width),
                 "roi": Out(payloads.roi_corner(config)),
                 "roi_next": Out(payloads.roi_corner(config)),
                 "clamped": Out(1),
@@ -69,8 +69,8 @@ class RoiUpdater(wiring.Component):
         move, products = self._products(m)
         out_of_range, moved_out = [], []
         for axis, wanted, limit, fmt in (
-            ("x", self.x, config.roi_x_max, config.roi_x_format),
-            ("y", self.y, config.roi_y_max, config.roi_y_format),
+            ("x", self.x, config.geometry.roi_x_max, config.formats.roi_x),
+            ("y", self.y, config.geometry.roi_y_max, config.formats.roi_y),
         ):
             largest = limit << fmt.f
             position = Signal(fmt.width, name=f"position_{axis}")

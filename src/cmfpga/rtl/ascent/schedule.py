@@ -67,11 +67,11 @@ class Schedule(wiring.Component):
             m.d.sync += self.limited.eq(0)
         with m.If(loaded | self.advance):
             too_coarse = read.data.level > config.max_level
-            too_far = read.data.shift > config.v.width - 2
+            too_far = read.data.shift > config.formats.v.width - 2
             m.d.sync += [
                 pointer.eq(Mux(pointer == config.schedule_entries - 1, 0, pointer + 1)),
                 self.level.eq(Mux(too_coarse, config.max_level, read.data.level)),
-                self.shift.eq(Mux(too_far, config.v.width - 2, read.data.shift)),
+                self.shift.eq(Mux(too_far, config.formats.v.width - 2, read.data.shift)),
             ]
             m.d.sync += out_of_range.eq(too_coarse | too_far)
         # Only an entry that was used counts, not the one behind the last.

@@ -42,7 +42,7 @@ class SignUpdater(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.vector(config.g_bits))),
+                "i": In(payloads.flow(payloads.vector(config.widths.g_bits))),
                 "new_batch": In(1),
                 "load": In(1),
                 "start": In(payloads.velocity(config)),
@@ -65,14 +65,14 @@ class SignUpdater(wiring.Component):
             # Stage 1: sign. Stage 2: step and limit.
             sign_s1 = Signal(signed(2), name=f"sign_{axis}_s1", reset_less=True)
             m.d.sync += sign_s1.eq(Mux(g == 0, 0, Mux(g < 0, -1, 1)))
-            target = Signal(signed(config.v.width + 1), name=f"target_{axis}")
+            target = Signal(signed(config.formats.v.width + 1), name=f"target_{axis}")
             step = 1 << self.shift
             m.d.comb += target.eq(v + Mux(sign_s1 == 0, 0, Mux(sign_s1 < 0, -step, step)))
             with m.If(self.load):
                 m.d.sync += v.eq(self.start[axis])
             with m.Elif(self.updating):
-                m.d.sync += v.eq(saturate(target, config.v.min, config.v.max))
-            clipped.append((target > config.v.max) | (target < config.v.min))
+                m.d.sync += v.eq(saturate(target, config.formats.v.min, config.formats.v.max))
+            clipped.append((target > config.formats.v.max) | (target < config.formats.v.min))
         with m.If(self.new_batch):
             m.d.sync += self.saturated.eq(0)
         with m.Elif(self.updating & (clipped[0] | clipped[1])):

@@ -12,7 +12,7 @@ from ..arithmetic import delay, saturate
 class Updater(wiring.Component):
     """v ← v + η·∂C/∂v (Eq. v_update of the article), in formats that saturate.
 
-    ∂C/∂v = G·2^-shift/ρ (see :attr:`cmfpga.config.Config.gradient_scale`): the shift costs nothing, and 1/ρ is
+    ∂C/∂v = G·2^-shift/ρ (see :attr:`cmfpga.config.widths.Widths.gradient_scale`): the shift costs nothing, and 1/ρ is
     multiplied into η when a batch begins, so an iteration has one multiplication per axis.
 
     ``v`` changes, and ``done`` is high, :attr:`latency` cycles after a gradient enters.
@@ -47,11 +47,11 @@ class Updater(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.vector(config.g_bits))),
+                "i": In(payloads.flow(payloads.vector(config.widths.g_bits))),
                 "new_batch": In(1),
                 "load": In(1),
                 "start": In(payloads.velocity(config)),
-                "eta": In(config.eta_format.width),
+                "eta": In(config.formats.eta.width),
                 "v": Out(payloads.velocity(config)),
                 "updating": Out(1),
                 "done": Out(1),
@@ -62,8 +62,8 @@ class Updater(wiring.Component):
     def elaborate(self, platform):
         config = self.config
         m = Module()
-        _, mantissa = config.gradient_scale
-        gain = Signal(config.gain_format.width, reset_less=True)
+        _, mantissa = config.widths.gradient_scale
+        gain = Signal(config.formats.gain.width, reset_less=True)
         m.d.sync += gain.eq(round_half_up(self.eta * mantissa, 8))
 
         valid_s4 = delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)
@@ -81,14 +81,14 @@ class Updater(wiring.Component):
     def _axis(self, m, axis, gain, valid_s4):
         """One axis; returns its two clip signals of stage 4."""
         config = self.config
-        fmt = config.gradient_format
+        fmt = config.formats.gradient
         v = self.v[axis]
 
         def register(shape, name):
             return Signal(shape, name=f"{name}_{axis}", reset_less=True)
 
         # Stage 1: ∂C/∂v but for 1/ρ, limited to its format.
-        slope = floor_shift(self.i.payload[axis], config.gradient_shift)
+        slope = floor_shift(self.i.payload[axis], config.widths.gradient_shift)
         slope_s1 = register(signed(fmt.width), "slope_s1")
         clipped_s1 = register(1, "clipped_s1")
         m.d.sync += [
@@ -96,15 +96,15 @@ class Updater(wiring.Component):
             clipped_s1.eq((slope > fmt.max) | (slope < fmt.min)),
         ]
         # Stages 2, 3: times the gain; the second register is inside the DSP.
-        product_s2 = register(signed(fmt.width + config.gain_format.width), "product_s2")
+        product_s2 = register(signed(fmt.width + config.formats.gain.width), "product_s2")
         m.d.sync += product_s2.eq(slope_s1 * gain)
         product_s3 = delay(m, product_s2, 1, name=f"product_{axis}")
         # Stage 4: round and add. Stage 5: limit.
-        target_s4 = register(signed(max(len(v), len(product_s3) - config.step_shift) + 2), "target_s4")
-        m.d.sync += target_s4.eq(v + round_half_up(product_s3, config.step_shift))
-        over, under = target_s4 > config.v.max, target_s4 < config.v.min
+        target_s4 = register(signed(max(len(v), len(product_s3) - config.widths.step_shift) + 2), "target_s4")
+        m.d.sync += target_s4.eq(v + round_half_up(product_s3, config.widths.step_shift))
+        over, under = target_s4 > config.formats.v.max, target_s4 < config.formats.v.min
         with m.If(self.load):
             m.d.sync += v.eq(self.start[axis])
         with m.Elif(valid_s4):
-            m.d.sync += v.eq(saturate(target_s4, config.v.min, config.v.max))
+            m.d.sync += v.eq(saturate(target_s4, config.formats.v.min, config.formats.v.max))
         return [delay(m, clipped_s1, 3, name=f"clipped_{axis}"), over | under]

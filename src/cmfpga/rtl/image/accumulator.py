@@ -143,7 +143,7 @@ class Accumulator(wiring.Component):
         m.d.sync += swept.eq((swept << 1) | self.sweep.valid)
         m.d.comb += self.o.valid.eq(swept[-1])
         for number in range(4):
-            bank = ReadAddWrite(word, add, self.config.bank_depth)
+            bank = ReadAddWrite(word, add, self.config.geometry.bank_depth)
             m.submodules[f"bank_{number}"] = bank
             vote = self.i.payload.banks[number]
             m.d.comb += [

@@ -78,16 +78,16 @@ class GradientReader(wiring.Component):
         """Walk the P/4 addresses; the unused ends of rows are skipped."""
         config = self.config
         running = Signal()
-        column = Signal(range(max(2, config.bank_columns)))
-        row = Signal(range(max(2, config.bank_rows)))
+        column = Signal(range(max(2, config.geometry.bank_columns)))
+        row = Signal(range(max(2, config.geometry.bank_rows)))
         row_ends, ends = Signal(), Signal()
         m.d.comb += [
             self.sweep.valid.eq(self.start | running),
-            self.sweep.payload.address.eq((row << config.bank_column_bits) | column),
+            self.sweep.payload.address.eq((row << config.geometry.bank_column_bits) | column),
             self.sweep.payload.first.eq(self.start),
             self.sweep.payload.last.eq(ends),
-            row_ends.eq(column == config.bank_columns - 1),
-            ends.eq(row_ends & (row == config.bank_rows - 1)),
+            row_ends.eq(column == config.geometry.bank_columns - 1),
+            ends.eq(row_ends & (row == config.geometry.bank_rows - 1)),
         ]
         with m.If(self.sweep.valid):
             m.d.sync += [running.eq(~ends), column.eq(column + 1)]

@@ -43,7 +43,7 @@ class TaggedBank(wiring.Component):
         pixel = payloads.pixel(config)
         word = data.StructLayout({**pixel.members, "tag": config.tag_bits})
         style = {} if config.ram_style == "auto" else {"ram_style": config.ram_style}
-        m.submodules.ram = ram = memory.Memory(shape=word, depth=config.bank_depth, init=[], attrs=style)
+        m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.bank_depth, init=[], attrs=style)
         write, read = ram.write_port(), ram.read_port()
 
         valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 6)]
@@ -154,7 +154,7 @@ class TaggedAccumulator(wiring.Component):
     @staticmethod
     def enough_idle_cycles(config, idle):
         """Whether the sweep passes every word before a tag comes back, with ``idle`` cycles between iterations."""
-        return ((1 << config.tag_bits) - 1) * idle >= config.bank_depth
+        return ((1 << config.tag_bits) - 1) * idle >= config.geometry.bank_depth
 
     def elaborate(self, platform):
         config = self.config
@@ -163,8 +163,8 @@ class TaggedAccumulator(wiring.Component):
         with m.If(self.next_tag):
             m.d.sync += tag.eq(Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1))
 
-        address = Signal(range(max(2, config.bank_depth)))
-        last = address == config.bank_depth - 1
+        address = Signal(range(max(2, config.geometry.bank_depth)))
+        last = address == config.geometry.bank_depth - 1
         m.d.comb += self.swept.eq(~self.i.valid & last)
         with m.If(~self.i.valid):
             m.d.sync += address.eq(Mux(last, 0, address + 1))

@@ -58,12 +58,12 @@ class BilinearVoter(wiring.Component):
             return Signal(shape, name=name, reset_less=True)
 
         fx_fy_s1 = register(2 * frac, "fx_fy_s1")
-        dt_fx_s1 = register(signed(config.dt.width + frac), "dt_fx_s1")
-        dt_fy_s1 = register(signed(config.dt.width + frac), "dt_fy_s1")
+        dt_fx_s1 = register(signed(config.formats.dt.width + frac), "dt_fx_s1")
+        dt_fy_s1 = register(signed(config.formats.dt.width + frac), "dt_fy_s1")
         fx_s1, fy_s1 = register(frac, "fx_s1"), register(frac, "fy_s1")
         # dt·1, and what rounds dt·(1 − fy) half up, so that one subtraction is left.
         shift = config.dt_frac + frac - config.derivative_frac
-        dt_half_s1 = register(signed(config.dt.width + frac + 1), "dt_half_s1")
+        dt_half_s1 = register(signed(config.formats.dt.width + frac + 1), "dt_half_s1")
         product = small_product if frac <= 4 else operator.mul
         m.d.sync += [
             fx_fy_s1.eq(fx * fy),
@@ -102,7 +102,9 @@ class BilinearVoter(wiring.Component):
             dy_s2[0].eq(rest(dt_fx_s1)),
             dy_s2[1].eq(derivative(dt_fx_s1)),
         ]
-        widths, heights = zip(*(config.level_size(level) for level in range(config.max_level + 1)), strict=True)
+        widths, heights = zip(
+            *(config.geometry.level_size(level) for level in range(config.max_level + 1)), strict=True
+        )
         column_s2 = self._axis(m, "column", self.i.payload.x >> frac, widths)
         row_s2 = self._axis(m, "row", self.i.payload.y >> frac, heights)
 
@@ -115,7 +117,7 @@ class BilinearVoter(wiring.Component):
             dx, dy = Mux(down, dx_s2[1], dx_s2[0]), Mux(right, dy_s2[1], dy_s2[0])
             m.d.sync += [
                 bank.valid.eq(valid_s2 & column_inside & row_inside),
-                bank.address.eq((row << config.bank_column_bits) | column[: config.bank_column_bits]),
+                bank.address.eq((row << config.geometry.bank_column_bits) | column[: config.geometry.bank_column_bits]),
                 bank.i.eq(Mux(down, Mux(right, w_s2[1, 1], w_s2[0, 1]), Mux(right, w_s2[1, 0], w_s2[0, 0]))),
                 bank.dx.eq(Mux(right, -dx, dx)),
                 bank.dy.eq(Mux(down, -dy, dy)),

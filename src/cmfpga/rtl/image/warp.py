@@ -53,7 +53,9 @@ class Warp(wiring.Component):
         for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
             coordinate = self.i.payload[axis]
             align = frac - config.dither_frac
-            product_s1 = Signal(signed(config.dt.width + config.v.width), reset_less=True, name=f"product_{axis}_s1")
+            product_s1 = Signal(
+                signed(config.formats.dt.width + config.formats.v.width), reset_less=True, name=f"product_{axis}_s1"
+            )
             coordinate_s1 = Signal(coordinate.shape(), reset_less=True, name=f"coordinate_{axis}_s1")
             # Both terms at full precision: x' + ½ cannot overflow before it is clamped.
             full = signed(max(len(coordinate) + align, len(product_s1)) + 2)

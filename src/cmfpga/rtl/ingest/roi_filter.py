@@ -75,8 +75,8 @@ class RoiFilter(wiring.Component):
         # Stage 2: relative to t_1 (modulo the counter's width) and to the ROI.
         valid_s2 = Signal()
         t_s2 = Signal(signed(config.time_bits), reset_less=True)
-        x_s2 = Signal(signed(config.x_bits + 1), reset_less=True)
-        y_s2 = Signal(signed(config.y_bits + 1), reset_less=True)
+        x_s2 = Signal(signed(config.geometry.x_bits + 1), reset_less=True)
+        y_s2 = Signal(signed(config.geometry.y_bits + 1), reset_less=True)
         m.d.sync += [
             valid_s2.eq(valid_s1),
             t_s2.eq((event_s1.t - self.t_first)[: config.time_bits].as_signed()),

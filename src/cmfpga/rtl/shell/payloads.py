@@ -24,7 +24,9 @@ def token(config):
 
 def sensor_token(config):
     """A token whose event, if it has one, lies on the sensor."""
-    return data.StructLayout({"t": config.time_bits, "x": config.x_bits, "y": config.y_bits, "event": 1, "end": 1})
+    return data.StructLayout(
+        {"t": config.time_bits, "x": config.geometry.x_bits, "y": config.geometry.y_bits, "event": 1, "end": 1}
+    )
 
 
 def settings(config):

@@ -1,0 +1,39 @@
+"""Configurations by name."""
+
+from ..errors import ConfigError
+from .config import Config
+
+_FAST = Config(
+    gradient="one_pass",
+    ascent="sign",
+    # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
+    buffer_events=2047,
+    tag_bits=7,
+    buffers=2,
+    max_level=2,
+    dt_frac=8,
+    v_frac=6,
+    position_frac=4,
+    weight_frac=4,
+    derivative_frac=4,
+    dither_frac=4,
+    reciprocal_bits=12,
+)
+
+PRESETS = {
+    "paper": Config(),
+    "fast": _FAST,
+    "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4096, tag_bits=9),
+    "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
+}
+
+#: What the commands take if no preset is given.
+DEFAULT_PRESET = "fast"
+
+
+def preset(name=DEFAULT_PRESET):
+    """The preset called ``name``."""
+    try:
+        return PRESETS[name]
+    except KeyError:
+        raise ConfigError(f"preset {name!r}: one of {', '.join(PRESETS)} is needed") from None

@@ -1,0 +1,123 @@
+"""Widths of all sums: each is proved by the bound of what it holds."""
+
+from ..fixed import bits_for, signed_bits_for
+
+
+class Widths:
+    """Bounds, and the widths that hold them.
+
+    Parameters
+    ----------
+    config : Config
+    """
+
+    def __init__(self, config):
+        self._c = config
+
+    @property
+    def weight_max(self):
+        """Largest single vote: weight 1."""
+        return 1 << self._c.weight_frac
+
+    @property
+    def derivative_max(self):
+        """Largest magnitude of a single derivative: |dt| = 1 times weight 1."""
+        return 1 << self._c.derivative_frac
+
+    @property
+    def image_max(self):
+        """Largest I of a pixel: every event of the buffer votes with weight 1."""
+        return self._c.buffer_events * self.weight_max
+
+    @property
+    def image_bits(self):
+        """Width of a word of I (unsigned)."""
+        return bits_for(self.image_max)
+
+    @property
+    def derivative_image_max(self):
+        """Largest magnitude of D of a pixel."""
+        return self._c.buffer_events * self.derivative_max
+
+    @property
+    def derivative_image_bits(self):
+        """Width of a word of Dx or Dy (two's complement)."""
+        return signed_bits_for(self.derivative_image_max)
+
+    @property
+    def sum_i_max(self):
+        """Bound of ΣI: the four weights of an event sum to 1, and each rounds by at most half a unit."""
+        return self._c.buffer_events * (self.weight_max + 2)
+
+    @property
+    def sum_i_bits(self):
+        """Width of ΣI (unsigned)."""
+        return bits_for(self.sum_i_max)
+
+    @property
+    def sum_d_max(self):
+        """Bound of |ΣD|: dropped corners leave at most two derivatives of one sign, which sum to |dt|, rounded."""
+        return self._c.buffer_events * (self.derivative_max + 1)
+
+    @property
+    def sum_d_bits(self):
+        """Width of ΣDx and ΣDy (two's complement)."""
+        return signed_bits_for(self.sum_d_max)
+
+    @property
+    def s_max(self):
+        """Bound of |S| = |Σ I·D| ≤ ΣI · max|D|."""
+        return self.sum_i_max * self.derivative_image_max
+
+    @property
+    def s_bits(self):
+        """Width of Sx and Sy (two's complement)."""
+        return signed_bits_for(self.s_max)
+
+    @property
+    def g_max(self):
+        """Bound of |G| = |P·S − ΣI·ΣD|."""
+        return self._c.geometry.pixels * self.s_max + self.sum_i_max * self.sum_d_max
+
+    @property
+    def g_bits(self):
+        """Width of Gx and Gy (two's complement)."""
+        return signed_bits_for(self.g_max)
+
+    @property
+    def gradient_scale(self):
+        """``(shift, mantissa)`` of the factor that turns G into ∂C/∂v.
+
+        With P² = ρ·2^q and 1 ≤ ρ < 2, ∂C/∂v = 2·G/(P²·2^(weight_frac + derivative_frac)) = G·2^-shift/ρ, and
+        ``mantissa`` = 2^16/ρ, rounded. The shift is free; the mantissa is folded into η once per batch.
+        """
+        square = self._c.geometry.pixels**2
+        q = square.bit_length() - 1
+        mantissa = ((1 << (q + 17)) + square) // (2 * square)
+        return self._c.weight_frac + self._c.derivative_frac + q - 1, mantissa
+
+    @property
+    def gradient_shift(self):
+        """Bits that the gradient drops from G (floored) to have ``gradient_frac`` of them; negative: none."""
+        return self.gradient_scale[0] - self._c.gradient_frac
+
+    @property
+    def step_shift(self):
+        """Bits between the product gradient · gain and v."""
+        return self._c.gradient_frac + self._c.formats.gain.f - self._c.v_frac
+
+    @property
+    def exact(self):
+        """Every intermediate that the integer model computes in 64 bits, with its width."""
+        return {
+            "G = P·S − ΣI·ΣD": self.g_bits + max(0, -self.gradient_shift),
+            "gradient · gain": self._c.formats.gradient.width + self._c.formats.gain.width + 1,
+            "time difference · reciprocal": self._c.span_bits + self._c.reciprocal_bits + 3,
+            "dt · v": self._c.formats.dt.width + self._c.formats.v.width + 1,
+            "warped position": max(self._c.geometry.x_bits, self._c.geometry.y_bits)
+            + self._c.dt_frac
+            + self._c.v_frac
+            + self._c.v_int
+            + 2,
+            "ROI position": self._c.formats.roi_x.width + self._c.formats.roi_gain.width + 2,
+        }
