@@ -21,7 +21,7 @@ from amaranth.lib import data, wiring
 
 from cmfpga.build import formats, ports
 from cmfpga.config import PRESETS, Config, preset
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import markdown
 from cmfpga.rtl import payloads

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from cmfpga import __version__, cli
-from cmfpga.engines.rtl import settings_values
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import BatchSettings, Flag, clamp_roi
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings, clamp_roi, settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP, emit_verilog

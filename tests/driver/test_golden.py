@@ -7,8 +7,9 @@ import pytest
 
 from cmfpga.config import PRESETS, Config, preset
 from cmfpga.driver import golden
-from cmfpga.driver.results import WireResult
-from cmfpga.protocol.batch import Flag, clamp_roi
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import WireResult
+from cmfpga.protocol.settings import clamp_roi
 from support.driving import CONFIG
 
 

@@ -19,7 +19,8 @@ from cmfpga.engines.model import ModelEngine
 from cmfpga.engines.verilated import VerilatedCore, VerilatedEngine, cache_folder, compile_library
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings, settings_values
 
 # The hardware of tests/cli too, so that one compilation serves both.
 HARDWARE = {
@@ -284,7 +285,7 @@ def test_an_event_outside_the_sensor_is_refused(engine, rng, axis, value, larges
 
 
 def core_run(core, events, **options):
-    values = rtl.settings_values(CONFIG, settings((8, 8)))
+    values = settings_values(CONFIG, settings((8, 8)))
     return core.run(events.t, events.x, events.y, values, **options)
 
 

@@ -6,7 +6,8 @@ import pytest
 from amaranth.hdl import Module, ResetInserter, Signal
 
 from cmfpga.config import Config
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
 from support.bench import (

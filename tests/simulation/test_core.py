@@ -8,10 +8,11 @@ import torch
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry
-from cmfpga.engines.rtl import schedule_table, settings_values, to_batch_result
+from cmfpga.engines.rtl import to_batch_result
 from cmfpga.engines.verilated import VerilatedCore
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import BatchSettings, Flag, clamp_roi
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings, clamp_roi, schedule_table, settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.top import VerilogCore
 from support.hazards import PATTERNS, times

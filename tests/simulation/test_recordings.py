@@ -7,7 +7,7 @@ import torch
 from cmfpga.config import Config
 from cmfpga.engines import make_engine
 from cmfpga.events import BatchCutter, open_recording
-from cmfpga.protocol.batch import BatchSettings
+from cmfpga.protocol.settings import BatchSettings
 
 RECORDINGS = {  # file: ROI of the first batch, events of a batch
     "davis240c_shapes_rotation_0.0s.h5": ((100, 30), 5000),

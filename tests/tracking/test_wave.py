@@ -12,7 +12,7 @@ import cmfpga
 from cmfpga import track
 from cmfpga.engines import rtl
 from cmfpga.events import Events, write_hdf5
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.wave import WaveCore, fraction_bits
 

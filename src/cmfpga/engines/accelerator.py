@@ -1,8 +1,6 @@
 """An accelerator as an engine."""
 
-import dataclasses
-
-from ..driver.results import WireResult
+from ..protocol.results import WireResult
 from .base import Engine
 
 
@@ -36,9 +34,7 @@ class AcceleratorEngine(Engine):
         return result
 
     def _nothing(self, settings):
-        empty = super()._nothing(settings)
-        common = {f.name: getattr(empty, f.name) for f in dataclasses.fields(empty) if f.name != "trace"}
-        return WireResult(**common, batch=0, t_first=None, t_ref=None, sums=(0,) * 5)
+        return WireResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v)
 
     def close(self):
         self._accelerator.close()

@@ -6,7 +6,9 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from ..errors import ConfigError
-from ..protocol.batch import BatchResult, Flag, Trace, clamp_roi
+from ..protocol.results import BatchResult
+from ..protocol.settings import clamp_roi
+from ..protocol.trace import Trace
 
 
 def check_roi(config, roi):
@@ -89,17 +91,8 @@ class Engine(ABC):
 
     def _nothing(self, settings):
         """A batch without events never reaches the hardware; a new ROI waits for the next one."""
-        return BatchResult(
-            **dict.fromkeys(
-                ("events", "roi_events", "outside", "overflow", "thinned", "time_back", "time_span", "span"), 0
-            ),
-            roi=self.roi,
-            roi_next=self.roi,
-            v=self.v,
-            iterations=0,
-            flags=Flag.DEGENERATE,
-            trace=Trace(v=np.zeros((0, 2)), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2))),
-        )
+        none = Trace(v=np.zeros((0, 2)), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
+        return BatchResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v, trace=none)
 
     @property
     @abstractmethod

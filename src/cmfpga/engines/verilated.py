@@ -14,9 +14,10 @@ import platformdirs
 from filelock import FileLock
 
 from ..errors import ConfigError
+from ..protocol.settings import schedule_table, settings_values
 from ..rtl.top import VerilogCore
 from ..verilog.emit import AXI_TOP, TOP, emit_verilog, sha256
-from .rtl import COMPILERS, RtlEngine, find_compiler, schedule_table, settings_values
+from .rtl import COMPILERS, RtlEngine, find_compiler
 
 
 class _Run(ctypes.Structure):
@@ -139,7 +140,7 @@ class VerilatedCore:
         result : dict of str to int
             Result ports, and ``measured_cycles`` and ``accepted`` (events taken) as the test bench counted them.
         trace : int64 array [T, 7]
-            v_x, v_y, ΣI, ΣDx, ΣDy, Sx, Sy of every iteration.
+            The trace ports of every iteration, in the order of ``trace_names``.
         pixels : int64 array [T, P/4, 12], or None
             I, Dx, Dy of banks 0 to 3 in the order of the sweep.
         """

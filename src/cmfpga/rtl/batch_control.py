@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from ..fixed import bits_for
+from ..protocol.results import CYCLE_BITS
 from . import payloads
 from .arithmetic import delay
 
@@ -97,7 +98,7 @@ class BatchControl(wiring.Component):
                 **dict.fromkeys(("divided", "evaluate", "updated", "cleared"), In(1)),
                 "iterating": Out(1),
                 "iterations": Out(bits_for(config.max_iterations)),
-                "cycles": Out(payloads.CYCLE_BITS),
+                "cycles": Out(CYCLE_BITS),
                 "degenerate": Out(1),
                 "done": Out(1),
                 "taken": In(1),
@@ -111,7 +112,7 @@ class BatchControl(wiring.Component):
         m = Module()
         idle = Signal()  # the iterations are free
         unsettled = Signal()  # the next ROI is not known yet
-        ingest_cycles = Signal(payloads.CYCLE_BITS, reset_less=True)
+        ingest_cycles = Signal(CYCLE_BITS, reset_less=True)
         self._ingest(m, idle, unsettled, ingest_cycles)
         self._iterate(m, idle, ingest_cycles)
         if self.config.buffers == 2:

@@ -7,7 +7,8 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from ..errors import ConfigError
-from ..protocol.batch import Flag
+from ..protocol.flags import Flag
+from ..protocol.results import RESULTS
 from . import payloads
 from .ascent.gradient import Gradient
 from .ascent.roi_updater import RoiUpdater
@@ -350,27 +351,18 @@ class Core(wiring.Component):
             Flag.THINNED: batch.thinned != 0,
         }
         sums = (self.one_pass_gradient if self.one_pass else self.gradient_reader).o
-        counted = (
-            "t_first",
-            "span",
-            "events",
-            "roi_events",
-            "outside",
-            "overflow",
-            "thinned",
-            "time_back",
-            "time_span",
-        )
+        found = {
+            **{f.name: batch[f.name] for f in RESULTS if f.taken_in},
+            "v": self.updater.v,
+            "roi_next": self.roi_updater.roi_next if serial else batch.roi_next,
+            "iterations": control.iterations,
+            "sums": sums.payload,
+            "cycles": control.cycles,
+        }
         m.d.comb += [
             self.o.valid.eq(control.done),
             control.taken.eq(self.o.ready),
-            result.v.eq(self.updater.v),
-            *(result[name].eq(batch[name]) for name in counted),
-            result.roi.eq(batch.roi),
-            result.roi_next.eq(self.roi_updater.roi_next if serial else batch.roi_next),
-            result.iterations.eq(control.iterations),
-            result.sums.eq(sums.payload),
-            result.cycles.eq(control.cycles),
+            *(result[name].eq(found[name]) for name in result.shape().members if name != "flags"),
             *(result.flags[flag.bit_length() - 1].eq(value) for flag, value in flags.items()),
         ]
         m.d.comb += [

@@ -8,7 +8,7 @@ import numpy as np
 from cocotb.triggers import ClockCycles
 
 from cmfpga.events.arrays import Events
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.words import encode, swap_halves
 from cmfpga.reference.wire import BatchEnds, Beat, to_beats
 from cmfpga.rtl.axi.top import KV260Top

@@ -3,9 +3,9 @@
 import numpy as np
 import torch
 
-from cmfpga.engines.rtl import schedule_table, settings_values
 from cmfpga.events.arrays import Events
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.wire import BatchEnds, decode, sensor_gate, split_batches
 

@@ -56,7 +56,7 @@ class RoiUpdater(wiring.Component):
                 "x": In(config.geometry.x_bits),
                 "y": In(config.geometry.y_bits),
                 "v": In(payloads.velocity(config)),
-                "roi_gain": In(config.formats.roi_gain.width),
+                "roi_gain": In(payloads.Fixed(config.formats.roi_gain)),
                 "roi": Out(payloads.roi_corner(config)),
                 "roi_next": Out(payloads.roi_corner(config)),
                 "clamped": Out(1),

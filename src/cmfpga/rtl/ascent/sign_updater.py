@@ -20,7 +20,7 @@ class SignUpdater(wiring.Component):
 
     Members
     -------
-    i : ``In``, flow of a :func:`payloads.vector` of ``g_bits``
+    i : ``In``, flow of :func:`payloads.gradient`
     new_batch : ``In(1)``
         A batch begins: forget ``saturated``.
     load : ``In(1)``
@@ -42,7 +42,7 @@ class SignUpdater(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.vector(config.widths.g_bits))),
+                "i": In(payloads.flow(payloads.gradient(config))),
                 "new_batch": In(1),
                 "load": In(1),
                 "start": In(payloads.velocity(config)),

@@ -24,7 +24,7 @@ class Updater(wiring.Component):
 
     Members
     -------
-    i : ``In``, flow of a :func:`payloads.vector` of ``g_bits``
+    i : ``In``, flow of :func:`payloads.gradient`
         At least two cycles apart.
     new_batch : ``In(1)``
         A batch begins: forget ``saturated``.
@@ -47,11 +47,11 @@ class Updater(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.vector(config.widths.g_bits))),
+                "i": In(payloads.flow(payloads.gradient(config))),
                 "new_batch": In(1),
                 "load": In(1),
                 "start": In(payloads.velocity(config)),
-                "eta": In(config.formats.eta.width),
+                "eta": In(payloads.Fixed(config.formats.eta)),
                 "v": Out(payloads.velocity(config)),
                 "updating": Out(1),
                 "done": Out(1),
