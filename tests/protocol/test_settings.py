@@ -1,30 +1,12 @@
-"""Settings, flags and results of a batch."""
-
-import dataclasses
+"""Settings of a batch."""
 
 import numpy as np
 import pytest
 
 from cmfpga.config import Config
 from cmfpga.fixed import Q
-from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
-from cmfpga.protocol.trace import Trace
 from cmfpga.reference.roi_follower import RoiFollower
-
-
-def test_flags_have_the_bits_of_the_hardware():
-    assert {flag.name: flag.value for flag in Flag} == {
-        "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
-        "SCHEDULE": 128, "THINNED": 256,
-    }  # fmt: skip
-
-
-def test_flags_as_text():
-    assert Flag(0).text == ""
-    assert Flag.OVERFLOW.text == "overflow"
-    assert Flag(511).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped|schedule|thinned"
-    assert (Flag.ROI_CLAMPED | Flag.DEGENERATE).text == "degenerate|roi_clamped"
 
 
 @pytest.mark.parametrize(
@@ -44,19 +26,6 @@ def test_settings_of_a_configuration(start, start_last, v_start):
 def test_settings_are_rounded_to_the_nearest():
     config = Config(eta=1.0 + 0.6 / 1024, roi_gain=1.0 + 0.4 / 16)
     assert (BatchSettings.from_config(config).eta, BatchSettings.from_config(config).roi_gain) == (1025, 16)
-
-
-def test_traces_are_compared_by_all_their_values():
-    def trace(**changes):
-        fields = {"v": np.zeros((2, 2)), "sum_i": np.zeros(1), "sum_d": np.zeros((1, 2)), "s": np.zeros((1, 2))}
-        return Trace(**{**fields, **changes})
-
-    assert trace() == trace()
-    assert trace() != "trace"
-    for field in dataclasses.fields(Trace):
-        values = getattr(trace(), field.name)
-        assert trace(**{field.name: values + 1}) != trace()
-        assert trace(**{field.name: values[:0]}) != trace()
 
 
 def crop_position(config, raw):

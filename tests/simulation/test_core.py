@@ -12,6 +12,7 @@ from cmfpga.engines.rtl import to_batch_result
 from cmfpga.engines.verilated import VerilatedCore
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, clamp_roi, schedule_table, settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.top import VerilogCore
@@ -98,9 +99,10 @@ def run_both(core, model, t, x, y, settings, **options):
 
 def assert_same(rtl, model):
     """Equal in everything but the cycle count, which only the RTL has."""
-    for name in vars(model):
-        if name != "cycles":
-            assert getattr(rtl, name) == getattr(model, name), name
+    for field in fields_of("batch", "region"):
+        if field.name != "cycles":
+            assert getattr(rtl, field.name) == getattr(model, field.name), field.name
+    assert rtl.trace == model.trace
 
 
 def test_adversarial_batches_back_to_back(pair, rng):

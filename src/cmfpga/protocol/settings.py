@@ -155,13 +155,14 @@ def _plan_high(config):
 
 def _plan(name, word, without, first):
     """A schedule; ``first(config, settings)`` is its first entry in the table."""
-    doc = f"schedule of a batch {without} a last v: entries of SCHEDULE"
+    doc = f"schedule of a batch {without} a last v"
     return Setting(
         name=name, shape=_plan_shape, high=_plan_high, when=by_signs, default=(), doc=doc,
         asked=lambda config: getattr(config, f"{name}_schedule") if by_signs(config) else (),
         raw=lambda config, settings: (first(config, settings), len(getattr(settings, name))),
         places=(
-            Place(word=word, part="_first", field="FIRST", width=16, doc="first entry", register_doc=doc),
+            Place(word=word, part="_first", field="FIRST", width=16, doc="first entry",
+                  register_doc=f"{doc}: entries of SCHEDULE"),
             Place(word=word, part="_count", field="COUNT", lsb=16, width=16,
                   doc="number of entries; 0: a degenerate batch"),
         ),
@@ -173,14 +174,16 @@ _ROI = "position of the ROI, for ROI_LOAD; limited to the sensor, with the flag 
 #: In the order of the Verilog ports. Words of the registers' group are given by ``places`` and never change.
 SETTINGS = (
     Setting(name="roi_load", shape=lambda c: whole(1), raw=lambda c, s: s.roi is not None,
-            doc="1: at ROI, instead of where the last one moved it; cleared when used",
+            doc="1: crop the batch at the ROI that is given; 0: where the last one moved it",
             places=(Place(word=5, field="LOAD", width=1, access="flag",
+                          doc="1: at ROI, instead of where the last one moved it; cleared when used",
                           register_doc="where the next batch is cropped"),)),
     Setting(name="roi_x", shape=lambda c: whole(c.geometry.x_bits), raw=lambda c, s: (s.roi or (0, 0))[0],
-            doc="left column", unit="px", places=(Place(word=4, register="ROI", field="X", width=16,
-                                                        register_doc=_ROI),)),
+            doc="left column of the ROI, limited to the sensor", unit="px",
+            places=(Place(word=4, register="ROI", field="X", width=16, doc="left column", register_doc=_ROI),)),
     Setting(name="roi_y", shape=lambda c: whole(c.geometry.y_bits), raw=lambda c, s: (s.roi or (0, 0))[1],
-            doc="top row", unit="px", places=(Place(word=4, register="ROI", field="Y", lsb=16, width=16),)),
+            doc="top row of the ROI, limited to the sensor", unit="px",
+            places=(Place(word=4, register="ROI", field="Y", lsb=16, width=16, doc="top row"),)),
     Setting(name="batch_events", high=lambda c: c.max_batch_events, blocks="core and shell", raw=lambda c, s: 0,
             doc="end a batch after so many events; 0: not by their number", unit="events", places=(Place(word=0),)),
     Setting(name="batch_roi_events", high=lambda c: c.buffer_events, raw=lambda c, s: 0, unit="events",
@@ -203,12 +206,14 @@ SETTINGS = (
     Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain,
             doc="displacement of the ROI per v, raw", places=(Place(word=6),)),
     Setting(name="start_last", shape=lambda c: whole(1), asked=lambda c: c.start == "last", reset=1,
-            doc="1: the last batch's v; 0: V_START_X, V_START_Y",
+            doc="1: start from the last batch's v; 0: from the start velocity",
             places=(Place(word=7, register="START_MODE", field="LAST", width=1,
+                          doc="1: the last batch's v; 0: V_START_X, V_START_Y",
                           register_doc="start velocity of a batch"),)),
     Setting(name="v_start", shape=lambda c: pair(c.formats.v), asked=_start, doc="start velocity, raw",
-            places=(Place(word=8, register="V_START_X", part="_x", doc="start velocity along x, raw"),
-                    Place(word=9, register="V_START_Y", part="_y", doc="start velocity along y, raw"))),
+            unit="px/half batch",
+            places=(Place(word=8, register="V_START_X", part="_x", unit="", doc="start velocity along x, raw"),
+                    Place(word=9, register="V_START_Y", part="_y", unit="", doc="start velocity along y, raw"))),
     Setting(name="min_roi_events", field="min_roi_events", high=lambda c: c.buffer_events, places=(Place(word=10),)),
     _plan("cold", 15, "without", lambda c, s: 0),
     _plan("warm", 16, "with", lambda c, s: len(s.cold) % c.schedule_entries),
