@@ -179,14 +179,19 @@ def formats_table():
 
 
 def latencies_table():
-    fast, paper = (elaborated(preset(name)).latencies for name in BOTH)
-    rows = [(block_file(name), fast.get(name, ""), paper.get(name, "")) for name in THROUGHPUT if name in fast | paper]
+    cores = [elaborated(preset(name)) for name in BOTH]
+    rows = []
+    for name in THROUGHPUT:
+        latencies = [core.latencies.get(name, "") for core in cores]
+        if any(latencies):
+            files = dict.fromkeys(block_file(core.blocks[name]) for core in cores if name in core.blocks)
+            rows.append((", or ".join(files), *latencies))
     return table(("block", "`fast`", "`paper`"), rows, right=(1, 2))
 
 
-def block_file(name):
-    """The block's file; two updaters share a name in the core."""
-    return f"`src/cmfpga/rtl/{name}.py`" if name != "updater" else "`updater.py`, or `sign_updater.py`"
+def block_file(block):
+    """Where the block stands, below ``src``."""
+    return f"`{type(block).__module__.replace('.', '/')}.py`"
 
 
 def constants_table():

@@ -159,7 +159,7 @@ def test_the_limit_of_63_bits_is_exact():
     accepted = []
     for frac in range(4, 33):
         try:
-            accepted.append(max(Config(gradient_frac=frac, eta_frac=16).exact_widths.values()))
+            accepted.append(max(Config(gradient_frac=frac, eta_frac=16).widths.exact.values()))
         except ConfigError as error:
             assert accepted[-1] == 63 and "needs 64 bits" in str(error)
             break
