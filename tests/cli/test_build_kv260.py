@@ -10,7 +10,7 @@ import pytest
 
 from cmfpga import build
 from cmfpga.config import Config
-from cmfpga.engines.verilated import verilator_root
+from cmfpga.verilog.compile import verilator_root
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL
 from cmfpga.verilog.emit import AXI_TOP, sha256

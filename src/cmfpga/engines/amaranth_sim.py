@@ -9,15 +9,17 @@ from .rtl import RtlEngine, schedule_table, settings_values
 
 
 class AmaranthEngine(RtlEngine):
-    """Runs :class:`cmfpga.rtl.core.Core` itself; the results and cycle counts are those of the emitted Verilog."""
+    """Runs :class:`cmfpga.rtl.core.Core` itself; the results and cycle counts are those of the emitted Verilog.
 
-    note = (
-        "no C++ compiler found: using Amaranth's simulator, about 5,000 clock cycles a second "
-        "(install g++ or clang++ for a thousand times that)"
-    )
+    ``why`` says in the note what keeps the Verilog from being compiled.
+    """
 
-    def __init__(self, config):
+    def __init__(self, config, why="no C++ compiler found"):
         super().__init__(config)
+        self.note = (
+            f"{why}: using Amaranth's simulator, about 5,000 clock cycles a second "
+            "(install g++ or clang++ for a thousand times that)"
+        )
         self._core = Core(config)
         self._job = None  # (events, settings, table of schedules) of the batch to simulate
         self._outcome = None

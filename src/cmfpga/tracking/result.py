@@ -52,7 +52,7 @@ def track(
         where the object is in its middle.
     preset : str
         Configuration to begin with.
-    engine : {"rtl", "model", "float"}
+    engine : {"rtl", "axi", "model", "float"}
         As ``--engine`` of the command.
     batch_events, batch_us, batch_roi_events : int, optional
         One of them: events of the whole sensor (default: 5000), µs, or events in the ROI.
@@ -303,7 +303,7 @@ class Tracking:
         write_page(self._kept, path, clock_mhz=clock_mhz)
 
     def trace(self, batch):
-        """Every intermediate of a batch: :class:`~cmfpga.tracking.trace.BatchTrace`. Needs torch.
+        """Every intermediate of a batch: :class:`~cmfpga.tracking.trace.BatchTrace`. Needs torch; not with engine ``axi``.
 
         The batch's events are read again from the recording.
 
