@@ -61,7 +61,7 @@ def track(
     sensor : (int, int), optional
         Width and height of the sensor, px; goes before what the file says.
     time_unit : {"s", "ms", "us", "ns"}, optional
-        Of the file's time stamps; goes before what the file says.
+        Of the time stamps; goes before what the file says, and before the µs of events in memory.
     **fields
         Fields of the configuration to change, such as ``eta=0.5``.
 
@@ -155,7 +155,7 @@ class Source:
         elif isinstance(recording, Events):
             if sensor is None:
                 raise ConfigError("sensor: (width, height) in px is needed with events in memory")
-            recording = MemoryRecording(recording, *sensor)
+            recording = MemoryRecording(recording, *sensor, time_unit=time_unit)
         elif not isinstance(recording, (Recording, str, os.PathLike)):
             raise RecordingError(f"{type(recording).__name__}: a path, a Recording, Events or Synthetic is needed")
         self._recording = recording
