@@ -16,12 +16,12 @@ from cmfpga import engines
 from cmfpga.config import Config, preset
 from cmfpga.engines import ENGINES, check_roi, library, make_engine, rtl, verilated
 from cmfpga.engines.amaranth_sim import AmaranthEngine
-from cmfpga.verilog.compile import compile_library
 from cmfpga.engines.model import ModelEngine
 from cmfpga.engines.verilated import VerilatedCore, VerilatedEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.verilog.compile import compile_library
 from cmfpga.verilog.emit import cache_folder
 
 # The hardware of tests/cli too, so that one compilation serves both.
@@ -104,7 +104,8 @@ def sequence(rng):
         ("v out of its range", make_events(rng, 80), settings((8, 8), eta=CONFIG.formats.eta.max, iterations=15,
                                                               roi_gain=0), Flag.SATURATED),
         ("ends of v", make_events(rng, 80), settings((8, 8), start_last=False, roi_gain=0,
-                                                     v_start=(CONFIG.formats.v.max, CONFIG.formats.v.min)), Flag.SATURATED),
+                                                     v_start=(CONFIG.formats.v.max, CONFIG.formats.v.min)),
+         Flag.SATURATED),
         ("to the sensor's edge", make_events(rng, 80), settings((8, 8), v_start=(-30000, 30000), start_last=False,
                                                                 roi_gain=CONFIG.formats.roi_gain.max),
          Flag.ROI_CLAMPED),
@@ -192,7 +193,7 @@ def test_random_batches(verilated_engine, rng):
 
 
 def test_amaranth_simulates_the_fast_hardware_too(rng):
-    """Signs, levels, dither, one pass; schedules that change from batch to batch. (tests/simulation has its Verilog.)"""
+    """Signs, levels, dither, one pass; schedules that change from batch to batch. (Its Verilog: tests/simulation.)"""
     config = preset("fast").replace(**HARDWARE, iterations=3, cold="2:1*2 1:0 0:-1", warm="1:0 0:-2")
     simulated, model = AmaranthEngine(config), ModelEngine(config)
     other = config.replace(cold="0:0*3", warm="0:-1*5 1:-2")
@@ -372,7 +373,7 @@ def test_without_a_compiler_amaranth_simulates(monkeypatch, rng):
     assert type(engine) is AmaranthEngine and engine.name == "rtl"
     assert engine.note.startswith("no C++ compiler found: using Amaranth's simulator")
     result = engine.run(make_events(rng, 30), settings((8, 8)))
-    assert result.cycles == engine._core.cycles(events=30, roi_events=result.roi_events, iterations=3)
+    assert result.cycles == engine.core.cycles(events=30, roi_events=result.roi_events, iterations=3)
     engine.close()
 
 

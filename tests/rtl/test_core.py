@@ -5,7 +5,7 @@ import itertools
 import pytest
 from amaranth.hdl import Module, ResetInserter, Signal
 
-from cmfpga.config import Config
+from cmfpga.config import ASCENTS, Config
 from cmfpga.protocol.batch import BatchSettings, Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
@@ -196,6 +196,16 @@ def test_cycle_formula_is_exact(name, iterations, rng):
         assert outcome.result["cycles"] == outcome.done - outcome.opened == wanted
     assert core.iteration_latency + core.sweep_cycles == per_iteration(config)
     assert core.batch_latency == constant_cycles(config)
+
+
+@pytest.mark.parametrize("max_level", [0, 2])
+@pytest.mark.parametrize("roi_height", [16, 15])
+@pytest.mark.parametrize("ascent", ASCENTS)
+def test_the_configuration_knows_the_latency_of_one_pass(max_level, roi_height, ascent):
+    """The rule on ``tag_bits`` relies on it."""
+    changes = {"gradient": "one_pass", "roi_width": 16, "roi_height": roi_height}
+    config = Config(**changes, max_level=max_level, ascent=ascent)
+    assert Core(config).iteration_latency == config.one_pass_latency
 
 
 # ---------------------------------------------------------------- degenerate batches

@@ -5,8 +5,8 @@ import ctypes
 import numpy as np
 
 from ..rtl.top import VerilogCore
-from ..verilog.emit import cache_folder
 from ..verilog.compile import compile_library, is_sound, load, port_names
+from ..verilog.emit import cache_folder
 from .rtl import RtlEngine, schedule_table, settings_values
 
 
@@ -248,6 +248,10 @@ class VerilatedEngine(RtlEngine):
     def __init__(self, config):
         super().__init__(config)
         self._core = VerilatedCore(config)
+
+    @property
+    def core(self):
+        return self._core.core
 
     def _simulate(self, events, settings):
         values = settings_values(self.config, settings)

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..driver.backend import Backend
 from ..driver.errors import DeviceError, DeviceTimeout
-from ..verilog.compile import compile_axi_library, load
 from ..rtl.axi.top import KV260Top
+from ..verilog.compile import compile_axi_library, load
 
 #: Clock cycles after which a register access is given up.
 ACCESS_CYCLES = 1000

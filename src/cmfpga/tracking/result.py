@@ -303,7 +303,7 @@ class Tracking:
         write_page(self._kept, path, clock_mhz=clock_mhz)
 
     def trace(self, batch):
-        """Every intermediate of a batch: :class:`~cmfpga.tracking.trace.BatchTrace`. Needs torch; not with engine ``axi``.
+        """Every intermediate of a batch: :class:`~cmfpga.tracking.trace.BatchTrace`. Needs torch; not for ``axi``.
 
         The batch's events are read again from the recording.
 

@@ -13,9 +13,9 @@ from pathlib import Path
 
 from filelock import FileLock
 
+from ..engines.rtl import COMPILERS, find_compiler
 from ..errors import ConfigError
 from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
-from ..engines.rtl import COMPILERS, find_compiler
 
 
 class CompilerError(ConfigError):
