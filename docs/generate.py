@@ -5,7 +5,7 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
     python docs/generate.py            rewrite them
     python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
 
-The resource estimates are those that ``python tests/support/baselines.py`` measured last.
+The resource estimates are those that ``PYTHONPATH=tests python -m support.baselines`` measured last.
 """
 
 import argparse
