@@ -75,7 +75,7 @@ def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
 
 #: Schedules of random batches, some of them part of another; steps so large that v saturates, and v's unit.
 PLANS = tuple(
-    parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].v, entries=4)
+    parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4)
     for text in ("0:-2", "2:2 0:-6", "1:0*2 0:4", "2:1 1:-1 0:-3 0:-5", "0:-3 0:-5", "1:4*2")
 )
 
