@@ -14,13 +14,14 @@ from amaranth.hdl import Signal
 
 from cmfpga import engines
 from cmfpga.config import Config, preset
-from cmfpga.engines import ENGINES, check_roi, library, make_engine, rtl, verilated
+from cmfpga.engines import ENGINES, check_roi, make_engine, rtl, verilated
 from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.model import ModelEngine
 from cmfpga.engines.verilated import VerilatedCore, VerilatedEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.verilog import compile as library
 from cmfpga.verilog.compile import compile_library
 from cmfpga.verilog.emit import cache_folder
 

@@ -189,7 +189,8 @@ class Config:
         if idle < self.fewest_idle_cycles:
             raise ConfigError(
                 f"tag_bits = {self.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
-                f"= {((1 << self.tag_bits) - 1) * idle}, at least the {self.geometry.bank_depth} words of a bank are needed"
+                f"= {((1 << self.tag_bits) - 1) * idle}, at least the "
+                f"{self.geometry.bank_depth} words of a bank are needed"
             )
 
     def _check_size(self, name, limit):
