@@ -5,7 +5,7 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
     python docs/generate.py            rewrite them
     python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
 
-The resource estimates are those that ``python tests/support/baselines.py`` measured last.
+The resource estimates are those that ``PYTHONPATH=tests python -m support.baselines`` measured last.
 """
 
 import argparse
@@ -135,20 +135,19 @@ def formats_table():
 
 
 def latencies_table():
-    both = [elaborated(preset(name)) for name in BOTH]
+    cores = [elaborated(preset(name)) for name in BOTH]
     rows = []
     for name in THROUGHPUT:
-        latencies = [core.latencies.get(name, "") for core in both]
+        latencies = [core.latencies.get(name, "") for core in cores]
         if any(latencies):
-            rows.append((block_files(core.blocks[name] for core in both if name in core.blocks), *latencies))
+            files = dict.fromkeys(block_file(core.blocks[name]) for core in cores if name in core.blocks)
+            rows.append((", or ".join(files), *latencies))
     return table(("block", "`fast`", "`paper`"), rows, right=(1, 2))
 
 
-def block_files(blocks):
-    """The files of one or two blocks that have the same place in the core."""
-    names = sorted({type(block).__module__ for block in blocks})
-    files = [f"`src/{names[0].replace('.', '/')}.py`", *(f"`{name.rpartition('.')[2]}.py`" for name in names[1:])]
-    return ", or ".join(files)
+def block_file(block):
+    """Where the block stands, below ``src``."""
+    return f"`{type(block).__module__.replace('.', '/')}.py`"
 
 
 def constants_table():

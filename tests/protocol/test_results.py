@@ -13,7 +13,6 @@ from cmfpga.protocol.results import (
     COUNTS,
     PACKET_BEATS,
     RESULTS,
-    BatchOutcome,
     BatchResult,
     RegionOutcome,
     WireResult,
@@ -97,8 +96,8 @@ def test_a_raw_result_is_read():
 
 
 def test_fields_of_the_only_region_are_the_outcomes_too():
-    outcome = BatchOutcome(**BATCH, **REGION)
-    assert outcome == BatchOutcome(**BATCH, regions=(RegionOutcome(**REGION),))
+    outcome = BatchResult(**BATCH, **REGION)
+    assert outcome == BatchResult(**BATCH, regions=(RegionOutcome(**REGION),))
     assert outcome.v == outcome.regions[0].v == (1.5, -0.25) and outcome.cycles is None and outcome.t_first is None
     assert outcome.events == sum(getattr(outcome, name) for name in COUNTS)
     moved = dataclasses.replace(outcome, roi=(7, 7), span=9)
@@ -110,7 +109,7 @@ def test_fields_of_the_only_region_are_the_outcomes_too():
 
 def test_of_several_regions_each_has_its_own():
     region = RegionOutcome(**REGION)
-    outcome = BatchOutcome(**BATCH, regions=(region, dataclasses.replace(region, v=(0.0, 0.0))))
+    outcome = BatchResult(**BATCH, regions=(region, dataclasses.replace(region, v=(0.0, 0.0))))
     assert outcome.span == 100 and outcome.regions[1].v == (0.0, 0.0)
     with pytest.raises(AttributeError, match="v: the batch has 2 regions"):
         outcome.v  # noqa: B018
@@ -118,11 +117,11 @@ def test_of_several_regions_each_has_its_own():
 
 def test_a_field_that_is_missing_is_named():
     with pytest.raises(TypeError, match="span is missing"):
-        BatchOutcome(events=4, **REGION)
+        BatchResult(events=4, **REGION)
     with pytest.raises(TypeError, match="roi_next"):
-        BatchOutcome(**BATCH, **{name: value for name, value in REGION.items() if name != "roi_next"})
+        BatchResult(**BATCH, **{name: value for name, value in REGION.items() if name != "roi_next"})
     with pytest.raises(TypeError, match="speed"):
-        BatchOutcome(**BATCH, **REGION, speed=1)
+        BatchResult(**BATCH, **REGION, speed=1)
 
 
 def test_a_batch_without_events():

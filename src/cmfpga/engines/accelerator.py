@@ -7,6 +7,8 @@ from .base import Engine
 class AcceleratorEngine(Engine):
     """An accelerator with the checks, the empty batches and the ROI of :class:`cmfpga.engines.Engine`.
 
+    Its results are :class:`~.results.WireResult`, which have no trace.
+
     Parameters
     ----------
     accelerator : Accelerator

@@ -3,8 +3,6 @@
 import dataclasses
 from abc import ABC, abstractmethod
 
-import numpy as np
-
 from ..errors import ConfigError
 from ..protocol.results import BatchResult
 from ..protocol.settings import clamp_roi
@@ -69,6 +67,7 @@ class Engine(ABC):
         Returns
         -------
         BatchResult
+            Its trace is None from an accelerator, the engine ``axi``: only the result comes over the wire.
 
         Raises
         ------
@@ -91,8 +90,12 @@ class Engine(ABC):
 
     def _nothing(self, settings):
         """A batch without events never reaches the hardware; a new ROI waits for the next one."""
-        none = Trace(v=np.zeros((0, 2)), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
-        return BatchResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v, trace=none)
+        trace = Trace.without_iterations(self._trace_v())
+        return BatchResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v, trace=trace)
+
+    def _trace_v(self):
+        """v as a trace has it."""
+        return tuple(self.config.formats.v.raw(axis) for axis in self.v)
 
     @property
     @abstractmethod

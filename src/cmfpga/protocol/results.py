@@ -1,6 +1,6 @@
 """The result of a batch: each of its fields declared once, in :data:`RESULTS`.
 
-The core's output, its Verilog ports, the result packet, registers and counters, :class:`BatchOutcome` and the tables of
+The core's output, its Verilog ports, the result packet, registers and counters, :class:`BatchResult` and the tables of
 the documentation follow from that table. How to add a field: docs/adding.md.
 
 Imports neither Amaranth nor NumPy.
@@ -45,7 +45,7 @@ class ResultField:
     ----------
     name : str
         Of the member of :func:`cmfpga.rtl.payloads.result`, of the Verilog port behind ``result_``, of the link of its
-        registers' fields, and of the attribute of :class:`BatchOutcome`.
+        registers' fields, and of the attribute of :class:`BatchResult`.
     shape : callable
         ``shape(config)``.
     scope : str
@@ -157,7 +157,7 @@ RESULTS = (
                 doc="ROI that this batch was cropped with", places=corner(16)),
     ResultField(name="roi_next", shape=_corner, scope="region", taken_in=True, unit="px",
                 doc="ROI that the next batch is cropped with, unless it loads another", places=corner(17)),
-    ResultField(name="iterations", shape=lambda c: up_to(c.max_iterations), scope="region", doc="iterations done",
+    ResultField(name="iterations", shape=lambda c: whole(c.iteration_bits), scope="region", doc="iterations done",
                 places=(Place(word=2),)),
     ResultField(name="sums", shape=sums_shape, scope="region", default=None, nothing=(0,) * len(SUMS),
                 doc="sums of the last iteration; 0 in a degenerate batch", read=lambda *raw: raw,
@@ -238,14 +238,14 @@ class RegionOutcome(_record("_RegionFields", "region")):
 
 
 @dataclass(frozen=True, kw_only=True, init=False)
-class BatchOutcome(_record("_BatchFields", "batch")):
+class BatchResult(_record("_BatchFields", "batch")):
     """What came of one batch, wherever it was computed: the fields of :data:`RESULTS` with the scope ``batch``.
 
     ``events = roi_events + outside + overflow + thinned + time_back + time_span``, always: nothing is lost without
     being counted.
 
     While a batch has exactly one region, that region's fields are the outcome's too: ``outcome.v`` is
-    ``outcome.regions[0].v``, ``BatchOutcome(events=…, v=…)`` makes the region, and ``dataclasses.replace`` replaces
+    ``outcome.regions[0].v``, ``BatchResult(events=…, v=…)`` makes the region, and ``dataclasses.replace`` replaces
     them. Of several regions, reading such a field raises :exc:`AttributeError`.
 
     Parameters
@@ -282,13 +282,9 @@ class BatchOutcome(_record("_BatchFields", "batch")):
         return cls(**{f.name: f.nothing for f in fields_of(*scopes)} | values)
 
 
-class BatchResult(BatchOutcome):
-    """A :class:`BatchOutcome` of an engine that shows the iterations: its regions have a trace."""
-
-
 @dataclass(frozen=True, kw_only=True, init=False)
-class WireResult(BatchOutcome, _record("_WrapperFields", "wrapper")):
-    """What a result packet carries: a :class:`BatchOutcome`, and the fields of :data:`RESULTS` of the AXI top alone.
+class WireResult(BatchResult, _record("_WrapperFields", "wrapper")):
+    """What a result packet carries: a :class:`BatchResult`, and the fields of :data:`RESULTS` of the AXI top alone.
 
     ``batch`` is 0 of a batch without events, which never reaches the hardware. Time stamps are modulo 2^32.
     """

@@ -27,6 +27,13 @@ class Trace:
         )
 
     @classmethod
+    def without_iterations(cls, v):
+        """Of a batch that leaves the velocity at ``v``: T = 0."""
+        v = np.array([v])
+        none = np.zeros((0, 2), v.dtype)
+        return cls(v=v, sum_i=none[:, 0], sum_d=none, s=none)
+
+    @classmethod
     def of_ports(cls, config, rows, v):
         """Of the trace ports' values, int64 [T, :func:`columns`], and the raw v of the result."""
         column = dict(zip(columns(config), np.asarray(rows).T, strict=True))

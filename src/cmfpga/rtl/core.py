@@ -6,7 +6,6 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
-from ..errors import ConfigError
 from ..protocol.flags import Flag
 from ..protocol.results import RESULTS
 from . import payloads
@@ -67,11 +66,6 @@ class Core(wiring.Component):
         Every iteration's images as the sweep reads them, for verification. Only with ``gradient="sweep"``.
     schedule_write : ``In``, flow of :func:`payloads.schedule_write`
         Fills the table of schedules. Only with ``ascent="sign"``.
-
-    Raises
-    ------
-    ConfigError
-        ``tag_bits`` are too few for the sweep to pass every word before a tag comes back.
     """
 
     def __init__(self, config):
@@ -116,12 +110,6 @@ class Core(wiring.Component):
         self.drain = self.roi_filter.latency + self.thinner.latency + 1
         self._feed = self.event_buffer.latency + self.time_scaler.latency + (self.dither.latency if self.dither else 0)
         self._evaluate = summing + self.gradient.latency + self.updater.latency
-        if self.one_pass and not TaggedAccumulator.enough_idle_cycles(config, self.iteration_latency):
-            raise ConfigError(
-                f"tag_bits = {config.tag_bits}: (2^tag_bits − 1) · {self.iteration_latency} idle cycles an iteration "
-                f"= {((1 << config.tag_bits) - 1) * self.iteration_latency}, at least the "
-                f"{config.geometry.bank_depth} words of a bank are needed"
-            )
         self.batch_control = BatchControl(
             config,
             drain=self.drain,
