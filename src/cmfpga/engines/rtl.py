@@ -42,8 +42,6 @@ class RtlEngine(Engine):
 
     Attributes
     ----------
-    ports : dict of str to int
-        Result ports of the last batch, by name without ``result_``.
     core : Core or VerilogCore
         Knows how many cycles a batch takes.
     """
@@ -53,7 +51,6 @@ class RtlEngine(Engine):
     def __init__(self, config):
         super().__init__(config)
         self._v = (0.0, 0.0)
-        self.ports = {}
 
     @property
     def v(self):
@@ -61,7 +58,6 @@ class RtlEngine(Engine):
 
     def _run(self, events, settings):
         result, trace = self._simulate(events, settings)
-        self.ports = result
         batch = to_batch_result(self.config, result, trace)
         self._v = batch.v
         return batch

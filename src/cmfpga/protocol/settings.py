@@ -59,7 +59,7 @@ class Setting:
     raw : callable, optional
         ``raw(config, settings)``: the input's value, where it is not that of :class:`BatchSettings`; a setting without
         ``field``, ``asked`` and ``default`` is none of its fields.
-    blocks : str
+    blocks : tuple of str
         ``core``, ``shell`` (where batches end, in the AXI top), or both.
     when : callable
         ``when(config)``: whether the hardware has the input.
@@ -80,7 +80,7 @@ class Setting:
     asked: Callable | None = None
     default: Any = REQUIRED
     raw: Callable | None = None
-    blocks: str = "core"
+    blocks: tuple = ("core",)
     when: Callable = always
     shown: Callable = always
     places: tuple = ()
@@ -184,14 +184,14 @@ SETTINGS = (
     Setting(name="roi_y", shape=lambda c: whole(c.geometry.y_bits), raw=lambda c, s: (s.roi or (0, 0))[1],
             doc="top row of the ROI, limited to the sensor", unit="px",
             places=(Place(word=4, register="ROI", field="Y", lsb=16, width=16, doc="top row"),)),
-    Setting(name="batch_events", high=lambda c: c.max_batch_events, blocks="core and shell", raw=lambda c, s: 0,
+    Setting(name="batch_events", high=lambda c: c.max_batch_events, blocks=("core", "shell"), raw=lambda c, s: 0,
             doc="end a batch after so many events; 0: not by their number", unit="events", places=(Place(word=0),)),
     Setting(name="batch_roi_events", high=lambda c: c.buffer_events, raw=lambda c, s: 0, unit="events",
             doc="end a batch after so many stored ROI events; 0: not by their number", places=(Place(word=1),)),
-    Setting(name="duration", high=lambda c: (1 << c.span_bits) - 1, blocks="shell", raw=lambda c, s: 0, unit="µs",
+    Setting(name="duration", high=lambda c: (1 << c.span_bits) - 1, blocks=("shell",), raw=lambda c, s: 0, unit="µs",
             doc="end a batch before the event that is so much later than its first; 0: not by time",
             places=(Place(word=2, register="BATCH_DURATION"),)),
-    Setting(name="by_tlast", shape=lambda c: whole(1), blocks="shell", raw=lambda c, s: 0, reset=1,
+    Setting(name="by_tlast", shape=lambda c: whole(1), blocks=("shell",), raw=lambda c, s: 0, reset=1,
             doc="end a batch with TLAST",
             places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
                           register_doc="batches and TLAST"),)),
@@ -225,56 +225,52 @@ def settings_of(config, block):
     return tuple(setting for setting in SETTINGS if block in setting.blocks and setting.when(config))
 
 
-class _FromConfig:
-    """What :class:`BatchSettings` has beside its fields."""
+_OfBatch = dataclasses.make_dataclass(
+    "_OfBatch",
+    [
+        (s.name, Any) if s.default is REQUIRED else (s.name, Any, dataclasses.field(default=s.default))
+        for s in SETTINGS
+        if s.of_batch
+    ],
+    namespace={"__module__": __name__},
+    frozen=True,
+    kw_only=True,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchSettings(_OfBatch):
+    """Run-time inputs of the hardware for one batch, as raw integers of their formats.
+
+    The fields are ``roi`` and those settings of :data:`SETTINGS` that tools choose.
+
+    Parameters
+    ----------
+    roi : pair of int, or None
+        Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
+    iterations : int
+        T.
+    eta, roi_gain : int
+        Raw ``config.formats.eta`` and ``config.formats.roi_gain``.
+    start_last : bool
+        Start from the last batch's v; otherwise from ``v_start``.
+    v_start : pair of int
+        Raw ``config.formats.v``.
+    min_roi_events : int
+        Fewer ROI events make the batch degenerate.
+    thinning, thin_target : int
+        Store one ROI event in ``thinning``; or, with a target other than 0, in as many as would have brought the last
+        batch's ROI events down to it.
+    cold, warm : tuple of ScheduleEntry
+        Sign ascent: the iterations of a batch without, and with, a last v; they replace ``iterations`` and ``eta``.
+    """
+
+    roi: tuple[int, int] | None
 
     @classmethod
     def from_config(cls, config, roi=None):
         """The settings that ``config``'s run-time fields ask for."""
         return cls(roi=roi, **{setting.name: setting.ask(config) for setting in SETTINGS if setting.of_batch})
-
-
-BatchSettings = dataclasses.make_dataclass(
-    "BatchSettings",
-    [
-        ("roi", tuple),
-        *(
-            (setting.name, Any)
-            if setting.default is REQUIRED
-            else (setting.name, Any, dataclasses.field(default=setting.default))
-            for setting in SETTINGS
-            if setting.of_batch
-        ),
-    ],
-    bases=(_FromConfig,),
-    namespace={"__module__": __name__},
-    frozen=True,
-    kw_only=True,
-)
-BatchSettings.__doc__ = """Run-time inputs of the hardware for one batch, as raw integers of their formats.
-
-The fields are ``roi`` and those settings of :data:`SETTINGS` that tools choose.
-
-Parameters
-----------
-roi : pair of int, or None
-    Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
-iterations : int
-    T.
-eta, roi_gain : int
-    Raw ``config.formats.eta`` and ``config.formats.roi_gain``.
-start_last : bool
-    Start from the last batch's v; otherwise from ``v_start``.
-v_start : pair of int
-    Raw ``config.formats.v``.
-min_roi_events : int
-    Fewer ROI events make the batch degenerate.
-thinning, thin_target : int
-    Store one ROI event in ``thinning``; or, with a target other than 0, in as many as would have brought the last
-    batch's ROI events down to it.
-cold, warm : tuple of ScheduleEntry
-    Sign ascent: the iterations of a batch without, and with, a last v; they replace ``iterations`` and ``eta``.
-"""
 
 
 def settings_values(config, settings):
