@@ -15,8 +15,8 @@ from cmfpga import bench, cli
 from cmfpga.bench.opponents import c_program, report
 from cmfpga.bench.opponents.workloads import make_workload
 from cmfpga.config import preset
-from cmfpga.engines.rtl import find_compiler
 from cmfpga.rtl.core import Core
+from cmfpga.verilog.compiler import find_compiler
 
 PAGE = Path(__file__).parents[2] / "docs" / "bench.md"
 

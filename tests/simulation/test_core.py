@@ -10,12 +10,12 @@ from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.crosscheck.batches import PATTERNS, random_schedules, random_settings, times
 from cmfpga.engines.rtl import to_batch_result
-from cmfpga.engines.verilated import VerilatedCore
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
 from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.simulation.core import VerilatedCore
 
 NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
 CONFIGS = {

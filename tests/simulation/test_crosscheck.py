@@ -7,10 +7,9 @@ import re
 import numpy as np
 import pytest
 
-from cmfpga import crosscheck
+from cmfpga import crosscheck, engines
 from cmfpga.config import ASCENTS, GRADIENTS, Config
 from cmfpga.crosscheck.configs import assignments, random_config
-from cmfpga.engines import rtl
 from cmfpga.reference.integer import core as model
 
 
@@ -43,7 +42,7 @@ def test_all_of_a_configuration_is_drawn():
 
 @pytest.fixture
 def no_compiler(monkeypatch):
-    monkeypatch.setattr(rtl, "find_compiler", lambda: None)
+    monkeypatch.setattr(engines, "find_compiler", lambda: None)
     monkeypatch.setattr("cmfpga.crosscheck.compare.find_compiler", lambda: None)
 
 

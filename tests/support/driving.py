@@ -7,11 +7,11 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.engines.model import ModelEngine
-from cmfpga.engines.rtl import find_compiler
 from cmfpga.events import Events
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.verilog.compiler import find_compiler
 
 SMALL = {"sensor_width": 48, "sensor_height": 32, "roi_width": 16, "roi_height": 16, "buffer_events": 64}
 CONFIG = preset("fast").replace(**SMALL)

@@ -13,7 +13,6 @@ import torch
 import cmfpga
 from cmfpga import track as command_module
 from cmfpga.config import DEFAULT_PRESET
-from cmfpga.engines import rtl
 from cmfpga.errors import ConfigError, RecordingError, UserError
 from cmfpga.events import Events, MemoryRecording, generate, open_recording, write_hdf5
 from cmfpga.protocol.flags import Flag
@@ -22,6 +21,7 @@ from cmfpga.reference import floating
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.tracking.loop import COLUMNS
 from cmfpga.tracking.trace import BatchTrace
+from cmfpga.verilog.compiler import find_compiler
 
 # The hardware of tests/cli/conftest.py, with both ascents.
 PAPER = {
@@ -37,7 +37,7 @@ ENGINES = ["rtl", "model", "float"]
 
 
 def follow(recording, engine="model", config=PAPER, **options):
-    if engine == "rtl" and rtl.find_compiler() is None:
+    if engine == "rtl" and find_compiler() is None:
         pytest.skip("no C++ compiler")
     return cmfpga.track(recording, roi=(8, 9), batch_events=90, engine=engine, **{**config, **options})
 
@@ -203,7 +203,7 @@ def test_every_intermediate_is_that_of_the_model(dot, engine, config):
 def test_images_are_those_that_the_verilog_sweeps(dot):
     """The emitted Verilog's own memories, word by word."""
     tracking = follow(dot, "rtl")
-    from cmfpga.engines.verilated import VerilatedCore
+    from cmfpga.simulation.core import VerilatedCore
 
     core = VerilatedCore(tracking.config)
     start = (8, 9)

@@ -15,9 +15,9 @@ from tqdm import tqdm
 
 from .. import __version__, cli
 from ..config import preset
-from ..engines.rtl import find_compiler
 from ..errors import ConfigError
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
+from ..verilog.compiler import find_compiler
 from .opponents import Job, make_programs
 from .opponents.report import table
 from .opponents.timing import Times, side_by_side
@@ -242,7 +242,7 @@ def _one_iteration_less(settings):
 
 @cache
 def _simulated(config):
-    from ..engines.verilated import VerilatedCore
+    from ..simulation.core import VerilatedCore
 
     return VerilatedCore(config)
 

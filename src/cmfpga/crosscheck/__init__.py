@@ -39,7 +39,7 @@ def _parser():
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
-    from ..engines.rtl import find_compiler
+    from ..verilog.compiler import find_compiler
     from .compare import check  # loads torch, or says what to install
 
     count = options.configs or (None if options.seconds else 5)

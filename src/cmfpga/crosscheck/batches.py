@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..config.schedule import ScheduleEntry
+from ..events import Events
 from ..protocol.settings import BatchSettings, clamp_roi
 
 PATTERNS = {}
@@ -129,6 +130,14 @@ def times(config, rng, n):
         at = rng.integers(n, size=3)
         t[at] -= rng.integers(1, 500, size=3)
     return t
+
+
+def random_events(config, rng, roi, name=None):
+    """``(name, events)`` of a pattern, by default a random one; no longer than a batch may be."""
+    name = name or str(rng.choice(list(PATTERNS)))
+    x, y = PATTERNS[name](config, rng, roi)
+    columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
+    return name, Events(*(column[: config.max_batch_events] for column in columns))
 
 
 def random_settings(config, rng, previous_roi):

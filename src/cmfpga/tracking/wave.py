@@ -16,11 +16,12 @@ from vcd import VCDWriter
 from vcd.gtkw import GTKWSave
 
 from ..engines import AXI
-from ..engines.rtl import find_compiler, to_batch_result
+from ..engines.rtl import to_batch_result
 from ..errors import ConfigError
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
 from ..rtl.payloads import Fixed
 from ..rtl.top import VerilogCore, flatten
+from ..verilog.compiler import find_compiler
 from .replay import Replay
 
 #: Top scope of the file.
@@ -111,7 +112,7 @@ class Waves:
     ----------
     probes : list of Probe
     cycles, ports, values : int arrays
-        See :meth:`cmfpga.engines.verilated.VerilatedCore.take_waves`. Cycle 0 is that of the batch's first event.
+        See :meth:`cmfpga.simulation.core.VerilatedCore.take_waves`. Cycle 0 is that of the batch's first event.
     result : BatchResult
         Of this run; its trace equals that of the track, its ROI moves from whole pixels.
     """
@@ -180,7 +181,7 @@ def record(config, events, result, *, plan, thinning):
     plan, thinning
         Of :meth:`cmfpga.tracking.replay.Replay.settings_of`.
     """
-    from ..engines.verilated import VerilatedCore
+    from ..simulation.core import VerilatedCore
 
     settings = dataclasses.replace(
         BatchSettings.from_config(config.replace(thinning=thinning, thin_target=0), result.roi),
