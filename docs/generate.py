@@ -184,7 +184,7 @@ def cycles_table():
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
-        schedules = (config.cold_schedule, config.warm_schedule) if core.signs else (range(config.iterations),)
+        schedules = (config.schedules.cold, config.schedules.warm) if core.signs else (range(config.iterations),)
         ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
         article = events + 100 * (roi_events + 32 + config.geometry.pixels // 4 + 35)

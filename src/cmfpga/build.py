@@ -7,6 +7,7 @@ import sys
 from . import __version__, cli
 from .protocol import registers
 from .protocol.registers import documents
+from .protocol.settings import BatchSettings
 from .rtl.axi.top import KV260Top
 from .rtl.top import VerilogCore
 from .verilog import resources
@@ -66,7 +67,7 @@ def ports(core):
 
 def describe(config, core, verilog):
     """Everything in ``build-info.json``, JSON-ready."""
-    iterations = len(config.cold_schedule) if config.ascent == "sign" else config.iterations
+    iterations = len(config.ascent_rule.plan(BatchSettings.from_config(config), warm=False))
     return {
         "cmfpga": __version__,
         "amaranth": importlib.metadata.version("amaranth"),

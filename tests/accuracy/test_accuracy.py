@@ -386,6 +386,6 @@ def test_help_has_examples():
 
 def test_every_schedule_of_the_study_fits_the_format():
     for text in (*accuracy.SCHEDULES, *accuracy.WARM_SCHEDULES):
-        entries = FAST.replace(cold=text, schedule_entries=64).cold_schedule
+        entries = FAST.replace(cold=text, schedule_entries=64).schedules.cold
         assert all(isinstance(entry, ScheduleEntry) for entry in entries)
     assert FAST.cold in accuracy.SCHEDULES and FAST.warm in accuracy.WARM_SCHEDULES

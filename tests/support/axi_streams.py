@@ -4,7 +4,8 @@ from dataclasses import dataclass, field
 
 from amaranth.hdl import Module, Signal, Value
 
-from support.bench import Port, member, random_values, simulate
+from support.bench import member, simulate
+from support.values import Port, random_values
 
 #: Probabilities of (an idle cycle at the input, an unready one at the output).
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.5, 0.0), "stalls": (0.0, 0.5), "both": (0.4, 0.4)}

@@ -742,14 +742,14 @@ def _study_edges(config, engine, cases, real, report):
 
 
 def _study_schedules(config, engine, cases, real, report):
-    if config.ascent != "sign":
+    if not config.ascent_rule.has_table:
         raise ConfigError(f"ascent = {config.ascent!r}: schedules belong to ascent = sign")
     entries = max(config.schedule_entries, 64)
     rows = []
     for cold in SCHEDULES:
         changed = config.replace(cold=cold, schedule_entries=entries)
         cells = _row(report, f"cold {cold}", engine, changed, cases, real)
-        rows.append((f"`{cold}`", str(len(changed.cold_schedule)), *cells))
+        rows.append((f"`{cold}`", str(len(changed.schedules.cold)), *cells))
     title = f"Cold schedules, entries LEVEL:LOG2STEP*COUNT ({engine} engine)"
     report.table(title, ("schedule", "T", *_row_heads(real)), rows)
     rows = []
@@ -758,7 +758,7 @@ def _study_schedules(config, engine, cases, real, report):
         with _engine(engine, changed) as runner:
             values = errors(runner, cases, warm=True, progress=report.progress)
         cells = _error_cells(report.keep(f"warm {warm}", values, error_scores(values)))[1:4]
-        rows.append((f"`{warm}`", str(len(changed.warm_schedule)), *cells))
+        rows.append((f"`{warm}`", str(len(changed.schedules.warm)), *cells))
     title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
     report.table(title, ("schedule", "T", *_row_heads([])), rows)
 

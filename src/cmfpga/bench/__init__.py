@@ -178,7 +178,7 @@ def _constant(batch, designs, iterations):
 
 def _signs(batch, name, config):
     designs = (Design(name=f"core, preset {name}", config=config.replace(roi_gain=0.0)),)
-    for ascent, schedule in ((COLD, config.cold_schedule), (WARM, config.warm_schedule)):
+    for ascent, schedule in ((COLD, config.schedules.cold), (WARM, config.schedules.warm)):
         yield Case(workload=batch, ascent=ascent, designs=designs, iterations=len(schedule), schedule=schedule)
 
 

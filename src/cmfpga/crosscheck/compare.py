@@ -66,7 +66,7 @@ def _back_to_back(config, rng):
     from ..simulation.core import VerilatedCore
 
     core, model = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30))), make_engine("model", config)
-    schedules = random_schedules(config, rng) if config.ascent == "sign" else {}
+    schedules = random_schedules(config, rng) if config.ascent_rule.has_table else {}
     batches, rows, expected, cycles = [], [], [], 0
     while len(batches) < BATCHES and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.roi)

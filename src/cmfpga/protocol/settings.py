@@ -25,12 +25,12 @@ def always(config):
 
 def by_signs(config):
     """Only with ``ascent="sign"``."""
-    return config.ascent == "sign"
+    return "cold" in config.ascent_rule.settings
 
 
 def by_gradient(config):
     """Only with ``ascent="constant"``."""
-    return config.ascent == "constant"
+    return "eta" in config.ascent_rule.settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,7 +158,7 @@ def _plan(name, word, without, first):
     doc = f"schedule of a batch {without} a last v"
     return Setting(
         name=name, shape=_plan_shape, high=_plan_high, when=by_signs, default=(), doc=doc,
-        asked=lambda config: getattr(config, f"{name}_schedule") if by_signs(config) else (),
+        asked=lambda config: getattr(config.schedules, name) if by_signs(config) else (),
         raw=lambda config, settings: (first(config, settings), len(getattr(settings, name))),
         places=(
             Place(word=word, part="_first", field="FIRST", width=16, doc="first entry",

@@ -154,7 +154,7 @@ class VerilatedCore:
             Result ports of each batch; ``offered`` and ``valid`` are the cycles of its first offer and its result.
         traces : list of int64 arrays [T, 7]
         """
-        values, trace, _ = self._play(batches, settings, gaps, stalls or [0] * len(batches))
+        values, trace, _ = self._play(batches, settings, gaps, [0] * len(batches) if stalls is None else stalls)
         return values, np.split(trace, np.cumsum([row["iterations"] for row in values])[:-1])
 
     def _play(self, batches, settings, gaps, stalls, *, open_end=False, keep_pixels=False, limit=None):

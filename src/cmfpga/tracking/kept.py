@@ -150,7 +150,7 @@ class Kept:
             y.astype(np.uint16),
             since.astype(np.uint32),
             np.array(path, np.float64),
-            np.array([entry.level if entry else 0 for entry in plan], np.uint8),
+            np.array([entry.level for entry in plan], np.uint8),
         )
 
     def save(self, path):

@@ -187,7 +187,7 @@ def record(config, events, result, *, plan, thinning):
         BatchSettings.from_config(config.replace(thinning=thinning, thin_target=0), result.roi),
         start_last=False,
         v_start=tuple(int(axis) for axis in result.trace.v[0]),
-        cold=tuple(plan) if config.ascent == "sign" else (),
+        cold=tuple(plan) if config.ascent_rule.has_table else (),
         warm=(),
     )
     core = WaveCore(config)

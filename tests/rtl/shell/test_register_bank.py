@@ -7,7 +7,8 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.protocol.registers import Field, Register, RegisterMap, register_map
 from cmfpga.rtl.shell.register_bank import RegisterBank, fields_of, member
-from support.bench import Port, simulate
+from support.bench import simulate
+from support.values import Port
 
 
 def bank_map():
