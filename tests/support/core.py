@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from amaranth.lib import data
 
+from cmfpga.engines.amaranth_sim import nested
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS
 from cmfpga.protocol.settings import BatchSettings, settings_values
@@ -33,14 +33,6 @@ class Batch:
         if self.end == "count":
             values["batch_events"] = len(self.events)
         return nested(payloads.settings(config), values)
-
-
-def nested(layout, values, prefix=""):
-    """Values by their Verilog ports' names, in the shape of a layout."""
-    return {
-        name: nested(shape, values, f"{prefix}{name}_") if isinstance(shape, data.Layout) else values[prefix + name]
-        for name, shape in layout.members.items()
-    }
 
 
 def place(table, plan):

@@ -62,13 +62,40 @@ def _one_by_one(config, rng):
 
 
 def _back_to_back(config, rng):
-    """The next batch is offered while the one before is optimised, with gaps, and results that have to wait."""
     from ..simulation.core import VerilatedCore
 
-    core, model = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30))), make_engine("model", config)
+    core = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30)))
+    counts = compare_stream(core, rng, BATCHES, gaps=0.1, stalls=0.3)
+    core.close()
+    return counts
+
+
+def compare_stream(core, rng, most, *, gaps, stalls):
+    """Random batches without a pause between them: the next one is offered while the one before is optimised.
+
+    Parameters
+    ----------
+    core : VerilatedCore
+        After a reset.
+    rng : numpy.random.Generator
+    most : int
+        So many batches, or fewer if they take long.
+    gaps, stalls : float
+        How often an event comes late, and a result has to wait.
+
+    Returns
+    -------
+    int array [2]
+        Batches and iterations that were equal.
+
+    Raises
+    ------
+    MismatchError
+    """
+    config, model = core.config, make_engine("model", core.config)
     schedules = random_schedules(config, rng) if config.ascent_rule.has_table else {}
     batches, rows, expected, cycles = [], [], [], 0
-    while len(batches) < BATCHES and cycles < CYCLES:
+    while len(batches) < most and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.roi)
         settings = dataclasses.replace(settings, **schedules)
         if batches and rng.random() < 0.7:
@@ -81,11 +108,11 @@ def _back_to_back(config, rng):
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=done.iterations)
     core.write_schedule(schedule_table(config, settings))
     count = sum(len(t) for t, _, _ in batches)
-    gaps, stalls = rng.integers(0, 40, count) * (rng.random(count) < 0.1), rng.integers(0, 3000, len(batches))
-    results, traces = core.stream(batches, rows, gaps=gaps, stalls=stalls * (rng.random(len(batches)) < 0.3))
+    late = rng.integers(0, 40, count) * (rng.random(count) < gaps)
+    waits = rng.integers(0, 3000, len(batches)) * (rng.random(len(batches)) < stalls)
+    results, traces = core.stream(batches, rows, gaps=late, stalls=waits)
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
         _same(f"batch {number} (back to back)", to_batch_result(config, ports, trace), expected[number])
-    core.close()
     return np.array([len(batches), sum(result.iterations for result in expected)])
 
 
