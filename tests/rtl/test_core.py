@@ -403,7 +403,7 @@ def at_moment(core, moment):
         "events": lambda ctx: ctx.get(core.i.valid) & ctx.get(core.i.ready),
         "votes": lambda ctx: ctx.get(core.voter.o.valid),
         # Not the sweep after the reset.
-        "swept": lambda ctx: ctx.get(core.accumulator.sweep.valid) & ctx.get(core.batch_control.iterating),
+        "swept": lambda ctx: ctx.get(core.image.accumulator.sweep.valid) & ctx.get(core.iteration_control.iterating),
         "traced": lambda ctx: ctx.get(core.trace.valid),
     }
     seen = dict.fromkeys((*counters, "cycles since the last event"), 0)

@@ -365,7 +365,8 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     result, o_valid, o_ready = Port(core.o.payload), Port(core.o.valid), Port(core.o.ready)
     settings = Port(core.settings)
     trace, trace_valid = Port(core.trace.payload), Port(core.trace.valid)
-    if not core.one_pass:
+    shown = hasattr(core, "pixels")
+    if shown:
         pixels, pixels_valid = Port(core.pixels.payload), Port(core.pixels.valid)
     noise = random_values(core.i.payload.shape(), rng)
     settings_noise = random_values(core.settings.shape(), rng)
@@ -399,7 +400,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             current = outcomes[finished]
             if trace_valid.get(ctx):
                 current.trace.append(trace.get(ctx))
-            if not core.one_pass and pixels_valid.get(ctx):
+            if shown and pixels_valid.get(ctx):
                 current.pixels.append(pixels.get(ctx))
             if o_valid.get(ctx):
                 bits = result.get(ctx)

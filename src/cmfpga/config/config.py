@@ -16,6 +16,7 @@ from functools import cached_property
 from ..errors import ConfigError
 from .formats import Formats
 from .geometry import Geometry
+from .motion import translation
 from .schedule import parse_schedule
 from .widths import Widths
 
@@ -238,6 +239,11 @@ class Config:
     def formats(self):
         """Fixed-point formats."""
         return Formats(self)
+
+    @cached_property
+    def motion(self):
+        """The motion model."""
+        return translation(self.formats.v)
 
     @cached_property
     def geometry(self):

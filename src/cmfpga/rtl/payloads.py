@@ -70,8 +70,7 @@ def votes(config):
             "valid": 1,
             "address": config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
             "i": config.weight_frac + 1,
-            "dx": signed(config.derivative_frac + 2),
-            "dy": signed(config.derivative_frac + 2),
+            **of_parameters(config, config.derivative_frac + 2, prefix="d"),
         }
     )
     return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1})
@@ -82,8 +81,7 @@ def pixel(config):
     return data.StructLayout(
         {
             "i": config.widths.image_bits,
-            "dx": signed(config.widths.derivative_image_bits),
-            "dy": signed(config.widths.derivative_image_bits),
+            **of_parameters(config, config.widths.derivative_image_bits, prefix="d"),
         }
     )
 
@@ -119,22 +117,25 @@ def sums(config):
     return data.StructLayout(
         {
             "i": config.widths.sum_i_bits,
-            "dx": signed(config.widths.sum_d_bits),
-            "dy": signed(config.widths.sum_d_bits),
-            "sx": signed(config.widths.s_bits),
-            "sy": signed(config.widths.s_bits),
+            **of_parameters(config, config.widths.sum_d_bits, prefix="d"),
+            **of_parameters(config, config.widths.s_bits, prefix="s"),
         }
     )
 
 
-def vector(width):
-    """Two signed numbers of one width, x and y."""
-    return data.StructLayout({"x": signed(width), "y": signed(width)})
+def of_parameters(config, width, prefix=""):
+    """Members of a layout: a signed number of this width for each parameter of the motion."""
+    return {prefix + name: signed(width) for name in config.motion.names}
+
+
+def vector(config, width):
+    """A signed number of this width for each parameter of the motion."""
+    return data.StructLayout(of_parameters(config, width))
 
 
 def velocity(config):
-    """A velocity in pixels per half batch, raw ``config.formats.v``."""
-    return vector(config.formats.v.width)
+    """The parameters of the motion, raw ``config.formats.v``; of a translation, pixels per half batch."""
+    return data.StructLayout({parameter.name: signed(parameter.bits) for parameter in config.motion.parameters})
 
 
 def roi_corner(config):
