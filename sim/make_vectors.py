@@ -330,7 +330,7 @@ class Vectors:
             "ITERATIONS": len(self.words["trace"]),
             "BANK_WORDS": config.geometry.bank_words,
             # After a reset the banks are swept, and the sums of that sweep settle.
-            "CLEARING": config.geometry.bank_words + self.core.gradient_reader.latency,
+            "CLEARING": self.core.image.sweep_cycles + self.core.image.latency,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
             "GAP_BITS": GAP_BITS,

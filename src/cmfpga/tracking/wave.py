@@ -28,7 +28,7 @@ SCOPE = "cmfpga"
 CLOSED = ("core", "roi_filter", "thinner", "reciprocal")
 
 #: What only repeats other signals: `block:member`.
-LEFT_OUT = re.compile(r"core:(trace|pixels)\w*|batch_control:(settings|taken_in|batch)")
+LEFT_OUT = re.compile(r"core:(trace|pixels)\w*|ingest_control:settings|\w+:(handover_batch|run_settings)")
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ def fraction_bits(config, block, name):
     rules = (
         (r"(dither:o|time_scaler:[io]|warp:i)_[xy]", config.dither_frac),
         (r"(warp:o|voter:i)_[xy]", config.position_frac),
-        (r"(gradient:o|updater:i)_[xy]", sums),
-        (r"updater:start_[xy]|\w+:(settings_|result_)?v(_start)?_[xy]", config.formats.v.f),
+        (r"(gradient:o|ascent:i)_[xy]", sums),
+        (r"\w+:(settings_|result_)?v(_start)?_[xy]", config.formats.v.f),
         (r"\w+:(\w+_)?dt", config.formats.dt.f),
         (r"\w+:(\w+_)?eta", config.formats.eta.f),
         (r"\w+:(\w+_)?roi_gain", config.formats.roi_gain.f),
@@ -211,7 +211,7 @@ def record(config, events, result, *, plan, thinning):
     again = to_batch_result(config, ports, trace)
     if again.trace != result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
-    opened = _cycles_of(core.probes, waves, "batch_control", "open")[0]
+    opened = _cycles_of(core.probes, waves, "core", "opened")[0]
     return Waves(core.probes, *_from_cycle(opened, *waves), again)
 
 

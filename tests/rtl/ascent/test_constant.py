@@ -54,8 +54,9 @@ def check(config, batches, *, spacing=None, seed=0):
         timeline[len(script)] = v, saturated
         planned[len(script)] = settings["iterations"]
         cycle(**{"run.start": 1})
-        v = v if start is None else start
-        timeline[len(script)] = v, saturated
+        if start is not None:
+            v = start
+            timeline[len(script)] = v, saturated
         cycle()
         for g in gradients:
             entered.append(len(script))

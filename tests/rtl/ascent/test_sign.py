@@ -61,8 +61,9 @@ def check(config, batches, *, spacing=0, seed=0):
         timeline[len(script)] = v, saturated
         planned[len(script)] = len(steps)
         cycle(**{"run.start": 1})
-        v = start or v
-        timeline[len(script)] = v, saturated
+        if start is not None:
+            v = start
+            timeline[len(script)] = v, saturated
         cycle()
         for shift, *g in steps:
             entered.append(len(script))
