@@ -39,7 +39,7 @@ BOTH = ("fast", "paper")
 
 # What no docstring says in a few words: how often a block takes an item.
 THROUGHPUT = {
-    "batch_control": "one event a cycle",
+    "ingest_control": "one event a cycle",
     "roi_filter": "one event a cycle",
     "thinner": "one event a cycle",
     "event_buffer": "one event a cycle, in and out",
@@ -53,9 +53,10 @@ THROUGHPUT = {
     "tagged_accumulator": "one event a cycle",
     "one_pass_gradient": "one event a cycle",
     "gradient": "one gradient in {lead} cycles",
-    "updater": "one gradient a cycle",
     "schedule": "one iteration a cycle",
+    "ascent": "one gradient in two cycles",
     "roi_updater": "one move in {latency} cycles",
+    "iteration_control": "one batch at a time",
 }
 
 # The CSV of `track`: unit and meaning.
@@ -179,14 +180,15 @@ def formats_table():
 
 
 def latencies_table():
-    fast, paper = (elaborated(preset(name)).latencies for name in BOTH)
-    rows = [(block_file(name), fast.get(name, ""), paper.get(name, "")) for name in THROUGHPUT if name in fast | paper]
+    cores = [elaborated(preset(name)) for name in BOTH]
+    rows = []
+    for name in THROUGHPUT:
+        # Two ascents share a name in the core.
+        files = {type(core.blocks[name]).__module__.replace(".", "/") for core in cores if name in core.latencies}
+        if files:
+            where = " or ".join(f"`src/{file}.py`" for file in sorted(files))
+            rows.append((where, *(core.latencies.get(name, "") for core in cores)))
     return table(("block", "`fast`", "`paper`"), rows, right=(1, 2))
-
-
-def block_file(name):
-    """The block's file; two updaters share a name in the core."""
-    return f"`src/cmfpga/rtl/{name}.py`" if name != "updater" else "`updater.py`, or `sign_updater.py`"
 
 
 def constants_table():
@@ -194,14 +196,13 @@ def constants_table():
     rows = []
     for name in BOTH:
         core = elaborated(preset(name))
-        if core.one_pass:
-            steps = ("warp", "voter", "one_pass_gradient", "gradient", "updater")
-            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
-            before, after = ("dither",), ()
-        else:
-            steps = ("warp", "voter", "gradient_reader", "gradient", "updater")
+        steps = ("warp", "voter", [*core.image.blocks][-1], "gradient", "ascent")
+        if core.sweep_cycles:
             counted, more, why = "swept address counts in P/4", 2, "`OPEN`, `JUDGE`"
             before, after = (), ("roi_updater",)
+        else:
+            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
+            before, after = ("dither",), ()
         whole = ("roi_filter", "thinner", "reciprocal", "event_buffer", *before, "time_scaler", *after)
         for what, blocks, extra, reason, total in (
             (f"L, `{name}`", steps, -1, f"−1 because the last {counted}", core.iteration_latency),
@@ -223,7 +224,9 @@ def cycles_table():
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
-        schedules = (config.cold_schedule, config.warm_schedule) if core.signs else (range(config.iterations),)
+        schedules = (range(config.iterations),)
+        if hasattr(core, "schedule_write"):
+            schedules = (config.cold_schedule, config.warm_schedule)
         ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
         article = events + 100 * (roi_events + 32 + config.geometry.pixels // 4 + 35)
@@ -333,6 +336,8 @@ def _port(name, member):
     arrow = "→" if member.flow == wiring.In else "←"
     if not member.is_signature:
         return f"{arrow} `{name}`{_fields(member.shape)}"
+    if "payload" not in member.signature.members:
+        return f"{arrow} `{name}` ({', '.join(member.signature.members)})"
     kind = "flow" if member.signature.always_ready else "stream"
     return f"{arrow} `{name}` {kind}{_fields(member.signature.members['payload'].shape)}"
 

@@ -10,8 +10,8 @@ from support.verilog_tools import CONFIGS, emitted, modules, require_icarus, run
 BLOCKS = (
     "ascent", "ascent_velocity", "event_buffer", "gradient", "image", "image_accumulator",
     "image_accumulator_bank_0", "image_accumulator_bank_1", "image_accumulator_bank_2", "image_accumulator_bank_3",
-    "image_gradient_reader", "ingest_control", "iteration_control", "reciprocal", "roi_filter", "roi_updater", "thinner",
-    "time_scaler", "voter", "warp",
+    "image_gradient_reader", "ingest_control", "iteration_control", "reciprocal", "roi_filter", "roi_updater",
+    "thinner", "time_scaler", "voter", "warp",
 )  # fmt: skip
 
 #: Words of SystemVerilog that a generator of Verilog may be tempted by.

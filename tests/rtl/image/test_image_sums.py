@@ -77,6 +77,7 @@ class SlowImage(RegisterImage):
     """One event in three cycles, out of a queue that holds hardly more than what is in flight."""
 
     exact_cycles = False
+
     def votes_to_add(self, m):
         shape = payloads.votes(self.config)
         m.submodules.queue = queue = SyncFIFO(width=data.Layout.cast(shape).size, depth=self.in_flight + 2)

@@ -12,14 +12,20 @@ from .velocity import Velocity
 def ascent_run(config):
     """Signature of a batch's run, from iteration control to the ascent.
 
-    ========================  ====================================================================================
-    ``settings``              :func:`payloads.settings` of the batch, from the cycle after ``take``
-    ``take``                  a batch begins; ``planned`` is right in all cycles after the next
-    ``start``                 its iterations begin, at least a cycle after ``take``
-    ``done``, ``degenerate``  while the result waits; whether the batch measured nothing
-    ``planned``               iterations of the batch
-    ``updated``               v has changed
-    ========================  ====================================================================================
+    Members
+    -------
+    settings
+        :func:`payloads.settings` of the batch, from the cycle after ``take``.
+    take
+        A batch begins; ``planned`` is right in all cycles after the next.
+    start
+        Its iterations begin, at least a cycle after ``take``.
+    done, degenerate
+        While the result waits; whether the batch measured nothing.
+    planned
+        Iterations of the batch.
+    updated
+        v has changed.
     """
     return wiring.Signature(
         {
@@ -34,15 +40,21 @@ def ascent_run(config):
 def ascent(config):
     """Signature of a way to move v.
 
-    ===============  ===========================================================================================
-    ``i``            flow of the gradient, a :func:`payloads.vector` of ``g_bits``
-    ``run``          :func:`ascent_run`
-    ``v``            :func:`payloads.velocity`, zero after a reset; it changes, and ``run.updated`` is high,
-                     :attr:`latency` cycles after a gradient enters
-    ``level``        pixels of this iteration are 2^level px wide; changes with v
-    ``saturated``    a number was limited to its format since ``run.take``
-    ``limited``      an entry of a schedule was out of range since ``run.take``
-    ===============  ===========================================================================================
+    Members
+    -------
+    i
+        Flow of the gradient, a :func:`payloads.vector` of ``g_bits``.
+    run
+        :func:`ascent_run`.
+    v
+        :func:`payloads.velocity`, zero after a reset; it changes, and ``run.updated`` is high, :attr:`latency` cycles
+        after a gradient enters.
+    level
+        Pixels of this iteration are 2^level px wide; changes with v.
+    saturated
+        A number was limited to its format since ``run.take``.
+    limited
+        An entry of a schedule was out of range since ``run.take``.
     """
     return wiring.Signature(
         {

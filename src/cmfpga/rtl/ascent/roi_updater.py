@@ -12,12 +12,15 @@ from ..arithmetic import delay, saturate, small_product
 def corner(config):
     """Signature of where the ROI is.
 
-    ===============  ======================================================================================
-    ``roi``          :func:`payloads.roi_corner` of the batch that is being taken in; (0, 0) after a reset
-    ``roi_next``     that of the next batch, if it does not load another
-    ``clamped``      whether a load, or what moved this batch's ROI, was limited to the sensor: with one
-                     buffer the move after it, with two the one before
-    ===============  ======================================================================================
+    Members
+    -------
+    roi
+        :func:`payloads.roi_corner` of the batch that is being taken in; (0, 0) after a reset.
+    roi_next
+        That of the next batch, if it does not load another.
+    clamped
+        Whether a load, or what moved this batch's ROI, was limited to the sensor: with one buffer the move after it,
+        with two the one before.
     """
     where = payloads.roi_corner(config)
     return wiring.Signature({"roi": Out(where), "roi_next": Out(where), "clamped": Out(1)})

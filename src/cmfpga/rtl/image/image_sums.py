@@ -9,16 +9,22 @@ from .. import payloads
 def image_sums(config, *, pixels=False):
     """Signature of a way to sum images, with its optional member ``pixels`` or without it.
 
-    ===========================  ======================================================================================
-    ``votes``                    flow of :func:`payloads.votes`, the events of an iteration; ``last`` marks its last
-    ``room``                     as many events as are in flight still fit: the event buffer issues the next one
-    ``complete``                 all of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later
-    ``sums``                     flow of :func:`payloads.sums`, one item an iteration; the payload stays until the next
-                                 iteration's first vote
-    ``next``                     v has been updated: what comes now is another iteration
-    ``clear``, ``cleared``       after a reset, clear what a reset does not, and say when that is done. A pulse each
-    ``pixels``                   flow of an array of four :func:`payloads.pixel`, for verification
-    ===========================  ======================================================================================
+    Members
+    -------
+    votes
+        Flow of :func:`payloads.votes`, the events of an iteration; ``last`` marks its last.
+    room
+        As many events as are in flight still fit: the event buffer issues the next one.
+    complete
+        All of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later.
+    sums
+        Flow of :func:`payloads.sums`, one item an iteration; the payload stays until the next iteration's first vote.
+    next
+        v has been updated: what comes now is another iteration.
+    clear, cleared
+        After a reset, clear what a reset does not, and say when that is done. A pulse each.
+    pixels
+        Flow of an array of four :func:`payloads.pixel`, for verification.
     """
     members = {
         "votes": In(payloads.flow(payloads.votes(config))),

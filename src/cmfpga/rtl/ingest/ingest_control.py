@@ -14,16 +14,24 @@ from .roi_filter import measured
 def handover(config):
     """Signature between ingest control and iteration control, which meet when a batch has been taken in.
 
-    =============  ==========================================================================================
-    ``opened``     a batch begins: its first event is offered
-    ``loads``      whether it loads its ROI; with ``opened``
-    ``take``       its events are complete: it is handed over
-    ``batch``      :func:`payloads.batch`, from the cycle after ``take``
-    ``cycles``     clock cycles since the first event was offered, with ``take``
-    ``free``       a batch may be handed over
-    ``settled``    the ROI of the next batch is known
-    ``finished``   a result is taken
-    =============  ==========================================================================================
+    Members
+    -------
+    opened
+        A batch begins: its first event is offered.
+    loads
+        Whether it loads its ROI; with ``opened``.
+    take
+        Its events are complete: it is handed over.
+    batch
+        :func:`payloads.batch`, from the cycle after ``take``.
+    cycles
+        Clock cycles since the first event was offered, with ``take``.
+    free
+        A batch may be handed over.
+    settled
+        The ROI of the next batch is known.
+    finished
+        A result is taken.
     """
     return wiring.Signature(
         {
