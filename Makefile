@@ -10,6 +10,12 @@ RECORDING ?=
 ROI ?=
 TRACK ?=
 
+# Any text may stand in these: neither make nor the shell reads more into it. Recipes take them from the environment.
+override OUT := $(value OUT)
+override RECORDING := $(value RECORDING)
+override ROI := $(value ROI)
+export OUT RECORDING ROI
+
 PIP = $(VENV)/bin/pip --disable-pip-version-check
 RUN = $(VENV)/bin/python -m
 
@@ -17,9 +23,9 @@ RUN = $(VENV)/bin/python -m
 .DELETE_ON_ERROR:
 
 demo: $(VENV)/installed
-	$(RUN) cmfpga.build --out $(OUT)
-	$(RUN) cmfpga.track $(RECORDING) $(if $(ROI),--roi $(ROI)) $(TRACK) --out $(OUT)/track
-	@echo "The picture is $(OUT)/track/track.png"
+	$(RUN) cmfpga.build "--out=$$OUT"
+	$(RUN) cmfpga.track $${ROI:+"--roi=$$ROI"} $(TRACK) "--out=$$OUT/track" $${RECORDING:+-- "$$RECORDING"}
+	@printf 'The picture is %s\n' "$$OUT/track/track.png"
 
 test: $(VENV)/installed-for-tests
 	$(RUN) ruff check
@@ -28,11 +34,12 @@ test: $(VENV)/installed-for-tests
 
 docs: $(VENV)/installed
 	$(PIP) install --quiet -c constraints.txt -e '.[docs]'
-	$(RUN) mkdocs build --quiet --strict --site-dir $(abspath $(OUT))/site
-	@echo "The site is $(OUT)/site/index.html"
+	@mkdir -p -- "$$OUT/site"
+	$(RUN) mkdocs build --quiet --strict --site-dir "$$(cd -- "$$OUT/site" >/dev/null && pwd)"
+	@printf 'The site is %s\n' "$$OUT/site/index.html"
 
 clean:
-	rm -rf $(VENV) $(OUT)
+	rm -rf -- $(VENV) "$$OUT"
 
 $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=…")'

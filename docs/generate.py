@@ -5,7 +5,7 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
     python docs/generate.py            rewrite them
     python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
 
-The resource estimates are those that ``python tests/support/baselines.py`` measured last.
+The resource estimates are those that ``PYTHONPATH=tests python -m support.baselines`` measured last.
 """
 
 import argparse
@@ -183,12 +183,16 @@ def latencies_table():
     cores = [elaborated(preset(name)) for name in BOTH]
     rows = []
     for name in THROUGHPUT:
-        # Two ascents share a name in the core.
-        files = {type(core.blocks[name]).__module__.replace(".", "/") for core in cores if name in core.latencies}
-        if files:
-            where = " or ".join(f"`src/{file}.py`" for file in sorted(files))
-            rows.append((where, *(core.latencies.get(name, "") for core in cores)))
+        latencies = [core.latencies.get(name, "") for core in cores]
+        if any(latencies):
+            files = dict.fromkeys(block_file(core.blocks[name]) for core in cores if name in core.blocks)
+            rows.append((", or ".join(files), *latencies))
     return table(("block", "`fast`", "`paper`"), rows, right=(1, 2))
+
+
+def block_file(block):
+    """Where the block stands, below ``src``."""
+    return f"`{type(block).__module__.replace('.', '/')}.py`"
 
 
 def constants_table():

@@ -84,24 +84,15 @@ def facts_tcl(facts):
     board, clock, control, memory = facts["board"], facts["clock"], facts["control"], facts["memory"]
     dma, ip, fan = facts["dma"], facts["ip"], facts["board"]["fan"]
     values = {
-        "name": facts["design"]["name"],
-        "top": facts["design"]["top"],
-        "block_design": facts["design"]["block_design"],
-        "vivado_minimum": facts["design"]["vivado_minimum"],
+        **facts["design"],
         "part": part(facts),
-        "board_part": board["board_part"],
-        "board_part_pattern": board["board_part_pattern"],
-        "carrier_connector": board["carrier_connector"],
-        "carrier": board["carrier"],
+        **{key: board[key] for key in ("board_part", "board_part_pattern", "carrier_connector", "carrier")},
         "fan_port": fan["port"],
         "fan_timer_bit": fan["timer_bit"],
         "clock_mhz": clock["mhz"],
         "clock_hertz": clock["hertz"],
         "vlnv": vlnv(facts),
-        "ip_vendor": ip["vendor"],
-        "ip_library": ip["library"],
-        "ip_name": ip["name"],
-        "ip_version": ip["version"],
+        **{f"ip_{key}": ip[key] for key in ("vendor", "library", "name", "version")},
         "ip_interfaces": "{" + " ".join(word for line in ip["interfaces"] for word in line) + "}",
         "stream_bytes": ip["stream_data_width"] // 8,
         "stream_user_width": ip["stream_user_width"],
@@ -111,10 +102,7 @@ def facts_tcl(facts):
         "control_width": control["data_width"],
         "control_clock_pin": control["clock_pin"],
         "control_unused": "{" + " ".join(f"CONFIG.PSU__USE__{name}" for name in control["unused"]) + "}",
-        "cmfpga_address": f"{control['cmfpga']['address']:#x}",
-        "cmfpga_size": f"{control['cmfpga']['size']:#x}",
-        "dma_address": f"{control['dma']['address']:#x}",
-        "dma_size": f"{control['dma']['size']:#x}",
+        **{f"{block}_{key}": f"{control[block][key]:#x}" for block in ("cmfpga", "dma") for key in ("address", "size")},
         "memory_port": memory["port"],
         "memory_use": f"CONFIG.PSU__USE__{_use(memory)}",
         "memory_width_parameter": f"CONFIG.PSU__{memory['parameter']}__DATA_WIDTH",
@@ -122,14 +110,12 @@ def facts_tcl(facts):
         "memory_clock_pin": memory["clock_pin"],
         "memory_segments": f"{memory['parameter']}/{memory['segment']}",
         "memory_excluded": "{" + " ".join(memory["excluded"]) + "}",
-        "ddr_low_offset": f"{memory['ddr_low'][0]:#x}",
-        "ddr_low_size": f"{memory['ddr_low'][1]:#x}",
-        "ddr_high_offset": f"{memory['ddr_high'][0]:#x}",
-        "ddr_high_size": f"{memory['ddr_high'][1]:#x}",
-        "dma_length_width": dma["length_width"],
-        "dma_address_width": dma["address_width"],
-        "dma_burst": dma["burst"],
-        "dma_data_width": dma["data_width"],
+        **{
+            f"{half}_{key}": f"{value:#x}"
+            for half in ("ddr_low", "ddr_high")
+            for key, value in zip(("offset", "size"), memory[half], strict=True)
+        },
+        **{f"dma_{key}": dma[key] for key in ("length_width", "address_width", "burst", "data_width")},
     }
     width = max(map(len, values))
     return f"# {NOTE}\n" + "".join(f"set fact({name}){' ' * (width - len(name))} {v}\n" for name, v in values.items())

@@ -5,9 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from vivado_reports import bitstream
 
-from support.board_files import BOARD
+from support.board_files import BOARD, bitstream
 
 PART = "xck26-sfvc784-2LV-c"
 

@@ -6,10 +6,10 @@ import re
 import tomllib
 
 import pytest
-from vivado_ipx import infer
 
 from cmfpga.boards import kv260
-from support.board_files import BOARD, ROOT, stand_in
+from support.board_files import BOARD, ROOT, check_ports, stand_in
+from support.vivado.interfaces import infer
 
 
 def text_of(name):
@@ -95,28 +95,7 @@ def test_names(tcl, facts):
 
 def test_widths(tcl, facts):
     """The stand-in, with which the Vivado scripts are tested, has the widths of the facts."""
-    interfaces, loose = infer(stand_in(), facts["design"]["top"])
-    assert not loose
-    check_ports(interfaces, tcl)
-
-
-def check_ports(interfaces, tcl):
-    listed = tcl["ip_interfaces"].split()
-    assert {i.name: (i.bus, i.mode) for i in interfaces.values()} == {
-        name: (bus, mode) for name, bus, mode in zip(listed[::3], listed[1::3], listed[2::3], strict=True)
-    }
-    width = {(i.name, signal): bits for i in interfaces.values() for signal, (_, _, bits) in i.ports.items()}
-    for stream in ("s_axis", "m_axis"):
-        assert (
-            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == kv260.STREAM_WIDTH == 8 * int(tcl["stream_bytes"])
-        )
-        assert width[stream, "TUSER"] == int(tcl["stream_user_width"])
-        assert (stream, "TLAST") in width
-    assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == kv260.REGISTERS_WIDTH
-    assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == kv260.REGISTERS_SIZE
-    assert int(tcl["dma_data_width"]) == kv260.STREAM_WIDTH
-    assert int(tcl["dma_length_width"]) == kv260.DMA_LENGTH_BITS
-    assert int(tcl["dma_address_width"]) == kv260.DMA_ADDRESS_BITS
+    check_ports(infer(stand_in(), facts["design"]["top"]), tcl)
 
 
 def test_the_guide_says_the_same(facts):

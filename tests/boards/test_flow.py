@@ -13,14 +13,16 @@ from support.board_files import BOARD, ROOT
 
 pytest.importorskip("tkinter", reason="needs Python's tkinter: apt-get install python3-tk")
 
-MODEL = Path(__file__).parent / "vivado.py"
+TESTS = Path(__file__).parents[1]
 
 
 def make(folder, *words, found=None):
     """``make`` in a copy of the board's folder, so that nothing is left in the repository."""
-    environment = {**os.environ, "VIVADO_MODEL": json.dumps(found or {})}
+    path = os.pathsep.join(filter(None, (str(TESTS), os.environ.get("PYTHONPATH"))))
+    environment = {**os.environ, "VIVADO_MODEL": json.dumps(found or {}), "PYTHONPATH": path}
+    vivado = f"{sys.executable} -m support.vivado.model"
     return subprocess.run(
-        ["make", "--no-print-directory", "-C", folder, f"PYTHON={sys.executable}", f"VIVADO={sys.executable} {MODEL}",
+        ["make", "--no-print-directory", "-C", folder, f"PYTHON={sys.executable}", f"VIVADO={vivado}",
          "JOBS=2", *words],
         capture_output=True, text=True, timeout=300, env=environment,
     )  # fmt: skip

@@ -355,7 +355,14 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
         (["--set", "gradient=scan"], "gradient = 'scan': one of sweep, one_pass is needed"),
         (["--preset", "fast", "--set", "cold=2:9"], "cold: '2:9': a log2 step of -6 to 4 is needed (Q5.6)"),
         (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
-        (["--preset", "paper", "--set", "ascent=sign"], "cold: '2:2': level 0 to 0 is needed (max_level)"),
+        (
+            ["--preset", "paper", "--set", "ascent=sign", "--set", "cold=2:2"],
+            "cold: '2:2': level 0 to 0 is needed (max_",
+        ),
+        (
+            ["--set", "max_iterations=2", "--set", "iterations=2"],
+            "cold: 15 iterations; at most 2 are allowed (max_iter",
+        ),
         (["--preset", "nope"], "preset 'nope': one of paper, fast, "),
         (["--set"], "argument --set: expected one argument" + HINT),
         (["paper"], "unrecognized arguments: paper" + HINT),
@@ -369,9 +376,10 @@ def test_build(command, tmp_path, arguments, message):
 
 
 def test_an_architecture_that_cannot_work(process):
-    """Found while the core is made; what was made of it is not complained about."""
-    done = process("build", "--preset", "full-frame", "--set", "tag_bits=4", "--out", "out")
-    assert done.error.startswith("tag_bits = 4: ") and "11520 words of a bank are needed" in done.error
+    """No engine runs it."""
+    for command in (("build",), ("track", "--engine", "model")):
+        done = process(*command, "--preset", "full-frame", "--set", "tag_bits=4", "--out", "out")
+        assert done.error.startswith("tag_bits = 4: ") and "11520 words of a bank are needed" in done.error
 
 
 # ---------------------------------------------------------------- in processes of their own

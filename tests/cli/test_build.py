@@ -294,3 +294,17 @@ def test_as_a_module(tmp_path, monkeypatch, capsys):
         runpy.run_module("cmfpga.build", run_name="__main__")
     assert caught.value.code == 2
     assert capsys.readouterr().err == "error: roi_width = 3: an even number of pixels is needed by the sweep\n"
+
+
+@pytest.mark.parametrize("cache", [None, "mine"], ids=["temporary", "named"])
+def test_without_a_home(process, tmp_path, cache):
+    """Yosys keeps what it compiles in the cache, and nothing else is said."""
+    given = {"HOME": "/dev/null", "XDG_CACHE_HOME": "", "CMFPGA_CACHE": cache or ""}
+    done = process("build", "--set", "roi_width=8", "--set", "roi_height=8", **given)
+    assert done.status == 0 and (tmp_path / "build" / "cmfpga_core.v").exists()
+    if cache:
+        assert done.err == "" and (tmp_path / cache / "wasmtime").is_dir()
+    else:
+        assert done.err.startswith("note: /dev/null/.cache/cmfpga cannot be written: ") and done.err.count("\n") == 1
+        folder = re.search(r" is kept in (\S+) until ", done.err)[1]
+        assert not os.path.exists(folder)

@@ -10,9 +10,9 @@ import pytest
 
 from cmfpga import build
 from cmfpga.config import Config
-from cmfpga.engines.verilated import verilator_root
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL
+from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.emit import AXI_TOP, sha256
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}

@@ -1,4 +1,4 @@
-"""``python -m cmfpga.build --resources``: the table and the file. The figures are tested in tests/resources."""
+"""``python -m cmfpga.build --resources``: the table and the file. The figures are tested in tests/verilog."""
 
 import json
 

@@ -66,7 +66,7 @@ def test_every_subcommand_is_the_module(name, command):
 
 def test_nothing_is_loaded_for_help():
     program = (
-        "import sys; from cmfpga import cli, command\n"
+        "import sys; from cmfpga.cli import command\n"
         "try: command.main(['--help'])\nexcept SystemExit: pass\n"
         "print(*sys.modules, file=sys.stderr)"
     )

@@ -128,7 +128,16 @@ def test_choices(name, choices):
         ({"min_roi_events": 2049}, "min_roi_events = 2049: at most 2048 is allowed (buffer_events)"),
         ({"thin_target": 2049}, "thin_target = 2049: at most 2048 is allowed (buffer_events)"),
         ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
-        ({"ascent": "sign"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
+        ({"ascent": "sign", "cold": "2:2"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
+        (
+            {"ascent": "sign", "max_iterations": 14, "iterations": 1},
+            "cold: 15 iterations; at most 14 are allowed (max_",
+        ),
+        ({"ascent": "sign", "max_iterations": 7, "iterations": 1, "cold": "0:0"}, "warm: 8 iterations; at most 7 are "),
+        (
+            {"gradient": "one_pass", "tag_bits": 5},
+            "tag_bits = 5: (2^tag_bits − 1) · 18 idle cycles an iteration = 558, ",
+        ),
         ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 8 iterations; at most 32 are "),
         ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
         ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
@@ -147,6 +156,8 @@ def test_fields_that_do_not_go_together(changes, message):
         {"min_roi_events": 2048},
         {"thin_target": 2048},
         {"sensor_width": 64, "sensor_height": 64},
+        {"ascent": "sign", "max_iterations": 15, "iterations": 1},
+        {"gradient": "one_pass", "tag_bits": 6},
     ],
     ids=str,
 )
@@ -159,7 +170,7 @@ def test_the_limit_of_63_bits_is_exact():
     accepted = []
     for frac in range(4, 33):
         try:
-            accepted.append(max(Config(gradient_frac=frac, eta_frac=16).exact_widths.values()))
+            accepted.append(max(Config(gradient_frac=frac, eta_frac=16).widths.exact.values()))
         except ConfigError as error:
             assert accepted[-1] == 63 and "needs 64 bits" in str(error)
             break

@@ -2,8 +2,8 @@
 
 import pytest
 
-from cmfpga.config import preset
-from cmfpga.config.schedule import parse_schedule
+from cmfpga.config import Config, preset
+from cmfpga.config.schedule import MEASURED, parse_schedule
 from cmfpga.errors import ConfigError
 from cmfpga.fixed import Q
 
@@ -35,6 +35,17 @@ def test_refusals(text, message):
     with pytest.raises(ConfigError) as caught:
         parse_schedule(text, **LIMITS)
     assert str(caught.value) == message
+
+
+def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
+    best = Config(ascent="sign", max_level=2)
+    assert (best.cold, best.warm) == ("auto", "auto")
+    assert best.cold_schedule == parse_schedule(MEASURED["cold"], **LIMITS)
+    flat = preset("paper").replace(ascent="sign")
+    steps = [step for _, step in best.cold_schedule]
+    assert flat.cold_schedule == tuple((0, step) for step in steps)
+    narrow = best.replace(max_level=1, v_int=1, v_frac=2)
+    assert narrow.cold_schedule == tuple((min(level, 1), max(-2, min(step, 0))) for level, step in best.cold_schedule)
 
 
 def test_the_fast_preset_has_fifteen_cold_and_eight_warm_iterations():

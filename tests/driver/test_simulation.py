@@ -175,7 +175,7 @@ def test_bad_events_are_refused_before_they_are_sent(accelerator):
         (Events([1], [48], [0], [0]), None, "x of an event is 48"),
         (Events([1], [0], [32], [0]), None, "y of an event is 32"),
         (good, (40, 0), "ROI at 40,0"),
-        (Events(*np.zeros((4, CONFIG.max_batch_events + 1))), None, "a batch of 65536 events: at most 65535"),
+        (Events(*np.zeros((4, CONFIG.max_batch_events + 1), int)), None, "a batch of 65536 events: at most 65535"),
     ):
         with pytest.raises(ConfigError, match=message):
             accelerator.run(events, roi=roi)

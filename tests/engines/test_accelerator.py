@@ -1,12 +1,20 @@
 """The accelerator as an engine of ``track``."""
 
+import contextlib
 import csv
 
+import numpy as np
 import pytest
 
+import cmfpga
 from cmfpga import cli, track
+from cmfpga.config import preset
 from cmfpga.engines import ENGINES, make_engine, rtl
 from cmfpga.errors import ConfigError
+from cmfpga.events import Events, generate
+from cmfpga.protocol.batch import BatchResult, BatchSettings
+from cmfpga.tracking.kept import Kept
+from cmfpga.tracking.loop import COLUMNS
 from support.driving import CONFIG
 
 
@@ -28,6 +36,39 @@ def test_track_by_the_axi_top(tmp_path, capsys):
         counts = {name: int(a[name]) for name in ("events", "roi_events", "iterations")}
         assert a == b | {"cycles": str(core.cycles(**counts))}
     assert len(rows["axi"]) == 4 and "axi engine" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(rtl.find_compiler() is None, reason="no C++ compiler to compile the Verilog with: install g++")
+def test_what_a_result_without_a_trace_shows(tmp_path, capsys):
+    """The arrays and the report, but for the path of v; what is nothing without a trace is refused."""
+    scene, options = generate(**track.DEMO_SCENE), {"preset": "fast", "batch_events": 1640, "batches": 3}
+    found, expected = (cmfpga.track(scene, engine=engine, **options) for engine in ("axi", "model"))
+    for name in COLUMNS:
+        if name != "cycles":
+            np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    assert all(isinstance(result, BatchResult) and result.trace is None for result in found.results)
+    with pytest.raises(ConfigError, match=r"^trace: the axi engine gives only results; rtl, model or float is needed$"):
+        found.trace(1)
+
+    arguments = ["--preset", "fast", "--engine", "axi", "--batches", "3", "--out", str(tmp_path), "--no-picture"]
+    assert cli.run(track.main, [*arguments, "--report"]) == 0
+    kept = Kept.load(tmp_path / "track.npz")
+    assert [detail.v.tolist() for detail in kept.details] == [[list(result.v)] for result in found.results]
+    assert [len(detail.levels) for detail in kept.details] == expected.iterations.tolist()
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "the axi engine does not tell the path to it." in page and "from the ring to the star" not in page
+    capsys.readouterr()
+    assert cli.run(track.main, [*arguments, "--wave", "0"]) == 2
+    assert capsys.readouterr().err == (
+        "error: --wave: the axi engine gives only results, and a trace is needed: take rtl or model\n"
+    )
+
+
+@pytest.mark.skipif(rtl.find_compiler() is None, reason="no C++ compiler to compile the Verilog with: install g++")
+def test_an_empty_batch_has_no_trace_either():
+    with contextlib.closing(make_engine("axi", preset("fast"))) as engine:
+        result = engine.run(Events.empty(), BatchSettings.from_config(engine.config, (3, 4)))
+    assert isinstance(result, BatchResult) and result.trace is None and result.roi_next == (3, 4)
 
 
 def test_without_a_compiler(monkeypatch, capsys):

@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,10 +17,13 @@ from cmfpga.config import Config, preset
 from cmfpga.engines import ENGINES, check_roi, make_engine, rtl, verilated
 from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.model import ModelEngine
-from cmfpga.engines.verilated import VerilatedCore, VerilatedEngine, cache_folder, compile_library
+from cmfpga.engines.verilated import VerilatedCore, VerilatedEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.verilog import compile as library
+from cmfpga.verilog.compile import compile_library
+from cmfpga.verilog.emit import cache_folder
 
 # The hardware of tests/cli too, so that one compilation serves both.
 HARDWARE = {
@@ -101,7 +105,8 @@ def sequence(rng):
         ("v out of its range", make_events(rng, 80), settings((8, 8), eta=CONFIG.formats.eta.max, iterations=15,
                                                               roi_gain=0), Flag.SATURATED),
         ("ends of v", make_events(rng, 80), settings((8, 8), start_last=False, roi_gain=0,
-                                                     v_start=(CONFIG.formats.v.max, CONFIG.formats.v.min)), Flag.SATURATED),
+                                                     v_start=(CONFIG.formats.v.max, CONFIG.formats.v.min)),
+         Flag.SATURATED),
         ("to the sensor's edge", make_events(rng, 80), settings((8, 8), v_start=(-30000, 30000), start_last=False,
                                                                 roi_gain=CONFIG.formats.roi_gain.max),
          Flag.ROI_CLAMPED),
@@ -189,7 +194,7 @@ def test_random_batches(verilated_engine, rng):
 
 
 def test_amaranth_simulates_the_fast_hardware_too(rng):
-    """Signs, levels, dither, one pass; schedules that change from batch to batch. (tests/cosim has its Verilog.)"""
+    """Signs, levels, dither, one pass; schedules that change from batch to batch. (Its Verilog: tests/simulation.)"""
     config = preset("fast").replace(**HARDWARE, iterations=3, cold="2:1*2 1:0 0:-1", warm="1:0 0:-2")
     simulated, model = AmaranthEngine(config), ModelEngine(config)
     other = config.replace(cold="0:0*3", warm="0:-1*5 1:-2")
@@ -227,7 +232,12 @@ def test_an_empty_batch_changes_nothing(engine, rng):
     assert [empty.events, *(getattr(empty, count) for count in COUNTS)] == [0] * 6
     assert empty.roi == empty.roi_next == first.roi_next
     assert empty.v == first.v != (0.0, 0.0)
-    assert all(len(values) == 0 for values in (empty.trace.v, empty.trace.sum_i, empty.trace.sum_d, empty.trace.s))
+    last, trace = first.trace, empty.trace
+    assert trace.v.tolist() == last.v[-1:].tolist()  # T + 1 rows, T = 0, as of a batch with too few events
+    assert [(each.shape, each.dtype) for each in (trace.sum_i, trace.sum_d, trace.s)] == [
+        ((0, *each.shape[1:]), each.dtype) for each in (last.sum_i, last.sum_d, last.s)
+    ]
+    assert trace.v.dtype == last.v.dtype
     after = engine.run(make_events(rng, 60), settings())
     assert after.roi == first.roi_next
     start = tuple(after.trace.v[0] * (1 if engine.name == "float" else CONFIG.formats.v.step))
@@ -364,7 +374,7 @@ def test_without_a_compiler_amaranth_simulates(monkeypatch, rng):
     assert type(engine) is AmaranthEngine and engine.name == "rtl"
     assert engine.note.startswith("no C++ compiler found: using Amaranth's simulator")
     result = engine.run(make_events(rng, 30), settings((8, 8)))
-    assert result.cycles == engine._core.cycles(events=30, roi_events=result.roi_events, iterations=3)
+    assert result.cycles == engine.core.cycles(events=30, roi_events=result.roi_events, iterations=3)
     engine.close()
 
 
@@ -407,11 +417,11 @@ def builds(monkeypatch, tmp_path):
         library.write_text("not a library")
 
     monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path / "new" / "cache"))
-    monkeypatch.setattr(verilated, "_verilate", lambda scratch, top: None)
-    monkeypatch.setattr(verilated, "_compile", pretend)
+    monkeypatch.setattr(library, "_verilate", lambda scratch, top: None)
+    monkeypatch.setattr(library, "_compile", pretend)
     # The text of the hardware: what matters here is only when it changes.
-    monkeypatch.setattr(verilated, "emit_verilog", lambda core: f"// {core.config.hardware_hash}\n")
-    monkeypatch.setattr(verilated, "find_compiler", lambda: "echo")
+    monkeypatch.setattr(library, "emit_verilog", lambda core: f"// {core.config.hardware_hash}\n")
+    monkeypatch.setattr(library, "find_compiler", lambda: "echo")
     return made
 
 
@@ -426,25 +436,97 @@ def test_the_cache_is_reused(builds, tmp_path):
     assert library.parent == tmp_path / "new" / "cache" and library.read_text() == "not a library"
     assert compile_library(fake_core(CONFIG.replace(iterations=7, eta=0.5, start="zero"))) == library
     assert len(builds) == 1
-    assert {path.name for path in library.parent.iterdir()} == {library.name, f"{library.stem}.lock"}  # no scratch left
+    kept = {path.name for path in library.parent.iterdir()}
+    assert kept == {f"{library.stem}{suffix}" for suffix in (".so", ".sha256", ".lock")}  # no scratch left
 
 
 def test_the_cache_is_not_reused_for_anything_else(builds, monkeypatch):
     first = compile_library(fake_core(CONFIG))
     other = compile_library(fake_core(CONFIG.replace(buffer_events=33)))
-    monkeypatch.setattr(verilated, "find_compiler", lambda: "false-echo")
+    monkeypatch.setattr(library, "find_compiler", lambda: "false-echo")
     monkeypatch.setattr(
-        verilated.subprocess, "run", lambda *_, **__: verilated.subprocess.CompletedProcess([], 0, "other version", "")
+        library.subprocess, "run", lambda *_, **__: library.subprocess.CompletedProcess([], 0, "other version", "")
     )
     newer = compile_library(fake_core(CONFIG))
     assert len({first, other, newer}) == 3 and len(builds) == 3
+
+
+@pytest.mark.parametrize("damage", ["cut", "changed", "without digest", "digest cut"])
+def test_a_damaged_library_is_made_again(builds, damage):
+    library = compile_library(fake_core(CONFIG))
+    digest = library.with_suffix(".sha256")
+    if damage in ("cut", "changed"):
+        library.write_text("not a" if damage == "cut" else "not a libramy")
+    elif damage == "digest cut":
+        digest.write_text(digest.read_text()[:32])
+    else:
+        digest.unlink()
+    assert compile_library(fake_core(CONFIG)) == library and library.read_text() == "not a library"
+    assert len(builds) == 2
+    assert compile_library(fake_core(CONFIG)) == library and len(builds) == 2
+
+
+def test_a_library_that_cannot_be_loaded(tmp_path):
+    (tmp_path / "a.so").write_text("not a library")
+    with pytest.raises(library.CompilerError, match=r"^the compiled Verilog cannot be loaded: .*/a\.so"):
+        library.load(tmp_path / "a.so")
+
+
+@pytest.fixture
+def cxx(monkeypatch, tmp_path):
+    """``cxx(lines)``: a script as the C++ compiler, by CXX; its path. Verilator is not run, the cache is empty."""
+
+    def cxx(lines):
+        path = tmp_path / "my c++"
+        path.write_text(f"#!/bin/sh\n{lines}\n")
+        path.chmod(0o755)
+        monkeypatch.setenv("CXX", f"'{path}' --own")
+        return path
+
+    monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(library, "_verilate", lambda scratch, top: None)
+    return cxx
+
+
+@pytest.mark.parametrize(
+    "lines, message",
+    [
+        ("exit 1", "fails with status 1: it does not say why"),
+        ("echo no license >&2; exit 3", "fails with status 3: no license"),
+        ('[ "$2" = --version ] && exit; echo in file; echo an Error here; echo more; exit 1',
+         "fails with status 1: an Error here"),
+        ("chmod -x \"$0\"", "cannot be run: Permission denied"),
+    ],
+    ids=["silent", "version", "compiling", "not run"],
+)  # fmt: skip
+def test_a_compiler_that_fails(cxx, lines, message, rng):
+    """One line, and the slow simulator; what cannot do with that one says the line."""
+    path = cxx(lines)
+    line = f"the C++ compiler {path} {message}"
+    engine = make_engine("rtl", CONFIG.replace(buffer_events=34))
+    assert type(engine) is AmaranthEngine and engine.note.startswith(f"{line}: using Amaranth's simulator, ")
+    assert engine.run(make_events(rng, 10), settings((8, 8))).events == 10
+    engine.close()
+    with pytest.raises(library.CompilerError) as caught:
+        make_engine("axi", CONFIG.replace(buffer_events=34))
+    assert str(caught.value) == line
+
+
+def test_cxx_goes_before_the_others(compiler, cxx, monkeypatch):
+    path = cxx('echo "mine $1"')
+    assert library.require_compiler() == ([str(path), "--own"], "mine --own\n")
+    monkeypatch.setenv("CXX", "'")
+    with pytest.raises(library.CompilerError, match=r"^CXX=': No closing quotation$"):
+        library.require_compiler()
+    monkeypatch.setenv("CXX", " ")
+    assert rtl.find_compiler() and rtl.find_compiler() != " "
 
 
 def test_a_failed_compilation_leaves_nothing(builds, monkeypatch, tmp_path):
     def fail(*_):
         raise RuntimeError("c++ failed")
 
-    monkeypatch.setattr(verilated, "_compile", fail)
+    monkeypatch.setattr(library, "_compile", fail)
     with pytest.raises(RuntimeError, match="failed"):
         compile_library(fake_core(CONFIG))
     assert {path.suffix for path in (tmp_path / "new" / "cache").iterdir()} <= {".lock"}
@@ -457,15 +539,28 @@ def test_a_cache_that_cannot_be_made(builds, monkeypatch, tmp_path):
         compile_library(fake_core(CONFIG))
 
 
+def test_without_a_home_the_cache_is_temporary(monkeypatch, caplog):
+    monkeypatch.delenv("CMFPGA_CACHE", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", "/dev/null")
+    folder = cache_folder()
+    assert folder == cache_folder() and folder.is_dir() and folder.stat().st_mode & 0o077 == 0
+    (line,) = caplog.messages
+    assert line == (
+        f"note: /dev/null/cmfpga cannot be written: what is compiled is kept in {folder} until this process ends; "
+        "CMFPGA_CACHE may name a folder that stays"
+    )
+
+
 def test_a_cached_library_is_loaded_from_the_cache(compiler, verilated_core, monkeypatch, tmp_path, rng):
     """The real one, put into an empty cache: neither Verilator nor the compiler runs."""
-    shutil.copy(verilated_core._library._name, tmp_path)
+    for suffix in (".so", ".sha256"):
+        shutil.copy(Path(verilated_core._library._name).with_suffix(suffix), tmp_path)
 
     def fail(*_):
         raise AssertionError("compiled again")
 
     monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path))
-    monkeypatch.setattr(verilated, "_verilate", fail)
+    monkeypatch.setattr(library, "_verilate", fail)
     engine = make_engine("rtl", CONFIG)
     assert isinstance(engine, VerilatedEngine) and engine._core._library._name.startswith(str(tmp_path))
     events = make_events(rng, 60)
@@ -475,7 +570,7 @@ def test_a_cached_library_is_loaded_from_the_cache(compiler, verilated_core, mon
 
 def test_the_failure_of_a_tool_is_shown():
     with pytest.raises(RuntimeError, match=r"(?s)^sh failed:\n.*broken"):
-        verilated._check_call(["/bin/sh", "-c", "echo broken >&2; exit 3"])
+        library._check_call(["/bin/sh", "-c", "echo broken >&2; exit 3"])
 
 
 def test_the_package_says_what_there_is():
@@ -486,7 +581,7 @@ TWO_AT_ONCE = """
 import sys, time
 from types import SimpleNamespace
 from amaranth.hdl import Signal
-from cmfpga.engines import verilated
+from cmfpga.verilog import compile as module
 from cmfpga.config import Config
 
 def compile(compiler, scratch, library):
@@ -495,12 +590,12 @@ def compile(compiler, scratch, library):
     time.sleep(0.5)
     library.write_text("a library")
 
-verilated._verilate = lambda scratch, top: None
-verilated._compile = compile
-verilated.emit_verilog = lambda core: "// the same"
-verilated.find_compiler = lambda: "echo"
+module._verilate = lambda scratch, top: None
+module._compile = compile
+module.emit_verilog = lambda core: "// the same"
+module.find_compiler = lambda: "echo"
 ports = {f"event_{name}": Signal(4) for name in ("t", "x", "y", "last")}
-print(input() + verilated.compile_library(SimpleNamespace(config=Config(), inputs=ports, outputs={})).read_text())
+print(input() + module.compile_library(SimpleNamespace(config=Config(), inputs=ports, outputs={})).read_text())
 """
 
 
@@ -517,8 +612,18 @@ def test_two_processes_do_not_compile_the_same(tmp_path):
     assert (tmp_path / "log").read_text() == "compiled\n"
 
 
+def test_after_the_end(compiler, verilated_core, rng):
+    core, events = VerilatedCore(CONFIG), make_events(rng, 5)
+    axes, values = (events.t, events.x, events.y), rtl.settings_values(CONFIG, settings((8, 8)))
+    core.close()
+    core.close()
+    for use in (core.reset, lambda: core.run(*axes, values), lambda: core.stream([axes], [values]), core.take_waves):
+        with pytest.raises(ValueError, match=r"^the simulated core is closed$"):
+            use()
+
+
 def test_the_verilog_is_emitted_once_a_process(compiler, verilated_core, monkeypatch):
-    monkeypatch.setattr(verilated, "emit_verilog", None)
+    monkeypatch.setattr(library, "emit_verilog", None)
     again = VerilatedCore(CONFIG.replace(iterations=2))
     assert again.core is verilated_core.core and again.config.iterations == 2
     again.close()

@@ -5,7 +5,8 @@ import itertools
 import pytest
 from amaranth.hdl import Module, ResetInserter, Signal
 
-from cmfpga.config import Config
+from cmfpga.config import ASCENTS, Config, preset
+from cmfpga.config.schedule import parse_schedule
 from cmfpga.protocol.batch import BatchSettings, Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
@@ -40,6 +41,10 @@ CONFIGS = {
     "two tiny": Config(**TINY | LIMITS | {"buffer_events": 1}, buffers=2, iterations=3),
     "one pass": Config(**SMALL, **LIMITS, gradient="one_pass", iterations=3),
     "two, one pass": Config(**SMALL | {"roi_width": 15}, **LIMITS, gradient="one_pass", buffers=2, iterations=3),
+    # The default preset: one pass, signs, levels, dither, two buffers; so few tags that they come back soon.
+    "fast": preset("fast").replace(
+        **SMALL, **LIMITS, tag_bits=3, iterations=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
+    ),
 }
 
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
@@ -68,9 +73,19 @@ def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
     return list(zip((t % wrap).tolist(), *columns, strict=True))
 
 
+#: Schedules of random batches, some of them part of another; steps so large that v saturates, and v's unit.
+PLANS = tuple(
+    parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4)
+    for text in ("0:-2", "2:2 0:-6", "1:0*2 0:4", "2:1 1:-1 0:-3 0:-5", "0:-3 0:-5", "1:4*2")
+)
+
+
 def settings(config, **changes):
-    """The configuration's settings, some of them changed."""
-    return BatchSettings(**vars(BatchSettings.from_config(config)) | changes)
+    """The configuration's settings, some of them changed; ``iterations`` is also the length of schedules."""
+    chosen = vars(BatchSettings.from_config(config))
+    if "iterations" in changes:
+        chosen |= {name: chosen[name][: changes["iterations"]] for name in ("cold", "warm")}
+    return BatchSettings(**chosen | changes)
 
 
 def random_batch(config, rng, *, bad_times=0.15):
@@ -87,6 +102,9 @@ def random_batch(config, rng, *, bad_times=0.15):
     size = config.roi_width, config.roi_height
     around = tuple(c + s // 2 for c, s in zip(roi, size, strict=True)) if roi else None
     span = 0 if rng.random() < 0.1 else None
+    plans = {}
+    if config.ascent == "sign":
+        plans = {name: ((), *PLANS)[int(rng.integers(len(PLANS) + 1))] for name in ("cold", "warm")}
     return Batch(
         events=moving_points(config, rng, count, bad_times=bad_times, span=span, around=around),
         settings=settings(
@@ -102,6 +120,7 @@ def random_batch(config, rng, *, bad_times=0.15):
             min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
             thinning=int(rng.choice([1, 1, 1, 2, 3, 7, 255])),
             thin_target=min(config.buffer_events, int(rng.choice([0, 0, 0, 1, 5, 20, 48]))),
+            **plans,
         ),
         end=end,
     )
@@ -130,7 +149,7 @@ def test_matches_model(name, flow, rng):
     run(config, batches, rng, gap=gap, stall=stall, eager=flow in ("free", "both"))
 
 
-@pytest.mark.parametrize("name", ["two", "two, one pass"])
+@pytest.mark.parametrize("name", ["two", "two, one pass", "fast"])
 def test_two_buffers_give_the_same_whenever_a_batch_comes(name, rng):
     """Results depend on neither gaps nor stalls, nor on whether the next batch is offered early."""
     config = CONFIGS[name]
@@ -143,9 +162,10 @@ def test_two_buffers_give_the_same_whenever_a_batch_comes(name, rng):
     assert all(result == results[0] for result in results)
 
 
-def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(rng):
+@pytest.mark.parametrize("name", ["two", "fast"])
+def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name, rng):
     """All of it, and once only: the batch after that waits until the first has handed its result over."""
-    config = CONFIGS["two"]
+    config = CONFIGS[name]
     batches = [spread(config, rng, 30, iterations=4) for _ in range(4)]
     _, outcomes = run(config, batches, rng)
     for before, outcome in itertools.pairwise(outcomes):
@@ -198,6 +218,16 @@ def test_cycle_formula_is_exact(name, iterations, rng):
     assert core.batch_latency == constant_cycles(config)
 
 
+@pytest.mark.parametrize("max_level", [0, 2])
+@pytest.mark.parametrize("roi_height", [16, 15])
+@pytest.mark.parametrize("ascent", ASCENTS)
+def test_the_configuration_knows_the_latency_of_one_pass(max_level, roi_height, ascent):
+    """The rule on ``tag_bits`` relies on it."""
+    changes = {"gradient": "one_pass", "roi_width": 16, "roi_height": roi_height}
+    config = Config(**changes, max_level=max_level, ascent=ascent)
+    assert Core(config).iteration_latency == config.one_pass_latency
+
+
 # ---------------------------------------------------------------- degenerate batches
 
 CENTER = (20, 15)
@@ -240,6 +270,22 @@ def test_degenerate_batches_change_nothing(what, times, changes, rng):
     assert outcomes[1].result["v"] == outcomes[0].result["v"]
     if bad.settings.roi is None:
         assert outcomes[1].result["roi_next"] == outcomes[0].result["roi_next"]
+
+
+@pytest.mark.parametrize("flow", ["free", "both"])
+def test_cold_and_warm_schedules(flow, rng):
+    """Warm only from a last v, of an object that is followed: not after a new ROI, a degenerate batch, or a given v."""
+    config = CONFIGS["fast"]
+    gap, stall = FLOWS[flow]
+    still = {"roi": None, "roi_gain": 0}
+    cold, warm = {"cold": PLANS[3], "warm": PLANS[4]}, {"cold": PLANS[1], "warm": PLANS[2]}
+    chosen = [
+        (cold, 4), (cold | still, 2), (warm | still, 3), (cold | still | {"start_last": False}, 4), (warm | still, 3),
+        (cold | still | {"min_roi_events": 30}, 0), (warm | still, 2), (cold | still, 2), (warm, 2), (warm | still, 3),
+    ]  # fmt: skip
+    batches = [spread(config, rng, **changes) for changes, _ in chosen]
+    results, _ = run(config, batches, rng, gap=gap, stall=stall)
+    assert [result.iterations for result in results] == [wanted for _, wanted in chosen]
 
 
 def test_minimum_is_met_exactly(rng):
@@ -358,7 +404,7 @@ def test_settings_are_taken_with_the_first_event(rng):
 # ---------------------------------------------------------------- reset
 
 
-@pytest.mark.parametrize("name", ["small", "two"])
+@pytest.mark.parametrize("name", ["small", "two", "fast"])
 @pytest.mark.parametrize("moment", ["ingest", "division", "votes", "sweep", "evaluation", "result"])
 def test_reset_in_the_middle(name, moment, rng):
     """A reset forgets v, the ROI and the batch, and the images that it leaves in the RAMs are swept away."""
@@ -403,9 +449,14 @@ def at_moment(core, moment):
         "events": lambda ctx: ctx.get(core.i.valid) & ctx.get(core.i.ready),
         "votes": lambda ctx: ctx.get(core.voter.o.valid),
         # Not the sweep after the reset.
-        "swept": lambda ctx: ctx.get(core.image.accumulator.sweep.valid) & ctx.get(core.iteration_control.iterating),
+        # In one pass, the cycles in which no event is added to the sums.
+        "swept": lambda ctx: (
+            ctx.get(core.image.accumulator.sweep.valid if core.sweep_cycles else ~core.voter.o.valid)
+            & ctx.get(core.iteration_control.iterating)
+        ),
         "traced": lambda ctx: ctx.get(core.trace.valid),
     }
+    idle = core.iteration_latency
     seen = dict.fromkeys((*counters, "cycles since the last event"), 0)
 
     def come(ctx):
@@ -417,7 +468,7 @@ def at_moment(core, moment):
             "ingest": seen["events"] == 30,
             "division": seen["cycles since the last event"] == 20,
             "votes": seen["votes"] == 3 * 20 + 15,
-            "sweep": seen["swept"] == core.config.geometry.bank_words * 3 + core.config.geometry.bank_words // 2,
+            "sweep": seen["swept"] == 7 * (core.sweep_cycles or idle) // 2,
             "evaluation": seen["traced"] == 4,
             "result": seen["traced"] == 4 and ctx.get(core.o.valid),
         }[moment]

@@ -8,13 +8,12 @@ import torch
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry
+from cmfpga.crosscheck.batches import PATTERNS, random_schedules, random_settings, times
 from cmfpga.engines.rtl import schedule_table, settings_values, to_batch_result
 from cmfpga.engines.verilated import VerilatedCore
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import BatchSettings, Flag, clamp_roi
+from cmfpga.protocol.batch import BatchSettings, Flag
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.rtl.top import VerilogCore
-from support.hazards import PATTERNS, times
 
 NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
 CONFIGS = {
@@ -44,41 +43,6 @@ def pair(request):
     core = VerilatedCore(config, seed=7)
     yield core, IntegerCore(config), BATCHES.get(request.param, 60)
     core.close()
-
-
-def random_settings(config, rng, previous_roi):
-    """Settings that change from batch to batch, and the ROI that the patterns are made for."""
-    roi = None
-    if rng.random() < 0.6:
-        roi = (int(rng.integers(config.geometry.roi_x_max + 1)), int(rng.integers(config.geometry.roi_y_max + 1)))
-    settings = BatchSettings(
-        roi=roi,
-        iterations=int(rng.choice([0, 1, 2, 3, 7, 12], p=[0.03, 0.17, 0.2, 0.2, 0.2, 0.2])),
-        eta=int(rng.choice([0, 1, 500, 1024, 5000, config.formats.eta.max])),
-        roi_gain=int(rng.integers(config.formats.roi_gain.max + 1)),
-        start_last=bool(rng.random() < 0.5),
-        v_start=tuple(
-            int(v) for v in rng.integers(config.formats.v.min, config.formats.v.max + 1, 2) >> rng.integers(0, 12)
-        ),
-        min_roi_events=int(rng.choice([1, 1, 1, 4])),
-        thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
-        thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
-        **(random_schedules(config, rng) if config.ascent == "sign" else {}),
-    )
-    return settings, clamp_roi(config, roi or previous_roi)[0]
-
-
-def random_schedules(config, rng):
-    """Two schedules of random length, also empty, with any level and step."""
-    return {
-        name: tuple(
-            ScheduleEntry(
-                int(rng.integers(config.max_level + 1)), int(rng.integers(-config.formats.v.f, config.formats.v.i))
-            )
-            for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
-        )
-        for name in ("cold", "warm")
-    }
 
 
 def accounted(result):
@@ -314,6 +278,22 @@ def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
     core.close()
 
 
+def test_a_schedule_as_long_as_the_table(rng):
+    """A driver may write one, whatever ``max_iterations`` says: the count does not wrap."""
+    config = Config(
+        sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16, ascent="sign",
+        cold="0:0", warm="0:0", iterations=2, max_iterations=2, schedule_entries=9,
+    )  # fmt: skip
+    core, model = VerilatedCore(config), IntegerCore(config)
+    for count in (4, 9, 8):
+        settings = replace(BatchSettings.from_config(config, (0, 0)), cold=(ScheduleEntry(0, -3),) * count, warm=())
+        x, y = rng.integers(2, size=(2, 12))
+        _, rtl, expected, _ = run_both(core, model, np.arange(12) * 9, x, y, settings)
+        assert_same(rtl, expected)
+        assert rtl.iterations == count
+    core.close()
+
+
 def test_more_iterations_than_there_are_tags(rng):
     """Tags come back after 2^tag_bits − 1 iterations: 700 iterations with 4-bit tags, without a reset."""
     config = preset("fast").replace(
@@ -338,4 +318,4 @@ def test_more_iterations_than_there_are_tags(rng):
 
 def test_too_few_tags_are_refused_with_the_numbers():
     with pytest.raises(ConfigError, match=r"^tag_bits = 5: .* · 16 idle cycles an iteration = 496, .* 1024 words"):
-        VerilogCore(preset("fast").replace(tag_bits=5))
+        preset("fast").replace(tag_bits=5)

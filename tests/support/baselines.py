@@ -1,6 +1,6 @@
 """Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
 
-python tests/support/baselines.py
+PYTHONPATH=tests python -m support.baselines
 python docs/generate.py
 """
 

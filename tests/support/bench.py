@@ -16,8 +16,10 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from cmfpga.config import Config, preset
+from cmfpga.engines.rtl import settings_values
 from cmfpga.protocol.batch import BatchSettings, Flag
 from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.rtl import payloads
 
 NARROW = {
     "dt_frac": 8, "v_frac": 6, "position_frac": 4, "weight_frac": 4, "derivative_frac": 4,
@@ -319,24 +321,35 @@ class Batch:
     #: The batch ends with as many stored events, where "roi" is its end.
     batch_roi_events: int = 0
 
-    def raw_settings(self):
-        """The core's ``settings``."""
-        s = self.settings
-        return {
-            "roi_load": int(s.roi is not None),
-            "roi_x": s.roi[0] if s.roi else 0,
-            "roi_y": s.roi[1] if s.roi else 0,
-            "batch_events": len(self.events) if self.end == "count" else 0,
-            "batch_roi_events": self.batch_roi_events,
-            "thinning": s.thinning,
-            "thin_target": s.thin_target,
-            "iterations": s.iterations,
-            "eta": s.eta,
-            "roi_gain": s.roi_gain,
-            "start_last": int(s.start_last),
-            "v_start": {"x": s.v_start[0], "y": s.v_start[1]},
-            "min_roi_events": s.min_roi_events,
-        }
+    def raw_settings(self, config, table):
+        """The core's ``settings``; ``table`` holds the schedules."""
+        values = settings_values(config, self.settings) | {"batch_roi_events": self.batch_roi_events}
+        if config.ascent == "sign":
+            values |= {f"{name}_first": place(table, getattr(self.settings, name)) for name in ("cold", "warm")}
+        if self.end == "count":
+            values["batch_events"] = len(self.events)
+        return nested(payloads.settings(config), values)
+
+
+def nested(layout, values, prefix=""):
+    """Values by their Verilog ports' names, in the shape of a layout."""
+    return {
+        name: nested(shape, values, f"{prefix}{name}_") if isinstance(shape, data.Layout) else values[prefix + name]
+        for name, shape in layout.members.items()
+    }
+
+
+def place(table, plan):
+    """Where a schedule begins in a table of schedules; None if it is not there."""
+    return next((k for k in range(len(table) + 1) if table[k : k + len(plan)] == plan), None)
+
+
+def schedules(batches):
+    """A table of all batches' schedules: tuple of :class:`ScheduleEntry`."""
+    table = ()
+    for plan in (plan for batch in batches for plan in (batch.settings.cold, batch.settings.warm)):
+        table += plan if place(table, plan) is None else ()
+    return table
 
 
 @dataclass
@@ -356,7 +369,8 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     ``gap`` and ``stall`` are the probabilities of an idle cycle at the input and of an unready one at the output.
     An ``eager`` source offers a batch's first event while the core is still busy with the batch before; another one
     waits until that result is taken. The settings are right only while a first event is offered; at all other
-    times they are random. ``before_tick(ctx, cycle)`` may interfere; the bench ends early where it returns True.
+    times they are random. All schedules are written before the first batch. ``before_tick(ctx, cycle)`` may
+    interfere; the bench ends early where it returns True.
 
     Streams keep their rules, and the core must: what is offered stays until it is taken.
     """
@@ -368,13 +382,18 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     shown = hasattr(core, "pixels")
     if shown:
         pixels, pixels_valid = Port(core.pixels.payload), Port(core.pixels.valid)
+    if hasattr(core, "schedule_write"):
+        write, write_valid = Port(core.schedule_write.payload), Port(core.schedule_write.valid)
     noise = random_values(core.i.payload.shape(), rng)
     settings_noise = random_values(core.settings.shape(), rng)
     outcomes = [Outcome() for _ in batches]
     # Twice what all batches take one after the other, and as much again for idle cycles.
     limit = 500 + 2 * config.geometry.bank_words
+    table = schedules(batches)
     for batch in batches:
-        busy = batch.settings.iterations * (len(batch.events) + config.geometry.bank_words + core.iteration_latency)
+        chosen = batch.settings
+        iterations = max(chosen.iterations, len(chosen.cold), len(chosen.warm))
+        busy = iterations * (len(batch.events) + config.geometry.bank_words + core.iteration_latency)
         limit += 2 * (len(batch.events) + busy + core.batch_latency) + 20
     limit = int(limit / (1 - min(0.9, max(gap, stall))))
 
@@ -385,6 +404,12 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             for k, (t, x, y) in enumerate(batch.events)
         ]
         position, offering, held, finished = 0, False, None, 0
+        for address, (level, log2_step) in enumerate(table):
+            entry = {"level": level, "shift": log2_step + config.formats.v.f}
+            write.set(ctx, {"address": address, "entry": entry})
+            write_valid.set(ctx, 1)
+            await ctx.tick()
+            write_valid.set(ctx, 0)
         for cycle in range(limit):
             # Input.
             number, k, payload = queue[position] if position < len(queue) else (len(batches), 0, None)
@@ -393,7 +418,9 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
                 offering = wanted and rng.random() >= gap
             i_valid.set(ctx, int(offering))
             event.set(ctx, payload if offering else next(noise))
-            settings.set(ctx, batches[number].raw_settings() if offering and k == 0 else next(settings_noise))
+            settings.set(
+                ctx, batches[number].raw_settings(config, table) if offering and k == 0 else next(settings_noise)
+            )
             # Output.
             ready = rng.random() >= stall
             o_ready.set(ctx, int(ready))
@@ -428,8 +455,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
                 return
         raise AssertionError(
             f"no result of batch {finished} of {len(batches)} after {limit} cycles: {position} of {len(queue)} events "
-            f"accepted, {len(current.trace)} of {batches[finished].settings.iterations} iterations traced, "
-            f"{len(current.pixels)} words of images"
+            f"accepted, {len(current.trace)} iterations traced, {len(current.pixels)} words of images"
         )
 
     return bench, outcomes
@@ -484,14 +510,16 @@ SHORTEST = 3
 
 
 def per_iteration(config):
-    """P/4 + L as a number, L in one pass; for a constant η."""
+    """P/4 + L as a number, L in one pass."""
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-    return division + (19 + config.geometry.bank_words if config.gradient == "sweep" else 18)
+    ascent = (3 if config.ascent == "constant" else 0) + (1 if config.max_level else 0)
+    return division + ascent + (16 + config.geometry.bank_words if config.gradient == "sweep" else 15)
 
 
 def constant_cycles(config):
-    """Cycles of a batch that depend on neither N, n nor T, as a number; without dither."""
-    return config.span_bits + config.reciprocal_bits + (18 if config.buffers == 1 else 16)
+    """Cycles of a batch that depend on neither N, n nor T, as a number."""
+    dither = 1 if config.dither_frac else 0
+    return config.span_bits + config.reciprocal_bits + dither + (18 if config.buffers == 1 else 16)
 
 
 # ---------------------------------------------------------------- votes and images

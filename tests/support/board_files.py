@@ -1,8 +1,11 @@
 """The board's folder as modules, and a stand-in for the emitted top with its ports and nothing behind them."""
 
 import importlib.util
+import struct
 import sys
 from pathlib import Path
+
+from cmfpga.boards import kv260
 
 ROOT = Path(__file__).parents[2]
 BOARD = ROOT / "boards" / "kv260"
@@ -52,6 +55,19 @@ def stand_in(bytes_=8, user=1, address=16):
     return text + "endmodule\n"
 
 
+def bitstream(part, words=64, seed=1):
+    """A .bit with a header like Vivado's, and data that are no configuration of anything."""
+    data = b"\xff" * 64 + bytes.fromhex("aa995566") + b"".join(
+        struct.pack(">I", (seed * 2654435761 + 40503 * n) & 0xFFFFFFFF) for n in range(words)
+    )  # fmt: skip
+    bit = bytes.fromhex("0009 0ff00ff00ff00ff000 0001")
+    texts = (("a", "cmfpga_bd_wrapper;UserID=0XFFFFFFFF;Version=2022.2"), ("b", part), ("c", "2024/01/02"),
+             ("d", "03:04:05"))  # fmt: skip
+    for key, text in texts:
+        bit += key.encode() + struct.pack(">H", len(text) + 1) + text.encode() + b"\0"
+    return bit + b"e" + struct.pack(">I", len(data)) + data
+
+
 #: What the register map's generator writes, in little.
 REGISTERS = """\
 proc cmfpga_registers {address_block} {
@@ -64,3 +80,22 @@ proc cmfpga_registers {address_block} {
     set_property bit_width 1 $field
 }
 """
+
+
+def check_ports(interfaces, tcl):
+    listed = tcl["ip_interfaces"].split()
+    assert {name: (i["bus"], i["mode"]) for name, i in interfaces.items()} == {
+        name: (bus, mode) for name, bus, mode in zip(listed[::3], listed[1::3], listed[2::3], strict=True)
+    }
+    width = {(name, signal): bits for name, i in interfaces.items() for signal, (_, _, bits) in i["ports"].items()}
+    for stream in ("s_axis", "m_axis"):
+        assert (
+            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == kv260.STREAM_WIDTH == 8 * int(tcl["stream_bytes"])
+        )
+        assert width[stream, "TUSER"] == int(tcl["stream_user_width"])
+        assert (stream, "TLAST") in width
+    assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == kv260.REGISTERS_WIDTH
+    assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == kv260.REGISTERS_SIZE
+    assert int(tcl["dma_data_width"]) == kv260.STREAM_WIDTH
+    assert int(tcl["dma_length_width"]) == kv260.DMA_LENGTH_BITS
+    assert int(tcl["dma_address_width"]) == kv260.DMA_ADDRESS_BITS

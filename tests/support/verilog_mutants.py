@@ -17,6 +17,7 @@ class Mutant:
     replacement: str
     occurrences: int = 1
     every: bool = False
+    preset: str = "paper"  # whose core is broken
     says: str = ""  # a regular expression of what the bench prints
 
     def apply(self, text):
@@ -84,5 +85,27 @@ MUTANTS = [
     ),
     Mutant(
         "wrong pixel shown", "", r"trace_pixels_3_dy = [^;]*", "trace_pixels_3_dy = trace_pixels_3_dx", says="pixel"
+    ),
+    Mutant(
+        "tag of another iteration counts",
+        "image_tagged_accumulator_bank_1",
+        r"(== tag_s2);",
+        r"\1 | 1'h1;",
+        preset="fast",
+    ),
+    Mutant("tag stays", "image_tagged_accumulator", r"if \(next_tag\)", "if (1'h0)", preset="fast"),
+    Mutant("schedule stands still", "ascent_schedule", r"= loaded_s1 \| advance;", "= loaded_s1;", preset="fast"),
+    Mutant("schedule not written", "ascent_schedule", r"if \(write__valid\)", "if (1'h0)", preset="fast", says="x"),
+    Mutant(
+        "warm though nothing is followed", "ascent", r"(\[\d+\]) & tracking;", r"\1;", preset="fast", says="iteration"
+    ),
+    Mutant("dither stands still", "dither", r"(phase_x \+ 24'h)\w+", r"\g<1>0", preset="fast", says="trace_sums"),
+    Mutant(
+        "batch opened before the next ROI is known",
+        "iteration_control",
+        r"assign handover__settled = [^;]*",
+        "assign handover__settled = 1'h1",
+        preset="fast",
+        says="result_",
     ),
 ]

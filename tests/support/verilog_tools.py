@@ -10,8 +10,8 @@ import sys
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.engines.verilated import verilator_root
 from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.emit import TOP, emit_verilog
 
 CONFIGS = {

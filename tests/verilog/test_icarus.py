@@ -8,7 +8,7 @@ import make_vectors
 import pytest
 from amaranth.back import verilog
 
-from cmfpga.config import Config
+from cmfpga.config import Config, preset
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.batch import Flag
 from cmfpga.rtl.top import VerilogCore
@@ -16,7 +16,10 @@ from cmfpga.verilog.emit import TOP
 from support.verilog_mutants import MUTANTS
 from support.verilog_tools import CONFIGS, emitted, icarus_compile, icarus_run, require_icarus, run
 
-SMALL = Config(sensor_width=64, sensor_height=48, roi_width=16, roi_height=10, buffer_events=64)
+SIZE = {"sensor_width": 64, "sensor_height": 48, "roi_width": 16, "roi_height": 10, "buffer_events": 64}
+SMALL = Config(**SIZE)
+FAST = preset("fast").replace(**SIZE, tag_bits=2)  # so few tags that they come back soon
+SEED = 4  # with which either meets every flag that it can
 KINDS = len(make_vectors.KINDS)
 
 
@@ -26,11 +29,18 @@ def _icarus():
 
 
 @pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    """A folder with everything for SMALL; not to be changed."""
-    folder = tmp_path_factory.mktemp("small")
-    make_vectors.make_vectors(SMALL, batches=KINDS, seed=3).write(folder)
-    return folder
+def folders(tmp_path_factory):
+    """Folders with everything for SMALL and for FAST; not to be changed."""
+    made = {"paper": SMALL, "fast": FAST}
+    for name, config in made.items():
+        made[name] = tmp_path_factory.mktemp(name)
+        make_vectors.make_vectors(config, batches=KINDS, seed=SEED).write(made[name])
+    return made
+
+
+@pytest.fixture(scope="module")
+def small(folders):
+    return folders["paper"]
 
 
 def simulate(folder):
@@ -47,22 +57,32 @@ def simulate_other_core(small, folder, text):
 # ---------------------------------------------------------------- the core passes
 
 
-@pytest.mark.parametrize("name", [pytest.param("default", marks=pytest.mark.slow), *list(CONFIGS)[1:]])
+FULL = {"fast": preset("fast"), "default": CONFIGS["default"]}
+OTHERS = {name: config for name, config in CONFIGS.items() if name not in FULL} | {
+    "fast, small": FAST,
+    "fast, one buffer": FAST.replace(buffers=1, roi_width=15),
+    "fast, by sweep": FAST.replace(gradient="sweep"),
+    "paper, in one pass": SMALL.replace(gradient="one_pass"),
+}
+
+
+@pytest.mark.parametrize("name", [*(pytest.param(name, marks=pytest.mark.slow) for name in FULL), *OTHERS])
 def test_passes(name, tmp_path):
-    vectors = make_vectors.make_vectors(CONFIGS[name], batches=KINDS, seed=2)
+    vectors = make_vectors.make_vectors((FULL | OTHERS)[name], batches=KINDS, seed=2)
     vectors.write(tmp_path)
     lines = simulate(tmp_path)
-    words = vectors.words
-    expected = f"PASS: {KINDS} batches, {len(words['events'])} events, {len(words['trace'])} iterations, "
-    assert len(lines) == 1 and lines[0].startswith(expected)
-    # Eleven values of each iteration, and at least those of a result but its sums and the formula's cycles.
+    rows = vectors.rows
+    expected = f"PASS: {KINDS} batches, {len(rows['events'])} events, {len(rows['trace'])} iterations, "
+    assert len(lines) == 1 and lines[0].startswith(expected), lines
+    # Values and images' sums of each iteration, and at least those of a result but its sums and the formula's cycles.
     checks = int(re.search(r"(\d+) checks", lines[0])[1])
-    assert checks > 11 * len(words["trace"]) + 18 * (KINDS - 1)
+    assert checks > (11 if vectors.core.sweep_cycles else 7) * len(rows["trace"]) + 18 * (KINDS - 1)
 
 
 def test_the_vectors_are_worth_it():
-    vectors = make_vectors.make_vectors(SMALL, batches=KINDS, seed=3)
-    assert vectors.seen == Flag(sum(Flag) - Flag.CUT - Flag.SCHEDULE)
+    for config in (SMALL, FAST):
+        vectors = make_vectors.make_vectors(config, batches=KINDS, seed=SEED)
+        assert vectors.seen == Flag(sum(Flag) - Flag.CUT - Flag.SCHEDULE)
     cut = make_vectors.make_vectors(CONFIGS["narrow formats"], batches=KINDS, seed=2)
     assert Flag.CUT in cut.seen
 
@@ -76,40 +96,49 @@ def test_the_same_in_newer_verilog(small, tmp_path):
         assert line.startswith("PASS: ")
 
 
-def test_the_bench_knows_every_port(sim_dir):
-    core, _ = emitted(SMALL)
-    text = (sim_dir / f"tb_{TOP}.v").read_text()
-    assert re.findall(r"^    \.(\w+)\(\1\)", text, re.MULTILINE) == ["clk", "rst", *core.inputs, *core.outputs]
-    looked_at = re.findall(r"result_\w+|trace_\w+", text.partition("cmfpga_core core")[2].partition(");")[2])
-    assert set(core.outputs) - {"event_ready"} <= set(looked_at)
+@pytest.mark.parametrize("config", [SMALL, FAST], ids=["paper", "fast"])
+def test_the_bench_knows_every_port(config):
+    """Each is connected; each that carries a value has a column in a memory, or is summed."""
+    vectors = make_vectors.make_vectors(config, batches=1, seed=SEED)
+    core, text = vectors.core, vectors.include()
+    assert re.findall(r"\.(\w+)\(\1\)", text) == core.port_order
+    columns = {name for columns in vectors.columns.values() for name in columns}
+    flow = {name for name in core.port_order if name.endswith(("_valid", "_ready"))}
+    pixels = {name for name in core.outputs if name.startswith("trace_pixels_")}
+    assert set(core.port_order) - {"clk", "rst"} - flow - pixels <= columns
+    assert all(f" + {name}" in text for name in pixels - flow)
 
 
 # ---------------------------------------------------------------- and a broken one does not
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
-def test_a_broken_core_fails(mutant, small, tmp_path):
+def test_a_broken_core_fails(mutant, folders, tmp_path):
+    small = folders[mutant.preset]
     lines = simulate_other_core(small, tmp_path, mutant.apply((small / f"{TOP}.v").read_text()))
     assert lines[-1].startswith("FAIL: ")
     assert re.search(mutant.says, "\n".join(lines))
 
 
-def test_every_field_is_checked(small, tmp_path):
+@pytest.mark.parametrize("config", [SMALL, FAST], ids=["paper", "fast"])
+def test_every_field_is_checked(config, tmp_path):
     """Flip the highest bit of everything that is expected of the first batch."""
-    vectors = make_vectors.make_vectors(SMALL, batches=1, seed=3)
-    changed = {"results": vectors.names("result_"), "trace": [f"trace_{n}" for n in ("v_x", "v_y")]}
-    changed["trace"] += vectors.names("trace_sums_")
-    for memory, names in changed.items():
-        widths = vectors.layouts[memory]
-        widths = widths[len(widths) - len(names) :]  # without the number of iterations, on which the others depend
-        for k in range(len(names)):
-            vectors.words[memory][0] ^= 1 << (sum(widths[k:]) - 1)
+    vectors = make_vectors.make_vectors(config, batches=1, seed=SEED)
+    # Without the number of iterations, on which the others depend, and what the model says nothing of.
+    unsaid = {"count", *(name for name, value in vectors.rows["results"][0].items() if value is None)}
+    wanted = set()
+    for memory in ("results", "trace"):
+        row, widths = vectors.rows[memory][0], vectors.columns[memory]
+        for name in set(row) - unsaid:
+            value = (int(row[name]) & ((1 << widths[name]) - 1)) ^ (1 << (widths[name] - 1))
+            row[name] = value
+            wanted.add(name)
     vectors.write(tmp_path)
     lines = simulate(tmp_path)
     wrong = {match[1] for line in lines if (match := re.search(r": (\w+) is \w+, \w+ is right$", line))}
-    assert wrong == {name for names in changed.values() for name in names}
-    # Twice: ΣI, ΣDx and ΣDy are also compared with the images.
-    assert lines[-1].startswith(f"FAIL: {len(wrong) + 3} of ")
+    assert wrong == wanted >= set(vectors.core.outputs) & {"result_v_x", "result_flags", "trace_sums_sx"}
+    # With a sweep twice: ΣI, ΣDx and ΣDy are also compared with the images.
+    assert lines[-1].startswith(f"FAIL: {len(wrong) + (3 if vectors.core.sweep_cycles else 0)} of ")
 
 
 # ---------------------------------------------------------------- what emit.py does to Amaranth's text
@@ -134,16 +163,25 @@ def test_clean_up_changes_nothing(small, tmp_path):
 # ---------------------------------------------------------------- commands
 
 
-def test_make(sim_dir, tmp_path):
+@pytest.mark.parametrize("name", ["paper", "fast"])
+def test_make(name, sim_dir, tmp_path):
     if not shutil.which("make"):
         pytest.skip("make is not installed (Debian package make)")
     fields = "--set roi_width=6 --set roi_height=4 --set buffer_events=30"
-    command = ["make", "-C", sim_dir, f"PYTHON={sys.executable}", f"OUT={tmp_path}", f"VECTORS={fields} --batches 3"]
+    command = [
+        "make",
+        "-C",
+        sim_dir,
+        f"PYTHON={sys.executable}",
+        f"OUT={tmp_path}",
+        f"VECTORS={fields} --batches 3",
+        f"PRESET={name}",
+    ]
     status, output = run(command)
     assert status == 0 and "\nPASS: 3 batches" in output, output
     status, output = run([*command, "-o", "vectors"])
     assert status == 0, output
-    (tmp_path / "trace.hex").write_text("0\n" * len((tmp_path / "trace.hex").read_text().splitlines()))
+    (tmp_path / "trace.mem").write_text("0\n" * len((tmp_path / "trace.mem").read_text().splitlines()))
     status, output = run([*command, "-o", "vectors"])
     assert status != 0 and "\nFAIL: " in output, output
 

@@ -1,7 +1,7 @@
 """Yosys maps the emitted core to the blocks of a device: which registers its DSPs take.
 
 Exact numbers, so that a change is noticed, for ``synth_xilinx`` of Yosys 0.70; Vivado's may differ. How many DSPs and
-RAMs there are is in tests/resources.
+RAMs there are is in tests/verilog.
 """
 
 import json

@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from cmfpga.config import preset
 from support.verilog_tools import CONFIGS, emitted, verilator_lint
 
 WAIVED = {"DECLFILENAME", "UNUSEDSIGNAL", "WIDTHEXPAND"}
@@ -21,9 +22,9 @@ def test_the_file_waives_these_rules_with_reasons(waivers):
     assert len(re.findall(r"^//.*\nlint_off", text, re.MULTILINE)) == len(WAIVED)
 
 
-@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.parametrize("name", [*CONFIGS, "fast"])
 def test_no_warning_beside_them_and_all_are_needed(name, waivers, tmp_path):
-    _, text = emitted(CONFIGS[name])
+    _, text = emitted(CONFIGS.get(name) or preset(name))
     assert verilator_lint(text, tmp_path, "-Wall", waivers) == (0, set())
     status, warnings = verilator_lint(text, tmp_path, "-Wall")
     assert status and warnings == WAIVED

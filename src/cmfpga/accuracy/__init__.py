@@ -12,7 +12,8 @@ fewer than 200 or more than 2000 events all the same is drawn anew with the same
 
 *Real* (:func:`real_cases`). :data:`WINDOWS` of recordings of DAVIS cameras, in each of which the image moves by 3 to
 5 px per half batch, and in each window the ROIs with most events. The motion is not known, so the yardstick is the
-contrast at the v found, as a share of the best that a fine search finds (:func:`contrasts` tells which contrast).
+contrast at the v found, as a share of the best that a fine search finds (:func:`contrasts` tells which contrast). They
+run with the configuration as it is: where its buffer is too small for a batch, events are dropped, and that is counted.
 
 *Track* (:func:`track_checkerboard`). A real recording of a camera that is tilted at a constant speed, tracked batch by
 batch with a moving ROI.
@@ -45,6 +46,7 @@ EXAMPLES = (
     "python -m cmfpga.accuracy                                # 300 synthetic batches, by the integer model",
     "python -m cmfpga.accuracy --data recordings --engine all # all suites, by Verilog, model and float",
     "python -m cmfpga.accuracy --set weight_frac=3 --batches 100 --json scores.json",
+    "python -m cmfpga.accuracy --set thinning=2 --data recordings  # real batches that fit the buffer",
     "python -m cmfpga.accuracy --study widths --data recordings",
 )
 
@@ -314,8 +316,8 @@ def peak_error(case, radius=1.5):
 # -------------------------------------------------------------------- running
 
 
-def find_v(engine, case, *, warm=False):
-    """v that ``engine`` finds for ``case``: from v = 0 by the cold schedule, or from ``case.start`` by the warm one."""
+def run_case(engine, case, *, warm=False):
+    """Result of ``engine`` for ``case``: from v = 0 by the cold schedule, or from ``case.start`` by the warm one."""
     config = engine.config
     settings = BatchSettings.from_config(config, case.roi)
     start = case.start if warm else (0.0, 0.0)
@@ -325,21 +327,24 @@ def find_v(engine, case, *, warm=False):
         v_start=tuple(config.formats.v.raw(axis) for axis in start),
         cold=settings.warm if warm else settings.cold,
     )
-    return engine.run(case.events, settings).v
+    return engine.run(case.events, settings)
 
 
 def errors(engine, cases, *, warm=False, progress=iter):
     """Euclidean distance of the v found from the truth, px per half batch: float64 [cases]."""
-    return np.array([math.dist(find_v(engine, case, warm=warm), case.truth) for case in progress(cases)])
+    return np.array([math.dist(run_case(engine, case, warm=warm).v, case.truth) for case in progress(cases)])
 
 
 def contrast_shares(engine, cases, *, progress=iter):
-    """Contrast at the v found as a share of the best: float64 [cases, 2], with events spread, and as in the article."""
+    """Contrast at the v found as a share of the best, with events spread and as in the article: float64 [cases, 3].
+
+    The contrast is of all events of the batch's ROI. The last column counts those that did not fit into the buffer.
+    """
     shares = []
     for case in progress(cases):
-        v = find_v(engine, case)
-        spread, plain = (contrasts(*case.scaled, [v], spread=spread)[0] for spread in (True, False))
-        shares.append((spread / case.best[1], plain / case.best_unspread[1]))
+        result = run_case(engine, case)
+        spread, plain = (contrasts(*case.scaled, [result.v], spread=spread)[0] for spread in (True, False))
+        shares.append((spread / case.best[1], plain / case.best_unspread[1], result.overflow))
     return np.array(shares)
 
 
@@ -355,8 +360,8 @@ def error_scores(values):
 
 
 def share_scores(values):
-    """``contrast_shares`` as scores: shares of the batches that reach 97 % and 99 % of the best contrast."""
-    spread, plain = values.T
+    """``contrast_shares`` as scores: shares of the batches that reach 97 % and 99 % of the best contrast, and so on."""
+    spread, plain, dropped = values.T
     return {
         "batches": len(values),
         "at_least_97_percent": float(np.mean(spread >= 0.97)),
@@ -364,6 +369,7 @@ def share_scores(values):
         "median": float(np.median(spread)),
         "smallest": float(np.min(spread)),
         "articles_at_least_97_percent": float(np.mean(plain >= 0.97)),
+        "batches_that_drop_events": int(np.count_nonzero(dropped)),
     }
 
 
@@ -492,6 +498,7 @@ SHARE_HEADS = (
     "median share, %",
     "smallest share, %",
     "≥ 97 % of the article's best, %",
+    "batches that drop events",
 )
 
 
@@ -507,7 +514,8 @@ def _error_cells(scores):
 
 def _share_cells(scores):
     names = ("at_least_97_percent", "at_least_99_percent", "median", "smallest", "articles_at_least_97_percent")
-    return str(scores["batches"]), *(_percent(scores[name]) for name in names)
+    dropping = str(scores["batches_that_drop_events"])
+    return str(scores["batches"]), *(_percent(scores[name]) for name in names), dropping
 
 
 BINS = (
@@ -588,11 +596,6 @@ def main(arguments=None):
     return 0
 
 
-def real_config(config):
-    """``config`` with a buffer that holds the real batches."""
-    return config.replace(buffer_events=max(config.buffer_events, REAL_ROI_EVENTS[1]))
-
-
 def _engine(name, config):
     return closing(make_engine(name, config))
 
@@ -615,7 +618,7 @@ def _run_suites(options, config, report):
         return
     real, rows = real_cases(options.data), []
     for name in names:
-        with _engine(name, real_config(config)) as engine:
+        with _engine(name, config) as engine:
             values = found[name, "real"] = contrast_shares(engine, real, progress=report.progress)
         rows.append((name, *_share_cells(report.keep(f"real, {name}", values, share_scores(values)))))
     report.table("Real batches: contrast at the v found, cold start", ("engine", *SHARE_HEADS), rows)
@@ -658,13 +661,12 @@ def brief(engine, *, data=None, batches=BATCHES):
             )
     if data is not None:
         real = real_cases(data)
-        with _engine(engine, real_config(config)) as runner:
+        with _engine(engine, config) as runner:
             found = scores["real, cold"] = share_scores(contrast_shares(runner, real))
         shares = (_percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
         text.append(
-            "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %".format(
-                engine, found["batches"], *shares
-            )
+            "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %; "
+            "{} drop events".format(engine, found["batches"], *shares, found["batches_that_drop_events"])
         )
     return {"scores": scores, "text": text}
 
@@ -695,10 +697,9 @@ def _row(report, name, engine, config, cases, real):
     """Cells of both suites for one configuration."""
     with _engine(engine, config) as runner:
         values = errors(runner, cases, progress=report.progress)
-    cells = _error_cells(report.keep(f"synthetic, {name}", values, error_scores(values)))[1:4]
-    if not real:
-        return cells
-    with _engine(engine, real_config(config)) as runner:
+        cells = _error_cells(report.keep(f"synthetic, {name}", values, error_scores(values)))[1:4]
+        if not real:
+            return cells
         values = contrast_shares(runner, real, progress=report.progress)
     return *cells, *_share_cells(report.keep(f"real, {name}", values, share_scores(values)))[1:3]
 
@@ -708,7 +709,7 @@ def _row_heads(real):
 
 
 def _study_plain(config, engine, cases, real, report):
-    plain = preset("paper")
+    plain = preset("paper").replace(buffer_events=config.buffer_events)
     rows = [
         (f"{eta:g}", *_row(report, f"eta {eta:g}", "float", plain.replace(eta=eta), cases, real)) for eta in PLAIN_ETAS
     ]

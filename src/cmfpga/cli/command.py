@@ -22,6 +22,7 @@ COMMANDS = {
     "report": ("report", "one page of a track: what moved, where to, how fast"),
     "accuracy": ("accuracy", "how well the motion is found, on batches whose motion is known and on real ones"),
     "driver": ("driver.__main__", "self-test of the accelerator: simulated, or on a board"),
+    "crosscheck": ("crosscheck", "random configurations: the hardware against the integer model"),
     "generate": ("generate", "write a synthetic recording with known motion"),
 }
 

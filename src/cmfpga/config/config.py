@@ -14,20 +14,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError
+from ..fixed import bits_for
 from .formats import Formats
 from .geometry import Geometry
 from .motion import translation
-from .schedule import parse_schedule
+from .schedule import AUTO, parse_schedule
 from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 GRADIENTS = ("sweep", "one_pass")
 ASCENTS = ("constant", "sign")
 RAM_STYLES = ("auto", "block", "ultra")
-
-# Measured best on synthetic and real batches; see docs/accuracy.md.
-COLD = "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5"
-WARM = "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5"
 
 
 def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=False):
@@ -80,8 +77,8 @@ class Config:
     ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=ASCENTS)
     iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
-    cold: str = _field(COLD, "schedule of the sign ascent without a last v", runtime=True)
-    warm: str = _field(WARM, "schedule of the sign ascent from the last v", runtime=True)
+    cold: str = _field(AUTO, "schedule of the sign ascent without a last v; auto: the best measured", runtime=True)
+    warm: str = _field(AUTO, "schedule of the sign ascent from the last v; auto: the best measured", runtime=True)
     schedule_entries: int = _field(32, "iterations that the table of schedules holds, cold and warm", low=2, high=256)
     max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
     eta: float = _field(
@@ -140,11 +137,10 @@ class Config:
             ("v_start_y", self.formats.v),
         ):
             self._check_real(name, fmt)
-        if self.ascent == "sign" and len(self.cold_schedule) + len(self.warm_schedule) > self.schedule_entries:
-            raise ConfigError(
-                f"cold and warm: {len(self.cold_schedule)} + {len(self.warm_schedule)} iterations; "
-                f"at most {self.schedule_entries} are allowed in all (schedule_entries)"
-            )
+        if self.ascent == "sign":
+            self._check_schedules()
+        if self.gradient == "one_pass":
+            self._check_tags()
         if self.dither_frac > self.dt_frac + self.v_frac:
             raise ConfigError(
                 f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
@@ -175,6 +171,28 @@ class Config:
         if value != value or (low is not None and value < low) or (high is not None and value > high):
             allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
             raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
+
+    def _check_schedules(self):
+        cold, warm = len(self.cold_schedule), len(self.warm_schedule)
+        if cold + warm > self.schedule_entries:
+            raise ConfigError(
+                f"cold and warm: {cold} + {warm} iterations; "
+                f"at most {self.schedule_entries} are allowed in all (schedule_entries)"
+            )
+        for name, iterations in (("cold", cold), ("warm", warm)):
+            if iterations > self.max_iterations:
+                raise ConfigError(
+                    f"{name}: {iterations} iterations; at most {self.max_iterations} are allowed (max_iterations)"
+                )
+
+    def _check_tags(self):
+        idle = self.one_pass_latency
+        if idle < self.fewest_idle_cycles:
+            raise ConfigError(
+                f"tag_bits = {self.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
+                f"= {((1 << self.tag_bits) - 1) * idle}, at least the "
+                f"{self.geometry.bank_depth} words of a bank are needed"
+            )
 
     def _check_size(self, name, limit):
         if getattr(self, name) > getattr(self, limit):
@@ -268,3 +286,26 @@ class Config:
     def warm_schedule(self):
         """Iterations of a batch that starts from the last v."""
         return self._schedule("warm")
+
+    @property
+    def iteration_bits(self):
+        """Width of a count of iterations; a driver may write a schedule as long as the table."""
+        longest = self.schedule_entries if self.ascent == "sign" else 0
+        return bits_for(max(self.max_iterations, longest))
+
+    @property
+    def one_pass_latency(self):
+        """Cycles of an iteration in one pass beside its n events, in which no vote enters the banks.
+
+        The latencies of warp, voter, banks, sums, gradient and updater, less one: a test holds them to those of the
+        blocks.
+        """
+        warp = 4 if self.max_level else 3
+        gradient = 4 if self.geometry.pixels & (self.geometry.pixels - 1) else 1
+        updater = 2 if self.ascent == "sign" else 5
+        return warp + 3 + 3 + 4 + gradient + updater - 1
+
+    @property
+    def fewest_idle_cycles(self):
+        """So many an iteration, or the sweep of the banks doesn't pass every word before its tag comes back."""
+        return -(-self.geometry.bank_depth // ((1 << self.tag_bits) - 1))

@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass, fields
 
-from ..protocol.batch import BatchOutcome, Flag
+from ..protocol.batch import BatchResult, Flag
 from ..protocol.words import result_values
 
 SUMS = ("i", "dx", "dy", "sx", "sy")
 
 
 @dataclass(frozen=True, kw_only=True)
-class WireResult(BatchOutcome):
-    """What a result packet carries: a :class:`~cmfpga.protocol.batch.BatchOutcome`, and more of the hardware's own.
+class WireResult(BatchResult):
+    """What a result packet carries: a :class:`.BatchResult` without a trace, and more of the hardware's own.
 
     Parameters
     ----------
@@ -59,7 +59,9 @@ def differences(result, expected):
         One line each; empty if all is equal. The model has no clock, so cycles are not compared.
     """
     pairs = {
-        f.name: (getattr(result, f.name), getattr(expected, f.name)) for f in fields(BatchOutcome) if f.name != "cycles"
+        f.name: (getattr(result, f.name), getattr(expected, f.name))
+        for f in fields(BatchResult)
+        if f.name not in ("cycles", "trace")
     }
     trace = expected.trace
     rows = [(int(i), *map(int, d), *map(int, s)) for i, d, s in zip(trace.sum_i, trace.sum_d, trace.s, strict=True)]

@@ -1,13 +1,13 @@
 """An accelerator as an engine."""
 
-import dataclasses
-
 from ..driver.results import WireResult
 from .base import Engine
 
 
 class AcceleratorEngine(Engine):
     """An accelerator with the checks, the empty batches and the ROI of :class:`cmfpga.engines.Engine`.
+
+    Its results are :class:`~.results.WireResult`, which have no trace.
 
     Parameters
     ----------
@@ -36,9 +36,8 @@ class AcceleratorEngine(Engine):
         return result
 
     def _nothing(self, settings):
-        empty = super()._nothing(settings)
-        common = {f.name: getattr(empty, f.name) for f in dataclasses.fields(empty) if f.name != "trace"}
-        return WireResult(**common, batch=0, t_first=None, t_ref=None, sums=(0,) * 5)
+        empty = vars(super()._nothing(settings)) | {"trace": None}
+        return WireResult(**empty, batch=0, t_first=None, t_ref=None, sums=(0,) * 5)
 
     def close(self):
         self._accelerator.close()

@@ -9,19 +9,21 @@ from .rtl import RtlEngine, schedule_table, settings_values
 
 
 class AmaranthEngine(RtlEngine):
-    """Runs :class:`cmfpga.rtl.core.Core` itself; the results and cycle counts are those of the emitted Verilog."""
+    """Runs :class:`cmfpga.rtl.core.Core` itself; the results and cycle counts are those of the emitted Verilog.
 
-    note = (
-        "no C++ compiler found: using Amaranth's simulator, about 5,000 clock cycles a second "
-        "(install g++ or clang++ for a thousand times that)"
-    )
+    ``why`` says in the note what keeps the Verilog from being compiled.
+    """
 
-    def __init__(self, config):
+    def __init__(self, config, why="no C++ compiler found"):
         super().__init__(config)
-        self._core = Core(config)
+        self.note = (
+            f"{why}: using Amaranth's simulator, about 5,000 clock cycles a second "
+            "(install g++ or clang++ for a thousand times that)"
+        )
+        self.core = Core(config)
         self._job = None  # (events, settings, table of schedules) of the batch to simulate
         self._outcome = None
-        self._simulator = Simulator(self._core)
+        self._simulator = Simulator(self.core)
         self._simulator.add_clock(1e-6)
         self._simulator.add_testbench(self._bench)
 
@@ -32,7 +34,7 @@ class AmaranthEngine(RtlEngine):
         # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
         n, iterations = len(events), max(settings.iterations, len(table))
         cycles = (
-            2 * self._core.cycles(events=n, roi_events=n, iterations=iterations)
+            2 * self.core.cycles(events=n, roi_events=n, iterations=iterations)
             + 2 * self.config.geometry.bank_words
             + 1000
         )
@@ -43,7 +45,7 @@ class AmaranthEngine(RtlEngine):
         raise TimeoutError(f"no result after {cycles + 500} clock cycles")
 
     async def _bench(self, ctx):
-        core = self._core
+        core = self.core
         while True:
             while self._job is None:
                 await ctx.tick()
@@ -92,10 +94,10 @@ def _nested(layout, values, prefix=""):
 def _result(payload):
     """The result's leaves by their Verilog port names."""
     values = {}
-    for name in payload.shape().members:
+    for name, shape in payload.shape().members.items():
         value = getattr(payload, name)
-        if name in ("v", "roi", "roi_next"):
-            values |= {f"{name}_{axis}": getattr(value, axis) for axis in "xy"}
-        elif name != "sums":
+        if isinstance(shape, data.Layout):
+            values |= {f"{name}_{part}": getattr(value, part) for part in shape.members}
+        else:
             values[name] = value
     return values

@@ -3,8 +3,6 @@
 import dataclasses
 from abc import ABC, abstractmethod
 
-import numpy as np
-
 from ..errors import ConfigError
 from ..protocol.batch import BatchResult, Flag, Trace, clamp_roi
 
@@ -67,6 +65,7 @@ class Engine(ABC):
         Returns
         -------
         BatchResult
+            Its trace is None from an accelerator, the engine ``axi``: only the result comes over the wire.
 
         Raises
         ------
@@ -98,8 +97,12 @@ class Engine(ABC):
             v=self.v,
             iterations=0,
             flags=Flag.DEGENERATE,
-            trace=Trace(v=np.zeros((0, 2)), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2))),
+            trace=Trace.without_iterations(self._trace_v()),
         )
+
+    def _trace_v(self):
+        """v as a trace has it."""
+        return tuple(self.config.formats.v.raw(axis) for axis in self.v)
 
     @property
     @abstractmethod

@@ -1,6 +1,5 @@
 """The float64 reference as an engine."""
 
-import numpy as np
 import torch
 
 from ..protocol.batch import BatchResult, Flag, Trace
@@ -31,6 +30,9 @@ class FloatEngine(Engine):
     def v(self):
         return self._v
 
+    def _trace_v(self):
+        return self._v
+
     def _run(self, events, settings):
         config = self.config
         roi, limited = self._follower.crop(settings.roi)
@@ -48,7 +50,7 @@ class FloatEngine(Engine):
         if not batch.enough(settings) or not plan:
             flags |= Flag.DEGENERATE
             self._tracking = False
-            trace = Trace(v=np.array([self._v]), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
+            trace = Trace.without_iterations(self._trace_v())
         else:
             if not warm:
                 self._v = tuple(config.formats.v.real(axis) for axis in settings.v_start)

@@ -1,5 +1,7 @@
 """The hardware itself, cycle by cycle, as an engine."""
 
+import os
+import shlex
 import shutil
 from abc import abstractmethod
 
@@ -12,19 +14,28 @@ COMPILERS = ("c++", "g++", "clang++")
 
 
 def find_compiler():
-    """Path of a C++ compiler, or None."""
-    return next((path for path in map(shutil.which, COMPILERS) if path), None)
+    """The command of a C++ compiler, as a shell takes it: ``$CXX``, or the first of :data:`COMPILERS`; None without.
+
+    Whether it works is found out by using it.
+    """
+    given = os.environ.get("CXX", "").strip()
+    return given or next((shlex.quote(path) for path in map(shutil.which, COMPILERS) if path), None)
 
 
 def make_rtl_engine(config):
-    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where no C++ compiler is found."""
+    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where there is no C++ compiler that works."""
+    why = "no C++ compiler found"
     if find_compiler():
+        from ..verilog.compile import CompilerError
         from .verilated import VerilatedEngine
 
-        return VerilatedEngine(config)
+        try:
+            return VerilatedEngine(config)
+        except CompilerError as error:
+            why = str(error)
     from .amaranth_sim import AmaranthEngine
 
-    return AmaranthEngine(config)
+    return AmaranthEngine(config, why)
 
 
 def settings_values(config, settings):
@@ -62,13 +73,22 @@ def schedule_table(config, settings):
 
 
 class RtlEngine(Engine):
-    """Common part of the engines that have a clock."""
+    """Common part of the engines that have a clock.
+
+    Attributes
+    ----------
+    ports : dict of str to int
+        Result ports of the last batch, by name without ``result_``.
+    core : Core or VerilogCore
+        Knows how many cycles a batch takes.
+    """
 
     name = "rtl"
 
     def __init__(self, config):
         super().__init__(config)
         self._v = (0.0, 0.0)
+        self.ports = {}
 
     @property
     def v(self):
@@ -76,6 +96,7 @@ class RtlEngine(Engine):
 
     def _run(self, events, settings):
         result, trace = self._simulate(events, settings)
+        self.ports = result
         batch = to_batch_result(self.config, result, trace)
         self._v = batch.v
         return batch

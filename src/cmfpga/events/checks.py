@@ -1,16 +1,15 @@
-"""From columns of numbers, as a file stores them, to checked :class:`Events`."""
+"""From columns of numbers, as a file or a caller has them, to checked ones."""
 
 import numpy as np
 
 from ..errors import RecordingError
-from .arrays import Events
 
 # Columns and rows are uint16 in memory.
 _LARGEST_COORDINATE = (1 << 16) - 1
 
 
 class EventChecker:
-    """Turns the chunks of one recording, in order, into :class:`Events`; refuses what cannot be used.
+    """Turns the chunks of one recording, in order, into columns of :class:`Events`; refuses what cannot be used.
 
     Parameters
     ----------
@@ -32,7 +31,7 @@ class EventChecker:
         self._seen_zero = False
 
     def __call__(self, t, x, y, p):
-        """:class:`Events` of the next chunk.
+        """``(t, x, y, p)`` of the next chunk, as :class:`Events` keep them.
 
         Parameters
         ----------
@@ -50,11 +49,9 @@ class EventChecker:
             negative or outside the sensor, a polarity is another number, or -1 and 0 both occur.
         """
         self._check_order(t)
-        x = self._coordinate("x", x, self.width)
-        y = self._coordinate("y", y, self.height)
-        p = self._polarity(p)
+        x, y, p = self.coordinate("x", x, self.width), self.coordinate("y", y, self.height), self.polarity(p)
         self.next_event += len(t)
-        return Events(t, x, y, p)
+        return t, x, y, p
 
     def _fail(self, k, message):
         raise RecordingError(f"{self.where}: {message.format(event=f'event {self.next_event + k}')}")
@@ -75,9 +72,10 @@ class EventChecker:
             k, f"time stamp of {{event}} is {after} µs, after {before} µs of the event before; it must never decrease"
         )
 
-    def _coordinate(self, name, values, size):
+    def coordinate(self, name, values, size=None):
+        """Column ``name``, x or y, as uint16; ``size`` is that of the sensor, px."""
         if not len(values):
-            return values
+            return values.astype(np.uint16)
         if values.dtype.kind == "f":
             odd = ~(values == np.floor(values))  # NaN too
             if odd.any():
@@ -90,7 +88,8 @@ class EventChecker:
             self._fail(k, f"{name} of {{event}} is {values[k]:.0f}; 0 to {largest} is allowed{sensor}")
         return values.astype(np.uint16)
 
-    def _polarity(self, values):
+    def polarity(self, values):
+        """Polarities as uint8, 0 and 1."""
         if values.dtype.kind == "b":
             return values.astype(np.uint8)
         minus, zero, one = values == -1, values == 0, values == 1

@@ -4,7 +4,7 @@ import contextlib
 
 from ..errors import RecordingError
 from .recording import Recording, check_sensor
-from .units import SAMPLE_EVENTS, guess_unit, to_us
+from .units import SAMPLE_EVENTS, guess_unit, parse_unit, to_us
 
 # Names under which the four columns are found, in data sets, archives and structured arrays.
 NAMES = {
@@ -177,12 +177,17 @@ class MemoryRecording(ColumnsRecording):
         Size of the sensor, px.
     name : str
         For people.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        What the whole numbers in ``events.t`` count; µs by default.
     """
 
-    def __init__(self, events, width, height, name="events in memory"):
+    def __init__(self, events, width, height, name="events in memory", time_unit=None):
         columns = Columns({key: getattr(events, key) for key in NAMES}, name)
         sensor = check_sensor((width, height), name)
-        super().__init__(lambda: columns, path=None, name=name, format="memory", sensor=sensor, file_unit="us")
+        time_unit = None if time_unit is None else parse_unit(time_unit, name)
+        super().__init__(
+            lambda: columns, path=None, name=name, format="memory", sensor=sensor, time_unit=time_unit, file_unit="us"
+        )
 
 
 def one_line(error):

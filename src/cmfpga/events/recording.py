@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ..errors import RecordingError
+from .arrays import Events
 from .checks import EventChecker
 from .units import parse_unit
 
@@ -70,7 +71,7 @@ class Recording(abc.ABC):
     def _checked(self, start, size):
         check = EventChecker(self.where, self.width, self.height, start)
         for columns in self._columns(start, size):
-            yield check(*columns)
+            yield Events(*check(*columns))
 
     def _start_error(self, start, num_events):
         allowed = "0 or more" if num_events is None else f"0 to {num_events - 1}"

@@ -77,6 +77,13 @@ class Trace:
     sum_d: np.ndarray  # [T, 2]
     s: np.ndarray  # [T, 2]
 
+    @classmethod
+    def without_iterations(cls, v):
+        """Of a batch that leaves the velocity at ``v``: T = 0."""
+        v = np.array([v])
+        none = np.zeros((0, 2), v.dtype)
+        return cls(v=v, sum_i=none[:, 0], sum_d=none, s=none)
+
     def __eq__(self, other):
         return isinstance(other, Trace) and all(
             np.array_equal(getattr(self, name), getattr(other, name)) for name in ("v", "sum_i", "sum_d", "s")
@@ -84,9 +91,10 @@ class Trace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchOutcome:
+class BatchResult:
     """What came of one batch, wherever it was computed.
 
+    ``trace`` is None where only the result is told: by an accelerator, whose packets have no iterations.
     ``events = roi_events + outside + overflow + thinned + time_back + time_span``, always: nothing is lost without
     being counted.
     """
@@ -105,13 +113,7 @@ class BatchOutcome:
     iterations: int
     flags: Flag
     cycles: int | None = None  # clock cycles, from what has a clock
-
-
-@dataclass(frozen=True, kw_only=True)
-class BatchResult(BatchOutcome):
-    """A :class:`BatchOutcome` with the iterations that led to it."""
-
-    trace: Trace = field(repr=False)
+    trace: Trace | None = field(default=None, repr=False)
 
 
 def crop_position(config, position):

@@ -76,8 +76,8 @@ def position_error(config, dt, v):
 def gain_error(config):
     """Relative error of the step's factor η·2^16/ρ as the hardware holds it, η's own rounding included; ≥ 0.
 
-    The hardware's step is the bounded gradient times η times at most 1 ± this, then rounded to ``config.formats.v``. Zero
-    for a power-of-two P and an η that its format holds; also for η = 0.
+    The hardware's step is the bounded gradient times η times at most 1 ± this, then rounded to ``config.formats.v``.
+    Zero for a power-of-two P and an η that its format holds; also for η = 0.
     """
     if not config.eta:
         return 0.0

@@ -187,8 +187,8 @@ function drawLandscape(detail) {
   const data = [{ type: "heatmap", x: axis, y: axis, z, colorscale: "Cividis", zsmooth: "best",
     colorbar: colorbar("contrast [(events/px)²]"),
     hovertemplate: "v = (%{x:.2f}, %{y:.2f}) px/half batch: contrast %{z:.3f}<extra></extra>" }];
-  const path = detail.v, steps = detail.levels;
-  for (const each of [...new Set(steps)]) {
+  const path = detail.v, steps = detail.levels, traced = path.length > steps.length;
+  for (const each of traced ? new Set(steps) : []) {
     const used = path.map((_, i) => i).filter((i) => i < steps.length && steps[i] === each);
     const [symbol, size] = STEPS[Math.min(each, 3)];
     const points = used.flatMap((i) => [path[i], path[i + 1], [null, null]]);
@@ -205,16 +205,17 @@ function drawLandscape(detail) {
     data.push({ type: "scatter", mode: "markers", x: [last[0]], y: [last[1]], marker: { symbol: "star", size: 17,
       color: "#e69f00", line: { color: "#000000", width: 1.5 } },
       hovertemplate: "found: v = (%{x:.3f}, %{y:.3f}) px/half batch<extra></extra>" });
-    data.push({ type: "scatter", mode: "markers", x: [first[0]], y: [first[1]], marker: { symbol: "circle-open", size: 22,
-      color: "#ffffff", line: { width: 3 } }, hovertemplate: "start: v = (%{x:.3f}, %{y:.3f})<extra></extra>" });
+    if (traced) data.push({ type: "scatter", mode: "markers", x: [first[0]], y: [first[1]],
+      marker: { symbol: "circle-open", size: 22, color: "#ffffff", line: { width: 3 } },
+      hovertemplate: "start: v = (%{x:.3f}, %{y:.3f})<extra></extra>" });
   }
   Plotly.react("landscape", data, layout(
     axisLook("vx [px/half batch]", { range: [-head.reach, head.reach], constrain: "domain", showgrid: false }),
     axisLook("vy [px/half batch]", { range: [head.reach, -head.reach], scaleanchor: "x", constrain: "domain",
       showgrid: false })), config);
   describe("landscape", `Contrast over velocity with pixels of ${2 ** level} px, batch ${detail.batch}: ` +
-    (steps.length ? `the ascent goes from (${path[0]}) to (${path[path.length - 1]}) px per half batch in ${steps.length} ` +
-      "iterations." : "no ascent, nothing was measured."));
+    (steps.length ? `the ascent goes ${traced ? `from (${path[0]}) ` : ""}to (${path[path.length - 1]}) px per half batch ` +
+      `in ${steps.length} iterations.` : "no ascent, nothing was measured."));
 }
 
 const flagged = columns.flags.map((text, k) => (text ? k : -1)).filter((k) => k >= 0);

@@ -80,6 +80,7 @@ def render(kept, clock_mhz):
         "lead": html.escape(story.lead),
         "notes": "".join(f"<li>{html.escape(note)}</li>" for note in story.notes),
         "levels": _level_choice(kept),
+        "path_note": html.escape(_path_note(kept)),
         "cycles_note": html.escape(_cycles_note(story)),
         "configuration": _configuration(kept),
         "versions": _versions(kept, clock_mhz),
@@ -168,6 +169,15 @@ def _level_choice(kept):
         for level in levels
     )
     return f'<fieldset class="levels"><legend>Contrast with pixels of</legend>{choices}</fieldset>'
+
+
+def _path_note(kept):
+    if any(0 < len(detail.levels) >= len(detail.v) for detail in kept.details):
+        return f"The star is the velocity found; the {kept.engine} engine does not tell the path to it."
+    return (
+        "The path goes from the ring to the star; large diamonds, squares and small circles are its steps with pixels "
+        "of 4 px (or more), 2 px and 1 px."
+    )
 
 
 def _cycles_note(story):

@@ -4,7 +4,6 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ..fixed import bits_for
 from . import payloads
 from .arithmetic import delay
 from .ascent.ascent import ascent_run
@@ -83,7 +82,7 @@ class IterationControl(wiring.Component):
                 **dict.fromkeys(("divide", "replay", "move"), Out(1)),
                 **dict.fromkeys(("divided", "complete"), In(1)),
                 "iterating": Out(1),
-                "iterations": Out(bits_for(config.max_iterations)),
+                "iterations": Out(config.iteration_bits),
                 "cycles": Out(payloads.CYCLE_BITS),
                 "taken": In(1),
             }

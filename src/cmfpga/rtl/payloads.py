@@ -222,7 +222,7 @@ def result(config):
             "time_span": count,
             "roi": roi_corner(config),
             "roi_next": roi_corner(config),
-            "iterations": bits_for(config.max_iterations),
+            "iterations": config.iteration_bits,
             "sums": sums(config),
             "cycles": CYCLE_BITS,
             "flags": len(Flag),

@@ -41,7 +41,8 @@ class Detail:
     since : uint32 array [n]
         Their time since the batch's first event, µs.
     v : float64 array [T + 1, 2]
-        Velocity that each iteration used, then the result; px per half batch.
+        Velocity that each iteration used, then the result; px per half batch. The result alone, [1, 2], where the
+        engine gives no trace.
     levels : uint8 array [T]
         Level of each iteration.
     """
@@ -139,14 +140,16 @@ class Kept:
         np.add.at(frame, (events.y // side, events.x // side), 1)
         x, y, dt = scaled_roi_events(config, events, result.roi, thinned=bool(result.thinned))
         since = np.rint((dt + 1) * result.span / 2)
-        scale = 1.0 if self.engine == "float" else config.formats.v.step
+        path = [result.v]
+        if result.trace is not None:
+            path = np.array(result.trace.v, np.float64) * (1.0 if self.engine == "float" else config.formats.v.step)
         return Detail(
             batch.index,
             np.minimum(frame, 255).astype(np.uint8),
             x.astype(np.uint16),
             y.astype(np.uint16),
             since.astype(np.uint32),
-            np.array(result.trace.v, np.float64).reshape(-1, 2) * scale,
+            np.array(path, np.float64),
             np.array([entry.level if entry else 0 for entry in plan], np.uint8),
         )
 

@@ -52,7 +52,7 @@ def track(
         where the object is in its middle.
     preset : str
         Configuration to begin with.
-    engine : {"rtl", "model", "float"}
+    engine : {"rtl", "axi", "model", "float"}
         As ``--engine`` of the command.
     batch_events, batch_us, batch_roi_events : int, optional
         One of them: events of the whole sensor (default: 5000), µs, or events in the ROI.
@@ -61,7 +61,7 @@ def track(
     sensor : (int, int), optional
         Width and height of the sensor, px; goes before what the file says.
     time_unit : {"s", "ms", "us", "ns"}, optional
-        Of the file's time stamps; goes before what the file says.
+        Of the time stamps; goes before what the file says, and before the µs of events in memory.
     **fields
         Fields of the configuration to change, such as ``eta=0.5``.
 
@@ -155,7 +155,7 @@ class Source:
         elif isinstance(recording, Events):
             if sensor is None:
                 raise ConfigError("sensor: (width, height) in px is needed with events in memory")
-            recording = MemoryRecording(recording, *sensor)
+            recording = MemoryRecording(recording, *sensor, time_unit=time_unit)
         elif not isinstance(recording, (Recording, str, os.PathLike)):
             raise RecordingError(f"{type(recording).__name__}: a path, a Recording, Events or Synthetic is needed")
         self._recording = recording
@@ -303,7 +303,7 @@ class Tracking:
         write_page(self._kept, path, clock_mhz=clock_mhz)
 
     def trace(self, batch):
-        """Every intermediate of a batch: :class:`~cmfpga.tracking.trace.BatchTrace`. Needs torch.
+        """Every intermediate of a batch: :class:`~cmfpga.tracking.trace.BatchTrace`. Needs torch; not for ``axi``.
 
         The batch's events are read again from the recording.
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..errors import RecordingError
+from ..errors import ConfigError, RecordingError
 from ..protocol.batch import BatchSettings
 from ..reference import floating
 from ..reference.ingest import take_in
@@ -91,11 +91,15 @@ class BatchTrace:
 
     Raises
     ------
+    ConfigError
+        The engine, ``axi``, gives no trace.
     RecordingError
         The events are not those that the engine was given: the recording has changed.
     """
 
     def __init__(self, config, engine, events, result, *, plan, thinning, name):
+        if result.trace is None:
+            raise ConfigError(f"trace: the {engine} engine gives only results; rtl, model or float is needed")
         self.config, self.result, self.plan = config, result, tuple(plan)
         self._real = engine == "float"
         self._name = name
@@ -105,7 +109,7 @@ class BatchTrace:
             raise self._changed()
         self.t, self.x, self.y = (axis.numpy() for axis in (batch.t, batch.x, batch.y))
         self.levels = np.array([entry.level if entry else 0 for entry in self.plan], np.int64)
-        self.v = np.array(result.trace.v, np.float64).reshape(-1, 2) * (1 if self._real else config.formats.v.step)
+        self.v = np.array(result.trace.v, np.float64) * (1 if self._real else config.formats.v.step)
         self._settings = settings
         if self._real:
             self._place_real(batch)

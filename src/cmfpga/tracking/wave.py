@@ -15,6 +15,7 @@ from amaranth.lib import data
 from vcd import VCDWriter
 from vcd.gtkw import GTKWSave
 
+from ..engines import AXI
 from ..engines.rtl import find_compiler, schedule_table, settings_values, to_batch_result
 from ..errors import ConfigError
 from ..protocol.batch import BatchSettings
@@ -152,12 +153,14 @@ class WaveTaker:
     Raises
     ------
     ConfigError
-        The engine has other numbers than the hardware, or there is no C++ compiler.
+        The engine has other numbers than the hardware, or no trace; or there is no C++ compiler.
     """
 
     def __init__(self, config, engine, wanted):
         if engine == "float":
             raise ConfigError("--wave: the float engine has not the hardware's numbers; rtl or model is needed")
+        if engine == AXI:
+            raise ConfigError("--wave: the axi engine gives only results, and a trace is needed: take rtl or model")
         if not find_compiler():
             raise ConfigError("--wave: a C++ compiler is needed; install g++ or clang++")
         self.config, self.wanted = config, wanted

@@ -1,13 +1,25 @@
-"""Verilog of the core, or of a top around it: the same bytes for the same configuration, version and Yosys."""
+"""Verilog of the core, or of a top around it: the same bytes for the same configuration, version and Yosys.
 
+Also the folder where what is compiled, from it or for it, is kept.
+"""
+
+import atexit
+import contextlib
+import functools
 import hashlib
+import logging
 import os
 import re
+import shutil
+import tempfile
 import textwrap
+from pathlib import Path
 
+import platformdirs
 from amaranth.back import verilog
 
 from .. import __version__
+from ..errors import ConfigError
 
 TOP = "cmfpga_core"
 AXI_TOP = "cmfpga_kv260"
@@ -26,7 +38,8 @@ def emit_verilog(core, name=TOP):
     # The Yosys that comes with Amaranth: another one orders and names things differently.
     os.environ["AMARANTH_USE_YOSYS"] = "builtin"
     ports = [*core.inputs.values(), *core.outputs.values()]
-    text = verilog.convert(core, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
+    with _environment(cache_environment("wasmtime")):
+        text = verilog.convert(core, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
     text = re.sub(r" *\(\* init = .*? \*\)\n", "", text)
     text = _separate_initial_values(text)
@@ -41,6 +54,70 @@ def emit_verilog(core, name=TOP):
 def sha256(text):
     """Hexadecimal SHA-256 of ``text``."""
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+def cache_folder():
+    """Where compiled simulators are kept: ``$CMFPGA_CACHE``, the user's cache, or a folder for this process alone.
+
+    Raises
+    ------
+    ConfigError
+        ``CMFPGA_CACHE`` names a folder that cannot be written.
+    """
+    given = os.environ.get("CMFPGA_CACHE")
+    folder = Path(given or platformdirs.user_cache_path("cmfpga"))
+    refusal = _refusal(folder)
+    if not refusal:
+        return folder
+    if given:
+        what = "written" if folder.is_dir() else "made"
+        raise ConfigError(
+            f"{folder}: cannot be {what}, for compiled simulators: {refusal}; CMFPGA_CACHE may name another folder"
+        )
+    return _temporary_folder(folder)
+
+
+def cache_environment(name):
+    """What a process must have in its environment so that the tool ``name`` in it finds a cache; most often nothing.
+
+    wasmtime, which runs Yosys, fails where the user's cache cannot be written.
+    """
+    if not _refusal(platformdirs.user_cache_path(name)):
+        return {}
+    return {"XDG_CACHE_HOME": str(cache_folder().absolute())}
+
+
+def _refusal(folder):
+    """Why nothing can be written into ``folder``, which is made if it is not there; None if it can."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return None
+    except OSError as error:
+        return error.strerror
+
+
+@functools.cache
+def _temporary_folder(instead_of):
+    folder = Path(tempfile.mkdtemp(prefix="cmfpga-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    logging.getLogger(__name__).warning(  # without any set-up of logging, the line as it is, on stderr
+        f"note: {instead_of} cannot be written: what is compiled is kept in {folder} until this process ends; "
+        "CMFPGA_CACHE may name a folder that stays"
+    )
+    return folder
+
+
+@contextlib.contextmanager
+def _environment(changes):
+    before = {name: os.environ[name] for name in changes if name in os.environ}
+    os.environ.update(changes)
+    try:
+        yield
+    finally:
+        for name in changes.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _header(config, name):

@@ -12,6 +12,7 @@ import importlib.metadata
 import importlib.util
 import json
 import math
+import os
 import re
 import subprocess
 import sys
@@ -21,7 +22,7 @@ from collections import Counter
 from pathlib import Path
 
 from ..errors import UserError
-from .emit import TOP, sha256
+from .emit import TOP, cache_environment, sha256
 
 #: What is counted, in the order of tables: name and title.
 KINDS = {
@@ -199,7 +200,10 @@ def _run(script, verilog, steps, report):
         report(steps[0])
         done = 0
         with (folder / "said").open("w") as said:
-            with subprocess.Popen(command, cwd=folder, stdout=said, stderr=subprocess.STDOUT) as process:
+            environment = {**os.environ, **cache_environment("YoWASP")}
+            with subprocess.Popen(
+                command, cwd=folder, env=environment, stdout=said, stderr=subprocess.STDOUT
+            ) as process:
                 try:
                     # By the files: what Yosys prints is lost once ABC has run in it.
                     while process.poll() is None:

@@ -22,7 +22,7 @@ from support.bench import (
 
 SHAPES = LEVELS | {
     "one bit": LEVELS["fast"].replace(dither_frac=1),
-    "sensor": LEVELS["fast"].replace(roi_width=240, roi_height=180),
+    "sensor": LEVELS["fast"].replace(roi_width=240, roi_height=180, tag_bits=10),
 }
 
 

@@ -217,8 +217,7 @@ def test_behind_the_accumulator(name, rng):
     config = SHAPES[name].replace(tag_bits=4)
     wide = roomy(config)
     pair = Pair(wide)
-    idle = max(pair.latency, -(-config.geometry.bank_depth // 15))
-    assert TaggedAccumulator.enough_idle_cycles(config, idle)
+    idle = max(pair.latency, config.fewest_idle_cycles)
     noise = random_values(pair.i.payload.shape(), rng)
     script = [{"i.payload": next(noise)} for _ in range(config.geometry.bank_depth)]
     expected = []

@@ -10,8 +10,8 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cmfpga.engines.verilated import verilator_root
 from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.emit import AXI_TOP, emit_verilog
 
 HERE = Path(__file__).parent

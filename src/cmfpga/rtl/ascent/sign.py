@@ -35,7 +35,8 @@ class SignAscent(Ascent):
     def elaborate(self, platform):
         run, settings, schedule = self.run, self.run.settings, self.schedule
         # Warm only while an object is followed: a new ROI, or a batch that found nothing, begins cold.
-        tracking, warm = Signal(), Signal()
+        tracking = Signal()
+        warm = Signal()
         m = self.begin(warm)
         m.submodules.schedule = schedule
         connect(m, flipped(self.schedule_write), schedule.write)

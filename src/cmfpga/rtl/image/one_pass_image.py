@@ -28,11 +28,10 @@ class OnePassImage(ImageSums):
         return {"tagged_accumulator": self.tagged_accumulator, "one_pass_gradient": self.one_pass_gradient}
 
     def check(self, idle_cycles):
-        config, tags = self.config, (1 << self.config.tag_bits) - 1
-        if not TaggedAccumulator.enough_idle_cycles(config, idle_cycles):
+        if idle_cycles < self.config.fewest_idle_cycles:
             raise ConfigError(
-                f"tag_bits = {config.tag_bits}: (2^tag_bits − 1) · {idle_cycles} idle cycles an iteration "
-                f"= {tags * idle_cycles}, at least the {config.geometry.bank_depth} words of a bank are needed"
+                f"tag_bits = {self.config.tag_bits}: {idle_cycles} idle cycles an iteration; "
+                f"at least {self.config.fewest_idle_cycles} are needed"
             )
 
     def elaborate(self, platform):

@@ -151,11 +151,6 @@ class TaggedAccumulator(wiring.Component):
             }
         )
 
-    @staticmethod
-    def enough_idle_cycles(config, idle):
-        """Whether the sweep passes every word before a tag comes back, with ``idle`` cycles between iterations."""
-        return ((1 << config.tag_bits) - 1) * idle >= config.geometry.bank_depth
-
     def elaborate(self, platform):
         config = self.config
         m = Module()

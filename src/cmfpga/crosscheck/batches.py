@@ -2,6 +2,9 @@
 
 import numpy as np
 
+from ..config.schedule import ScheduleEntry
+from ..protocol.batch import BatchSettings, clamp_roi
+
 PATTERNS = {}
 
 
@@ -126,3 +129,38 @@ def times(config, rng, n):
         at = rng.integers(n, size=3)
         t[at] -= rng.integers(1, 500, size=3)
     return t
+
+
+def random_settings(config, rng, previous_roi):
+    """Settings that change from batch to batch, and the ROI that the patterns are made for."""
+    roi = None
+    if rng.random() < 0.6:
+        roi = (int(rng.integers(config.geometry.roi_x_max + 1)), int(rng.integers(config.geometry.roi_y_max + 1)))
+    settings = BatchSettings(
+        roi=roi,
+        iterations=min(config.max_iterations, int(rng.choice([0, 1, 2, 3, 7, 12], p=[0.03, 0.17, 0.2, 0.2, 0.2, 0.2]))),
+        eta=min(config.formats.eta.max, int(rng.choice([0, 1, 500, 1024, 5000, config.formats.eta.max]))),
+        roi_gain=int(rng.integers(config.formats.roi_gain.max + 1)),
+        start_last=bool(rng.random() < 0.5),
+        v_start=tuple(
+            int(v) for v in rng.integers(config.formats.v.min, config.formats.v.max + 1, 2) >> rng.integers(0, 12)
+        ),
+        min_roi_events=min(config.buffer_events, int(rng.choice([1, 1, 1, 4]))),
+        thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
+        thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
+        **(random_schedules(config, rng) if config.ascent == "sign" else {}),
+    )
+    return settings, clamp_roi(config, roi or previous_roi)[0]
+
+
+def random_schedules(config, rng):
+    """Two schedules of random length, also empty, with any level and step."""
+    return {
+        name: tuple(
+            ScheduleEntry(
+                int(rng.integers(config.max_level + 1)), int(rng.integers(-config.formats.v.f, config.formats.v.i))
+            )
+            for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
+        )
+        for name in ("cold", "warm")
+    }

@@ -1,0 +1,93 @@
+"""Verilog of what tb_cmfpga_core.v does with every port of the core: lines, from the tables of ports and columns."""
+
+from cmfpga.verilog.emit import TOP
+
+
+def declarations(core):
+    """A register for each input, a wire for each output, and the core."""
+    for kind, ports in (("reg", core.inputs), ("wire", core.outputs)):
+        for name, port in ports.items():
+            sign = " signed" if port.shape().signed else ""
+            start = " = 0" if kind == "reg" and name.endswith(("_valid", "_ready")) else ""
+            yield f"{kind}{sign} [{len(port) - 1}:0] {name}{start};"
+    yield f"{TOP} core (" + ", ".join(f".{name}({name})" for name in core.port_order) + ");"
+
+
+def fill_banks(core):
+    """Random words in tagged banks, as in a device. What they held is multiplied by 0, and 0·X is X in a simulator."""
+    if "tagged_accumulator" in core.blocks:
+        yield "integer word;"
+        yield f"initial for (word = 0; word < {core.config.geometry.bank_depth}; word = word + 1) begin"
+        for n in range(4):
+            yield f"  core.image.tagged_accumulator.bank_{n}.ram[word] = {{$random, $random, $random}};"
+        yield "end"
+
+
+def drive(memory, columns, ports):
+    """A task that puts the ports' part of a word, which is its lower one, on them."""
+    names = [name for name in columns if name in ports]
+    bits = sum(columns[name] for name in names)
+    yield f"localparam {memory.upper()}_PORTS = {bits};"
+    yield f"task drive_{memory}(input [{bits - 1}:0] word); {{{', '.join(names)}}} = word; endtask"
+
+
+def write_schedule(columns):
+    """A task that fills the table of schedules, of a core that has one."""
+    if not columns:
+        yield "task write_schedule; begin end endtask"
+        return
+    names = f"{{{', '.join(columns)}}}"
+    yield "reg [SCHEDULE_BITS-1:0] schedule [0:SCHEDULE-1];"
+    yield "integer row;"
+    yield "task write_schedule; begin"
+    yield '  $readmemb("schedule.mem", schedule);'
+    yield "  schedule_valid = 1;"
+    yield f"  for (row = 0; row < SCHEDULE; row = row + 1) begin {names} = schedule[row]; @(negedge clk); end"
+    yield "  schedule_valid = 0;"
+    yield f"  {names} = {{SCHEDULE_BITS{{1'bx}}}};"
+    yield "end endtask"
+
+
+def slices(columns):
+    """``{column: its part of a word, as text}``."""
+    high, found = sum(columns.values()), {}
+    for name, width in columns.items():
+        found[name] = f"wanted[{high - 1}:{high - width}]"
+        high -= width
+    return found
+
+
+def compare(memory, columns, ports):
+    """All of the ports as one wire, and a task that compares each with a word's part; X there says nothing."""
+    parts = {name: part for name, part in slices(columns).items() if name in ports}
+    yield f"wire [{sum(columns[name] for name in parts) - 1}:0] {memory}_now = {{{', '.join(parts)}}};"
+    yield f"task compare_{memory}(input [{sum(columns.values()) - 1}:0] wanted); begin"
+    for name, part in parts.items():
+        yield f'  if (^{part} !== 1\'bx) check("{name}", {{{name}}}, {part});'
+    yield "end endtask"
+
+
+def pixels(names, trace):
+    """Sums of the images that the sweep reads, of a core that sweeps: each must be what the model's is."""
+    fields = {}
+    for name in names:
+        fields.setdefault(name.split("_", 3)[3], []).append(name)
+    zero = " ".join(f"sum_of_{field} = 0;" for field in fields)
+    yield from (f"reg signed [63:0] sum_of_{field} = 0;" for field in fields)
+    yield "integer pixel_words = 0;"
+    yield f"task clear_pixels; begin pixel_words = 0; {zero} end endtask"
+    yield "task sum_pixels; begin"
+    if fields:
+        yield "  if (trace_pixels_valid !== 1'b0) begin"
+        yield "    pixel_words = pixel_words + 1;"
+        yield from (f"    sum_of_{name} = {' + '.join([f'sum_of_{name}', *ports])};" for name, ports in fields.items())
+        yield "  end"
+    yield "end endtask"
+    yield f"task compare_pixels(input [{sum(trace.values()) - 1}:0] wanted); begin"
+    if fields:
+        yield '  check("words of pixels", pixel_words, BANK_WORDS);'
+    for field in fields:
+        width = trace[f"trace_sums_{field}"]
+        part = slices(trace)[f"trace_sums_{field}"]
+        yield f'  check("sum of pixels, {field}", sum_of_{field}[{width - 1}:0], {part});'
+    yield "end endtask"

@@ -1,0 +1,127 @@
+"""One configuration: random batches through the hardware and the integer model, everything ``==``."""
+
+import dataclasses
+
+import numpy as np
+
+from ..engines import make_engine
+from ..engines.rtl import find_compiler, schedule_table, settings_values, to_batch_result
+from ..events import Events
+from ..protocol.batch import BatchSettings
+from .batches import PATTERNS, random_schedules, random_settings, times
+
+BATCHES = 3 * len(PATTERNS)
+#: Clock cycles after which no further batch begins: seconds of Verilator, and of Amaranth's simulator.
+CYCLES, SLOW_CYCLES = 1_500_000, 15_000
+
+
+class MismatchError(Exception):
+    """The hardware and the integer model differ; says in what."""
+
+
+def check(config, seed):
+    """Compare random batches, one by one and then back to back: (batches, iterations) that were equal.
+
+    Raises
+    ------
+    MismatchError
+    """
+    counts = _one_by_one(config, np.random.default_rng([seed, 1]))
+    if find_compiler():
+        counts += _back_to_back(config, np.random.default_rng([seed, 2]))
+    return counts
+
+
+def _one_by_one(config, rng):
+    """By the engines, as ``track`` runs them; the first batch with the configuration's own settings."""
+    rtl, model = make_engine("rtl", config), make_engine("model", config)
+    core = rtl.core
+    limit = CYCLES if find_compiler() else SLOW_CYCLES
+    counts, cycles = np.zeros(2, int), 0
+    for number in range(BATCHES):
+        settings, roi = random_settings(config, rng, model.roi)
+        if number == 0:
+            settings = BatchSettings.from_config(config, roi)
+        name, events = _events(config, rng, roi)
+        if rng.random() < 0.05:
+            name, events = "nothing", Events.empty()
+        expected, found = model.run(events, settings), rtl.run(events, settings)
+        where = f"batch {number} ({name})"
+        _same(where, found, expected)
+        if len(events):
+            _same_ports(where, config, rtl.ports, events, found.trace)
+        if found.iterations and found.events >= core.shortest_batch:
+            wanted = core.cycles(events=found.events, roi_events=found.roi_events, iterations=found.iterations)
+            _equal(where, "cycles", found.cycles, wanted, "formula")
+        counts += 1, found.iterations
+        cycles += found.cycles or 0
+        if cycles > limit:
+            break
+    rtl.close()
+    return counts
+
+
+def _back_to_back(config, rng):
+    """The next batch is offered while the one before is optimised, with gaps, and results that have to wait."""
+    from ..engines.verilated import VerilatedCore
+
+    core, model = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30))), make_engine("model", config)
+    schedules = random_schedules(config, rng) if config.ascent == "sign" else {}
+    batches, rows, expected, cycles = [], [], [], 0
+    while len(batches) < BATCHES and cycles < CYCLES:
+        settings, roi = random_settings(config, rng, model.roi)
+        settings = dataclasses.replace(settings, **schedules)
+        if batches and rng.random() < 0.7:
+            settings, roi = dataclasses.replace(settings, roi=None), model.roi
+        _, events = _events(config, rng, roi)
+        batches.append((events.t, events.x, events.y))
+        rows.append(settings_values(config, settings))
+        expected.append(model.run(events, settings))
+        done = expected[-1]
+        cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=done.iterations)
+    core.write_schedule(schedule_table(config, settings))
+    count = sum(len(t) for t, _, _ in batches)
+    gaps, stalls = rng.integers(0, 40, count) * (rng.random(count) < 0.1), rng.integers(0, 3000, len(batches))
+    results, traces = core.stream(batches, rows, gaps=gaps, stalls=stalls * (rng.random(len(batches)) < 0.3))
+    for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
+        where = f"batch {number} (back to back)"
+        _same(where, to_batch_result(config, ports, trace), expected[number])
+        _equal(where, "t_first", ports["t_first"], int(batches[number][0][0]) % (1 << config.time_bits), "model")
+    core.close()
+    return np.array([len(batches), sum(result.iterations for result in expected)])
+
+
+def _events(config, rng, roi):
+    """``(name, events)`` of a random pattern, no longer than a batch may be."""
+    name = str(rng.choice(list(PATTERNS)))
+    x, y = PATTERNS[name](config, rng, roi)
+    columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
+    return name, Events(*(column[: config.max_batch_events] for column in columns))
+
+
+def _same(where, found, expected):
+    """Equal in everything but the cycles, which only the hardware has; of the traces, in every iteration."""
+    for name in (field.name for field in dataclasses.fields(expected)):
+        if name == "trace":
+            for part in (field.name for field in dataclasses.fields(expected.trace)):
+                one, other = (np.asarray(getattr(result.trace, part)).tolist() for result in (found, expected))
+                _equal(where, f"trace.{part}", one, other, "model")
+        elif name != "cycles":
+            _equal(where, name, getattr(found, name), getattr(expected, name), "model")
+
+
+def _same_ports(where, config, ports, events, trace):
+    """What the result's ports show beside what an engine returns."""
+    _equal(where, "t_first", ports["t_first"], int(events.t[0]) % (1 << config.time_bits), "model")
+    if len(trace.sum_i):
+        sums = [ports[f"sums_{name}"] for name in ("i", "dx", "dy", "sx", "sy")]
+        _equal(where, "sums", sums, [int(trace.sum_i[-1]), *trace.sum_d[-1].tolist(), *trace.s[-1].tolist()], "trace")
+
+
+def _equal(where, name, found, expected, of):
+    if found == expected:
+        return
+    if isinstance(found, list) and len(found) == len(expected):
+        row = next(k for k, pair in enumerate(zip(found, expected, strict=True)) if pair[0] != pair[1])
+        name, found, expected = f"{name}[{row}]", found[row], expected[row]
+    raise MismatchError(f"{where}: {name}: rtl {found}, {of} {expected}")

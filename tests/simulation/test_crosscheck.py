@@ -1,0 +1,78 @@
+"""Random configurations: a short run of the command, and that it sees what is wrong."""
+
+import json
+import os
+import re
+
+import numpy as np
+import pytest
+
+from cmfpga import crosscheck
+from cmfpga.config import ASCENTS, GRADIENTS, Config
+from cmfpga.crosscheck.configs import assignments, random_config
+from cmfpga.engines import rtl
+from cmfpga.reference.integer import core as model
+
+
+def outcome(capsys, *arguments):
+    """Exit status and JSON."""
+    status = crosscheck.main([*arguments, "--json"])
+    return status, json.loads(capsys.readouterr().out)
+
+
+def test_random_configurations(capsys):
+    before = dict(os.environ)
+    status, found = outcome(capsys, "--configs", "3", "--seed", "100")
+    assert (status, found["findings"]) == (0, [])
+    assert found["configurations"] == 3 and found["batches"] > 60 and found["iterations"] > 100 and found["refused"]
+    assert dict(os.environ) == before
+
+
+def test_all_of_a_configuration_is_drawn():
+    drawn = [random_config(np.random.default_rng(seed))[0] for seed in range(300)]
+    seen = {name: {getattr(config, name) for config in drawn} for name in vars(Config())}
+    assert all(len(values) > 1 for values in seen.values())
+    assert {(config.gradient, config.ascent, config.buffers) for config in drawn} == {
+        (gradient, ascent, buffers) for gradient in GRADIENTS for ascent in ASCENTS for buffers in (1, 2)
+    }
+    assert any(config.roi_width % 2 and config.roi_height % 2 for config in drawn)
+    for config in drawn[:20]:  # what is printed makes the same configuration
+        changes = re.findall(r"--set '(.*?)'", assignments(config))
+        assert Config(**Config.parse(changes)) == config
+
+
+@pytest.fixture
+def no_compiler(monkeypatch):
+    monkeypatch.setattr(rtl, "find_compiler", lambda: None)
+    monkeypatch.setattr("cmfpga.crosscheck.compare.find_compiler", lambda: None)
+
+
+def test_without_a_compiler(no_compiler, capsys):
+    status, found = outcome(capsys, "--configs", "1", "--seed", "31")
+    assert (status, found["findings"], found["engine"]) == (0, [], "amaranth")
+    assert found["batches"] > 2 and found["iterations"]
+
+
+def test_a_difference_is_found_and_can_be_repeated(no_compiler, capsys, monkeypatch):
+    """One unit in one sum, once."""
+    right = model.gradient_reader
+
+    def wrong(images):
+        sums = right(images)
+        return sums._replace(sx=sums.sx + 1) if sums.i > 0 else sums
+
+    monkeypatch.setattr(model, "gradient_reader", wrong)
+    assert crosscheck.main(["--configs", "1", "--seed", "31"]) == 1
+    said = capsys.readouterr().out
+    assert re.match(r"MismatchError: batch \d+ \(\w+\): [\w.\[\]]+: rtl .*, model .*\n  configuration: --p", said)
+    assert "\n  again: python -m cmfpga.crosscheck --configs 1 --seed 31\n" in said and "1 mismatches, 0 trace" in said
+
+
+def test_a_traceback_is_a_finding(no_compiler, capsys, monkeypatch):
+    def fail(*_):
+        raise ZeroDivisionError("on purpose")
+
+    monkeypatch.setattr(model, "gradient_reader", fail)
+    status, found = outcome(capsys, "--configs", "1", "--seed", "31")
+    assert (status, found["mismatches"], found["tracebacks"]) == (1, 0, 1)
+    assert "on purpose" in found["findings"][0]["traceback"]
