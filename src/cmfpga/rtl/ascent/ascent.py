@@ -37,39 +37,8 @@ def ascent_run(config):
     )
 
 
-def ascent(config):
-    """Signature of a way to move v.
-
-    Members
-    -------
-    i
-        Flow of the gradient, a :func:`payloads.vector` of ``g_bits``.
-    run
-        :func:`ascent_run`.
-    v
-        :func:`payloads.velocity`, zero after a reset; it changes, and ``run.updated`` is high, :attr:`latency` cycles
-        after a gradient enters.
-    level
-        Pixels of this iteration are 2^level px wide; changes with v.
-    saturated
-        A number was limited to its format since ``run.take``.
-    limited
-        An entry of a schedule was out of range since ``run.take``.
-    """
-    return wiring.Signature(
-        {
-            "i": In(payloads.flow(payloads.vector(config, config.widths.g_bits))),
-            "run": In(ascent_run(config)),
-            "v": Out(payloads.velocity(config)),
-            "level": Out(bits_for(config.max_level)),
-            "saturated": Out(1),
-            "limited": Out(1),
-        }
-    )
-
-
 class Ascent(wiring.Component):
-    """What all implementations share; each is a subclass, listed in :data:`cmfpga.rtl.ascent.ASCENTS`.
+    """A way to move v. Each is a subclass, listed in :data:`cmfpga.rtl.ascent.ASCENTS`.
 
     Parameters
     ----------
@@ -81,7 +50,17 @@ class Ascent(wiring.Component):
 
     Members
     -------
-    Those of :func:`ascent`.
+    i : ``In``, flow of a :func:`payloads.vector` of ``g_bits``
+        The gradient.
+    run : ``In``, :func:`ascent_run`
+    v : ``Out``, :func:`payloads.velocity`
+        Zero after a reset. It changes, and ``run.updated`` is high, :attr:`latency` cycles after a gradient enters.
+    level : ``Out``
+        Pixels of this iteration are 2^level px wide; changes with v.
+    saturated : ``Out(1)``
+        A number was limited to its format since ``run.take``.
+    limited : ``Out(1)``
+        An entry of a schedule that was used since ``run.take`` was out of range.
 
     Attributes
     ----------
@@ -94,7 +73,17 @@ class Ascent(wiring.Component):
     def __init__(self, config, *, target_bits, members=None):
         self.config = config
         self.velocity = Velocity(config.motion.names, config.formats.v, target_bits=target_bits)
-        super().__init__({**ascent(config).members, **(members or {})})
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.vector(config, config.widths.g_bits))),
+                "run": In(ascent_run(config)),
+                "v": Out(payloads.velocity(config)),
+                "level": Out(bits_for(config.max_level)),
+                "saturated": Out(1),
+                "limited": Out(1),
+                **(members or {}),
+            }
+        )
 
     @property
     def blocks(self):

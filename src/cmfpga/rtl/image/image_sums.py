@@ -6,41 +6,8 @@ from amaranth.lib.wiring import In, Out
 from .. import payloads
 
 
-def image_sums(config, *, pixels=False):
-    """Signature of a way to sum images, with its optional member ``pixels`` or without it.
-
-    Members
-    -------
-    votes
-        Flow of :func:`payloads.votes`, the events of an iteration; ``last`` marks its last.
-    room
-        As many events as are in flight still fit: the event buffer issues the next one.
-    complete
-        All of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later.
-    sums
-        Flow of :func:`payloads.sums`, one item an iteration; the payload stays until the next iteration's first vote.
-    next
-        v has been updated: what comes now is another iteration.
-    clear, cleared
-        After a reset, clear what a reset does not, and say when that is done. A pulse each.
-    pixels
-        Flow of an array of four :func:`payloads.pixel`, for verification.
-    """
-    members = {
-        "votes": In(payloads.flow(payloads.votes(config))),
-        "room": Out(1),
-        "complete": Out(1),
-        "sums": Out(payloads.flow(payloads.sums(config))),
-        **dict.fromkeys(("next", "clear"), In(1)),
-        "cleared": Out(1),
-    }
-    if pixels:
-        members["pixels"] = Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4)))
-    return wiring.Signature(members)
-
-
 class ImageSums(wiring.Component):
-    """What all implementations share; each is a subclass, listed in :data:`cmfpga.rtl.image.IMAGES`.
+    """A way to sum an iteration's votes. Each is a subclass, listed in :data:`cmfpga.rtl.image.IMAGES`.
 
     Votes cannot be stalled. Where an image is short of room it says so early, and the event buffer waits.
 
@@ -50,9 +17,25 @@ class ImageSums(wiring.Component):
     in_flight : int
         Events that may still come after ``room`` has gone away.
 
+    pixels : bool
+        Whether it shows its images.
+
     Members
     -------
-    Those of :func:`image_sums`.
+    votes : ``In``, flow of :func:`payloads.votes`
+        The events of an iteration; ``last`` marks its last.
+    room : ``Out(1)``
+        As many events as are in flight still fit: the event buffer issues the next one.
+    complete : ``Out(1)``
+        All of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later.
+    sums : ``Out``, flow of :func:`payloads.sums`
+        One item an iteration; the payload stays until the next iteration's first vote.
+    next : ``In(1)``
+        v has been updated: what comes now is another iteration.
+    clear : ``In(1)``, cleared : ``Out(1)``
+        After a reset, clear what a reset does not, and say when that is done. A pulse each.
+    pixels : ``Out``, flow of an array of four :func:`payloads.pixel`
+        For verification; not in every image.
 
     Attributes
     ----------
@@ -71,7 +54,17 @@ class ImageSums(wiring.Component):
 
     def __init__(self, config, *, in_flight, pixels=False):
         self.config, self.in_flight = config, in_flight
-        super().__init__(image_sums(config, pixels=pixels))
+        members = {
+            "votes": In(payloads.flow(payloads.votes(config))),
+            "room": Out(1),
+            "complete": Out(1),
+            "sums": Out(payloads.flow(payloads.sums(config))),
+            **dict.fromkeys(("next", "clear"), In(1)),
+            "cleared": Out(1),
+        }
+        if pixels:
+            members["pixels"] = Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4)))
+        super().__init__(members)
 
     @property
     def blocks(self):
