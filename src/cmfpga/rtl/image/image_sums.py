@@ -16,7 +16,6 @@ class ImageSums(wiring.Component):
     config : Config
     in_flight : int
         Events that may still come after ``room`` has gone away.
-
     pixels : bool
         Whether it shows its images.
 
@@ -32,7 +31,7 @@ class ImageSums(wiring.Component):
         One item an iteration; the payload stays until the next iteration's first vote.
     next : ``In(1)``
         v has been updated: what comes now is another iteration.
-    clear : ``In(1)``, cleared : ``Out(1)``
+    clear, cleared : ``In(1)``, ``Out(1)``
         After a reset, clear what a reset does not, and say when that is done. A pulse each.
     pixels : ``Out``, flow of an array of four :func:`payloads.pixel`
         For verification; not in every image.
