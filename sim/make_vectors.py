@@ -14,9 +14,9 @@ import port_text as verilog
 from batch_kinds import KINDS, Maker
 
 from cmfpga import __version__, cli
-from cmfpga.engines.rtl import settings_values
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.gradient import Sums
 from cmfpga.rtl.top import VerilogCore

@@ -7,7 +7,8 @@ from amaranth.hdl import Module, ResetInserter, Signal
 
 from cmfpga.config import ASCENTS, Config, preset
 from cmfpga.config.schedule import parse_schedule
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
 from support.bench import (

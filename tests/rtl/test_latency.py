@@ -104,7 +104,10 @@ BLOCKS = {
     # P·S costs cycles only where P is no power of two.
     "gradient": Timing(Gradient(DEFAULT), 1, every=Gradient.lead),
     "gradient, P no power of two": Timing(Gradient(ODD), 4, every=Gradient.lead),
-    "velocity": Timing(Velocity(("x",), DEFAULT.formats.v, target_bits=20), 1, out="moved", item=lambda k: {"move": 1}),
+    "velocity": Timing(
+        Velocity(payloads.velocity(DEFAULT), DEFAULT.formats.v, target_bits=20), 1, out="moved",
+        item=lambda k: {"move": 1},
+    ),
     "constant ascent": Timing(ConstantAscent(DEFAULT), 5, out="run.updated", every=2),
     "sign ascent": Timing(SignAscent(FAST), 2, out="run.updated"),
     "ROI updater": Timing(RoiUpdater(DEFAULT), 3, out="corner.roi_next", item=moved, every=3, came=steps),

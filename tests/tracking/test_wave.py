@@ -12,9 +12,9 @@ import cmfpga
 from cmfpga import track
 from cmfpga.engines import rtl
 from cmfpga.events import Events, write_hdf5
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.tracking.wave import WaveCore, fraction_bits
+from cmfpga.tracking.wave import WaveCore
 
 # The hardware of test_tracking.py.
 PAPER = {
@@ -191,7 +191,8 @@ def test_fixed_point_numbers_are_real_numbers():
         ("core", "result_span"),
     ):  # fmt: skip
         assert not found[block, name].fraction and not found[block, name].format, (block, name)
-    assert fraction_bits(config, "warp", "o_x") != fraction_bits(config.replace(position_frac=7), "warp", "o_x") == 7
+    finer = {(probe.block, probe.name): probe.fraction for probe in WaveCore(config.replace(position_frac=7)).probes}
+    assert found["warp", "o_x"].fraction != finer["warp", "o_x"] == 7
 
 
 def test_the_hardware_is_the_same_but_for_the_wave_ports():

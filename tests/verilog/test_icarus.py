@@ -10,7 +10,7 @@ from amaranth.back import verilog
 
 from cmfpga.config import Config, preset
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP
 from support.verilog_mutants import MUTANTS

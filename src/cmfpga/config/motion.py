@@ -18,15 +18,15 @@ class Parameter:
     name : str
         Suffix of ports and members: ``v_x``, ``dx``, ``sx``.
     unit : str
-    bits : int
-        Width, two's complement.
+    fmt : Q
+        Its format; it saturates.
     moves_roi : str or None
         The axis, ``x`` or ``y``, along which the ROI follows it.
     """
 
     name: str
     unit: str
-    bits: int
+    fmt: Q
     moves_roi: str | None = None
 
 
@@ -59,9 +59,7 @@ def translation(v):
     """All events move alike, by ``v`` (its format, a :class:`~cmfpga.fixed.Q`): the basis is 1 along one's own axis."""
     return MotionModel(
         name="translation",
-        parameters=tuple(
-            Parameter(name=axis, unit="px/half batch", bits=v.width, moves_roi=axis) for axis in ("x", "y")
-        ),
+        parameters=tuple(Parameter(name=axis, unit="px/half batch", fmt=v, moves_roi=axis) for axis in ("x", "y")),
         basis_format=Q(1, 0, signed=False),
         latency=0,
     )

@@ -6,7 +6,8 @@ from amaranth.hdl import Module
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from ..protocol.batch import Flag
+from ..protocol.flags import Flag
+from ..protocol.results import RESULTS
 from . import payloads
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
@@ -235,7 +236,7 @@ class Core(CycleFormula, wiring.Component):
             Flag.THINNED: batch.thinned != 0,
         }
         found = {
-            **{name: batch[name] for name in batch.shape().members if name in result.shape().members},
+            **{f.name: batch[f.name] for f in RESULTS if f.taken_in},
             "roi_next": corner.roi_next,
             "v": self.ascent.v,
             "iterations": control.iterations,
@@ -245,7 +246,7 @@ class Core(CycleFormula, wiring.Component):
         m.d.comb += [
             self.o.valid.eq(control.run.done),
             control.taken.eq(self.o.ready),
-            *(result[name].eq(value) for name, value in found.items()),
+            *(result[name].eq(found[name]) for name in result.shape().members if name != "flags"),
             *(result.flags[flag.bit_length() - 1].eq(value) for flag, value in flags.items()),
             self.trace.valid.eq(sums.valid & control.iterating),
             self.trace.payload.v.eq(self.ascent.v),

@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from . import payloads
+from ..protocol.results import CYCLE_BITS
 from .arithmetic import delay
 from .ascent.ascent import ascent_run
 from .ingest.ingest_control import handover
@@ -83,7 +83,7 @@ class IterationControl(wiring.Component):
                 **dict.fromkeys(("divided", "complete"), In(1)),
                 "iterating": Out(1),
                 "iterations": Out(config.iteration_bits),
-                "cycles": Out(payloads.CYCLE_BITS),
+                "cycles": Out(CYCLE_BITS),
                 "taken": In(1),
             }
         )

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.config import Config
-from cmfpga.protocol.batch import clamp_roi, crop_position
+from cmfpga.protocol.settings import clamp_roi
 from cmfpga.reference.integer.roi_updater import roi_updater
 from cmfpga.reference.roi_follower import RoiFollower
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
@@ -43,7 +43,8 @@ def check(config, batches, seed=0):
         script.append({**noise, **values})
 
     def note(at):
-        timeline[at] = tuple(crop_position(config, axis) for axis in position), clamped
+        frac = config.formats.roi_x.f
+        timeline[at] = tuple((axis + (1 << (frac - 1))) >> frac for axis in position), clamped
 
     cycle()
     for load, v, gain, move in batches:

@@ -50,7 +50,7 @@ class Ascent(wiring.Component):
 
     Members
     -------
-    i : ``In``, flow of a :func:`payloads.vector` of ``g_bits``
+    i : ``In``, flow of :func:`payloads.gradient`
         The gradient.
     run : ``In``, :func:`ascent_run`
     v : ``Out``, :func:`payloads.velocity`
@@ -72,10 +72,10 @@ class Ascent(wiring.Component):
 
     def __init__(self, config, *, target_bits, members=None):
         self.config = config
-        self.velocity = Velocity(config.motion.names, config.formats.v, target_bits=target_bits)
+        self.velocity = Velocity(payloads.velocity(config), config.formats.v, target_bits=target_bits)
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.vector(config, config.widths.g_bits))),
+                "i": In(payloads.flow(payloads.gradient(config))),
                 "run": In(ascent_run(config)),
                 "v": Out(payloads.velocity(config)),
                 "level": Out(bits_for(config.max_level)),

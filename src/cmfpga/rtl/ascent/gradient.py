@@ -25,7 +25,7 @@ class Gradient(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.sums`
         ``i``, ``dx`` and ``dy`` must be final ``lead`` cycles before ``valid``, and stay until then.
-    o : ``Out``, flow of a :func:`payloads.vector` of ``g_bits``
+    o : ``Out``, flow of :func:`payloads.gradient`
     """
 
     #: Registers of a multiplication, the last two inside DSPs.
@@ -37,7 +37,7 @@ class Gradient(wiring.Component):
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.sums(config))),
-                "o": Out(payloads.flow(payloads.vector(config, config.widths.g_bits))),
+                "o": Out(payloads.flow(payloads.gradient(config))),
             }
         )
 

@@ -67,7 +67,7 @@ class RoiUpdater(wiring.Component):
                 "x": In(config.geometry.x_bits),
                 "y": In(config.geometry.y_bits),
                 "v": In(payloads.velocity(config)),
-                "roi_gain": In(config.formats.roi_gain.width),
+                "roi_gain": In(payloads.Fixed(config.formats.roi_gain)),
                 "corner": Out(corner(config)),
             }
         )

@@ -14,10 +14,10 @@ class Velocity(wiring.Component):
 
     Parameters
     ----------
-    names : sequence of str
-        The parameters'.
+    layout : StructLayout
+        Of v: a member for each parameter.
     fmt : Q
-        Their format; they saturate.
+        The format of each; they saturate.
     target_bits : int
         Width of a target, two's complement.
 
@@ -41,15 +41,14 @@ class Velocity(wiring.Component):
 
     latency = 1
 
-    def __init__(self, names, fmt, *, target_bits):
+    def __init__(self, layout, fmt, *, target_bits):
         self.fmt = fmt
-        v, target = (data.StructLayout(dict.fromkeys(names, signed(bits))) for bits in (fmt.width, target_bits))
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "load", "move", "clipped"), In(1)),
-                "start": In(v),
-                "target": In(target),
-                "v": Out(v),
+                "start": In(layout),
+                "target": In(data.StructLayout(dict.fromkeys(layout.members, signed(target_bits)))),
+                "v": Out(layout),
                 "moved": Out(1),
                 "saturated": Out(1),
             }

@@ -5,6 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
+from ...protocol.results import CYCLE_BITS
 from .. import payloads
 from ..ascent.roi_updater import corner
 from .event_buffer import stored
@@ -37,7 +38,7 @@ def handover(config):
         {
             **dict.fromkeys(("opened", "loads", "take"), Out(1)),
             "batch": Out(payloads.batch(config)),
-            "cycles": Out(payloads.CYCLE_BITS),
+            "cycles": Out(CYCLE_BITS),
             **dict.fromkeys(("free", "settled", "finished"), In(1)),
         }
     )
