@@ -42,7 +42,7 @@ BOTH = ("fast", "paper")
 
 # What no docstring says in a few words: how often a block takes an item.
 THROUGHPUT = {
-    "batch_control": "one event a cycle",
+    "ingest_control": "one event a cycle",
     "roi_filter": "one event a cycle",
     "thinner": "one event a cycle",
     "event_buffer": "one event a cycle, in and out",
@@ -56,9 +56,10 @@ THROUGHPUT = {
     "tagged_accumulator": "one event a cycle",
     "one_pass_gradient": "one event a cycle",
     "gradient": "one gradient in {lead} cycles",
-    "updater": "one gradient a cycle",
     "schedule": "one iteration a cycle",
+    "ascent": "one gradient in two cycles",
     "roi_updater": "one move in {latency} cycles",
+    "iteration_control": "one batch at a time",
 }
 
 # The CSV of `track`: unit and meaning.
@@ -155,14 +156,13 @@ def constants_table():
     rows = []
     for name in BOTH:
         core = elaborated(preset(name))
-        if core.one_pass:
-            steps = ("warp", "voter", "one_pass_gradient", "gradient", "updater")
-            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
-            before, after = ("dither",), ()
-        else:
-            steps = ("warp", "voter", "gradient_reader", "gradient", "updater")
+        steps = ("warp", "voter", [*core.image.blocks][-1], "gradient", "ascent")
+        if core.sweep_cycles:
             counted, more, why = "swept address counts in P/4", 2, "`OPEN`, `JUDGE`"
             before, after = (), ("roi_updater",)
+        else:
+            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
+            before, after = ("dither",), ()
         whole = ("roi_filter", "thinner", "reciprocal", "event_buffer", *before, "time_scaler", *after)
         for what, blocks, extra, reason, total in (
             (f"L, `{name}`", steps, -1, f"−1 because the last {counted}", core.iteration_latency),
@@ -184,7 +184,9 @@ def cycles_table():
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
-        schedules = (config.schedules.cold, config.schedules.warm) if core.signs else (range(config.iterations),)
+        schedules = (range(config.iterations),)
+        if hasattr(core, "schedule_write"):
+            schedules = (config.schedules.cold, config.schedules.warm)
         ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
         article = events + 100 * (roi_events + 32 + config.geometry.pixels // 4 + 35)
@@ -310,6 +312,8 @@ def _port(name, member):
     arrow = "→" if member.flow == wiring.In else "←"
     if not member.is_signature:
         return f"{arrow} `{name}`{_fields(member.shape)}"
+    if "payload" not in member.signature.members:
+        return f"{arrow} `{name}` ({', '.join(member.signature.members)})"
     kind = "flow" if member.signature.always_ready else "stream"
     return f"{arrow} `{name}` {kind}{_fields(member.signature.members['payload'].shape)}"
 

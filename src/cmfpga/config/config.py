@@ -17,6 +17,7 @@ from ..errors import ConfigError
 from .ascent import ASCENTS
 from .formats import Formats
 from .geometry import Geometry
+from .motion import translation
 from .one_pass import OnePass
 from .schedule import AUTO, Schedules
 from .widths import Widths
@@ -234,6 +235,11 @@ class Config:
     def formats(self):
         """Fixed-point formats."""
         return Formats(self)
+
+    @cached_property
+    def motion(self):
+        """The motion model."""
+        return translation(self.formats.v)
 
     @cached_property
     def geometry(self):

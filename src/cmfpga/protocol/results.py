@@ -22,62 +22,23 @@ SUMS = ("i", "dx", "dy", "sx", "sy")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Total:
-    """A counter that adds up a field over all results.
-
-    Parameters
-    ----------
-    word : int
-        Number of the register in its group.
-    doc : str
-        By default the field's.
-    """
-
-    word: int
-    doc: str = ""
-
-
-@dataclass(frozen=True, kw_only=True)
 class ResultField:
     """One field of a batch's result.
 
-    Parameters
-    ----------
-    name : str
-        Of the member of :func:`cmfpga.rtl.payloads.result`, of the Verilog port behind ``result_``, of the link of its
-        registers' fields, and of the attribute of :class:`BatchResult`.
-    shape : callable
-        ``shape(config)``.
-    scope : str
-        ``batch``; ``region``, of one region of interest; or ``wrapper``, of the AXI top alone (:class:`WireResult`).
-    counts : bool
-        One of those that add up to ``events``.
-    taken_in : bool
-        Known when the batch has been taken in, before its first iteration.
-    read : callable, optional
-        ``read(*raw values of the leaves)``: the attribute's value. By default real numbers of formats with fraction
-        bits, whole numbers otherwise, and a tuple of them where there are several.
-    default
-        Of the attribute.
-    nothing
-        The attribute of a batch without events.
-    places : tuple of Place
-        In the result registers; word k is also the k-th 32-bit word of a result packet.
-    total : Total, optional
-        The counter that adds it up.
-    doc, unit : str
+    ``name`` is that of the member of :func:`cmfpga.rtl.payloads.result`, of the Verilog port behind ``result_``, of the
+    link of its registers' fields, and of the attribute of :class:`BatchResult`.
     """
 
     name: str
-    shape: Callable
-    scope: str
-    counts: bool = False
-    taken_in: bool = False
-    read: Callable | None = None
-    default: Any = REQUIRED
-    nothing: Any = 0
-    places: tuple = ()
-    total: Total | None = None
+    shape: Callable  # shape(config)
+    scope: str  # batch; region, of one region of interest; or wrapper, of the AXI top alone (WireResult)
+    counts: bool = False  # one of those that add up to events
+    taken_in: bool = False  # known when the batch has been taken in, before its first iteration
+    read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
+    default: Any = REQUIRED  # of the attribute
+    nothing: Any = 0  # the attribute of a batch without events
+    places: tuple = ()  # Place, in the result registers; word k is also the k-th 32-bit word of a result packet
+    total: Place | None = None  # the counter that adds it up over all results
     doc: str
     unit: str = ""
 
@@ -141,18 +102,18 @@ RESULTS = (
                 doc="N; the sum of the six counts that follow", places=(Place(word=9),)),
     ResultField(name="roi_events", **_COUNT | {"shape": lambda c: up_to(c.buffer_events)},
                 doc="n: in the ROI, and stored", places=(Place(word=10),),
-                total=Total(word=18, doc="stored, of all results")),
+                total=Place(word=18, doc="stored, of all results")),
     ResultField(name="outside", **_COUNT, doc="outside the ROI", places=(Place(word=11),),
-                total=Total(word=19, doc="outside the ROI, of all results")),
+                total=Place(word=19, doc="outside the ROI, of all results")),
     ResultField(name="overflow", **_COUNT, doc="in the ROI, but the event buffer was full", places=(Place(word=12),),
-                total=Total(word=20, doc="dropped: the event buffer was full")),
+                total=Place(word=20, doc="dropped: the event buffer was full")),
     ResultField(name="thinned", **_COUNT, doc="in the ROI, but left out by the thinning", places=(Place(word=13),),
-                total=Total(word=21, doc="left out by the thinning")),
+                total=Place(word=21, doc="left out by the thinning")),
     ResultField(name="time_back", **_COUNT | {"scope": "batch"}, doc="dropped: time stepped back",
-                places=(Place(word=14),), total=Total(word=22, doc="dropped: time stepped back within the batch")),
+                places=(Place(word=14),), total=Place(word=22, doc="dropped: time stepped back within the batch")),
     ResultField(name="time_span", **_COUNT | {"scope": "batch"}, doc="dropped: too late for the span",
                 places=(Place(word=15),),
-                total=Total(word=23, doc="dropped: later than the batch's first event by 2^span_bits µs or more")),
+                total=Place(word=23, doc="dropped: later than the batch's first event by 2^span_bits µs or more")),
     ResultField(name="roi", shape=_corner, scope="region", taken_in=True, unit="px",
                 doc="ROI that this batch was cropped with", places=corner(16)),
     ResultField(name="roi_next", shape=_corner, scope="region", taken_in=True, unit="px",

@@ -37,54 +37,24 @@ def by_gradient(config):
 class Setting:
     """One input of the hardware that may change from batch to batch.
 
-    Parameters
-    ----------
-    name : str
-        Of the member of :func:`cmfpga.rtl.payloads.settings`, of the Verilog port behind ``settings_``, of the link of
-        its register's fields, and of the field of :class:`BatchSettings`.
-    shape : callable, optional
-        ``shape(config)``; by default a whole number that holds ``high``.
-    high : callable, optional
-        ``high(config)``: largest value that is allowed; a register limits and flags a larger one. By default the
-        largest of the format, if the shape has fraction bits; otherwise all that fits.
-    low : int
-        Smallest value of an unsigned number that is allowed.
-    field : str, optional
-        Run-time field of :class:`~cmfpga.config.Config` that says it; also gives ``doc``, ``unit`` and the
-        register's value after a reset, where nothing else is said.
-    asked : callable, optional
-        ``asked(config)``: the value that the run-time fields ask for, where it is not just that of ``field``.
-    default
-        Of the field of :class:`BatchSettings`.
-    raw : callable, optional
-        ``raw(config, settings)``: the input's value, where it is not that of :class:`BatchSettings`; a setting without
-        ``field``, ``asked`` and ``default`` is none of its fields.
-    blocks : tuple of str
-        ``core``, ``shell`` (where batches end, in the AXI top), or both.
-    when : callable
-        ``when(config)``: whether the hardware has the input.
-    shown : callable
-        Whether there is a register: an input that the ascent has no use for has none.
-    places : tuple of Place
-        In the register map.
-    reset : int
-        The register's value after a reset.
-    doc, unit : str
+    ``name`` is that of the member of :func:`cmfpga.rtl.payloads.settings`, of the Verilog port behind ``settings_``, of
+    the link of its register's fields, and of the field of :class:`BatchSettings`; one without ``field``, ``asked`` and
+    ``default`` is no field there, but found from others by ``raw``.
     """
 
     name: str
-    shape: Callable | None = None
-    high: Callable | None = None
-    low: int = 0
-    field: str | None = None
-    asked: Callable | None = None
-    default: Any = REQUIRED
-    raw: Callable | None = None
-    blocks: tuple = ("core",)
-    when: Callable = always
-    shown: Callable = always
-    places: tuple = ()
-    reset: int | None = None
+    shape: Callable | None = None  # shape(config); by default a whole number that holds high
+    high: Callable | None = None  # high(config): largest value; by default the format's, if it has fraction bits
+    low: int = 0  # smallest value of an unsigned number; a register limits and flags others
+    field: str | None = None  # run-time field of Config that says it; gives doc, unit and reset if nothing else does
+    asked: Callable | None = None  # asked(config): its value in BatchSettings, where it is not just that of field
+    default: Any = REQUIRED  # of the field of BatchSettings
+    raw: Callable | None = None  # raw(config, settings): the input's value, where it is not that of BatchSettings
+    blocks: tuple = ("core",)  # core, shell (where batches end, in the AXI top), or both
+    when: Callable = always  # when(config): the hardware has the input
+    shown: Callable = always  # shown(config): there is a register; none for what the ascent has no use for
+    places: tuple = ()  # Place, in the register map
+    reset: int | None = None  # the register's raw value after a reset
     doc: str = ""
     unit: str = ""
 
@@ -242,27 +212,13 @@ _OfBatch = dataclasses.make_dataclass(
 class BatchSettings(_OfBatch):
     """Run-time inputs of the hardware for one batch, as raw integers of their formats.
 
-    The fields are ``roi`` and those settings of :data:`SETTINGS` that tools choose.
+    The fields are ``roi``, and those of :data:`SETTINGS` that tools choose: pairs have x and y; ``cold`` and ``warm``
+    are the iterations of the sign ascent without and with a last v, ``ScheduleEntry`` each.
 
     Parameters
     ----------
     roi : pair of int, or None
         Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
-    iterations : int
-        T.
-    eta, roi_gain : int
-        Raw ``config.formats.eta`` and ``config.formats.roi_gain``.
-    start_last : bool
-        Start from the last batch's v; otherwise from ``v_start``.
-    v_start : pair of int
-        Raw ``config.formats.v``.
-    min_roi_events : int
-        Fewer ROI events make the batch degenerate.
-    thinning, thin_target : int
-        Store one ROI event in ``thinning``; or, with a target other than 0, in as many as would have brought the last
-        batch's ROI events down to it.
-    cold, warm : tuple of ScheduleEntry
-        Sign ascent: the iterations of a batch without, and with, a last v; they replace ``iterations`` and ``eta``.
     """
 
     roi: tuple[int, int] | None

@@ -38,42 +38,20 @@ def leaves(name, shape):
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Bits of a register that show one leaf, or a part of it.
+    """Bits of a register that show one leaf, or a part of it."""
 
-    Parameters
-    ----------
-    word : int
-        Number of the register in its group.
-    register : str
-        Its name; by default the group's prefix and the name of the setting or result.
-    part : str
-        What the leaf's name has behind the name of the setting or result: ``_x``.
-    part_lsb : int
-        The lowest bit of the leaf that stands here.
-    field, lsb, width
-        Of the register's field.
-    access : str
-        A key of :data:`cmfpga.protocol.registers.layout.ACCESS`; by default what is usual in the group.
-    signed : bool, optional
-        By default as the leaf.
-    doc, register_doc : str
-        By default the doc of the setting or result, and ``doc``.
-    unit : str, optional
-        By default the unit of the setting or result.
-    """
-
-    word: int
-    register: str = ""
-    part: str = ""
-    part_lsb: int = 0
+    word: int  # number of the register in its group
+    register: str = ""  # its name; by default the group's prefix and the name of the setting or result
+    part: str = ""  # what the leaf's name has behind the name of the setting or result: _x
+    part_lsb: int = 0  # the lowest bit of the leaf that stands here
     field: str = "VALUE"
     lsb: int = 0
     width: int = 32
-    access: str = ""
-    signed: bool | None = None
-    doc: str = ""
-    register_doc: str = ""
-    unit: str | None = None
+    access: str = ""  # a key of registers.layout.ACCESS; by default what is usual in the group
+    signed: bool | None = None  # by default as the leaf
+    doc: str = ""  # by default that of the setting or result
+    register_doc: str = ""  # where the register's differs
+    unit: str | None = None  # by default that of the setting or result
 
 
 def corner(word, **more):

@@ -36,17 +36,9 @@ class Trace:
     @classmethod
     def of_ports(cls, config, rows, v):
         """Of the trace ports' values, int64 [T, :func:`columns`], and the raw v of the result."""
-        column = dict(zip(columns(config), np.asarray(rows).T, strict=True))
-
-        def together(*names):
-            return np.stack([column[name] for name in names], axis=1)
-
-        return cls(
-            v=np.vstack([together("v_x", "v_y"), [v]]),
-            sum_i=column["sums_i"],
-            sum_d=together("sums_dx", "sums_dy"),
-            s=together("sums_sx", "sums_sy"),
-        )
+        at = {name: k for k, name in enumerate(columns(config))}
+        vs, d, s = (rows[:, [at[f"{axis}x"], at[f"{axis}y"]]] for axis in ("v_", "sums_d", "sums_s"))
+        return cls(v=np.vstack([vs, [v]]), sum_i=rows[:, at["sums_i"]], sum_d=d, s=s)
 
     @property
     def last_sums(self):

@@ -102,8 +102,7 @@ def votes(config):
             "valid": 1,
             "address": config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
             "i": Fixed(Q(1, config.weight_frac, signed=False)),
-            "dx": Fixed(Q(1, config.derivative_frac)),
-            "dy": Fixed(Q(1, config.derivative_frac)),
+            **of_parameters(config, Fixed(Q(1, config.derivative_frac)), prefix="d"),
         }
     )
     return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1})
@@ -113,7 +112,7 @@ def pixel(config):
     """One pixel of the three images."""
     derivative = of_width(config.widths.derivative_image_bits, config.derivative_frac)
     i = of_width(config.widths.image_bits, config.weight_frac, signed=False)
-    return data.StructLayout({"i": i, "dx": derivative, "dy": derivative})
+    return data.StructLayout({"i": i, **of_parameters(config, derivative, prefix="d")})
 
 
 def sweep_address(config):
@@ -152,19 +151,20 @@ def sums(config):
     return shaped(sums_shape(config))
 
 
-def vector(shape):
-    """Two numbers of one shape, x and y."""
-    return data.StructLayout({"x": shape, "y": shape})
+def of_parameters(config, shape, prefix=""):
+    """Members of a layout: a number of this shape for each parameter of the motion."""
+    return {prefix + name: shape for name in config.motion.names}
 
 
 def gradient(config):
-    """G = P·S − ΣI·ΣD along x and y."""
-    return vector(of_width(config.widths.g_bits, config.weight_frac + config.derivative_frac))
+    """G = P·S − ΣI·ΣD of each parameter of the motion."""
+    width, fraction = config.widths.g_bits, config.weight_frac + config.derivative_frac
+    return data.StructLayout(of_parameters(config, of_width(width, fraction)))
 
 
 def velocity(config):
-    """A velocity in pixels per half batch, raw ``config.formats.v``."""
-    return vector(Fixed(config.formats.v))
+    """The parameters of the motion, raw; of a translation, pixels per half batch, ``config.formats.v``."""
+    return data.StructLayout({parameter.name: Fixed(parameter.fmt) for parameter in config.motion.parameters})
 
 
 def roi_corner(config):

@@ -38,9 +38,9 @@ class VerilogCore(Core):
             "result": (self.o, {"valid": False, "payload": False, "ready": True}),
             "trace": (self.trace, {"valid": False, "payload": False}),
         }
-        if self.signs:
+        if hasattr(self, "schedule_write"):
             groups["schedule"] = (self.schedule_write, {"valid": True, "payload": True})
-        if not self.one_pass:
+        if hasattr(self, "pixels"):
             groups["trace_pixels"] = (self.pixels, {"valid": False, "payload": False})
         for prefix, (member, signals) in groups.items():
             for name, is_input in signals.items():

@@ -31,7 +31,7 @@ SCOPE = "cmfpga"
 CLOSED = ("core", "roi_filter", "thinner", "reciprocal")
 
 #: What only repeats other signals: `block:member`.
-LEFT_OUT = re.compile(r"core:(trace|pixels)\w*|batch_control:(settings|taken_in|batch)")
+LEFT_OUT = re.compile(r"core:(trace|pixels)\w*|ingest_control:settings|\w+:(handover_batch|run_settings)")
 
 
 @dataclass(frozen=True)
@@ -199,7 +199,7 @@ def record(config, events, result, *, plan, thinning):
     again = to_batch_result(config, ports, trace)
     if again.trace != result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
-    opened = _cycles_of(core.probes, waves, "batch_control", "open")[0]
+    opened = _cycles_of(core.probes, waves, "core", "opened")[0]
     return Waves(core.probes, *_from_cycle(opened, *waves), again)
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.reference.integer.time_scaler import reciprocal, time_scaler
 from cmfpga.rtl.image.time_scaler import TimeScaler
-from support.bench import GAPS, check_flow, check_throughput
+from support.bench import GAPS, check_flow
 from support.configs import CONFIGS
 from support.values import corners, edge_integers, integers_at_edges, random_gaps, random_value, tensor
 
@@ -50,13 +50,6 @@ def test_matches_model(name, gap, rng):
         error = 1 + (1 << config.dt_frac >> config.reciprocal_bits - 1)
         assert abs(dt[0] + (1 << config.dt_frac)) <= error
         assert abs(dt[-1] - (1 << config.dt_frac)) <= error
-
-
-def test_latency_and_throughput(rng):
-    config = CONFIGS["default"]
-    times = np.sort(rng.integers(0, 10_001, 64)).tolist()
-    pushed, popped, _ = check(config, times, 10_000, [0] * 64)
-    check_throughput(pushed, popped)
 
 
 def test_every_time_of_every_short_span():

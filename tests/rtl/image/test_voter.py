@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl.image.voter import BilinearVoter
-from support.bench import GAPS, check_throughput, flow_script, play
+from support.bench import GAPS, flow_script, play
 from support.configs import CONFIGS, LEVELS
 from support.values import corners, edge_integers, integers_at_edges, random_gaps, shape_range, tensor
 from support.votes import vote_payloads
@@ -56,12 +56,6 @@ def test_matches_model(name, gap, rng):
     count = 150
     last = rng.integers(0, 2, count).tolist()
     check(config, *random_positions(config, rng, count), random_gaps(rng, count, GAPS[gap]), last)
-
-
-def test_latency_and_throughput(rng):
-    config = CONFIGS["default"]
-    pushed, popped, _ = check(config, *random_positions(config, rng, 64), [0] * 64)
-    check_throughput(pushed, popped)
 
 
 @pytest.mark.parametrize("name", ["narrow", "odd", "tiny"])

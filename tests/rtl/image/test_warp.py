@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from cmfpga.reference.integer.warp import warp
 from cmfpga.rtl.image.warp import Warp
-from support.bench import GAPS, check_flow, check_throughput, flow_script, play
+from support.bench import GAPS, check_flow, flow_script, play
 from support.configs import CONFIGS, LEVELS
 from support.values import corners, edge_integers, integers_at_edges, random_gaps, shape_range, tensor
 
@@ -49,12 +49,6 @@ def test_matches_model(name, gap, rng):
     if config.formats.v.real(config.formats.v.max) > config.roi_width:
         assert x.min() == -2 << config.position_frac
         assert x.max() == ((config.roi_width + 1) << config.position_frac) - 1
-
-
-def test_latency_and_throughput(rng):
-    config = CONFIGS["default"]
-    pushed, popped, _ = check(config, *random_events(config, rng, 64), [0] * 64)
-    check_throughput(pushed, popped)
 
 
 @corners
@@ -151,14 +145,6 @@ def test_levels_match_model(name, gap, rng):
     config = LEVELS[name]
     levels = rng.integers(0, config.max_level, 200, endpoint=True).tolist()
     check_levels(config, *dithered_events(config, rng, 200), levels, random_gaps(rng, 200, GAPS[gap]))
-
-
-@pytest.mark.parametrize("name", LEVELS)
-def test_latency_and_throughput_with_levels(name, rng):
-    config = LEVELS[name]
-    pushed, popped, _ = check_levels(config, *dithered_events(config, rng, 64), [config.max_level] * 64, [0] * 64)
-    check_throughput(pushed, popped)
-    assert popped[0] - pushed[0] == 4
 
 
 @pytest.mark.parametrize("level", range(4))

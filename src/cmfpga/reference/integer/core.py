@@ -8,10 +8,11 @@ from ...protocol.flags import Flag
 from ...protocol.trace import Trace
 from ..sequence import Sequence
 from .accumulator import Images, accumulator
+from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
+from .sign import sign_updater
 from .time_scaler import time_scaler
-from .updater import gain, sign_updater, updater
 from .voter import voter
 from .warp import warp
 

@@ -19,12 +19,14 @@ class Thinner(wiring.Component):
 
     Parameters
     ----------
-    config : Config
-        Widths.
+    event : Shape
+        Of an event; nothing in it is looked at.
+    most_stored, most_events : int
+        Largest ``target``, and most events of a batch.
 
     Members
     -------
-    i, o : ``In``, ``Out``, flows of :func:`payloads.roi_event`
+    i, o : ``In``, ``Out``, flows of ``event``
     start : ``In(1)``
         A new batch begins. No event in this cycle and the one before.
     thinning, target : ``In``
@@ -35,16 +37,15 @@ class Thinner(wiring.Component):
 
     latency = 1
 
-    def __init__(self, config):
-        self.config = config
+    def __init__(self, event, *, most_stored, most_events):
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.roi_event(config))),
-                "o": Out(payloads.flow(payloads.roi_event(config))),
+                "i": In(payloads.flow(event)),
+                "o": Out(payloads.flow(event)),
                 "start": In(1),
                 "thinning": In(THINNING_BITS),
-                "target": In(bits_for(config.buffer_events)),
-                "thinned": Out(bits_for(config.max_batch_events)),
+                "target": In(bits_for(most_stored)),
+                "thinned": Out(bits_for(most_events)),
             }
         )
 
