@@ -13,8 +13,8 @@ from cmfpga.engines import ENGINES, make_engine, rtl
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate
 from cmfpga.protocol.batch import BatchResult, BatchSettings
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.kept import Kept
-from cmfpga.tracking.loop import COLUMNS
 from support.driving import CONFIG
 
 

@@ -11,7 +11,7 @@ from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.engines import rtl
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import image_of_warped_events
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking.columns import COLUMNS
 from support.reporting import keep
 
 

@@ -19,7 +19,7 @@ from cmfpga.events import Events, MemoryRecording, generate, open_recording, wri
 from cmfpga.protocol.batch import BatchSettings, Flag
 from cmfpga.reference import floating
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.trace import BatchTrace
 
 # The hardware of tests/cli/conftest.py, with both ascents.
