@@ -222,7 +222,8 @@ def _track(options, objects, recording, folder, motion):
                 stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
                 picture=not options.no_picture, report_mhz=options.clock if options.report else None,
             )  # fmt: skip
-            running.append(track(engine, one.cutter, roi=one.roi, batches=options.batches, consumers=one.consumers))
+            consumers = (one, *one.consumers)
+            running.append(track(engine, one.cutter, roi=one.roi, batches=options.batches, consumers=consumers))
         total = None
         if _shows_bar():
             totals = [_total(options, recording, one.cutter) for one in objects]

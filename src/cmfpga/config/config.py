@@ -25,6 +25,10 @@ GRADIENTS = ("sweep", "one_pass")
 ASCENTS = ("constant", "sign")
 RAM_STYLES = ("auto", "block", "ultra")
 
+#: Width of the thinning's factor, and its largest value.
+THINNING_BITS = 8
+MAX_THINNING = (1 << THINNING_BITS) - 1
+
 
 def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=False):
     """A documented field; ``low … high`` or ``choices`` is what validation allows."""
@@ -61,7 +65,7 @@ class Config:
     min_roi_events: int = _field(
         1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
     )
-    thinning: int = _field(1, "store one ROI event in so many", low=1, high=255, runtime=True)
+    thinning: int = _field(1, "store one ROI event in so many", low=1, high=MAX_THINNING, runtime=True)
     thin_target: int = _field(
         0,
         "choose the thinning so that about so many are stored; 0: off",

@@ -28,7 +28,7 @@ class TrackedObject:
     Attributes
     ----------
     consumers : list of Consumer
-        Take its batches: the object itself, and what makes its files.
+        Take its batches beside the object itself: what makes its files.
     files : list of Path
         The CSV from the begin; the others once :meth:`finish` has written them.
     """
@@ -46,10 +46,7 @@ class TrackedObject:
     roi_next: tuple | None = None
     consumers: list = field(default_factory=list)
     files: list = field(default_factory=list)
-
-    def __post_init__(self):
-        self.consumers.append(self)
-        self._writers = []
+    _writers: list = field(default_factory=list)  # take the object: a reference to it would be a circle
 
     def named(self, what):
         """``what``, or ``what-NAME``."""
@@ -88,20 +85,22 @@ class TrackedObject:
         """
         if picture:
             gallery = Gallery(self.config, recording, motion)
-            self._later(gallery, lambda: gallery.save(self._file(folder, "track", ".png")))
+            self._later(gallery, lambda one: gallery.save(one._file(folder, "track", ".png")))
         if report_mhz is not None:
             from ..report.page import plotly_script, write_page
 
             plotly_script()  # if it is missing, that is told before the work
             kept = Kept(self.config, engine, recording, motion)
-            self._later(kept, lambda: kept.save(self._file(folder, "track", ".npz")))
-            self._writers.append(lambda: write_page(kept, self._file(folder, "report", ".html"), clock_mhz=report_mhz))
+            self._later(kept, lambda one: kept.save(one._file(folder, "track", ".npz")))
+            self._writers.append(
+                lambda one: write_page(kept, one._file(folder, "report", ".html"), clock_mhz=report_mhz)
+            )
         if wave is not None:
             from .wave import WaveTaker, write_waves
 
             taker = WaveTaker(self.config, engine, wave)
             name = self.named(f"batch-{wave}")
-            self._later(taker, lambda: self.files.extend(write_waves(taker.record(), folder, name)))
+            self._later(taker, lambda one: one.files.extend(write_waves(taker.record(), folder, name)))
         file = self._file(folder, "track", ".csv").open("w", newline="")
         self.consumers.append(CsvConsumer(stack.enter_context(file)))
 
@@ -126,7 +125,7 @@ class TrackedObject:
     def finish(self):
         """Write the files beside the CSV."""
         for write in self._writers:
-            write()
+            write(self)
 
     def summary(self):
         """The object's part of the command's summary, JSON-ready."""
