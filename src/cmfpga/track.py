@@ -128,7 +128,7 @@ class _Truth(list):
         if speed is None:
             self.append(f"{batch.index:5}   (degenerate)")
             return
-        true = self._motion.mean_velocity(int(batch.events.t[0]), int(batch.events.t[-1]))
+        true = batch.true_px_per_s(self._motion)
         self.append(f"{batch.index:5}   {true[0]:8.1f} {true[1]:8.1f}       {speed[0]:8.1f} {speed[1]:8.1f}")
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..config.config import MAX_THINNING
 from ..config.dither import DITHER_BITS, FACTORS
 from ..errors import ConfigError, RecordingError
 from ..events import Events
@@ -481,7 +480,7 @@ def _confirmed(window, place, duration, measured, config):
     # A reserve, because the rate is not the same in all batches.
     wanted = math.ceil(1.3 * roi_events / config.buffer_events)
     if wanted > config.thinning:
-        fields["thinning"] = min(wanted, MAX_THINNING)
+        fields["thinning"] = min(wanted, 255)
     half_s = duration / 2e6
     return Proposal(
         roi=tuple(map(int, place)),

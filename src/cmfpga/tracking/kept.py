@@ -114,13 +114,10 @@ class Kept:
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
-        result, events = batch.result, batch.events
         self.rows.append(batch.row())
-        self.spans.append(result.span)
-        self.roi_next = result.roi_next
-        known = self._motion is not None and len(events) > 0
-        truth = self._motion.mean_velocity(int(events.t[0]), int(events.t[-1])) if known else (np.nan, np.nan)
-        self.truths.append(tuple(float(axis) for axis in truth))
+        self.spans.append(batch.result.span)
+        self.roi_next = batch.result.roi_next
+        self.truths.append(batch.true_px_per_s(self._motion) or (np.nan, np.nan))
         if batch.index % self._stride:
             return
         detail = self._detail(batch)

@@ -59,6 +59,12 @@ class TrackedBatch:
         half_range = self.result.span / 2e6
         return self.result.v[0] / half_range, self.result.v[1] / half_range
 
+    def true_px_per_s(self, motion):
+        """The true mean (vx, vy) of the batch in px/s; None without a ``motion`` or events."""
+        if motion is None or not len(self.events):
+            return None
+        return tuple(motion.mean_velocity(int(self.events.t[0]), int(self.events.t[-1])).tolist())
+
     @functools.cached_property
     def values(self):
         """``{name: value}`` of the :data:`~cmfpga.tracking.columns.COLUMNS`; None where there is no value."""
