@@ -12,7 +12,10 @@ from cmfpga.engines.floating import FloatEngine
 from cmfpga.events import BatchCutter, Events, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.imaging.iwe import contrast
-from cmfpga.protocol.batch import BatchResult, BatchSettings, Flag, Trace
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import BatchResult
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.loop import CsvConsumer, TrackedBatch, in_turn, track
 

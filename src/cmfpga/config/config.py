@@ -15,8 +15,10 @@ from functools import cached_property
 
 from ..errors import ConfigError
 from ..fixed import bits_for
+from ..protocol.settings import MAX_THINNING
 from .formats import Formats
 from .geometry import Geometry
+from .motion import translation
 from .schedule import AUTO, parse_schedule
 from .widths import Widths
 
@@ -24,10 +26,6 @@ START_MODES = ("zero", "given", "last")
 GRADIENTS = ("sweep", "one_pass")
 ASCENTS = ("constant", "sign")
 RAM_STYLES = ("auto", "block", "ultra")
-
-#: Width of the thinning's factor, and its largest value.
-THINNING_BITS = 8
-MAX_THINNING = (1 << THINNING_BITS) - 1
 
 
 def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=False):
@@ -260,6 +258,11 @@ class Config:
     def formats(self):
         """Fixed-point formats."""
         return Formats(self)
+
+    @cached_property
+    def motion(self):
+        """The motion model."""
+        return translation(self.formats.v)
 
     @cached_property
     def geometry(self):

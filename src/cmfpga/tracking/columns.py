@@ -28,7 +28,7 @@ class Column:
     doc : str
         What it means.
     field : str, optional
-        The result's field that it shows, as :class:`~cmfpga.protocol.batch.BatchResult` names it.
+        The field of :data:`cmfpga.protocol.results.RESULTS` that it shows.
     part : int, optional
         Which part of that field, where it has several.
     value : callable, optional

@@ -13,7 +13,9 @@ from ..engines import make_engine
 from ..errors import ConfigError
 from ..events import Events
 from ..imaging.iwe import contrast
-from ..protocol.batch import BatchResult, BatchSettings, Flag
+from ..protocol.flags import Flag
+from ..protocol.results import BatchResult
+from ..protocol.settings import BatchSettings
 from .columns import COLUMNS, csv_writer, row
 from .replay import Replay
 

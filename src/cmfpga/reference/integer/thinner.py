@@ -1,6 +1,6 @@
 """Model of :mod:`cmfpga.rtl.ingest.thinner`."""
 
-from ...config.config import MAX_THINNING
+from ...protocol.settings import MAX_THINNING
 
 
 def next_thinning(count, target):
