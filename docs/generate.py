@@ -29,7 +29,7 @@ from cmfpga.protocol.settings import SETTINGS
 from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.verilog import resources
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,27 +60,6 @@ THROUGHPUT = {
     "ascent": "one gradient in two cycles",
     "roi_updater": "one move in {latency} cycles",
     "iteration_control": "one batch at a time",
-}
-
-# The CSV of `track`: unit and meaning.
-CSV = {
-    "batch": ("", "number of the batch, from 0"),
-    "t_ref_us": ("µs", "middle of the batch's time range, on the recording's clock; empty for a batch without events"),
-    "events": ("events", "N, events of the batch, of the whole sensor"),
-    "roi_events": ("events", "n, events in the ROI that the buffer holds; these are what v is found from"),
-    "roi_x": ("px", "left column of the ROI that the batch was cut with"),
-    "roi_y": ("px", "top row of that ROI"),
-    "vx": ("px per half batch", "velocity along x, positive to the right; of a degenerate batch, the one before it"),
-    "vy": ("px per half batch", "velocity along y, positive downwards"),
-    "vx_px_per_s": ("px/s", "the same in px/s; empty for a degenerate batch"),
-    "vy_px_per_s": ("px/s", "the same in px/s; empty for a degenerate batch"),
-    "iterations": ("", "iterations done; 0 for a degenerate batch"),
-    "cycles": ("clock cycles", "from the offer of the first event to the result; empty for engines without a clock"),
-    "contrast": (
-        "(events/px)²",
-        "population variance of the image of warped events at (vx, vy), computed in float64 for every engine",
-    ),
-    "flags": ("", "names of the flags that are set, joined by `\\|`; empty where nothing was unusual"),
 }
 
 # Ports of the emitted Verilog, beside those that the tables of settings and results tell.
@@ -226,7 +205,8 @@ def flags_table():
 
 
 def csv_table():
-    return table(("column", "unit", "meaning"), [(f"`{name}`", *CSV[name]) for name in COLUMNS])
+    rows = [(f"`{column.name}`", column.unit, column.doc.replace("|", "\\|")) for column in COLUMNS.values()]
+    return table(("column", "unit", "meaning"), rows)
 
 
 def sweep_table():

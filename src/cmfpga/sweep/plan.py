@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..config import Config, preset
+from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
@@ -120,7 +121,7 @@ class Run:
     """What all rows have in common; fields as of :class:`~cmfpga.sweep.task.Task`."""
 
     engine: str = "rtl"
-    size: dict = field(default_factory=lambda: {"events": 5000})
+    size: dict = field(default_factory=lambda: {"events": BATCH_EVENTS})
     start_event: int = 0
     batches: int | None = None
     sensor: tuple[int, int] | None = None
