@@ -8,7 +8,7 @@ import json
 import sys
 from pathlib import Path
 
-from cmfpga.accuracy import WIDTH_FIELDS, WIDTHS
+from cmfpga.accuracy.studies import WIDTH_FIELDS, WIDTHS
 from cmfpga.config import preset
 from cmfpga.rtl.axi.top import KV260Top
 from cmfpga.rtl.top import VerilogCore

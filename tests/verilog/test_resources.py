@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from cmfpga.accuracy import WIDTHS
+from cmfpga.accuracy.studies import WIDTHS
 from cmfpga.config import preset
 from cmfpga.verilog import resources
 from cmfpga.verilog.emit import TOP
