@@ -61,6 +61,11 @@ FORBIDDEN = {
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
     "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.verilog.emit", "amaranth"),
     "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "numpy", "torch"),
+    **dict.fromkeys(
+        ("imaging", "survey"),
+        ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.tracking", "amaranth", "torch"),
+    ),
+    "verilog/description.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
     "verilog/emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }
 

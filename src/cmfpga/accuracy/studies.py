@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..config import preset
+from ..config.schedule import MEASURED
 from ..errors import ConfigError
 from .real import real_cases
 from .scores import contrast_shares, error_scores, errors, measure
@@ -12,7 +13,7 @@ from .yardstick import peak_error
 
 #: Cold schedules to compare.
 SCHEDULES = (
-    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the default
+    MEASURED["cold"],  # the default
     "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the same reach, a step more
     "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # small steps at full resolution
     "2:1*5 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # and a coarse step more
@@ -30,7 +31,7 @@ SCHEDULES = (
 
 #: Warm schedules to compare.
 WARM_SCHEDULES = (
-    "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",  # the default
+    MEASURED["warm"],  # the default
     "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5",
     "1:0 1:-1 1:-2*2 1:-3 0:-3 0:-4 0:-5",
     "1:-1*3 1:-2 1:-3 0:-3 0:-4 0:-5",

@@ -30,8 +30,8 @@ def table(report):
     blocks = [(case, _rows(case, clock)) for case in report["cases"]]
     widths = [max(len(row[k]) for _, rows in blocks for row in (HEADER, *rows)) for k in range(len(HEADER))]
     lines = [
-        f"Core: clock cycles counted in the simulated Verilog; times at an assumed {clock:g} MHz ({ARTICLE_MHZ:g} MHz is "
-        "what the",
+        f"Core: clock cycles counted in the simulated Verilog; times at an assumed {clock:g} MHz "
+        f"({ARTICLE_MHZ:g} MHz is what the",
         "article reports for its design; which clock this core reaches is not known).",
         f"Programs: one thread of this machine's processor, {report['processor']}; median of {report['runs']} runs",
         "(lowest–highest), events in its cache. A GPU, where there is one, is named.",
