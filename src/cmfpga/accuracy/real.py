@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ..events import Events, open_recording
+from ..survey.places import box_sums
 from .case import Case
 from .yardstick import ROI
 
@@ -41,15 +42,15 @@ REAL_ROI_EVENTS = (500, 4096)
 ROI_STEP = 8  # px; ROIs are looked for at multiples of this
 
 
-def real_cases(folder, *, every=1):
-    """The real batches, a list of :class:`Case`; with ``every`` = k each k-th of them.
+def real_cases(folder):
+    """The real batches, a list of :class:`Case`.
 
     In each window the ROI with most events is taken first, then the one with most events of those that do not overlap
     it, and so on; ROIs with fewer than 500 or more than 4096 events, or with a hot pixel, are not taken.
 
     Raises :exc:`RecordingError` where a recording is missing.
     """
-    return [case for windows in WINDOWS for case in _real_cases(Path(folder), windows)][::every]
+    return [case for windows in WINDOWS for case in _real_cases(Path(folder), windows)]
 
 
 def _real_cases(folder, windows):
@@ -67,20 +68,19 @@ def _real_cases(folder, windows):
 
 def _busiest_rois(batch, sensor, windows):
     """``[((x, y), events)]`` of one window."""
-    at = [
-        (x, y)
-        for y in range(0, sensor[1] - ROI + 1, ROI_STEP)
-        for x in range(0, sensor[0] - ROI + 1, ROI_STEP)
-        if not windows.hot or not (0 <= windows.hot[0] - x < ROI and 0 <= windows.hot[1] - y < ROI)
-    ]
-    pixels = np.zeros((sensor[1] + 1, sensor[0] + 1), np.int64)
-    np.add.at(pixels, (batch.y + 1, batch.x + 1), 1)
-    total = pixels.cumsum(0).cumsum(1)
+    pixels = np.zeros(sensor[::-1], np.int64)
+    np.add.at(pixels, (batch.y, batch.x), 1)
+    sums = np.ndenumerate(box_sums(pixels, ROI, ROI)[::ROI_STEP, ::ROI_STEP])
+    counts = {(x * ROI_STEP, y * ROI_STEP): int(n) for (y, x), n in sums}
+    low, high = REAL_ROI_EVENTS
+    counts = {roi: n for roi, n in counts.items() if low <= n <= high and not _holds(roi, windows.hot)}
     found = []
-    counts = {(x, y): total[y + ROI, x + ROI] - total[y, x + ROI] - total[y + ROI, x] + total[y, x] for x, y in at}
-    counts = {roi: int(n) for roi, n in counts.items() if REAL_ROI_EVENTS[0] <= n <= REAL_ROI_EVENTS[1]}
     while counts and len(found) < windows.rois:
         x, y = best = max(counts, key=counts.get)
         found.append((best, counts[best]))
         counts = {(a, b): n for (a, b), n in counts.items() if abs(a - x) >= ROI or abs(b - y) >= ROI}
     return found
+
+
+def _holds(roi, pixel):
+    return pixel is not None and all(0 <= at - corner < ROI for at, corner in zip(pixel, roi, strict=True))

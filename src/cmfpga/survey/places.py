@@ -75,9 +75,14 @@ def busy_places(events, config, hot, recording):
     return places
 
 
-def _busiest(counts, width, height):
+def box_sums(counts, width, height):
+    """Sums over all boxes of ``width`` × ``height`` pixels, by their top left ones: [rows − height + 1, …]."""
     sums = np.pad(counts, ((1, 0), (1, 0))).cumsum(axis=0).cumsum(axis=1)
-    boxes = sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width] + sums[:-height, :-width]
+    return sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width] + sums[:-height, :-width]
+
+
+def _busiest(counts, width, height):
+    boxes = box_sums(counts, width, height)
     y, x = np.unravel_index(int(boxes.argmax()), boxes.shape)
     return int(x), int(y)
 
