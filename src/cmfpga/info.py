@@ -7,6 +7,7 @@ import math
 import shlex
 import statistics
 import sys
+from dataclasses import asdict
 
 import numpy as np
 from tqdm import tqdm
@@ -160,17 +161,8 @@ def _report(options, recording, survey, config, proposals, checked):
         "roi_size": [config.roi_width, config.roi_height],
         "proposals": [
             {
-                "roi": list(found.roi),
-                "start_event": found.start_event,
-                "batch_events": found.batch_events,
-                "batch_us": found.batch_us,
-                "roi_events": found.roi_events,
-                "v": list(found.v),
+                **asdict(found),
                 "px_per_half_batch": found.px,
-                "px_per_s": list(found.px_per_s),
-                "gain": found.gain,
-                "clarity": found.clarity,
-                "fields": found.fields,
                 "reason": found.reason,
                 "command": _command(options, found),
                 **({"checked_px_per_half_batch": checked[k]} if checked else {}),

@@ -1,8 +1,6 @@
 """``python -m cmfpga.accuracy``: what it prints, and what it refuses."""
 
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -95,11 +93,6 @@ def test_mistakes_get_one_line(arguments, message, capsys, monkeypatch):
     assert run(*arguments) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith(f"error: {message}")
-
-
-def test_help_has_examples():
-    shown = subprocess.run([sys.executable, "-m", "cmfpga.accuracy", "--help"], capture_output=True, text=True)
-    assert shown.returncode == 0 and "examples:\n  python -m cmfpga.accuracy" in shown.stdout
 
 
 def test_every_schedule_of_the_study_fits_the_format():

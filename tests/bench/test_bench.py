@@ -7,7 +7,6 @@ import re
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
@@ -18,8 +17,6 @@ from cmfpga.bench.workloads import make_workload
 from cmfpga.config import preset
 from cmfpga.engines.rtl import find_compiler
 from cmfpga.rtl.core import Core
-
-PAGE = Path(__file__).parents[2] / "docs" / "bench.md"
 
 
 @pytest.fixture
@@ -43,10 +40,10 @@ def test_measured_cycles_equal_the_cores_formula(compiler, name, ascent):
     batch = make_workload("w", events=events, roi_events=n)
     config = preset(name)
     if name == "paper":
-        case = cases.constant_case(batch, [cases.Design(name=name, config=config)], 7)
+        case = cases.constant_case(batch, {name: config}, 7)
     else:
         case = next(each for each in cases.sign_cases(batch, name, config) if each.ascent == ascent)
-    row = cycles.measure(case, case.designs[0])
+    row = cycles.measure(case, next(iter(case.designs)))
     core = Core(config)
     size = {"events": events, "roi_events": n}
     assert row.measured and row.iterations == case.iterations
@@ -63,10 +60,10 @@ def test_measured_cycles_equal_the_cores_formula(compiler, name, ascent):
 
 def test_another_number_of_iterations_is_noticed(compiler):
     batch = make_workload("w", events=500, roi_events=100)
-    case = cases.constant_case(batch, [cases.Design(name="paper", config=preset("paper"))], 5)
+    case = cases.constant_case(batch, {"paper": preset("paper")}, 5)
     wrong = cases.Case(**{**vars(case), "iterations": 6})
     with pytest.raises(AssertionError, match="5 and 4 iterations on 100 events"):
-        cycles.measure(wrong, wrong.designs[0])
+        cycles.measure(wrong, "paper")
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +73,7 @@ def quick(tmp_path_factory):
     printed = io.StringIO()
     if find_compiler():
         for case in cases.make_cases(quick=True):  # compiled simulators are kept: what is compiled once is not counted
-            cycles.simulated(case.designs[0].config)
+            cycles.simulated(next(iter(case.designs.values())))
     start = time.process_time()
     with contextlib.redirect_stdout(printed):
         assert command("--quick", "--runs", "1", "--json", str(file)) == 0
@@ -203,18 +200,6 @@ def test_a_mistake_is_one_line(arguments, message, capsys):
     assert error.startswith("error: ") and message in error and error.count("\n") == 1
 
 
-def test_help_has_examples_and_the_page_has_the_options(tmp_path):
-    shown = subprocess.run(
-        [sys.executable, "-m", "cmfpga.bench", "--help"], cwd=tmp_path, capture_output=True, text=True, check=True
-    ).stdout
-    usage, _, examples = shown.partition("examples:")
-    assert examples.count("python -m cmfpga.bench") >= 2
-    option = re.compile(r"--[a-z][a-z-]*")
-    lines = PAGE.read_text(encoding="utf-8").splitlines()
-    documented = {name for line in lines if line.startswith("| `--") for name in option.findall(line.split("|")[1])}
-    assert documented == set(option.findall(usage))
-
-
 def test_importing_it_loads_no_tool(tmp_path):
     code = "import sys, cmfpga.bench; print(*sys.modules)"
     loaded = subprocess.run(
@@ -232,12 +217,12 @@ def test_all_cases_are_made():
         (128, "cold", 15), (128, "warm", 8),
     ]  # fmt: skip
     for case in made:
-        for design in case.designs:
-            cycles = Core(design.config).cycles(
+        for config in case.designs.values():
+            cycles = Core(config).cycles(
                 events=len(case.workload.events), roi_events=case.workload.roi_events, iterations=case.iterations
             )
-            assert cycles > 0 and case.workload.roi_events <= design.config.buffer_events
-    full = Core(made[4].designs[0].config)
+            assert cycles > 0 and case.workload.roi_events <= config.buffer_events
+    full = Core(made[4].designs["core, preset full-frame"])
     assert (
         full.cycles(events=0, roi_events=5000, iterations=1) - full.cycles(events=0, roi_events=5000, iterations=0)
         <= 5020

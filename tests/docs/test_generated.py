@@ -57,10 +57,11 @@ def test_an_unknown_name_is_refused(maker):
     "command", ["build", "driver", "track", "info", "generate", "report", "sweep", "bench", "accuracy"]
 )
 def test_options_are_documented(command, tmp_path):
-    """The table of options of a command's page has all that ``--help`` has, and no others."""
-    shown = subprocess.run(
+    """The table of options of a command's page has all that ``--help`` has, and no others; help ends with examples."""
+    shown, _, examples = subprocess.run(
         [sys.executable, "-m", f"cmfpga.{command}", "--help"], cwd=tmp_path, capture_output=True, text=True, check=True
-    ).stdout.partition("examples:")[0]
+    ).stdout.partition("examples:")
+    assert examples.count(f"python -m cmfpga.{command}") >= 2
     text = (ROOT / "docs" / f"{command}.md").read_text(encoding="utf-8")
     option = re.compile(r"--[a-z][a-z-]*")
     documented = {

@@ -7,7 +7,7 @@ Rules that look at events, never at results, choose the batches. docs/accuracy.m
 - :mod:`~.suites` and :mod:`~.studies` print the tables (:mod:`~.table`).
 """
 
-from .command import main
+from .command import EXAMPLES, main
 from .suites import brief
 
-__all__ = ["brief", "main"]
+__all__ = ["EXAMPLES", "brief", "main"]

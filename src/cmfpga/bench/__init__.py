@@ -4,6 +4,6 @@
 :mod:`~.table` makes the text of the numbers.
 """
 
-from .command import main
+from .command import EXAMPLES, main
 
-__all__ = ["main"]
+__all__ = ["EXAMPLES", "main"]

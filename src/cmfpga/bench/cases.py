@@ -10,20 +10,15 @@ CONSTANT, COLD, WARM = "constant", "cold", "warm"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Design:
-    """A core to be measured: what the table calls it, and its configuration."""
-
-    name: str
-    config: object
-
-
-@dataclass(frozen=True, kw_only=True)
 class Case:
-    """One batch, one ascent: the cores that do it (the first is what programs are compared with), and the settings."""
+    """One batch, one ascent: the cores that do it, ``{name: configuration}``, and the settings.
+
+    The first core is what programs are compared with.
+    """
 
     workload: object
     ascent: str
-    designs: tuple
+    designs: dict
     iterations: int
     schedule: tuple | None = None
 
@@ -37,9 +32,9 @@ def make_cases(quick=False):
     """The cases, in the order of the table; ``quick`` leaves out all but the article's batch with the presets."""
     paper, fast = preset("paper"), preset("fast")
     batch = make_workload("the article's batch", events=5000, roi_events=800)
-    designs = [Design(name="core, preset paper", config=paper)]
+    designs = {"core, preset paper": paper}
     if not quick:
-        designs.append(Design(name="core, paper in one pass", config=paper.replace(gradient="one_pass")))
+        designs["core, paper in one pass"] = paper.replace(gradient="one_pass")
     cases = [constant_case(batch, designs, 100), *sign_cases(batch, "fast", fast)]
     if quick:
         return cases
@@ -49,10 +44,8 @@ def make_cases(quick=False):
     batch = make_workload("Kim and Kim's case", events=5000, roi_events=5000, **size)
     size = {key: getattr(full, key) for key in ("roi_width", "roi_height", "buffer_events", "tag_bits", "ram_style")}
     large = paper.replace(**size)
-    designs = [
-        Design(name="core, paper at 240×180", config=large),
-        Design(name="core, the same in one pass", config=large.replace(gradient="one_pass")),
-    ]
+    one_pass = large.replace(gradient="one_pass")
+    designs = {"core, paper at 240×180": large, "core, the same in one pass": one_pass}
     cases += [constant_case(batch, designs, 90), *sign_cases(batch, name, full)]
 
     config = preset("fast-128")
@@ -65,12 +58,12 @@ def constant_case(batch, designs, iterations):
     """The article's ascent on a batch."""
     # From v = 0, as a program is; the ROI stays, so that batches can be repeated.
     fields = {"iterations": iterations, "start": "zero", "roi_gain": 0.0}
-    designs = tuple(Design(name=design.name, config=design.config.replace(**fields)) for design in designs)
+    designs = {name: config.replace(**fields) for name, config in designs.items()}
     return Case(workload=batch, ascent=CONSTANT, designs=designs, iterations=iterations)
 
 
 def sign_cases(batch, name, config):
     """The sign ascent on a batch, cold and then warm."""
-    designs = (Design(name=f"core, preset {name}", config=config.replace(roi_gain=0.0)),)
+    designs = {f"core, preset {name}": config.replace(roi_gain=0.0)}
     for ascent, schedule in ((COLD, config.cold_schedule), (WARM, config.warm_schedule)):
         yield Case(workload=batch, ascent=ascent, designs=designs, iterations=len(schedule), schedule=schedule)

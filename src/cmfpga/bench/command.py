@@ -118,8 +118,8 @@ def _measured(case, programs, before, *, step, **options):
     """A case and its rows, JSON-ready; ``before`` is what this gave for the case before."""
     batch, cores = case.workload, []
     size = {"events": len(batch.events), "roi_events": batch.roi_events}
-    for design in case.designs:
-        cores.append(asdict(measure(case, design)))
+    for name in case.designs:
+        cores.append(asdict(measure(case, name)))
         step()
     # A warm batch starts where the cold one before it ended, as it does in the core.
     v_start = (0.0, 0.0)

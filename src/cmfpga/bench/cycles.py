@@ -43,13 +43,14 @@ class CoreRow:
     v: tuple | None
 
 
-def measure(case, design):
-    """The :class:`CoreRow` of a design, from the simulated Verilog where there is a C++ compiler."""
-    events, roi_events, iterations = len(case.workload.events), case.workload.roi_events, case.iterations
+def measure(case, name):
+    """The :class:`CoreRow` of one of the case's cores, from the simulated Verilog where there is a C++ compiler."""
+    config, events, iterations = case.designs[name], len(case.workload.events), case.iterations
+    roi_events = case.workload.roi_events
     if find_compiler() is None:
-        return _computed(case, design)
-    core = simulated(design.config)
-    settings = BatchSettings.from_config(design.config, case.workload.roi)
+        return _computed(case, name)
+    core = simulated(config)
+    settings = BatchSettings.from_config(config, case.workload.roi)
     first = _run(core, settings, case)  # leaves v for a warm batch; and the sweep after the reset is over
     shorter = _one_iteration_less(settings)
     if case.ascent == WARM:
@@ -60,7 +61,7 @@ def measure(case, design):
         raise AssertionError(f"the core did {done[1]} and {done[2]} iterations on {done[0]} events")
     cycles = result["measured_cycles"]
     return CoreRow(
-        name=design.name,
+        name=name,
         measured=True,
         iterations=iterations,
         cycles=cycles,
@@ -68,7 +69,7 @@ def measure(case, design):
         per_iteration=cycles - less["measured_cycles"],
         after_last=cycles - events,
         back_to_back=_back_to_back(core, settings, case),
-        v=tuple(design.config.formats.v.real(result[f"v_{axis}"]) for axis in "xy"),
+        v=tuple(config.formats.v.real(result[f"v_{axis}"]) for axis in "xy"),
     )
 
 
@@ -101,17 +102,17 @@ def simulated(config):
     return VerilatedCore(config)
 
 
-def _computed(case, design):
+def _computed(case, name):
     from amaranth.hdl import UnusedElaboratable
 
     from ..rtl.core import Core
 
     warnings.filterwarnings("ignore", category=UnusedElaboratable)  # it is only asked for numbers
-    core = Core(design.config)
+    core = Core(case.designs[name])
     batch = {"events": len(case.workload.events), "roi_events": case.workload.roi_events}
     cycles = core.cycles(**batch, iterations=case.iterations)
     return CoreRow(
-        name=design.name,
+        name=name,
         measured=False,
         iterations=case.iterations,
         cycles=cycles,
