@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 
 from cmfpga.config import Config, preset
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import markdown
 from cmfpga.tracking.loop import COLUMNS

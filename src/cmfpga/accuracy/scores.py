@@ -7,7 +7,7 @@ from contextlib import closing
 import numpy as np
 
 from ..engines import make_engine
-from ..protocol.batch import BatchSettings
+from ..protocol.settings import BatchSettings
 from .yardstick import contrasts
 
 

@@ -4,8 +4,8 @@ import warnings
 from dataclasses import dataclass, replace
 from functools import cache
 
-from ..engines.rtl import find_compiler, schedule_table, settings_values
-from ..protocol.batch import BatchSettings
+from ..engines.rtl import find_compiler
+from ..protocol.settings import BatchSettings, schedule_table, settings_values
 from .cases import WARM
 
 
