@@ -17,13 +17,13 @@ from amaranth.hdl import Fragment, Shape
 from amaranth.lib import data, wiring
 from declared import DECLARED, table
 
-from cmfpga.bench.cases import article_cycles
 from cmfpga.config import PRESETS, preset
 from cmfpga.protocol.results import RESULTS, trace_shape
 from cmfpga.protocol.settings import SETTINGS
 from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog import article
 from cmfpga.verilog.description import formats, ports
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -143,7 +143,6 @@ def constants_table():
 
 def cycles_table():
     """Formula of each preset, and of `paper` in other sizes, beside the article's."""
-    batch = {"events": 5000, "roi_events": 800}
     rows = []
     sizes = [("paper", size) for size in (32, 48, 128)]
     for name, size in [*((name, None) for name in PRESETS), *sizes]:
@@ -153,17 +152,17 @@ def cycles_table():
         schedules = (range(config.iterations),)
         if hasattr(core, "schedule_write"):
             schedules = (config.cold_schedule, config.warm_schedule)
-        ours = [core.cycles(**batch, iterations=len(one)) for one in schedules]
+        ours = [core.cycles(**article.BATCH, iterations=len(one)) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
-        article = article_cycles(**batch, pixels=config.geometry.pixels, iterations=100)
+        theirs = article.cycles(**article.BATCH, pixels=config.geometry.pixels, iterations=100)
         what = f"`{name}`" if size is None else f"`{name}`, other size"
         size = f"{config.roi_width}×{config.roi_height}"
-        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{article:,}"))
+        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
     head = (
         "preset",
         "ROI, px",
         "cycles of a batch",
-        "N = {events}, n = {roi_events}".format(**batch),
+        "N = {events}, n = {roi_events}".format(**article.BATCH),
         "article's formula, T = 100",
     )
     return table(head, rows, right=(3, 4))

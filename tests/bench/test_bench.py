@@ -17,6 +17,7 @@ from cmfpga.bench.workloads import make_workload
 from cmfpga.config import preset
 from cmfpga.engines.rtl import find_compiler
 from cmfpga.rtl.core import Core
+from cmfpga.verilog import article
 
 
 @pytest.fixture
@@ -30,8 +31,8 @@ def command(*arguments):
 
 
 def test_the_articles_formula():
-    assert cases.article_cycles(events=5000, roi_events=800, pixels=64 * 64, iterations=100) == 194_100
-    assert cases.article_cycles(events=5000, roi_events=5000, pixels=240 * 180, iterations=90) == 1_433_030
+    assert article.cycles(**article.BATCH, pixels=64 * 64, iterations=100) == 194_100
+    assert article.cycles(events=5000, roi_events=5000, pixels=240 * 180, iterations=90) == 1_433_030
 
 
 @pytest.mark.parametrize("name, ascent", [("paper", cases.CONSTANT), ("fast", cases.COLD), ("fast", cases.WARM)])

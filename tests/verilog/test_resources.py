@@ -6,7 +6,7 @@ import pytest
 
 from cmfpga.accuracy.studies import WIDTHS
 from cmfpga.config import preset
-from cmfpga.verilog import resources
+from cmfpga.verilog import article, resources
 from cmfpga.verilog.emit import TOP
 from support import baselines as update
 
@@ -36,7 +36,7 @@ def test_the_fast_core_takes_less_than_the_articles(fast):
     """Same scope as its table: the core without AXI, 64×64 px."""
     config = preset("fast")
     assert (config.roi_width, config.roi_height) == (64, 64)
-    assert all(0 < fast[kind] < resources.ARTICLE[kind] for kind in ("lut", "ff", "bram36", "dsp"))
+    assert all(0 < fast[kind] < article.RESOURCES[kind] for kind in ("lut", "ff", "bram36", "dsp"))
 
 
 def test_the_fast_core_is_like_its_baseline(fast):

@@ -3,10 +3,14 @@
 from dataclasses import dataclass
 
 from ..config import preset
+from ..verilog import article
 from .workloads import make_workload
 
 #: Ascents: the article's, and the sign ascent without and with a last v.
 CONSTANT, COLD, WARM = "constant", "cold", "warm"
+
+#: Names of the batches that the limits are for.
+ARTICLE, KIM = "the article's batch", "Kim and Kim's case"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,15 +27,10 @@ class Case:
     schedule: tuple | None = None
 
 
-def article_cycles(*, events, roi_events, pixels, iterations):
-    """C_batch of the article: N + T·(n + L_r + P/4 + L_v) with L_r = 32 and L_v = 35."""
-    return events + iterations * (roi_events + 32 + pixels // 4 + 35)
-
-
 def make_cases(quick=False):
     """The cases, in the order of the table; ``quick`` leaves out all but the article's batch with the presets."""
     paper, fast = preset("paper"), preset("fast")
-    batch = make_workload("the article's batch", events=5000, roi_events=800)
+    batch = make_workload(ARTICLE, **article.BATCH)
     designs = {"core, preset paper": paper}
     if not quick:
         designs["core, paper in one pass"] = paper.replace(gradient="one_pass")
@@ -41,7 +40,7 @@ def make_cases(quick=False):
 
     full, name = preset("full-frame"), "full-frame"
     size = {"width": full.roi_width, "height": full.roi_height}
-    batch = make_workload("Kim and Kim's case", events=5000, roi_events=5000, **size)
+    batch = make_workload(KIM, events=5000, roi_events=5000, **size)
     size = {key: getattr(full, key) for key in ("roi_width", "roi_height", "buffer_events", "tag_bits", "ram_style")}
     large = paper.replace(**size)
     one_pass = large.replace(gradient="one_pass")

@@ -12,7 +12,8 @@ from tqdm import tqdm
 from .. import __version__, cli
 from ..engines.rtl import find_compiler
 from ..errors import ConfigError
-from .cases import WARM, article_cycles, make_cases
+from ..verilog import article
+from .cases import WARM, make_cases
 from .cycles import measure
 from .opponents import make_programs
 from .programs import processor, time_programs
@@ -135,7 +136,7 @@ def _measured(case, programs, before, *, step, **options):
         "height": batch.height,
         "iterations": case.iterations,
         "true_v": list(batch.v),
-        "article_cycles": article_cycles(**size, pixels=pixels, iterations=case.iterations),
+        "article_cycles": article.cycles(**size, pixels=pixels, iterations=case.iterations),
         "cores": cores,
         "programs": [asdict(row) for row in time_programs(case, programs, v_start=v_start, step=step, **options)],
     }

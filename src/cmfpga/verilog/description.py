@@ -3,6 +3,7 @@
 import importlib.metadata
 
 from .. import __version__
+from . import article
 from .emit import AXI_TOP, TOP, sha256
 
 
@@ -64,7 +65,6 @@ def _origin(config, top, verilog):
 
 def describe(config, core, verilog):
     """Everything in ``build-info.json``, JSON-ready."""
-    batch = {"events": 5000, "roi_events": 800}
     iterations = len(config.cold_schedule) if config.ascent == "sign" else config.iterations
     return {
         **_origin(config, TOP, verilog),
@@ -76,10 +76,10 @@ def describe(config, core, verilog):
             "n": "events in the ROI",
             "T": "iterations",
             "example": {
-                "N": batch["events"],
-                "n": batch["roi_events"],
+                "N": article.BATCH["events"],
+                "n": article.BATCH["roi_events"],
                 "T": iterations,
-                "cycles": core.cycles(**batch, iterations=iterations),
+                "cycles": core.cycles(**article.BATCH, iterations=iterations),
             },
         },
         "ports": ports(core),
