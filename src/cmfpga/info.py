@@ -113,12 +113,8 @@ def check(recording, config, proposal, batches):
             raise
         raise ConfigError("--check: torch is not installed; pip install 'cmfpga[reference]'") from None
     with contextlib.closing(engine):
-        cutter = BatchCutter(
-            recording,
-            start_event=proposal.start_event,
-            events=proposal.batch_events,
-            max_events=engine.config.max_batch_events,
-        )
+        size = {"events": proposal.batch_events, "max_events": engine.config.max_batch_events}
+        cutter = BatchCutter(recording, start_event=proposal.start_event, **size)
         tracked = [*track(engine, cutter, roi=proposal.roi, batches=batches)]
     return [math.hypot(*batch.result.v) for batch in tracked if batch.v_px_per_s is not None]
 

@@ -222,17 +222,14 @@ def documented():
     return [(name, rest.split(" | ")) for name, rest in ROW.findall(DOCS.read_text(encoding="utf-8"))]
 
 
-def table_row(found):
+def row_of(found):
     """Cells of the documentation's table for a proposal."""
     px = found["checked_px_per_half_batch"]
     return [
-        "{},{}".format(*found["roi"]),
-        f"{found['start_event']:,}",
-        f"{found['batch_events']:,}",
-        f"{found['batch_us'] / 1e3:,.3g}",
-        "{:,.0f}, {:,.0f}".format(*found["px_per_s"]),
+        "{},{}".format(*found["roi"]), f"{found['start_event']:,}", f"{found['batch_events']:,}",
+        f"{found['batch_us'] / 1e3:,.3g}", "{:,.0f}, {:,.0f}".format(*found["px_per_s"]),
         f"{statistics.median(px):.1f} ({min(px):.1f} to {max(px):.1f}; {len(px)})",
-    ]
+    ]  # fmt: skip
 
 
 def test_the_table_has_rows():
@@ -258,6 +255,6 @@ def test_the_table_is_what_the_command_says(command, data_dir, name, cells):
         assert not proposals
         return
     (found,) = proposals
-    assert table_row(found) == cells
+    assert row_of(found) == cells
     checked = sorted(found["checked_px_per_half_batch"])
     assert 3 <= checked[len(checked) // 2] <= 5

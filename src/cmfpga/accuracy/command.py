@@ -27,24 +27,19 @@ def _parser():
     made = cli.parser("accuracy", "How well the motion is found: suites of batches, and studies.", EXAMPLES)
     made.add_argument("--batches", type=cli.positive, default=BATCHES, metavar="N", help="synthetic batches (300)")
     made.add_argument(
-        "--engine",
-        default="model",
-        choices=(*ENGINES, "all"),
+        "--engine", default="model", choices=(*ENGINES, "all"),
         help="model: the hardware's arithmetic in integers; rtl: the emitted Verilog; float: nothing rounded "
         "(default: model)",
-    )
+    )  # fmt: skip
     made.add_argument(
-        "--data",
-        default=os.environ.get("CMFPGA_DATA"),
-        metavar="DIR",
+        "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
         help="folder of the real recordings (default: $CMFPGA_DATA); without one those suites are left out",
-    )
+    )  # fmt: skip
     made.add_argument(
-        "--study",
-        choices=STUDIES,
+        "--study", choices=STUDIES,
         help="instead of the suites: plain, the article's ascent; peaks, where the objective's own peak lies; "
         "edges, edges of other strengths; schedules; widths of words",
-    )
+    )  # fmt: skip
     made.add_argument("--json", metavar="FILE", help="write all scores, and those of each batch")
     cli.add_config_options(made)
     return made

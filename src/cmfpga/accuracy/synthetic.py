@@ -51,29 +51,18 @@ def _synthetic_case(index, events_per_edge):
     for _ in range(100):
         centre = (ROI - 1) / 2 + rng.uniform(-0.5, 0.5, 2) * (room - size)
         made = generate(
-            seed=int(rng.integers(1 << 31)),
-            width=ROI,
-            height=ROI,
-            texture=texture,
-            size=(size, size),
-            position=tuple(centre - v),
-            velocity=tuple(2 * v / (DURATION_US * 1e-6)),
-            duration_us=DURATION_US,
-            contrast=contrast,
-            noise=noise,
-        )
+            seed=int(rng.integers(1 << 31)), width=ROI, height=ROI, texture=texture, size=(size, size),
+            position=tuple(centre - v), velocity=tuple(2 * v / (DURATION_US * 1e-6)), duration_us=DURATION_US,
+            contrast=contrast, noise=noise,
+        )  # fmt: skip
         if ROI_EVENTS[0] <= len(made.events) <= ROI_EVENTS[1]:
             break
     events = made.events
     truth = made.motion.per_half_batch(events.t[0], events.t[-1])
     facts = {
-        "texture": texture,
-        "speed": speed,
-        "noise": noise,
-        "roi_events": len(events),
-        "size": size,
+        "texture": texture, "speed": speed, "noise": noise, "roi_events": len(events), "size": size,
         "contrast": contrast,
-    }
+    }  # fmt: skip
     return Case(events, (0, 0), tuple(truth.tolist()), tuple((truth + start).tolist()), facts)
 
 

@@ -43,11 +43,9 @@ def _parser():
     )  # fmt: skip
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(
-        "--data",
-        default=os.environ.get("CMFPGA_DATA"),
-        metavar="DIR",
+        "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
         help="folder of real recordings, for the accuracy (default: $CMFPGA_DATA); none: only synthetic batches",
-    )
+    )  # fmt: skip
     return made
 
 

@@ -45,32 +45,36 @@ class CoreRow:
 
 def measure(case, name):
     """The :class:`CoreRow` of one of the case's cores, from the simulated Verilog where there is a C++ compiler."""
-    config, events, iterations = case.designs[name], len(case.workload.events), case.iterations
-    roi_events = case.workload.roi_events
-    if find_compiler() is None:
-        return _computed(case, name)
+    config, iterations = case.designs[name], case.iterations
+    size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events}
+    found = _simulate(case, config) if find_compiler() else {}
+    core = simulated(config).core if found else _unsimulated(config)
+    formula, shorter = (core.cycles(**size, iterations=count) for count in (iterations, iterations - 1))
+    cycles = found.pop("cycles", formula)
+    return CoreRow(
+        name=name, measured=bool(found), iterations=iterations, cycles=cycles, formula=formula,
+        after_last=cycles - size["events"],
+        **found or {"per_iteration": formula - shorter, "back_to_back": None, "v": None},
+    )  # fmt: skip
+
+
+def _simulate(case, config):
     core = simulated(config)
     settings = BatchSettings.from_config(config, case.workload.roi)
     first = _run(core, settings, case)  # leaves v for a warm batch; and the sweep after the reset is over
-    shorter = _one_iteration_less(settings)
+    shorter = replace(settings, iterations=settings.iterations - 1, cold=settings.cold[:-1], warm=settings.warm[:-1])
     if case.ascent == WARM:
         settings, shorter = (replace(each, roi=None) for each in (settings, shorter))
     result, less = _run(core, settings, case), _run(core, shorter, case)
     done = (first["roi_events"], result["iterations"], less["iterations"])
-    if done != (roi_events, iterations, iterations - 1):
+    if done != (case.workload.roi_events, case.iterations, case.iterations - 1):
         raise AssertionError(f"the core did {done[1]} and {done[2]} iterations on {done[0]} events")
-    cycles = result["measured_cycles"]
-    return CoreRow(
-        name=name,
-        measured=True,
-        iterations=iterations,
-        cycles=cycles,
-        formula=core.core.cycles(events=events, roi_events=roi_events, iterations=iterations),
-        per_iteration=cycles - less["measured_cycles"],
-        after_last=cycles - events,
-        back_to_back=_back_to_back(core, settings, case),
-        v=tuple(config.formats.v.real(result[f"v_{axis}"]) for axis in "xy"),
-    )
+    return {
+        "cycles": result["measured_cycles"],
+        "per_iteration": result["measured_cycles"] - less["measured_cycles"],
+        "back_to_back": _back_to_back(core, settings, case),
+        "v": tuple(config.formats.v.real(result[f"v_{axis}"]) for axis in "xy"),
+    }
 
 
 def _run(core, settings, case):
@@ -90,10 +94,6 @@ def _back_to_back(core, settings, case):
     return results[-1]["valid"] - results[-2]["valid"]
 
 
-def _one_iteration_less(settings):
-    return replace(settings, iterations=settings.iterations - 1, cold=settings.cold[:-1], warm=settings.warm[:-1])
-
-
 @cache
 def simulated(config):
     """The simulator of a configuration's core, made once."""
@@ -102,23 +102,10 @@ def simulated(config):
     return VerilatedCore(config)
 
 
-def _computed(case, name):
+def _unsimulated(config):
     from amaranth.hdl import UnusedElaboratable
 
     from ..rtl.core import Core
 
     warnings.filterwarnings("ignore", category=UnusedElaboratable)  # it is only asked for numbers
-    core = Core(case.designs[name])
-    batch = {"events": len(case.workload.events), "roi_events": case.workload.roi_events}
-    cycles = core.cycles(**batch, iterations=case.iterations)
-    return CoreRow(
-        name=name,
-        measured=False,
-        iterations=case.iterations,
-        cycles=cycles,
-        formula=cycles,
-        per_iteration=cycles - core.cycles(**batch, iterations=case.iterations - 1),
-        after_last=cycles - batch["events"],
-        back_to_back=None,
-        v=None,
-    )
+    return Core(config)

@@ -37,15 +37,9 @@ def make_job(case, v_start=(0.0, 0.0)):
     """The :class:`~cmfpga.bench.opponents.Job` of a case."""
     batch = case.workload
     return Job(
-        events=batch.events,
-        roi=batch.roi,
-        width=batch.width,
-        height=batch.height,
-        iterations=case.iterations,
-        schedule=case.schedule,
-        dither=case.schedule is not None,
-        v_start=v_start,
-    )
+        events=batch.events, roi=batch.roi, width=batch.width, height=batch.height, iterations=case.iterations,
+        schedule=case.schedule, dither=case.schedule is not None, v_start=v_start,
+    )  # fmt: skip
 
 
 def time_programs(case, programs, *, runs, seconds, v_start, step=lambda: None):

@@ -53,17 +53,13 @@ def make_workload(name, *, events, roi_events, width=64, height=64, sensor=(240,
     rng = np.random.default_rng(seed)
     half = DURATION_US / 2e6
     scene = generate(
-        seed=seed,
-        width=sensor[0],
-        height=sensor[1],
-        size=(round(0.6 * width), round(0.6 * height)),
+        seed=seed, width=sensor[0], height=sensor[1], size=(round(0.6 * width), round(0.6 * height)),
         velocity=tuple(axis / half for axis in MOTION_PX),
         position=tuple(
             corner + (size - 1) / 2 - move for corner, size, move in zip(roi, (width, height), MOTION_PX, strict=True)
         ),
-        duration_us=DURATION_US,
-        noise=NOISE,
-    )
+        duration_us=DURATION_US, noise=NOISE,
+    )  # fmt: skip
     inside = scene.events[events_in_roi(scene.events, roi, width, height)[0]]
     while len(inside) < roi_events:  # too sparse: the same object with more events a pixel
         scene = generate(**{**vars(scene.scene), "contrast": 2 * scene.scene.contrast})

@@ -231,17 +231,10 @@ def _confirmed(window, place, duration, measured, config):
         fields["thinning"] = min(wanted, Config.__dataclass_fields__["thinning"].metadata["high"])
     half_s = duration / 2e6
     return Proposal(
-        roi=tuple(map(int, place)),
-        start_event=window.start,
-        batch_events=batch_events,
-        batch_us=round(duration * share),
-        roi_events=roi_events,
-        v=tuple((v * share).tolist()),
-        px_per_s=tuple((v / half_s).tolist()),
-        gain=float(np.median(gains)),
-        clarity=clarity,
-        fields=fields,
-    )
+        roi=tuple(map(int, place)), start_event=window.start, batch_events=batch_events,
+        batch_us=round(duration * share), roi_events=roi_events, v=tuple((v * share).tolist()),
+        px_per_s=tuple((v / half_s).tolist()), gain=float(np.median(gains)), clarity=clarity, fields=fields,
+    )  # fmt: skip
 
 
 def require(proposals, count, recording):
