@@ -176,8 +176,7 @@ def _choose(options, objects, recording, config):
     wanted = [one for one in objects if one.roi is None]
     if not wanted:
         return
-    from .info import survey_all
-    from .survey import Survey, propose, require
+    from .survey import Survey, propose, require, survey_all
 
     # Where the user or the other objects are; or else where something moves.
     start = options.start_event if options.start_event or len(wanted) < len(objects) else None

@@ -23,21 +23,21 @@ def tcl():
     return {name: value.strip("{}") for name, value in lines}
 
 
-def test_generated_files_are_current(generate, capsys):
-    assert generate.main(["--check"]) == 0, capsys.readouterr().err
+def test_generated_files_are_current(maker, capsys):
+    assert maker.main(["--check"]) == 0, capsys.readouterr().err
 
 
-def test_a_stale_file_is_named(generate, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(generate, "ROOT", tmp_path)
-    for name in generate.FILES:
+def test_a_stale_file_is_named(maker, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(maker, "ROOT", tmp_path)
+    for name in maker.FILES:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-    assert generate.main(["--check"]) == 1
-    assert capsys.readouterr().err.count("not current: ") == len(generate.FILES)
-    assert generate.main([]) == 0 and generate.main(["--check"]) == 0
+    assert maker.main(["--check"]) == 1
+    assert capsys.readouterr().err.count("not current: ") == len(maker.FILES)
+    assert maker.main([]) == 0 and maker.main(["--check"]) == 0
     path = tmp_path / "boards/kv260/vivado/facts.tcl"
     path.write_text(path.read_text(encoding="utf-8").replace("0xa0010000", "0xa0020000"), encoding="utf-8")
     capsys.readouterr()
-    assert generate.main(["--check"]) == 1
+    assert maker.main(["--check"]) == 1
     assert capsys.readouterr().err.startswith("not current: boards/kv260/vivado/facts.tcl;")
 
 
@@ -141,11 +141,11 @@ def test_no_fact_is_written_down_again():
         (lambda f: f["clock"].update(mhz=250), "change both"),
     ],
 )
-def test_facts_that_contradict_each_other(change, text, generate, facts):
+def test_facts_that_contradict_each_other(change, text, maker, facts):
     changed = copy.deepcopy(facts)
     change(changed)
-    with pytest.raises(generate.FactError, match=re.escape(text)):
-        generate.check(changed)
+    with pytest.raises(maker.FactError, match=re.escape(text)):
+        maker.check(changed)
 
 
 def test_every_fact_has_a_source():

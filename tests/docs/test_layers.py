@@ -93,6 +93,11 @@ FORBIDDEN = {
         ("cmfpga.report", "cmfpga.tracking.api", "cmfpga.tracking.result", "cmfpga.tracking.objects"),
     ),
     "report": ("cmfpga.tracking.api", "cmfpga.tracking.result", "cmfpga.tracking.objects", "cmfpga.engines", "torch"),
+    **dict.fromkeys(
+        ("imaging", "survey"),
+        ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.tracking", "amaranth", "torch"),
+    ),
+    "verilog/description.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
     "verilog/emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }
 

@@ -1,14 +1,14 @@
 """Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
 
 PYTHONPATH=tests python -m support.baselines
-python docs/generate.py
+python docs/tables.py
 """
 
 import json
 import sys
 from pathlib import Path
 
-from cmfpga.accuracy import WIDTH_FIELDS, WIDTHS
+from cmfpga.accuracy.studies import WIDTH_FIELDS, WIDTHS
 from cmfpga.config import preset
 from cmfpga.rtl.axi.top import KV260Top
 from cmfpga.rtl.top import VerilogCore

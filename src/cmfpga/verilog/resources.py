@@ -22,6 +22,7 @@ from collections import Counter
 from pathlib import Path
 
 from ..errors import UserError
+from . import article
 from .emit import TOP, cache_environment, sha256
 
 #: What is counted, in the order of tables: name and title.
@@ -40,9 +41,6 @@ KINDS = {
 
 #: The family that each kind is counted for.
 FAMILY = {kind: "xcup" if kind in ("bram36", "uram", "dsp") else "xc7" for kind in KINDS}
-
-#: The article's core on the same board, 64×64 px, without AXI: Vivado's figures.
-ARTICLE = {"lut": 3655, "ff": 7857, "carry8": 274, "bram36": 25.5, "uram": 0, "dsp": 151}
 
 #: The chip of the KV260, XCK26.
 KV260 = {"lut": 117_120, "ff": 234_240, "carry8": 14_640, "bram36": 144, "uram": 64, "dsp": 1248}
@@ -110,7 +108,7 @@ def estimate(verilog, *, report=lambda doing: None):
         "total": total,
         "sum_of_blocks": {kind: sum(row[kind] for row in counted.values()) for kind in KINDS},
         "blocks": {name.removeprefix(f"{TOP}_"): row for name, row in counted.items()},
-        "article": ARTICLE,
+        "article": article.RESOURCES,
         "kv260": KV260,
     }
 
@@ -281,7 +279,7 @@ def rows(estimated):
         *(line(name, row) for name, row in estimated["blocks"].items()),
         line("sum of the blocks", estimated["sum_of_blocks"]),
         line("the core, flattened", total),
-        line("the article's core (Vivado)", ARTICLE),
+        line("the article's core (Vivado)", article.RESOURCES),
         line("KV260 has", KV260),
         line("the core in % of it", share, "{:.1f}".format),
         *([line("cmfpga_kv260: the core with AXI", estimated["axi"])] if "axi" in estimated else []),

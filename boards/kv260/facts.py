@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Makes the files of this folder that hold facts, from ``board.toml``.
 
-    python boards/kv260/generate.py            # write them, print what changed
-    python boards/kv260/generate.py --check    # exit status 1 and their names, if some are not current
+    python boards/kv260/facts.py            # write them, print what changed
+    python boards/kv260/facts.py --check    # exit status 1 and their names, if some are not current
 
 Needs Python 3.11 and nothing else.
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
-NOTE = "Generated from boards/kv260/board.toml by boards/kv260/generate.py; do not edit."
+NOTE = "Generated from boards/kv260/board.toml by boards/kv260/facts.py; do not edit."
 
 #: What a field of an AFI register means (device-tree-xlnx: common_proc.tcl); the two directions count differently.
 AFI_SLAVE = {128: 0, 64: 1, 32: 2}
@@ -301,7 +301,7 @@ def main(arguments=None):
     stale = [path for path, text in texts.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     for path in stale:
         if options.check:
-            print(f"not current: {path.relative_to(ROOT)}; run python boards/kv260/generate.py", file=sys.stderr)
+            print(f"not current: {path.relative_to(ROOT)}; run python boards/kv260/facts.py", file=sys.stderr)
         else:
             path.write_text(texts[path], encoding="utf-8")
             print(path.relative_to(ROOT))
