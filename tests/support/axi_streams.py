@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from amaranth.hdl import Module, Signal, Value
+from amaranth.hdl import ClockDomain, Module, Signal, Value
 
 from support.bench import Port, member, random_values, simulate
 
@@ -85,6 +85,7 @@ def pass_through(block, items, flow, rng, *, expect, pulses=(), inputs=None, con
         )
 
     top = Module()
+    top.domains += getattr(block, "sync", ClockDomain("sync"))  # a block that needs the clock itself brings the domain
     top.submodules.block = block
     top.d.sync += Signal().eq(1)  # a block without a register has no clock
     simulate(top, bench)

@@ -11,7 +11,7 @@ from cmfpga.events.arrays import Events
 from cmfpga.protocol.batch import Flag
 from cmfpga.protocol.words import encode, swap_halves
 from cmfpga.reference.wire import BatchEnds, Beat, to_beats
-from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.rtl.axi.top import AxiTop
 from support.axi.board import CONFIG, Board
 from support.axi.expected import Expected, default_settings, links, moving_events, same
 
@@ -104,7 +104,7 @@ async def ten_batches_back_to_back(dut):
     ends = [cycle for cycle, last in board.sent if last]
     starts = [cycle for k, (cycle, _) in enumerate(board.sent) if k == 0 or board.sent[k - 1][1]]
     assert len(ends) == len(starts) == 10
-    beats = KV260Top(CONFIG).result_packet.beats
+    beats = AxiTop(CONFIG).result_packet.beats
     assert {end - start for end, start in zip(ends, starts, strict=True)} == {beats - 1}
 
 
@@ -112,7 +112,7 @@ async def ten_batches_back_to_back(dut):
 async def cycles_of_the_wrapper(dut):
     """None per event; from the core's result to TLAST at most 20; measured at the ports, for every format."""
     board, expected, settings = await begin(dut, form="PACKED")
-    top = KV260Top(CONFIG)
+    top = AxiTop(CONFIG)
     assert top.result_latency <= 20
     for form, count in (("PACKED", 200), ("PACKED", 90), ("EVT21", 150), ("EVT20", 151)):
         await board.write("INPUT", FORMAT=form)

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.emit import AXI_TOP, emit_verilog
 
@@ -54,7 +54,7 @@ class Simulation:
         from cocotb_tools.runner import get_runner
 
         self.simulator, self.config, self.folder = simulator, config, folder
-        top = KV260Top(config)
+        top = AxiTop(config)
         text = emit_verilog(top, AXI_TOP)
         verilog = folder / f"{AXI_TOP}.v"
         verilog.write_text(text)
