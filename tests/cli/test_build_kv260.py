@@ -1,5 +1,6 @@
 """``python -m cmfpga.build --top kv260``: ports as Vivado infers them, the same bytes every time."""
 
+import dataclasses
 import json
 import os
 import re
@@ -58,6 +59,20 @@ def test_the_same_bytes_again(made, command, tmp_path):
     assert {name: entry["offset"] for name, entry in info["registers"].items()} == {
         register.name: register.offset for register in registers
     }
+
+
+def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
+    """That is all that the Verilog knows of a board."""
+    folder, info = made
+    other = dataclasses.replace(KV260, name="other", top="cmfpga_other")
+    monkeypatch.setitem(BOARDS, other.name, other)
+    preset = "fast" if "SCHEDULE" in info["registers"] else "paper"
+    assert command(build, "--preset", preset, "--top", "other", *sets(TINY), "--out", tmp_path).status == 0
+    assert json.loads((tmp_path / "other-info.json").read_text())["top"] == "cmfpga_other"
+    text = (tmp_path / "cmfpga_other.v").read_text()
+    assert sorted(text.replace("cmfpga_other", KV260.top).split()) == sorted(
+        (folder / f"{KV260.top}.v").read_text().split()
+    )
 
 
 def ports(text):

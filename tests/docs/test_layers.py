@@ -60,7 +60,12 @@ FORBIDDEN = {
     "protocol/batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
     "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.verilog.emit", "amaranth"),
-    "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "numpy", "torch"),
+    "rtl": (
+        *("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "cmfpga.boards"),
+        *("numpy", "torch"),
+    ),
+    "rtl/shell": ("cmfpga.rtl.axi",),
+    "boards": ("cmfpga.rtl", "cmfpga.verilog", "cmfpga.driver", "cmfpga.config", "amaranth", "numpy", "torch"),
     "verilog/emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }
 
