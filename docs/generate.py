@@ -21,9 +21,12 @@ from amaranth.lib import data, wiring
 
 from cmfpga.build import formats, ports
 from cmfpga.config import PRESETS, Config, preset
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import markdown
+from cmfpga.protocol.results import RESULTS, trace_shape
+from cmfpga.protocol.settings import SETTINGS
+from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.loop import COLUMNS
@@ -39,7 +42,7 @@ BOTH = ("fast", "paper")
 
 # What no docstring says in a few words: how often a block takes an item.
 THROUGHPUT = {
-    "batch_control": "one event a cycle",
+    "ingest_control": "one event a cycle",
     "roi_filter": "one event a cycle",
     "thinner": "one event a cycle",
     "event_buffer": "one event a cycle, in and out",
@@ -53,9 +56,10 @@ THROUGHPUT = {
     "tagged_accumulator": "one event a cycle",
     "one_pass_gradient": "one event a cycle",
     "gradient": "one gradient in {lead} cycles",
-    "updater": "one gradient a cycle",
     "schedule": "one iteration a cycle",
+    "ascent": "one gradient in two cycles",
     "roi_updater": "one move in {latency} cycles",
+    "iteration_control": "one batch at a time",
 }
 
 # The CSV of `track`: unit and meaning.
@@ -79,7 +83,7 @@ CSV = {
     "flags": ("", "names of the flags that are set, joined by `\\|`; empty where nothing was unusual"),
 }
 
-# Ports of the emitted Verilog.
+# Ports of the emitted Verilog, beside those that the tables of settings and results tell.
 PORTS = {
     "clk": "the only clock; rising edge",
     "rst": "synchronous reset, active high",
@@ -89,61 +93,14 @@ PORTS = {
     "event_x": "column, px, 0 = left",
     "event_y": "row, px, 0 = top",
     "event_last": "this event ends the batch",
-    "settings_roi_load": "take the ROI from `settings_roi_x`, `settings_roi_y`; else it is where the last batch put it",
-    "settings_roi_x": "left column of the ROI, px; limited to the sensor",
-    "settings_roi_y": "top row of the ROI, px; limited to the sensor",
-    "settings_batch_events": "end the batch after so many events; 0: only by `event_last`",
-    "settings_batch_roi_events": "end the batch when so many ROI events are stored; 0: off",
-    "settings_thinning": "store one ROI event in so many, 1 … 255",
-    "settings_thin_target": "choose that from the last batch so that about so many are stored; 0: off",
-    "settings_iterations": "T",
-    "settings_eta": "η, {eta}",
-    "settings_roi_gain": "displacement of the ROI per v, {roi_gain}",
-    "settings_start_last": "1: start from the last batch's v; 0: from `settings_v_start_x`, `settings_v_start_y`",
-    "settings_v_start_x": "start velocity, v_frac fraction bits",
-    "settings_v_start_y": "start velocity, v_frac fraction bits",
-    "settings_min_roi_events": "fewer events in the ROI make the batch degenerate",
-    "settings_cold_first": "entry of the schedule's table at which the iterations without a last v begin",
-    "settings_cold_count": "how many there are",
-    "settings_warm_first": "entry at which the iterations from the last v begin",
-    "settings_warm_count": "how many there are",
     "schedule_valid": "write an entry of the schedule's table; only while no batch is under way",
     "schedule_address": "which entry",
     "schedule_entry_level": "pixels 2^level px wide",
     "schedule_entry_shift": "v moves by 2^shift units of its last bit",
     "result_valid": "a result is offered, and stays as it is until it is taken",
     "result_ready": "take it",
-    "result_v_x": "velocity, px per half batch, v_frac fraction bits",
-    "result_v_y": "velocity, px per half batch, v_frac fraction bits",
-    "result_t_first": "t_1, µs: time stamp of the first event",
-    "result_span": "t_N − t_1, µs",
-    "result_events": "N, events of the batch",
-    "result_roi_events": "n, events stored",
-    "result_outside": "events outside the ROI",
-    "result_overflow": "events in the ROI that the buffer had no room for",
-    "result_thinned": "ROI events left out by the thinning",
-    "result_time_back": "events dropped because time stepped back",
-    "result_time_span": "events dropped because they lie 2^span_bits µs or more after the first",
-    "result_roi_x": "left column of the ROI of this batch, px",
-    "result_roi_y": "top row of the ROI of this batch, px",
-    "result_roi_next_x": "left column of the ROI of the next batch, px",
-    "result_roi_next_y": "top row of the ROI of the next batch, px",
-    "result_iterations": "iterations done",
-    "result_sums_i": "ΣI of the last iteration, weight_frac fraction bits",
-    "result_sums_dx": "ΣDx of the last iteration, derivative_frac fraction bits",
-    "result_sums_dy": "ΣDy of the last iteration",
-    "result_sums_sx": "Σ I·Dx of the last iteration",
-    "result_sums_sy": "Σ I·Dy of the last iteration",
-    "result_cycles": "clock cycles from the offer of the first event to this result",
-    "result_flags": "see the flags; bit 0 is `degenerate`",
+    "result_sums_i": "ΣI of the last iteration, raw; no sum means anything in a degenerate batch",
     "trace_valid": "an iteration's sums are valid (for verification; leave open)",
-    "trace_v_x": "the velocity that this iteration used",
-    "trace_v_y": "the velocity that this iteration used",
-    "trace_sums_i": "as `result_sums_i`, of this iteration",
-    "trace_sums_dx": "as `result_sums_dx`",
-    "trace_sums_dy": "as `result_sums_dy`",
-    "trace_sums_sx": "as `result_sums_sx`",
-    "trace_sums_sy": "as `result_sums_sy`",
     "trace_pixels_valid": "the sweep has read four pixels (for verification; leave open)",
     "trace_pixels_i": "I of the pixel in bank 0 … 3",
     "trace_pixels_dx": "Dx of that pixel",
@@ -199,14 +156,13 @@ def constants_table():
     rows = []
     for name in BOTH:
         core = elaborated(preset(name))
-        if core.one_pass:
-            steps = ("warp", "voter", "one_pass_gradient", "gradient", "updater")
-            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
-            before, after = ("dither",), ()
-        else:
-            steps = ("warp", "voter", "gradient_reader", "gradient", "updater")
+        steps = ("warp", "voter", [*core.image.blocks][-1], "gradient", "ascent")
+        if core.sweep_cycles:
             counted, more, why = "swept address counts in P/4", 2, "`OPEN`, `JUDGE`"
             before, after = (), ("roi_updater",)
+        else:
+            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
+            before, after = ("dither",), ()
         whole = ("roi_filter", "thinner", "reciprocal", "event_buffer", *before, "time_scaler", *after)
         for what, blocks, extra, reason, total in (
             (f"L, `{name}`", steps, -1, f"−1 because the last {counted}", core.iteration_latency),
@@ -228,7 +184,9 @@ def cycles_table():
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
-        schedules = (config.cold_schedule, config.warm_schedule) if core.signs else (range(config.iterations),)
+        schedules = (range(config.iterations),)
+        if hasattr(core, "schedule_write"):
+            schedules = (config.cold_schedule, config.warm_schedule)
         ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
         article = events + 100 * (roi_events + 32 + config.geometry.pixels // 4 + 35)
@@ -279,19 +237,35 @@ def sweep_table():
     return table(("column of `results`", "meaning"), rows)
 
 
+def meanings(config):
+    """What each port is for, by its name."""
+    found = {}
+    declared = [("settings", s.name, s.shape_of(config), s.places, *s.doc_of(config)) for s in SETTINGS]
+    declared += [("result", f.name, f.shape(config), f.places, f.doc, f.unit) for f in RESULTS]
+    for group, name, shape, places, doc, unit in declared:
+        for leaf in leaves(name, shape):
+            place = next((place for place in places if name + place.part == leaf), None)
+            text = doc
+            if place and place.part:
+                text = place.doc if place.field == "VALUE" else f"{doc}: {place.doc}"
+            found[f"{group}_{leaf}"] = f"{text} ({unit})" if unit else text
+    of_trace = (leaf for name, shape in trace_shape(config).items() for leaf in leaves(name, shape))
+    return found | {f"trace_{leaf}": f"as `result_{leaf}`, of this iteration" for leaf in of_trace} | PORTS
+
+
 def ports_table():
     """Ports of `fast`, then what only `paper` has."""
     rows = {}
     for name in BOTH:
         config = preset(name)
-        values = {"eta": config.formats.eta, "roi_gain": config.formats.roi_gain}
+        values = meanings(config)
         for port in ports(elaborated(config)):
             key = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port["name"])
             shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", key)
             row = rows.setdefault(
                 key,
                 {"port": f"`{shown}`".replace(" … ", "` … `"), "direction": port["direction"],
-                 "meaning": PORTS[key].format(**values)},
+                 "meaning": values[key]},
             )  # fmt: skip
             row[name] = f"{port['bits']}{' signed' if port['signed'] else ''}"
     head = ("port", "direction", *(f"bits, `{name}`" for name in BOTH), "meaning")
@@ -338,6 +312,8 @@ def _port(name, member):
     arrow = "→" if member.flow == wiring.In else "←"
     if not member.is_signature:
         return f"{arrow} `{name}`{_fields(member.shape)}"
+    if "payload" not in member.signature.members:
+        return f"{arrow} `{name}` ({', '.join(member.signature.members)})"
     kind = "flow" if member.signature.always_ready else "stream"
     return f"{arrow} `{name}` {kind}{_fields(member.signature.members['payload'].shape)}"
 

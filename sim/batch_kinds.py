@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmfpga.config.schedule import ScheduleEntry
-from cmfpga.protocol.batch import BatchSettings, clamp_roi
+from cmfpga.protocol.settings import BatchSettings, clamp_roi
 
 
 @dataclass(kw_only=True)

@@ -14,9 +14,9 @@ import port_text as verilog
 from batch_kinds import KINDS, Maker
 
 from cmfpga import __version__, cli
-from cmfpga.engines.rtl import settings_values
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.gradient import Sums
 from cmfpga.rtl.top import VerilogCore
@@ -145,9 +145,7 @@ class Vectors:
             **{f"{memory.upper()}_BITS": sum(columns.values()) for memory, columns in self.columns.items()},
             "BANK_WORDS": config.geometry.bank_words,
             # After a reset the banks are swept; with a sweep per iteration, the sums of this one settle.
-            "CLEARING": config.geometry.bank_depth
-            if core.one_pass
-            else config.geometry.bank_words + core.gradient_reader.latency,
+            "CLEARING": core.sweep_cycles + core.image.latency if core.sweep_cycles else config.geometry.bank_depth,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
         }

@@ -15,10 +15,11 @@ def declarations(core):
 
 def fill_banks(core):
     """Random words in tagged banks, as in a device. What they held is multiplied by 0, and 0·X is X in a simulator."""
-    if core.one_pass:
+    if "tagged_accumulator" in core.blocks:
         yield "integer word;"
         yield f"initial for (word = 0; word < {core.config.geometry.bank_depth}; word = word + 1) begin"
-        yield from (f"  core.tagged_accumulator.bank_{n}.ram[word] = {{$random, $random, $random}};" for n in range(4))
+        for n in range(4):
+            yield f"  core.image.tagged_accumulator.bank_{n}.ram[word] = {{$random, $random, $random}};"
         yield "end"
 
 

@@ -16,8 +16,8 @@ from cmfpga.verilog import emit
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 FAST = {"gradient": "one_pass", "ascent": "sign", "max_level": 2, "dither_frac": 4}
 COMMON = {
-    "batch_control", "event_buffer", "gradient", "reciprocal", "roi_filter", "roi_updater", "thinner", "time_scaler",
-    "updater", "voter", "warp",
+    "ascent", "event_buffer", "gradient", "ingest_control", "iteration_control", "reciprocal", "roi_filter",
+    "roi_updater", "thinner", "time_scaler", "voter", "warp",
 }  # fmt: skip
 
 
@@ -233,7 +233,7 @@ def test_the_description_is_that_of_the_configuration(files):
     )
     if config.gradient == "sweep":
         assert bits["trace_pixels_0_i"] == (info["formats"]["I"]["bits"], False)
-    assert set(info["latencies"]) == blocks_of(config) - {"batch_control", "schedule"}
+    assert set(info["latencies"]) == blocks_of(config) - {"ingest_control", "iteration_control", "schedule"}
     assert all(isinstance(cycles, int) and cycles > 0 for cycles in info["latencies"].values())
 
 

@@ -11,7 +11,7 @@ from cmfpga import build, cli, track
 from cmfpga.config import Config
 from cmfpga.engines import make_engine, rtl
 from cmfpga.events import BatchCutter, Events, open_recording, write_hdf5
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.tracking import loop as tracker
 
 DOT = ["--roi", "8,9"]

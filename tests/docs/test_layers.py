@@ -14,7 +14,11 @@ PACKAGE = Path(cmfpga.__file__).parent
 #: Modules, and what must not be loaded once they are.
 CLEAN = {
     "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
-    "batch": (["cmfpga.protocol.batch"], ["amaranth", "torch"]),
+    "contract": (
+        ["cmfpga.protocol.settings", "cmfpga.protocol.results"],
+        ["amaranth", "numpy", "torch", "cmfpga.config", "cmfpga.protocol.registers"],
+    ),
+    "trace": (["cmfpga.protocol.trace"], ["amaranth", "torch"]),
     "registers": (
         ["cmfpga.protocol.registers", "cmfpga.protocol.flags", "cmfpga.protocol.word_format"],
         ["amaranth", "numpy", "torch"],
@@ -57,7 +61,22 @@ FORBIDDEN = {
         *("amaranth", "torch"),
     ),
     "errors.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    "protocol/batch.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
+    **dict.fromkeys(
+        ("protocol/shapes.py", "protocol/settings.py", "protocol/results.py"),
+        (
+            "cmfpga.config",
+            "cmfpga.protocol.registers",
+            "cmfpga.rtl",
+            "cmfpga.reference",
+            "cmfpga.engines",
+            "cmfpga.driver",
+            "cmfpga.events",
+            "amaranth",
+            "numpy",
+            "torch",
+        ),
+    ),
+    "protocol/trace.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
     "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.verilog.emit", "amaranth"),
     "rtl": (

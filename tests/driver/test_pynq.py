@@ -11,10 +11,9 @@ import pytest
 
 from cmfpga.boards import DEFAULT
 from cmfpga.driver import DeviceError, DeviceTimeout, WrongHardware
-from cmfpga.driver.results import differences
 from cmfpga.engines.model import ModelEngine
 from support.board import Board, Interrupts
-from support.driving import CONFIG, REGISTERS, batch, model_run, within, works
+from support.driving import CONFIG, REGISTERS, batch, differences, model_run, within, works
 from support.overlay import write_hwh
 
 with warnings.catch_warnings():

@@ -7,16 +7,16 @@ import pytest
 
 from cmfpga.config import Config, preset
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WireResult
-from cmfpga.driver.results import differences
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.simulation.axi_top import SimulationBackend
 from cmfpga.tracking.loop import track
-from support.driving import CONFIG, SMALL, batch, model_run
+from support.driving import CONFIG, SMALL, batch, differences, model_run
 
 
 @pytest.mark.parametrize("form", FORMATS)

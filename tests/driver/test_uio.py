@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WrongHardware, uio
-from cmfpga.driver.results import differences
 from cmfpga.driver.uio import Mapping, UdmaBuffer, UioBackend, UioDevice
 from cmfpga.engines.model import ModelEngine
 from cmfpga.protocol.words import encode
 from support.board import descriptors, uio_tree
-from support.driving import CONFIG, REGISTERS, batch, model_run, within, works
+from support.driving import CONFIG, REGISTERS, batch, differences, model_run, within, works
 from support.uio import BUFFERS, Linux
 
 

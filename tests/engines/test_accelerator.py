@@ -12,7 +12,8 @@ from cmfpga.config import preset
 from cmfpga.engines import ENGINES, make_engine, rtl
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate
-from cmfpga.protocol.batch import BatchResult, BatchSettings
+from cmfpga.protocol.results import BatchResult
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.tracking.kept import Kept
 from cmfpga.tracking.loop import COLUMNS
 from support.driving import CONFIG

@@ -20,7 +20,8 @@ from cmfpga.engines.model import ModelEngine
 from cmfpga.engines.verilated import VerilatedCore, VerilatedEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.verilog import compile as library
 from cmfpga.verilog.compile import compile_library
 from cmfpga.verilog.emit import cache_folder
@@ -294,7 +295,7 @@ def test_an_event_outside_the_sensor_is_refused(engine, rng, axis, value, larges
 
 
 def core_run(core, events, **options):
-    values = rtl.settings_values(CONFIG, settings((8, 8)))
+    values = settings_values(CONFIG, settings((8, 8)))
     return core.run(events.t, events.x, events.y, values, **options)
 
 
@@ -614,7 +615,7 @@ def test_two_processes_do_not_compile_the_same(tmp_path):
 
 def test_after_the_end(compiler, verilated_core, rng):
     core, events = VerilatedCore(CONFIG), make_events(rng, 5)
-    axes, values = (events.t, events.x, events.y), rtl.settings_values(CONFIG, settings((8, 8)))
+    axes, values = (events.t, events.x, events.y), settings_values(CONFIG, settings((8, 8)))
     core.close()
     core.close()
     for use in (core.reset, lambda: core.run(*axes, values), lambda: core.stream([axes], [values]), core.take_waves):

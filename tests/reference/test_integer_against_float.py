@@ -7,7 +7,7 @@ import torch
 from cmfpga.config import Config
 from cmfpga.events import BatchCutter, generate, open_recording
 from cmfpga.imaging.iwe import scaled_roi_events
-from cmfpga.protocol.batch import BatchSettings
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.bounds import gradient_bound
 from cmfpga.reference.floating import evaluate
 from cmfpga.reference.integer.core import IntegerCore

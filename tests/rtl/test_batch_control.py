@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Batch control, alone: when it begins what, computed from the times at which its surroundings answer.
+"""Ingest and iteration control, joined: what begins when, computed from the times at which their surroundings answer.
 
 The bench plays the blocks around it, with delays of any length, and every output is compared in every cycle.
 """
@@ -8,13 +8,15 @@ import itertools
 from dataclasses import dataclass, field
 
 import pytest
-from amaranth.hdl import Module, ResetInserter, Signal
+from amaranth.hdl import Elaboratable, Module, ResetInserter, Signal
+from amaranth.lib.wiring import connect
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.rtl import payloads
-from cmfpga.rtl.batch_control import BatchControl
+from cmfpga.rtl.ingest.ingest_control import IngestControl
+from cmfpga.rtl.iteration_control import IterationControl
 from support.bench import Codec, Port, corners, np, random_values, simulate
 
 CONFIG = Config(max_batch_events=12, buffer_events=9, max_iterations=5, iterations=1)
@@ -62,16 +64,42 @@ class Plan:
         )
 
 
+class Control(Elaboratable):
+    """Both, with their ports as attributes; ``taken_in`` is what the ingest's blocks say, in one."""
+
+    def __init__(self, config, *, drain, replay_delay, move, settle):
+        self.ingest = ingest = IngestControl(config, drain=drain)
+        self.iterate = iterate = IterationControl(config, replay_delay=replay_delay, move=move, settle=settle)
+        self.taken_in = Signal(payloads.batch(config))
+        self.i, self.o, self.settings, self.cleared = ingest.i, ingest.o, ingest.settings, ingest.cleared
+        self.sweep, self.open = ingest.clear, ingest.handover.opened
+        self.take, self.batch = ingest.handover.take, ingest.handover.batch
+        for name in ("start", "planned", "updated", "degenerate", "done"):
+            setattr(self, name, getattr(iterate.run, name))
+        names = ("divide", "replay", "move", "divided", "complete", "iterating", "iterations", "cycles", "taken")
+        for name in names:
+            setattr(self, name, getattr(iterate, name))
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.ingest, m.submodules.iterate = ingest, iterate = self.ingest, self.iterate
+        connect(m, ingest.handover, iterate.handover)
+        said = {"count": self.taken_in.roi_events, "overflow": self.taken_in.overflow}
+        for bundle in (ingest.measured, ingest.stored, ingest.corner):
+            for name in bundle.signature.members:
+                m.d.comb += getattr(bundle, name).eq(said[name] if name in said else self.taken_in[name])
+        m.d.comb += ingest.thinned.eq(self.taken_in.thinned)
+        return m
+
+
 def control(*, buffers=1, drain=4, replay_delay=3, move=3, settle=6, **_):
-    return BatchControl(
-        CONFIG.replace(buffers=buffers), drain=drain, replay_delay=replay_delay, move=move, settle=settle
-    )
+    return Control(CONFIG.replace(buffers=buffers), drain=drain, replay_delay=replay_delay, move=move, settle=settle)
 
 
 def surroundings(dut, plans, *, drain=4, replay_delay=3, feed=4, clear=5, seed=0, stop=None, **_):
     """A bench that plays the blocks around ``dut`` until all results are taken, or for ``stop`` cycles; and its log."""
     rng = np.random.default_rng(seed)
-    names = ("taken_in", "planned", "divided", "evaluate", "updated", "cleared", "taken", "settings")
+    names = ("taken_in", "planned", "divided", "complete", "updated", "cleared", "taken", "settings")
     inputs = {name: Port(getattr(dut, name)) for name in names}
     event, valid, ready = Port(dut.i.payload), Port(dut.i.valid), Port(dut.i.ready)
     flags = ("iterating", "degenerate", "done", "iterations", "cycles")
@@ -94,7 +122,7 @@ def surroundings(dut, plans, *, drain=4, replay_delay=3, feed=4, clear=5, seed=0
             plan.payloads.append(next(event_noise) | {"last": last})
 
     async def bench(ctx):
-        due = {name: set() for name in ("evaluate", "cleared", "updated", "divided")}
+        due = {name: set() for name in ("complete", "cleared", "updated", "divided")}
         filling = running = finished = gap = waited = 0  # batches taken in, handed over, with their result taken
         gap, limit = plans[0].idle, stop or 400 * (len(plans) + 1)
         for cycle in range(limit):
@@ -134,8 +162,8 @@ def surroundings(dut, plans, *, drain=4, replay_delay=3, feed=4, clear=5, seed=0
             if row["divide"]:
                 due["divided"].add(cycle + plans[running - 1].division)
             if row["replay"]:
-                due["evaluate"].add(cycle + plans[running - 1].votes)
-            if cycle in due["evaluate"] and row["iterating"]:
+                due["complete"].add(cycle + plans[running - 1].votes)
+            if cycle in due["complete"] and row["iterating"]:
                 due["updated"].add(cycle + replay_delay + feed)
             if row["take"]:
                 assert running < len(plans), f"cycle {cycle}: another batch is handed over"
@@ -420,7 +448,7 @@ def test_reset_at_any_time(first, buffers):
 
     async def bench(ctx):
         await before(ctx)
-        for name in ("divided", "evaluate", "updated", "cleared", "taken"):
+        for name in ("divided", "complete", "updated", "cleared", "taken"):
             ctx.set(getattr(dut, name), 0)
         ctx.set(dut.i.valid, 0)
         ctx.set(reset, 1)
@@ -434,7 +462,7 @@ def test_reset_at_any_time(first, buffers):
 
 def test_replay_cannot_start_before_the_last_event_is_counted():
     with pytest.raises(ValueError, match="2 cycles before the last event is counted"):
-        BatchControl(CONFIG, drain=4, replay_delay=-2, move=3, settle=6)
+        IterationControl(CONFIG, replay_delay=-2, move=3, settle=6)
 
 
 @corners

@@ -7,7 +7,8 @@ from amaranth.hdl import Module, ResetInserter, Signal
 
 from cmfpga.config import ASCENTS, Config, preset
 from cmfpga.config.schedule import parse_schedule
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
 from support.bench import (
@@ -451,8 +452,8 @@ def at_moment(core, moment):
         # Not the sweep after the reset.
         # In one pass, the cycles in which no event is added to the sums.
         "swept": lambda ctx: (
-            ctx.get(~core.voter.o.valid if core.one_pass else core.accumulator.sweep.valid)
-            & ctx.get(core.batch_control.iterating)
+            ctx.get(core.image.accumulator.sweep.valid if core.sweep_cycles else ~core.voter.o.valid)
+            & ctx.get(core.iteration_control.iterating)
         ),
         "traced": lambda ctx: ctx.get(core.trace.valid),
     }
@@ -468,7 +469,7 @@ def at_moment(core, moment):
             "ingest": seen["events"] == 30,
             "division": seen["cycles since the last event"] == 20,
             "votes": seen["votes"] == 3 * 20 + 15,
-            "sweep": seen["swept"] == (7 * idle if core.one_pass else 7 * core.config.geometry.bank_words) // 2,
+            "sweep": seen["swept"] == 7 * (core.sweep_cycles or idle) // 2,
             "evaluation": seen["traced"] == 4,
             "result": seen["traced"] == 4 and ctx.get(core.o.valid),
         }[moment]

@@ -9,10 +9,12 @@ import torch
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.crosscheck.batches import PATTERNS, random_schedules, random_settings, times
-from cmfpga.engines.rtl import schedule_table, settings_values, to_batch_result
+from cmfpga.engines.rtl import to_batch_result
 from cmfpga.engines.verilated import VerilatedCore
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import fields_of
+from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
 from cmfpga.reference.integer.core import IntegerCore
 
 NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
@@ -61,9 +63,10 @@ def run_both(core, model, t, x, y, settings, **options):
 
 def assert_same(rtl, model):
     """Equal in everything but the cycle count, which only the RTL has."""
-    for name in vars(model):
-        if name != "cycles":
-            assert getattr(rtl, name) == getattr(model, name), name
+    for field in fields_of("batch", "region"):
+        if field.name != "cycles":
+            assert getattr(rtl, field.name) == getattr(model, field.name), field.name
+    assert rtl.trace == model.trace
 
 
 def test_adversarial_batches_back_to_back(pair, rng):

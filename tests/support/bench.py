@@ -16,8 +16,9 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from cmfpga.config import Config, preset
-from cmfpga.engines.rtl import settings_values
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import COUNTS
+from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import payloads
 
@@ -306,9 +307,6 @@ def held(timeline, length):
 
 # ---------------------------------------------------------------- the core
 
-#: Fields of a result that add up to its events.
-COUNTED = ("roi_events", "outside", "overflow", "thinned", "time_back", "time_span")
-
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
@@ -379,9 +377,10 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     result, o_valid, o_ready = Port(core.o.payload), Port(core.o.valid), Port(core.o.ready)
     settings = Port(core.settings)
     trace, trace_valid = Port(core.trace.payload), Port(core.trace.valid)
-    if not core.one_pass:
+    shown = hasattr(core, "pixels")
+    if shown:
         pixels, pixels_valid = Port(core.pixels.payload), Port(core.pixels.valid)
-    if core.signs:
+    if hasattr(core, "schedule_write"):
         write, write_valid = Port(core.schedule_write.payload), Port(core.schedule_write.valid)
     noise = random_values(core.i.payload.shape(), rng)
     settings_noise = random_values(core.settings.shape(), rng)
@@ -426,7 +425,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             current = outcomes[finished]
             if trace_valid.get(ctx):
                 current.trace.append(trace.get(ctx))
-            if not core.one_pass and pixels_valid.get(ctx):
+            if shown and pixels_valid.get(ctx):
                 current.pixels.append(pixels.get(ctx))
             if o_valid.get(ctx):
                 bits = result.get(ctx)
@@ -478,13 +477,13 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
         assert result == {
             "v": {"x": model.v[0], "y": model.v[1]},
             "t_first": int(t[0]),
-            **{name: getattr(wanted, name) for name in ("span", "events", *COUNTED)},
+            **{name: getattr(wanted, name) for name in ("span", "events", *COUNTS)},
             "roi": dict(zip("xy", wanted.roi, strict=True)),
             "roi_next": dict(zip("xy", wanted.roi_next, strict=True)),
             "iterations": wanted.iterations,
             "flags": int(wanted.flags),
         }, f"batch {number}"
-        assert wanted.events == sum(result[name] for name in COUNTED)
+        assert wanted.events == sum(result[name] for name in COUNTS)
         steps = [{"v": dict(zip("xy", i.v, strict=True)), "sums": i.sums._asdict()} for i in model.iterations]
         assert outcome.trace == steps, f"batch {number}"
         if config.gradient == "sweep":

@@ -12,7 +12,10 @@ from cmfpga.engines.floating import FloatEngine
 from cmfpga.events import BatchCutter, Events, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.imaging.iwe import contrast
-from cmfpga.protocol.batch import BatchResult, BatchSettings, Flag, Trace
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import BatchResult
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.loop import COLUMNS, TrackedBatch, track
 
 CONFIG = Config(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8, start="given", v_start_x=1.0)

@@ -16,7 +16,8 @@ from cmfpga.config import DEFAULT_PRESET
 from cmfpga.engines import rtl
 from cmfpga.errors import ConfigError, RecordingError, UserError
 from cmfpga.events import Events, MemoryRecording, generate, open_recording, write_hdf5
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.reference import floating
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.tracking.loop import COLUMNS
@@ -209,7 +210,7 @@ def test_images_are_those_that_the_verilog_sweeps(dot):
     with open_recording(dot) as recording:
         for batch in range(3):
             events = next(recording.chunks(90 * batch, 90))
-            settings = rtl.settings_values(tracking.config, BatchSettings.from_config(tracking.config, start))
+            settings = settings_values(tracking.config, BatchSettings.from_config(tracking.config, start))
             _, _, pixels = core.run(events.t, events.x, events.y, settings, keep_pixels=True)
             start = None
             trace = tracking.trace(batch)

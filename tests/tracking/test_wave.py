@@ -12,9 +12,9 @@ import cmfpga
 from cmfpga import track
 from cmfpga.engines import rtl
 from cmfpga.events import Events, write_hdf5
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.tracking.wave import WaveCore, fraction_bits
+from cmfpga.tracking.wave import WaveCore
 
 # The hardware of test_tracking.py.
 PAPER = {
@@ -138,7 +138,7 @@ def test_time_is_the_number_of_the_cycle(waves, dot, config):
     assert vcd.timescale == "1 ns"
     valid = vcd["core.result_valid"]
     assert int(np.flatnonzero(valid)[0]) == result.cycles == vcd["core.result_cycles"][-1]
-    assert vcd["batch_control.open"][0] == 1 and vcd["core.event_valid"][0] == 1
+    assert vcd["core.opened"][0] == 1 and vcd["core.event_valid"][0] == 1
     assert (vcd["core.event_valid"] * vcd["core.event_ready"]).sum() == result.events == 90
     assert vcd["core.result_roi_x"][-1] == result.roi[0] and vcd["core.result_roi_events"][-1] == result.roi_events
 
@@ -181,16 +181,18 @@ def test_fixed_point_numbers_are_real_numbers():
         ("core", "result_sums_sx", "Q23.8"), ("dither", "o_x", "Q6.4"), ("warp", "o_y", "Q7.4"),
         ("warp", "i_dt", "Q1.8"), ("warp", "v_x", "Q5.6"), ("voter", "o_banks_3_dy", "Q1.4"),
         ("voter", "o_banks_0_i", "UQ1.4"), ("gradient", "o_x", "Q35.8"), ("roi_updater", "roi_gain", "UQ2.4"),
-        ("roi_updater", "v_x", "Q5.6"), ("tagged_accumulator", "o_2_total_dx", "Q11.4"), ("updater", "start_x", "Q5.6"),
+        ("roi_updater", "v_x", "Q5.6"), ("tagged_accumulator", "o_2_total_dx", "Q11.4"), ("ascent", "v_x", "Q5.6"),
     ):  # fmt: skip
         assert found[block, name].format == text, (block, name)
     for block, name in (
         ("core", "event_x"), ("core", "settings_roi_x"), ("roi_filter", "o_x"), ("event_buffer", "o_y"),
-        ("dither", "i_x"), ("reciprocal", "mantissa"), ("roi_updater", "roi_x"), ("roi_updater", "x"),
-        ("updater", "shift"), ("voter", "o_banks_1_address"), ("batch_control", "iterations"), ("core", "result_span"),
+        ("dither", "i_x"), ("reciprocal", "mantissa"), ("roi_updater", "corner_roi_x"), ("roi_updater", "x"),
+        ("schedule", "shift"), ("voter", "o_banks_1_address"), ("iteration_control", "iterations"),
+        ("core", "result_span"),
     ):  # fmt: skip
         assert not found[block, name].fraction and not found[block, name].format, (block, name)
-    assert fraction_bits(config, "warp", "o_x") != fraction_bits(config.replace(position_frac=7), "warp", "o_x") == 7
+    finer = {(probe.block, probe.name): probe.fraction for probe in WaveCore(config.replace(position_frac=7)).probes}
+    assert found["warp", "o_x"].fraction != finer["warp", "o_x"] == 7
 
 
 def test_the_hardware_is_the_same_but_for_the_wave_ports():

@@ -10,7 +10,7 @@ from amaranth.back import verilog
 
 from cmfpga.config import Config, preset
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP
 from support.verilog_mutants import MUTANTS
@@ -76,7 +76,7 @@ def test_passes(name, tmp_path):
     assert len(lines) == 1 and lines[0].startswith(expected), lines
     # Values and images' sums of each iteration, and at least those of a result but its sums and the formula's cycles.
     checks = int(re.search(r"(\d+) checks", lines[0])[1])
-    assert checks > (7 if vectors.core.one_pass else 11) * len(rows["trace"]) + 18 * (KINDS - 1)
+    assert checks > (11 if vectors.core.sweep_cycles else 7) * len(rows["trace"]) + 18 * (KINDS - 1)
 
 
 def test_the_vectors_are_worth_it():
@@ -138,7 +138,7 @@ def test_every_field_is_checked(config, tmp_path):
     wrong = {match[1] for line in lines if (match := re.search(r": (\w+) is \w+, \w+ is right$", line))}
     assert wrong == wanted >= set(vectors.core.outputs) & {"result_v_x", "result_flags", "trace_sums_sx"}
     # With a sweep twice: ΣI, ΣDx and ΣDy are also compared with the images.
-    assert lines[-1].startswith(f"FAIL: {len(wrong) + (0 if vectors.core.one_pass else 3)} of ")
+    assert lines[-1].startswith(f"FAIL: {len(wrong) + (3 if vectors.core.sweep_cycles else 0)} of ")
 
 
 # ---------------------------------------------------------------- what emit.py does to Amaranth's text

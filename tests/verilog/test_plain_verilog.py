@@ -8,9 +8,10 @@ from cmfpga.verilog.emit import TOP
 from support.verilog_tools import CONFIGS, emitted, modules, require_icarus, run, verilator_lint
 
 BLOCKS = (
-    "accumulator", "accumulator_bank_0", "accumulator_bank_1", "accumulator_bank_2", "accumulator_bank_3",
-    "batch_control", "event_buffer", "gradient", "gradient_reader", "reciprocal", "roi_filter", "roi_updater",
-    "thinner", "time_scaler", "updater", "voter", "warp",
+    "ascent", "ascent_velocity", "event_buffer", "gradient", "image", "image_accumulator",
+    "image_accumulator_bank_0", "image_accumulator_bank_1", "image_accumulator_bank_2", "image_accumulator_bank_3",
+    "image_gradient_reader", "ingest_control", "iteration_control", "reciprocal", "roi_filter", "roi_updater",
+    "thinner", "time_scaler", "voter", "warp",
 )  # fmt: skip
 
 #: Words of SystemVerilog that a generator of Verilog may be tempted by.
@@ -72,7 +73,10 @@ def test_the_memories_are_where_they_should_be(core_and_text):
     pixel = [config.widths.image_bits, config.widths.derivative_image_bits, config.widths.derivative_image_bits]
     event = len(core.event_buffer.i.payload.as_value())
     assert {name: sizes for name, sizes in found.items() if sizes} == {
-        **{f"accumulator_bank_{n}": sorted((bits, config.geometry.bank_depth) for bits in pixel) for n in range(4)},
+        **{
+            f"image_accumulator_bank_{n}": sorted((bits, config.geometry.bank_depth) for bits in pixel)
+            for n in range(4)
+        },
         "event_buffer": [(event, config.buffer_events)],
     }
 

@@ -28,10 +28,10 @@ PACKED = {
     "roi_updater": {(1, 1, 1, 1): 2},
     # Of a product of two DSPs the second one's sum has its register. Yosys moves no registers between the two, so the
     # other stages of the product stay outside; Vivado does.
-    "gradient_reader": {(1, 1, 0, 0): 8, (1, 1, 0, 1): 8},
+    "image": {(1, 1, 0, 0): 8, (1, 1, 0, 1): 8},
     "gradient": {(1, 1, 0, 0): 2, (1, 1, 0, 1): 2},
     # Of four DSPs. Yosys adds their products in fabric, or the registers behind would be inside, too.
-    "updater": {(0, 1, 0, 0): 8},
+    "ascent": {(0, 1, 0, 0): 8},
 }
 
 

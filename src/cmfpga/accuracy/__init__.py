@@ -39,7 +39,7 @@ from ..engines import ENGINES, make_engine
 from ..errors import ConfigError, RecordingError
 from ..events import BatchCutter, Events, generate, open_recording
 from ..imaging.iwe import scaled_roi_events
-from ..protocol.batch import BatchSettings
+from ..protocol.settings import BatchSettings
 from ..tracking.loop import track
 
 EXAMPLES = (

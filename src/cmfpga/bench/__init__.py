@@ -15,9 +15,9 @@ from tqdm import tqdm
 
 from .. import __version__, cli
 from ..config import preset
-from ..engines.rtl import find_compiler, schedule_table, settings_values
+from ..engines.rtl import find_compiler
 from ..errors import ConfigError
-from ..protocol.batch import BatchSettings
+from ..protocol.settings import BatchSettings, schedule_table, settings_values
 from .opponents import Job, make_programs
 from .opponents.report import table
 from .opponents.timing import Times, side_by_side

@@ -17,6 +17,7 @@ from ..errors import ConfigError
 from ..fixed import bits_for
 from .formats import Formats
 from .geometry import Geometry
+from .motion import translation
 from .schedule import AUTO, parse_schedule
 from .widths import Widths
 
@@ -256,6 +257,11 @@ class Config:
     def formats(self):
         """Fixed-point formats."""
         return Formats(self)
+
+    @cached_property
+    def motion(self):
+        """The motion model."""
+        return translation(self.formats.v)
 
     @cached_property
     def geometry(self):

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..config.schedule import ScheduleEntry
-from ..protocol.batch import BatchSettings, clamp_roi
+from ..protocol.settings import BatchSettings, clamp_roi
 
 PATTERNS = {}
 

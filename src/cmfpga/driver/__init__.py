@@ -4,9 +4,9 @@ Modules of the back ends are imported where they are wanted: :mod:`cmfpga.simula
 :mod:`cmfpga.driver.uio`, :mod:`cmfpga.driver.pynq`. Neither Amaranth nor torch is needed on a board.
 """
 
+from ..protocol.results import WireResult
 from .accelerator import Accelerator
 from .backend import Backend
 from .errors import DeviceError, DeviceTimeout, WrongHardware
-from .results import WireResult
 
 __all__ = ["Accelerator", "Backend", "DeviceError", "DeviceTimeout", "WireResult", "WrongHardware"]

@@ -7,13 +7,13 @@ import numpy as np
 
 from ..engines.accelerator import AcceleratorEngine
 from ..errors import ConfigError
-from ..protocol.batch import BatchSettings
-from ..protocol.registers import FORMATS, PACKET_BEATS
-from ..protocol.words import encode, split_packets
+from ..protocol.registers import FORMATS
+from ..protocol.results import PACKET_BEATS, WireResult, decode
+from ..protocol.settings import BatchSettings
+from ..protocol.words import encode, result_values, split_packets
 from .control import Control
 from .errors import DeviceError, DeviceTimeout
 from .identity import identify
-from .results import from_words
 
 #: Seconds that a time-out may have.
 LONGEST_SECONDS = 86_400
@@ -356,7 +356,7 @@ class Accelerator:
         words = self.backend.receive(timeout)
         if len(words) != PACKET_BEATS:
             raise DeviceError(f"{self.backend.name}: a packet of {len(words)} words; {PACKET_BEATS} make a result")
-        result = from_words(self.config, self.registers, split_packets(words)[0])
+        result = WireResult(**decode(self.config, result_values(self.registers, split_packets(words)[0]), "wrapper"))
         expected = self._last_batch + 1
         self._last_batch = result.batch
         if result.batch != expected:

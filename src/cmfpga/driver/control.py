@@ -2,8 +2,8 @@
 
 import time
 
-from ..engines.rtl import schedule_table, settings_values
 from ..protocol.registers import register_map
+from ..protocol.settings import schedule_table, settings_values
 from ..protocol.words import setting_words
 from .errors import DeviceTimeout
 

@@ -14,7 +14,9 @@ import numpy as np
 
 from ..config import PRESETS
 from ..events.arrays import Events
-from ..protocol.batch import BatchSettings, Flag, clamp_roi
+from ..protocol.flags import Flag
+from ..protocol.results import fields_of
+from ..protocol.settings import BatchSettings, clamp_roi
 
 FILE = "golden.json"
 
@@ -69,22 +71,14 @@ def model_result(config):
 
     events, roi = golden_batch(config)
     result = IntegerCore(config).run(events.t, events.x, events.y, settings_of(config, roi))
-    trace = result.trace
-    sums = [(int(i), *map(int, d), *map(int, s)) for i, d, s in zip(trace.sum_i, trace.sum_d, trace.s, strict=True)]
-    counts = ("events", "roi_events", "outside", "overflow", "thinned", "time_back", "time_span", "span", "iterations")
-    return {name: int(getattr(result, name)) for name in counts} | {
-        "roi": list(result.roi),
-        "roi_next": list(result.roi_next),
-        "v": list(result.v),
-        "flags": int(result.flags),
-        "sums": list(sums[-1]) if sums else [0] * 5,
-    }
+    values = {f.name: getattr(result, f.name) for f in fields_of("batch", "region") if f.name != "cycles"}
+    return {name: list(value) if isinstance(value, tuple) else int(value) for name, value in values.items()}
 
 
 def expected_result(config):
     """``(values, source)`` of the golden batch; ``(None, reason)`` where there are none.
 
-    Values have the names and types of :class:`~cmfpga.driver.results.WireResult`.
+    Values have the names and types of :class:`~cmfpga.protocol.results.WireResult`.
     """
     try:
         found, source = model_result(config), "the integer model"
@@ -94,8 +88,7 @@ def expected_result(config):
         found, source = _kept(config), FILE
         if found is None:
             return None, "torch is not installed, and only the presets' results are kept"
-    for name in ("roi", "roi_next", "v", "sums"):
-        found[name] = tuple(found[name])
+    found = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
     found["flags"] = Flag(found["flags"])
     return found, source
 

@@ -1,6 +1,6 @@
 """An accelerator as an engine."""
 
-from ..driver.results import WireResult
+from ..protocol.results import WireResult
 from .base import Engine
 
 
@@ -36,8 +36,7 @@ class AcceleratorEngine(Engine):
         return result
 
     def _nothing(self, settings):
-        empty = vars(super()._nothing(settings)) | {"trace": None}
-        return WireResult(**empty, batch=0, t_first=None, t_ref=None, sums=(0,) * 5)
+        return WireResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v)
 
     def close(self):
         self._accelerator.close()

@@ -4,8 +4,10 @@ import numpy as np
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
+from ..protocol.settings import schedule_table, settings_values
+from ..protocol.trace import columns
 from ..rtl.core import Core
-from .rtl import RtlEngine, schedule_table, settings_values
+from .rtl import RtlEngine
 
 
 class AmaranthEngine(RtlEngine):
@@ -77,10 +79,11 @@ class AmaranthEngine(RtlEngine):
             )
             sent += accepted
             if iterated:
-                sums = item.sums
-                trace.append((item.v.x, item.v.y, sums.i, sums.dx, sums.dy, sums.sx, sums.sy))
+                trace.append(_flat(item))
             if done:
-                return _result(result), np.array(trace, np.int64).reshape(-1, 7)
+                names = columns(core.config)
+                rows = [[row[name] for name in names] for row in trace]
+                return _flat(result), np.array(rows, np.int64).reshape(-1, len(names))
 
 
 def _nested(layout, values, prefix=""):
@@ -91,13 +94,10 @@ def _nested(layout, values, prefix=""):
     }
 
 
-def _result(payload):
-    """The result's leaves by their Verilog port names."""
-    values = {}
-    for name, shape in payload.shape().members.items():
-        value = getattr(payload, name)
-        if isinstance(shape, data.Layout):
-            values |= {f"{name}_{part}": getattr(value, part) for part in shape.members}
-        else:
-            values[name] = value
-    return values
+def _flat(values, prefix=""):
+    """The leaves of a value by their Verilog port names."""
+    found = {}
+    for name in values.shape().members:
+        value = values[name]
+        found |= _flat(value, f"{prefix}{name}_") if isinstance(value, data.Const) else {prefix + name: value}
+    return found

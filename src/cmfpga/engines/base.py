@@ -4,7 +4,9 @@ import dataclasses
 from abc import ABC, abstractmethod
 
 from ..errors import ConfigError
-from ..protocol.batch import BatchResult, Flag, Trace, clamp_roi
+from ..protocol.results import BatchResult
+from ..protocol.settings import clamp_roi
+from ..protocol.trace import Trace
 
 
 def check_roi(config, roi):
@@ -88,17 +90,8 @@ class Engine(ABC):
 
     def _nothing(self, settings):
         """A batch without events never reaches the hardware; a new ROI waits for the next one."""
-        return BatchResult(
-            **dict.fromkeys(
-                ("events", "roi_events", "outside", "overflow", "thinned", "time_back", "time_span", "span"), 0
-            ),
-            roi=self.roi,
-            roi_next=self.roi,
-            v=self.v,
-            iterations=0,
-            flags=Flag.DEGENERATE,
-            trace=Trace.without_iterations(self._trace_v()),
-        )
+        trace = Trace.without_iterations(self._trace_v())
+        return BatchResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v, trace=trace)
 
     def _trace_v(self):
         """v as a trace has it."""

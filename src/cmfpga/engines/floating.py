@@ -2,7 +2,9 @@
 
 import torch
 
-from ..protocol.batch import BatchResult, Flag, Trace
+from ..protocol.flags import Flag
+from ..protocol.results import BatchResult
+from ..protocol.trace import Trace
 from ..reference.floating import ascend, ascend_by_signs, dither, float64, scaled_times
 from ..reference.ingest import take_in
 from ..reference.roi_follower import RoiFollower

@@ -4,10 +4,11 @@ import ctypes
 
 import numpy as np
 
+from ..protocol.settings import schedule_table, settings_values
 from ..rtl.top import VerilogCore
 from ..verilog.compile import compile_library, is_sound, load, port_names
 from ..verilog.emit import cache_folder
-from .rtl import RtlEngine, schedule_table, settings_values
+from .rtl import RtlEngine
 
 
 class _Run(ctypes.Structure):
@@ -130,7 +131,7 @@ class VerilatedCore:
         result : dict of str to int
             Result ports, and ``measured_cycles`` and ``accepted`` (events taken) as the test bench counted them.
         trace : int64 array [T, 7]
-            v_x, v_y, ΣI, ΣDx, ΣDy, Sx, Sy of every iteration.
+            The trace ports of every iteration, in the order of ``trace_names``.
         pixels : int64 array [T, P/4, 12], or None
             I, Dx, Dy of banks 0 to 3 in the order of the sweep.
         """

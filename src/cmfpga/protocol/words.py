@@ -21,7 +21,8 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RecordingError
-from .registers import FORMATS, PACKET_BEATS
+from .registers import FORMATS
+from .results import PACKET_BEATS
 from .word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS, TIME_HIGH
 
 
@@ -184,9 +185,9 @@ def result_values(registers, words):
         :class:`cmfpga.protocol.flags.Flag` has them; beside them ``batch``, ``t_ref``, ``wire`` and ``config_range``.
     """
     group = registers.group("Result")
-    if len(words) != len(group):
+    if len(words) not in (len(group), 2 * PACKET_BEATS):
         raise ValueError(f"{len(words)} words of a result: {len(group)} are needed")
-    word = dict(zip((register.name for register in group), words, strict=True))
+    word = dict(zip((register.name for register in group), words, strict=False))  # a packet's last may be unused
     values = {}
     for link, parts in registers.linked("Result").items():
         values[link] = sum(f.unpack(word[register.name]) << f.link_lsb for register, f in parts)

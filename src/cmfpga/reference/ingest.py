@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..protocol.batch import Flag
+from ..protocol.flags import Flag
 from .integer.roi_filter import roi_filter
 from .integer.thinner import next_thinning, thinner
 
@@ -16,7 +16,7 @@ class TakenIn:
     t: torch.Tensor  # µs since t_1, [n]
     x: torch.Tensor  # column in the ROI, [n]
     y: torch.Tensor  # row in the ROI, [n]
-    counts: dict  # the counting fields of BatchResult, by name
+    counts: dict  # what is known of the batch, by the names of the fields of BatchResult
     flags: Flag
     next_thinning: int | None  # what would have brought this batch down to its target
 
@@ -44,6 +44,7 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning):
     kept = thinner((inside.t, inside.x, inside.y), factor)
     n = min(len(kept[0]), config.buffer_events)
     counts = {
+        "t_first": int(t[0]) & ((1 << config.time_bits) - 1) if len(t) else None,
         "events": inside.events,
         "roi_events": n,
         "outside": inside.outside,

@@ -10,7 +10,7 @@ from amaranth.hdl import UnusedElaboratable
 
 from ..config.dither import DITHER_BITS, FACTORS
 from ..imaging.iwe import image_of_warped_events
-from ..protocol.batch import Flag
+from ..protocol.flags import Flag
 from ..rtl.core import Core
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.

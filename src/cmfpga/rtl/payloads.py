@@ -1,13 +1,45 @@
 """Named layouts of everything that travels between blocks."""
 
-from amaranth.hdl import signed
+from dataclasses import dataclass
+
+from amaranth.hdl import Const, Shape, ShapeCastable, Value
 from amaranth.lib import data, stream
 
-from ..fixed import bits_for
-from ..protocol.batch import Flag
+from ..fixed import Q, bits_for
+from ..protocol.results import fields_of, sums_shape, trace_shape
+from ..protocol.settings import settings_of
 
-CYCLE_BITS = 32
-THINNING_BITS = 8
+
+@dataclass(frozen=True)
+class Fixed(ShapeCastable):
+    """The shape of a fixed-point number, which knows its format; a value of it is a plain one.
+
+    Parameters
+    ----------
+    q : Q
+    """
+
+    q: Q
+
+    def as_shape(self):
+        return Shape(self.q.width, self.q.signed)
+
+    def const(self, init):
+        return Const(init or 0, self.as_shape())
+
+    def from_bits(self, raw):
+        return raw - (1 << self.q.width) if self.q.signed and raw >> (self.q.width - 1) else raw
+
+    def __call__(self, target):
+        value = Value.cast(target)
+        return value if value.shape().signed == self.q.signed else value.as_signed()
+
+
+def shaped(shape):
+    """The layout, or the shape, of a :mod:`cmfpga.protocol.shapes` shape."""
+    if isinstance(shape, Q):
+        return Fixed(shape) if shape.f else Shape(shape.width, shape.signed)
+    return data.StructLayout({name: shaped(part) for name, part in shape.items()})
 
 
 def flow(layout):
@@ -40,7 +72,7 @@ def dithered_event(config):
     if config.dither_frac:
         members = {
             **members,
-            **{axis: signed(members[axis] + config.dither_frac + 1) for axis in ("x", "y")},
+            **{axis: Fixed(Q(members[axis], config.dither_frac)) for axis in ("x", "y")},
         }
     return data.StructLayout(members)
 
@@ -48,16 +80,16 @@ def dithered_event(config):
 def scaled_event(config):
     """An event with its scaled time."""
     members = dithered_event(config).members
-    return data.StructLayout({"dt": signed(config.formats.dt.width), "x": members["x"], "y": members["y"], "last": 1})
+    return data.StructLayout({"dt": Fixed(config.formats.dt), "x": members["x"], "y": members["y"], "last": 1})
 
 
 def warped_event(config):
     """An event moved to t_ref."""
     return data.StructLayout(
         {
-            "dt": signed(config.formats.dt.width),
-            "x": signed(config.formats.position_x.width),
-            "y": signed(config.formats.position_y.width),
+            "dt": Fixed(config.formats.dt),
+            "x": Fixed(config.formats.position_x),
+            "y": Fixed(config.formats.position_y),
             "last": 1,
         }
     )
@@ -69,9 +101,8 @@ def votes(config):
         {
             "valid": 1,
             "address": config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
-            "i": config.weight_frac + 1,
-            "dx": signed(config.derivative_frac + 2),
-            "dy": signed(config.derivative_frac + 2),
+            "i": Fixed(Q(1, config.weight_frac, signed=False)),
+            **of_parameters(config, Fixed(Q(1, config.derivative_frac)), prefix="d"),
         }
     )
     return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1})
@@ -79,13 +110,9 @@ def votes(config):
 
 def pixel(config):
     """One pixel of the three images."""
-    return data.StructLayout(
-        {
-            "i": config.widths.image_bits,
-            "dx": signed(config.widths.derivative_image_bits),
-            "dy": signed(config.widths.derivative_image_bits),
-        }
-    )
+    derivative = of_width(config.widths.derivative_image_bits, config.derivative_frac)
+    i = of_width(config.widths.image_bits, config.weight_frac, signed=False)
+    return data.StructLayout({"i": i, **of_parameters(config, derivative, prefix="d")})
 
 
 def sweep_address(config):
@@ -107,34 +134,37 @@ def tagged_step(config):
     return data.StructLayout(
         {
             "valid": 1,
-            "i": config.widths.image_bits,
+            "i": pixel(config)["i"].shape,
             "add": tagged_operation(config)["add"].shape,
             "total": pixel(config),
         }
     )
 
 
+def of_width(width, fraction, signed=True):
+    """A fixed-point number of so many bits, ``fraction`` of them behind the point."""
+    return Fixed(Q(width - fraction - int(signed), fraction, signed))
+
+
 def sums(config):
     """Sums over the ROI."""
-    return data.StructLayout(
-        {
-            "i": config.widths.sum_i_bits,
-            "dx": signed(config.widths.sum_d_bits),
-            "dy": signed(config.widths.sum_d_bits),
-            "sx": signed(config.widths.s_bits),
-            "sy": signed(config.widths.s_bits),
-        }
-    )
+    return shaped(sums_shape(config))
 
 
-def vector(width):
-    """Two signed numbers of one width, x and y."""
-    return data.StructLayout({"x": signed(width), "y": signed(width)})
+def of_parameters(config, shape, prefix=""):
+    """Members of a layout: a number of this shape for each parameter of the motion."""
+    return {prefix + name: shape for name in config.motion.names}
+
+
+def gradient(config):
+    """G = P·S − ΣI·ΣD of each parameter of the motion."""
+    width, fraction = config.widths.g_bits, config.weight_frac + config.derivative_frac
+    return data.StructLayout(of_parameters(config, of_width(width, fraction)))
 
 
 def velocity(config):
-    """A velocity in pixels per half batch, raw ``config.formats.v``."""
-    return vector(config.formats.v.width)
+    """The parameters of the motion, raw; of a translation, pixels per half batch, ``config.formats.v``."""
+    return data.StructLayout({parameter.name: Fixed(parameter.fmt) for parameter in config.motion.parameters})
 
 
 def roi_corner(config):
@@ -143,30 +173,9 @@ def roi_corner(config):
 
 
 def settings(config):
-    """Run-time inputs, taken over when a batch's first event is offered (``BatchSettings``)."""
-    return data.StructLayout(
-        {
-            "roi_load": 1,
-            "roi_x": config.geometry.x_bits,
-            "roi_y": config.geometry.y_bits,
-            "batch_events": bits_for(config.max_batch_events),
-            "batch_roi_events": bits_for(config.buffer_events),
-            "thinning": THINNING_BITS,
-            "thin_target": bits_for(config.buffer_events),
-            "iterations": bits_for(config.max_iterations),
-            "eta": config.formats.eta.width,
-            "roi_gain": config.formats.roi_gain.width,
-            "start_last": 1,
-            "v_start": velocity(config),
-            "min_roi_events": bits_for(config.buffer_events),
-            **({name: plan(config) for name in ("cold", "warm")} if config.ascent == "sign" else {}),
-        }
-    )
-
-
-def plan(config):
-    """A part of the schedule's table: the first entry and the number of entries."""
-    return data.StructLayout({"first": range(config.schedule_entries), "count": range(config.schedule_entries + 1)})
+    """Run-time inputs, taken over when a batch's first event is offered (:data:`cmfpga.protocol.settings.SETTINGS`)."""
+    members = {setting.name: shaped(setting.shape_of(config)) for setting in settings_of(config, "core")}
+    return data.StructLayout(members)
 
 
 def schedule_entry(config):
@@ -181,54 +190,19 @@ def schedule_write(config):
 
 def batch(config):
     """All that is known of a batch when it has been taken in; the names are those of :func:`result`."""
-    members = result(config).members
-    names = (
-        "t_first",
-        "span",
-        "events",
-        "roi_events",
-        "outside",
-        "overflow",
-        "thinned",
-        "time_back",
-        "time_span",
-        "roi",
-        "roi_next",
-    )
-    return data.StructLayout(
-        {"settings": settings(config), "cut": 1, "clamped": 1, **{name: members[name] for name in names}}
-    )
+    members = {f.name: shaped(f.shape(config)) for f in fields_of("batch", "region") if f.taken_in}
+    return data.StructLayout({"settings": settings(config), "cut": 1, "clamped": 1, **members})
 
 
 def result(config):
-    """One batch's result (see :class:`cmfpga.protocol.batch.BatchResult`).
+    """One batch's result (:data:`cmfpga.protocol.results.RESULTS`).
 
     ``events = roi_events + outside + overflow + thinned + time_back + time_span``: no event is lost without being
     counted.
     """
-    count = bits_for(config.max_batch_events)
-    return data.StructLayout(
-        {
-            "v": velocity(config),
-            "t_first": config.time_bits,
-            "span": config.span_bits,
-            "events": count,
-            "roi_events": bits_for(config.buffer_events),
-            "outside": count,
-            "overflow": count,
-            "thinned": count,
-            "time_back": count,
-            "time_span": count,
-            "roi": roi_corner(config),
-            "roi_next": roi_corner(config),
-            "iterations": config.iteration_bits,
-            "sums": sums(config),
-            "cycles": CYCLE_BITS,
-            "flags": len(Flag),
-        }
-    )
+    return data.StructLayout({f.name: shaped(f.shape(config)) for f in fields_of("batch", "region")})
 
 
 def trace(config):
     """One iteration, for verification: the velocity that it used and its sums."""
-    return data.StructLayout({"v": velocity(config), "sums": sums(config)})
+    return shaped(trace_shape(config))

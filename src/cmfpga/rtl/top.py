@@ -7,7 +7,7 @@ from .core import Core
 
 
 def flatten(layout, prefix):
-    """``{port name: (path of member names, shape)}`` of a layout's leaves, in order."""
+    """``{port name: (path of member names, shape)}`` of a layout's leaves, in order; shapes know their formats."""
     leaves = {}
     members = enumerate([layout.elem_shape] * layout.length) if isinstance(layout, data.ArrayLayout) else None
     for key, shape in members or layout.members.items():
@@ -15,7 +15,7 @@ def flatten(layout, prefix):
         if isinstance(shape, data.Layout):
             leaves |= {port: ((key, *path), leaf) for port, (path, leaf) in flatten(shape, name).items()}
         else:
-            leaves[name] = ((key,), Shape.cast(shape))
+            leaves[name] = ((key,), shape)
     return leaves
 
 
@@ -38,9 +38,9 @@ class VerilogCore(Core):
             "result": (self.o, {"valid": False, "payload": False, "ready": True}),
             "trace": (self.trace, {"valid": False, "payload": False}),
         }
-        if self.signs:
+        if hasattr(self, "schedule_write"):
             groups["schedule"] = (self.schedule_write, {"valid": True, "payload": True})
-        if not self.one_pass:
+        if hasattr(self, "pixels"):
             groups["trace_pixels"] = (self.pixels, {"valid": False, "payload": False})
         for prefix, (member, signals) in groups.items():
             for name, is_input in signals.items():
@@ -60,7 +60,7 @@ class VerilogCore(Core):
         return ["clk", "rst", *self.inputs, *self.outputs]
 
     def _add(self, name, shape, inside, is_input):
-        port = Signal(shape, name=name)
+        port = Signal(Shape.cast(shape), name=name)
         self._links.append((port, inside, is_input))
         (self.inputs if is_input else self.outputs)[name] = port
 

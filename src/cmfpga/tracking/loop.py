@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 from ..events import Events
 from ..imaging.iwe import contrast
-from ..protocol.batch import BatchResult, BatchSettings, Flag
+from ..protocol.flags import Flag
+from ..protocol.results import BatchResult
+from ..protocol.settings import BatchSettings
 
 COLUMNS = (
     "batch",

@@ -1,6 +1,6 @@
 """Which settings an engine used for each batch of a track, found from the results of the batches before it."""
 
-from ..protocol.batch import Flag
+from ..protocol.flags import Flag
 from ..reference.integer.thinner import next_thinning
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 
 from ..errors import ConfigError, RecordingError
-from ..protocol.batch import BatchSettings
+from ..protocol.settings import BatchSettings
 from ..reference import floating
 from ..reference.ingest import take_in
 from ..reference.integer.core import IntegerCore

@@ -16,9 +16,10 @@ from vcd import VCDWriter
 from vcd.gtkw import GTKWSave
 
 from ..engines import AXI
-from ..engines.rtl import find_compiler, schedule_table, settings_values, to_batch_result
+from ..engines.rtl import find_compiler, to_batch_result
 from ..errors import ConfigError
-from ..protocol.batch import BatchSettings
+from ..protocol.settings import BatchSettings, schedule_table, settings_values
+from ..rtl.payloads import Fixed
 from ..rtl.top import VerilogCore, flatten
 from .replay import Replay
 
@@ -29,7 +30,7 @@ SCOPE = "cmfpga"
 CLOSED = ("core", "roi_filter", "thinner", "reciprocal")
 
 #: What only repeats other signals: `block:member`.
-LEFT_OUT = re.compile(r"core:(trace|pixels)\w*|batch_control:(settings|taken_in|batch)")
+LEFT_OUT = re.compile(r"core:(trace|pixels)\w*|ingest_control:settings|\w+:(handover_batch|run_settings)")
 
 
 @dataclass(frozen=True)
@@ -60,24 +61,6 @@ class Probe:
         return f"{'' if self.signed else 'U'}Q{whole}.{self.fraction}" if self.fraction else ""
 
 
-def fraction_bits(config, block, name):
-    """Fraction bits of a block's signal, by its :class:`Probe` names."""
-    sums = config.weight_frac + config.derivative_frac
-    rules = (
-        (r"(dither:o|time_scaler:[io]|warp:i)_[xy]", config.dither_frac),
-        (r"(warp:o|voter:i)_[xy]", config.position_frac),
-        (r"(gradient:o|updater:i)_[xy]", sums),
-        (r"updater:start_[xy]|\w+:(settings_|result_)?v(_start)?_[xy]", config.formats.v.f),
-        (r"\w+:(\w+_)?dt", config.formats.dt.f),
-        (r"\w+:(\w+_)?eta", config.formats.eta.f),
-        (r"\w+:(\w+_)?roi_gain", config.formats.roi_gain.f),
-        (r"\w+:\w+_s[xy]", sums),
-        (r"\w+:\w+_d[xy]", config.derivative_frac),
-        (r"\w+:\w+_i", config.weight_frac),
-    )
-    return next((bits for rule, bits in rules if re.fullmatch(rule, f"{block}:{name}")), 0)
-
-
 class WaveCore(VerilogCore):
     """:class:`VerilogCore` with outputs ``wave_0`` … that repeat what goes between its blocks.
 
@@ -94,25 +77,26 @@ class WaveCore(VerilogCore):
             leaves = list(component.signature.flatten(component))
             members = [path[0] for path, _, _ in leaves]
             # Of a stream, valid and ready stand before what they speak of.
-            for path, _, value in sorted(
+            for path, member, value in sorted(
                 leaves, key=lambda leaf: (members.index(leaf[0][0]), leaf[0][-1] == "payload")
             ):
-                self._probe(block, "_".join(str(part) for part in path if part != "payload"), value)
+                self._probe(block, "_".join(str(part) for part in path if part != "payload"), member.shape, value)
 
-    def _probe(self, block, name, value):
+    def _probe(self, block, name, shape, value):
         if isinstance(value, Const) or LEFT_OUT.fullmatch(f"{block}:{name}"):
             return
-        leaves = {name: ((), value.shape())}
+        leaves = {name: ((), shape)}
         if isinstance(value, data.View):
             leaves = flatten(value.shape(), name)
         for leaf, (path, shape) in leaves.items():
             signal = value
             for key in path:
                 signal = signal[key]
+            fraction = shape.q.f if isinstance(shape, Fixed) else 0
             shape = Shape.cast(shape)
             if block == "core":  # as the emitted Verilog's ports
                 leaf = re.sub("^i_", "event_", re.sub("^o_", "result_", leaf))
-            probe = Probe(block, leaf, shape.width, shape.signed, fraction_bits(self.config, block, leaf))
+            probe = Probe(block, leaf, shape.width, shape.signed, fraction)
             port = Signal(shape, name=f"wave_{len(self.probes)}")
             self.probes.append(probe)
             self._links.append((port, signal, False))
@@ -214,7 +198,7 @@ def record(config, events, result, *, plan, thinning):
     again = to_batch_result(config, ports, trace)
     if again.trace != result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
-    opened = _cycles_of(core.probes, waves, "batch_control", "open")[0]
+    opened = _cycles_of(core.probes, waves, "core", "opened")[0]
     return Waves(core.probes, *_from_cycle(opened, *waves), again)
 
 

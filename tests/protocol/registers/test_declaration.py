@@ -5,11 +5,12 @@ import pytest
 
 from cmfpga import __version__
 from cmfpga.config import PRESETS, Config, preset
-from cmfpga.engines.rtl import settings_values
 from cmfpga.errors import ConfigError
-from cmfpga.protocol.batch import BatchSettings, Flag
-from cmfpga.protocol.registers import PACKET_BEATS, Field, Register, RegisterMap, register_map
-from cmfpga.protocol.registers.declaration import COUNTERS, WRAPPER_FLAGS
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.registers import Field, Register, RegisterMap, register_map
+from cmfpga.protocol.registers.contract import COUNTERS
+from cmfpga.protocol.results import PACKET_BEATS
+from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.protocol.words import result_values, setting_words, split_packets
 
 
@@ -63,7 +64,7 @@ def test_every_setting_and_every_flag_has_its_place(registers, config):
     unused = {"iterations", "eta"} if config.ascent == "sign" else set()
     assert links == (wanted - unused) | {"duration", "by_tlast"}
     flags = {f.name: f.lsb for f in registers["RESULT_FLAGS"].fields}
-    assert flags == {flag.name: flag.bit_length() - 1 for flag in Flag} | WRAPPER_FLAGS
+    assert flags == {flag.name: flag.bit_length() - 1 for flag in Flag} | {"WIRE": 16, "CONFIG_RANGE": 17}
     assert set(registers.linked("Counters")) == {name.lower() for name in COUNTERS}
 
 

@@ -73,14 +73,6 @@ def test_exact_at_the_bounds(name):
     assert max(came) == config.widths.g_max and min(came) == -config.widths.g_max
 
 
-@pytest.mark.parametrize("name, latency", [("default", 1), ("narrow", 1), ("tiny", 1), ("odd", 4), ("sensor", 4)])
-def test_latency_and_throughput(name, latency, rng):
-    """P·S costs cycles only where P is no power of two; an item every ``lead`` cycles."""
-    config = SHAPES[name]
-    recording = check(config, random_sums(config, rng, 20))
-    assert recording.cycles() == [Gradient.lead * (n + 1) + latency for n in range(20)]
-
-
 @corners
 @given(st.data())
 def test_corners(data):

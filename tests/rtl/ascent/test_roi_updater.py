@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.config import Config
-from cmfpga.protocol.batch import clamp_roi, crop_position
+from cmfpga.protocol.settings import clamp_roi
 from cmfpga.reference.integer.roi_updater import roi_updater
 from cmfpga.reference.roi_follower import RoiFollower
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
@@ -20,6 +20,8 @@ SHAPES = {
     "one": Config(**TINY).replace(sensor_width=3, sensor_height=3),
     "whole gain": Config(**ODD, v_frac=1, roi_gain_frac=0),
 }
+
+CORNER = ("corner.roi", "corner.roi_next", "corner.clamped")
 
 
 def check(config, batches, seed=0):
@@ -41,7 +43,8 @@ def check(config, batches, seed=0):
         script.append({**noise, **values})
 
     def note(at):
-        timeline[at] = tuple(crop_position(config, axis) for axis in position), clamped
+        frac = config.formats.roi_x.f
+        timeline[at] = tuple((axis + (1 << (frac - 1))) >> frac for axis in position), clamped
 
     cycle()
     for load, v, gain, move in batches:
@@ -67,11 +70,11 @@ def check(config, batches, seed=0):
             for number in range(block.latency):
                 cycle(move=int(number == 0), still=1)
         cycle()
-    recording = play(block, script, flows=(), watch=("roi", "roi_next", "clamped")).watch
-    assert recording["roi_next"] == recording["roi"]
+    recording = play(block, script, flows=(), watch=CORNER).watch
+    assert recording["corner.roi_next"] == recording["corner.roi"]
     for number, wanted in enumerate(held(timeline, len(script))):
-        roi = recording["roi"][number]
-        assert ((roi["x"], roi["y"]), bool(recording["clamped"][number])) == wanted, f"cycle {number}"
+        roi = recording["corner.roi"][number]
+        assert ((roi["x"], roi["y"]), bool(recording["corner.clamped"][number])) == wanted, f"cycle {number}"
     return list(timeline.values())
 
 
@@ -123,12 +126,14 @@ def check_ahead(config, batches, seed=0, *, hurry=False):
         step = coming
         follower.move(tuple(axis * coming[1] for axis in coming[0]) if coming[2] else None)
     cycle()
-    recording = play(block, script, flows=(), watch=("roi", "roi_next", "clamped")).watch
+    recording = play(block, script, flows=(), watch=CORNER).watch
     for number, (corner, clamped) in enumerate(held(crops, len(script))):
-        roi = recording["roi"][number]
-        assert ((roi["x"], roi["y"]), bool(recording["clamped"][number])) == (corner, clamped), f"cycle {number}"
+        roi = recording["corner.roi"][number]
+        assert ((roi["x"], roi["y"]), bool(recording["corner.clamped"][number])) == (corner, clamped), f"cycle {number}"
     for number, corner in following.items():
-        assert (recording["roi_next"][number]["x"], recording["roi_next"][number]["y"]) == corner, f"cycle {number}"
+        assert (recording["corner.roi_next"][number]["x"], recording["corner.roi_next"][number]["y"]) == corner, (
+            f"cycle {number}"
+        )
     return list(crops.values())[1:]
 
 
@@ -211,7 +216,7 @@ def test_settling_time():
         values,
         *idle,
     ]
-    next_corners = play(RoiUpdater(config), script, flows=(), watch=("roi_next",)).watch["roi_next"]
+    next_corners = play(RoiUpdater(config), script, flows=(), watch=CORNER).watch["corner.roi_next"]
     for axis, at, then in (("x", 20, 28), ("y", 9, 17)):
         seen = [row[axis] for row in next_corners]
         loaded, moved = seen.index(at), seen.index(then)
@@ -268,12 +273,6 @@ def test_slow_motion_adds_up_and_halves_round_up():
     # 10 + n/8 rounds up at the half; 20 − n/8 stays until it is below the half.
     assert [x for x, _ in corners] == [10 + (n + 4) // 8 for n in range(1, 21)]
     assert [y for _, y in corners] == [20 + (4 - n) // 8 for n in range(1, 21)]
-
-
-def test_latency():
-    """``move`` takes ``latency`` cycles, ``new_batch`` one (asserted in every cycle by ``check``)."""
-    assert RoiUpdater.latency == 3
-    check(SHAPES["default"], [((50, 50), (8192, 8192), 32, True)])
 
 
 @corners

@@ -135,16 +135,6 @@ def test_words_hold_every_event_on_one_pixel(sign):
     assert largest in expected["full"][0]
 
 
-def test_latency_and_throughput(rng):
-    """A vote, or a swept address, in every cycle: asserted by :func:`check` for every item; here the number."""
-    config = CONFIGS["odd"]
-    assert Accumulator.latency == ReadAddWrite.latency == 3
-    block, script, starts = script_of(config, [cell_votes(config, [(0, 0)] * 20, rng)], rng)
-    recording = play(block, script)
-    assert starts[0] == list(range(20, 20 + config.geometry.bank_words))
-    assert recording.cycles() == list(range(23, 23 + config.geometry.bank_words))
-
-
 @corners
 @given(st.data())
 def test_any_order_of_few_addresses(data):

@@ -12,7 +12,6 @@ from support.bench import (
     GAPS,
     LEVELS,
     check_flow,
-    check_throughput,
     corners,
     edge_integers,
     integers_at_edges,
@@ -61,13 +60,6 @@ def test_matches_model(name, gap, rng):
     lengths = [1, 1, 2, 50, 1, 3, 80]
     replays = [random_replay(config, rng, count) for count in lengths]
     check(config, replays, random_gaps(rng, sum(lengths), GAPS[gap]))
-
-
-def test_latency_and_throughput(rng):
-    config = SHAPES["fast"]
-    pushed, popped = check(config, [random_replay(config, rng, 30), random_replay(config, rng, 34)], [0] * 64)
-    check_throughput(pushed, popped)
-    assert popped[0] - pushed[0] == 1
 
 
 def test_every_replay_of_a_batch_is_the_same(rng):

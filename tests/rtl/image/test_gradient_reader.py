@@ -136,13 +136,6 @@ def test_sums_reach_their_bounds():
         assert sums["dx"] == sign * config.widths.sum_d_max
 
 
-def test_latency_and_throughput(rng):
-    """P/4 addresses in P/4 cycles, the first in the cycle of ``start``, and 8 cycles to the sums (in ``check``)."""
-    config = CONFIGS["odd"]
-    assert GradientReader.lead == 3
-    check(config, [random_images(config, rng) for _ in range(2)])
-
-
 @corners
 @given(st.data())
 def test_corners(data):

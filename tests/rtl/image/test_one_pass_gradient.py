@@ -10,7 +10,6 @@ from cmfpga.reference.integer.accumulator import accumulator
 from cmfpga.reference.integer.gradient import gradient_reader
 from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl import payloads
-from cmfpga.rtl.ascent.gradient import Gradient
 from cmfpga.rtl.image.one_pass_gradient import OnePassGradient
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator
 from support.bench import LEVELS, NARROW, AnyContent, corners, np, play, random_values, tensor, vote_payloads
@@ -149,16 +148,6 @@ def test_iterations_of_one_event(rng):
     phases = {n: cell_votes(config, [(n % 3 + 1, 1)], rng) for n in range(30)}
     check(roomy(config), phases, lambda: 0)
     check(roomy(config), phases, lambda: int(rng.integers(3)))
-
-
-def test_latency_and_lead():
-    """Asserted item by item by :func:`check`; here the numbers, and that they are what the gradient asks for."""
-    assert OnePassGradient.lead >= Gradient.lead
-    config = SHAPES["uneven"]
-    votes = cell_votes(config, [(1, 1)] * 3, np.random.default_rng(0))
-    block = OnePassGradient(config, accumulator_latency=3)
-    script, lasts = script_of(config, [vote_payloads(config, votes)] * 2, lambda: 20, np.random.default_rng(0), 3)
-    assert play(block, script).cycles() == [last + 7 for last in lasts]
 
 
 @pytest.mark.parametrize("sign", [-1, 1])

@@ -159,18 +159,6 @@ def test_votes_of_the_voter_at_every_level(name, rng):
     check_phases(config, phases, lambda: config.fewest_idle_cycles)
 
 
-def test_latency_and_throughput(rng):
-    """One event per cycle, each step :attr:`latency` cycles later: asserted by :meth:`check`; here the number."""
-    config = SHAPES["fast odd"]
-    script = Script(config, rng)
-    script.first_pass()
-    script.iteration(vote_payloads(config, cell_votes(config, [(1, 1)] * 20, rng)), idle=5)
-    watch = script.play()
-    script.check(watch)
-    first = config.geometry.bank_depth + 3
-    assert [cycle for cycle, steps in enumerate(watch["o"]) if steps[3]["valid"]] == list(range(first, first + 20))
-
-
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_words_hold_every_event_on_one_pixel(sign):
     """The largest words that can be, and none of them in the next iteration."""

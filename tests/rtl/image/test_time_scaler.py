@@ -11,7 +11,6 @@ from support.bench import (
     CONFIGS,
     GAPS,
     check_flow,
-    check_throughput,
     corners,
     edge_integers,
     integers_at_edges,
@@ -59,13 +58,6 @@ def test_matches_model(name, gap, rng):
         error = 1 + (1 << config.dt_frac >> config.reciprocal_bits - 1)
         assert abs(dt[0] + (1 << config.dt_frac)) <= error
         assert abs(dt[-1] - (1 << config.dt_frac)) <= error
-
-
-def test_latency_and_throughput(rng):
-    config = CONFIGS["default"]
-    times = np.sort(rng.integers(0, 10_001, 64)).tolist()
-    pushed, popped, _ = check(config, times, 10_000, [0] * 64)
-    check_throughput(pushed, popped)
 
 
 def test_every_time_of_every_short_span():

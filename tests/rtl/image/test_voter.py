@@ -10,7 +10,6 @@ from support.bench import (
     CONFIGS,
     GAPS,
     LEVELS,
-    check_throughput,
     corners,
     edge_integers,
     flow_script,
@@ -67,12 +66,6 @@ def test_matches_model(name, gap, rng):
     count = 150
     last = rng.integers(0, 2, count).tolist()
     check(config, *random_positions(config, rng, count), random_gaps(rng, count, GAPS[gap]), last)
-
-
-def test_latency_and_throughput(rng):
-    config = CONFIGS["default"]
-    pushed, popped, _ = check(config, *random_positions(config, rng, 64), [0] * 64)
-    check_throughput(pushed, popped)
 
 
 @pytest.mark.parametrize("name", ["narrow", "odd", "tiny"])

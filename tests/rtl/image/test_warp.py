@@ -12,7 +12,6 @@ from support.bench import (
     GAPS,
     LEVELS,
     check_flow,
-    check_throughput,
     corners,
     edge_integers,
     flow_script,
@@ -61,12 +60,6 @@ def test_matches_model(name, gap, rng):
     if config.formats.v.real(config.formats.v.max) > config.roi_width:
         assert x.min() == -2 << config.position_frac
         assert x.max() == ((config.roi_width + 1) << config.position_frac) - 1
-
-
-def test_latency_and_throughput(rng):
-    config = CONFIGS["default"]
-    pushed, popped, _ = check(config, *random_events(config, rng, 64), [0] * 64)
-    check_throughput(pushed, popped)
 
 
 @corners
@@ -163,14 +156,6 @@ def test_levels_match_model(name, gap, rng):
     config = LEVELS[name]
     levels = rng.integers(0, config.max_level, 200, endpoint=True).tolist()
     check_levels(config, *dithered_events(config, rng, 200), levels, random_gaps(rng, 200, GAPS[gap]))
-
-
-@pytest.mark.parametrize("name", LEVELS)
-def test_latency_and_throughput_with_levels(name, rng):
-    config = LEVELS[name]
-    pushed, popped, _ = check_levels(config, *dithered_events(config, rng, 64), [config.max_level] * 64, [0] * 64)
-    check_throughput(pushed, popped)
-    assert popped[0] - pushed[0] == 4
 
 
 @pytest.mark.parametrize("level", range(4))

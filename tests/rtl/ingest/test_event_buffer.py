@@ -6,7 +6,7 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.rtl.ingest.event_buffer import EventBuffer
-from support.bench import GAPS, check_throughput, np, play, random_gaps, random_value, random_values
+from support.bench import GAPS, np, play, random_gaps, random_value, random_values
 
 DEPTHS = [1, 2, 3, 64, 100]
 
@@ -50,10 +50,10 @@ def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0):
             expected += [{**event, "last": int(k == len(stored) - 1)} for k, event in enumerate(stored)]
         clear = before_clear + (free if buffers == 1 else take + 1)
     script = [{"i.payload": next(noise), **inputs.get(cycle, {})} for cycle in range(free + block.latency + 5)]
-    recording = play(block, script, watch=("count", "overflow"))
+    recording = play(block, script, watch=("stored.count", "stored.overflow"))
     assert recording.values() == expected
     for end, stored, overflow in ends:
-        assert (recording.watch["count"][end], recording.watch["overflow"][end]) == (stored, overflow)
+        assert (recording.watch["stored.count"][end], recording.watch["stored.overflow"][end]) == (stored, overflow)
     wanted = [start + block.latency + k for start, count in replays for k in range(count)]
     assert recording.cycles() == wanted
     assert not overlaps or buffers == 2
@@ -69,14 +69,6 @@ def test_matches_a_list(buffers, depth, gap, rng):
     counts = [depth, 1, depth + 1, max(1, depth - 1), 2 * depth + 3, max(1, depth // 2), depth]
     batches = [(count, int(rng.integers(1, 4))) for count in counts]
     check(depth, batches, buffers=buffers, probability=GAPS[gap], idle=2 if gap == "gaps" else 0)
-
-
-def test_latency_and_throughput():
-    """Replays back to back: one event per cycle, but for the cycle in which a replay is asked for."""
-    recording = check(64, [(64, 1)])
-    popped = recording.cycles()
-    assert EventBuffer.latency == 3
-    check_throughput(popped, popped)
 
 
 @pytest.mark.parametrize("buffers", [1, 2])
@@ -111,11 +103,31 @@ def test_what_is_replayed_stays_until_it_is_taken():
 
 
 def test_counters_follow_the_filling(rng):
-    """During a replay ``count`` and ``overflow`` are those of the buffer that is being filled, in every cycle."""
+    """During a replay the counters are those of the buffer that is being filled, in every cycle."""
     block = EventBuffer(config_of(3, 2))
     event = random_value(block.i.payload.shape(), rng)
     push = {"i.valid": 1, "i.payload": event}
     script = [{"clear": 1}, push, push, {"take": 1}, {"clear": 1, "replay": 1}, *[push] * 5, {}]
-    watch = play(block, script, watch=("count", "overflow")).watch
-    assert watch["count"] == [0, 0, 1, 2, 2, 0, 1, 2, 3, 3, 3]
-    assert watch["overflow"] == [0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2]
+    watch = play(block, script, watch=("stored.count", "stored.overflow")).watch
+    assert watch["stored.count"] == [0, 0, 1, 2, 2, 0, 1, 2, 3, 3, 3]
+    assert watch["stored.overflow"] == [0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 2]
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
+def test_a_replay_pauses_where_there_is_no_room(share, rng):
+    """An event for each cycle with room, no other one, in order; room before and after a replay counts for nothing."""
+    block = EventBuffer(config_of(9))
+    events = [random_value(block.i.payload.shape(), rng) for _ in range(9)]
+    script = [{"clear": 1, "room": 1}, *({"i.valid": 1, "i.payload": event} for event in events), {"take": 1}]
+    issued = []
+    for _ in range(6):
+        script.append({"replay": 1, "room": int(rng.random() < share)})
+        for _ in events:
+            while rng.random() >= share:
+                script.append({"room": 0})
+            issued.append(len(script))
+            script.append({"room": 1})
+        script += [{"room": int(rng.random() < share)} for _ in range(int(rng.integers(4)))]
+    recording = play(block, [*script, *[{}] * 5])
+    assert recording.values() == [{**event, "last": int(event is events[-1])} for event in events] * 6
+    assert recording.cycles() == [cycle + EventBuffer.latency - 1 for cycle in issued]

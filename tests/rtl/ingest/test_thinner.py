@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.thinner import next_thinning, thinner
+from cmfpga.rtl import payloads
 from cmfpga.rtl.ingest.thinner import Thinner
 from support.bench import (
     GAPS,
-    check_throughput,
     corners,
     flow_script,
     integers_at_edges,
@@ -24,10 +24,15 @@ from support.bench import (
 CONFIG = Config(buffer_events=300, max_batch_events=5000)
 
 
+def block_of(config):
+    event = payloads.roi_event(config)
+    return Thinner(event, most_stored=config.buffer_events, most_events=config.max_batch_events)
+
+
 def check(batches, *, probability=0.0, seed=0, config=CONFIG):
     """Batches of (events, thinning, target), one after the other; returns the factor of each."""
     rng = np.random.default_rng(seed)
-    block = Thinner(config)
+    block = block_of(config)
     events = random_values(block.i.payload.shape(), rng, 97)
     script, expected, cycles, counts, factors = [], [], [], {}, []
     last = None
@@ -75,17 +80,6 @@ def test_every_factor():
     check([(thinning + 2, thinning, 0) for thinning in range(1, 256)])
 
 
-def test_latency_and_throughput():
-    assert Thinner.latency == 1
-    block = Thinner(CONFIG)
-    rng = np.random.default_rng(0)
-    events = [random_value(block.i.payload.shape(), rng) for _ in range(40)]
-    script, pushed = flow_script(block, events, [0] * 40, rng)
-    came = play(block, [{"start": 1, "thinning": 1, "target": 0}, *script]).cycles()
-    check_throughput(pushed, came)
-    assert came[0] == 1 + pushed[0] + 1
-
-
 @pytest.mark.parametrize("gap", GAPS)
 @pytest.mark.parametrize("target", [1, 2, 3, 10, 299, 300])
 def test_next_factor_is_the_smallest_that_meets_the_target(target, gap):
@@ -120,7 +114,7 @@ def test_largest_batch_is_counted():
 def test_a_factor_of_zero_passes_everything():
     """A setting that no tool writes must not stop the core."""
     rng = np.random.default_rng(0)
-    block = Thinner(CONFIG)
+    block = block_of(CONFIG)
     events = [random_value(block.i.payload.shape(), rng) for _ in range(9)]
     script, _ = flow_script(block, events, [0] * 9, rng)
     recording = play(block, [{"start": 1, "thinning": 0, "target": 0}, *script], watch=("thinned",))

@@ -7,7 +7,7 @@ import cocotb
 import numpy as np
 
 from cmfpga.events.arrays import Events
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.words import encode
 from cmfpga.reference.wire import BatchEnds, Beat, to_beats
 from support.axi.batches import ROI, RUN, begin, compare, following, nothing_lost

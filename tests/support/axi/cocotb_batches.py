@@ -58,7 +58,7 @@ async def ten_batches_back_to_back(dut):
     ends = [cycle for cycle, last in board.sent if last]
     starts = [cycle for k, (cycle, _) in enumerate(board.sent) if k == 0 or board.sent[k - 1][1]]
     assert len(ends) == len(starts) == 10
-    beats = AxiTop(CONFIG).result_packet.beats
+    beats = AxiTop(CONFIG).shell.result_packet.beats
     assert {end - start for end, start in zip(ends, starts, strict=True)} == {beats - 1}
 
 
@@ -66,8 +66,8 @@ async def ten_batches_back_to_back(dut):
 async def cycles_of_the_wrapper(dut):
     """None per event; from the core's result to TLAST at most 20; measured at the ports, for every format."""
     board, expected, settings = await begin(dut, form="PACKED")
-    top = AxiTop(CONFIG)
-    assert top.result_latency <= 20
+    shell = AxiTop(CONFIG).shell
+    assert shell.result_latency <= 20
     for form, count in (("PACKED", 200), ("PACKED", 90), ("EVT21", 150), ("EVT20", 151)):
         await board.write("INPUT", FORMAT=form)
         await board.until("STATUS", "INPUT_PENDING", 0)
@@ -85,13 +85,13 @@ async def cycles_of_the_wrapper(dut):
         same(found, expected.result(batch, settings))
         # The core's own formula holds: no event had to wait.
         runs = {name: found[name] for name in ("events", "roi_events", "iterations")}
-        assert found["cycles"] == top.core.cycles(**runs), form
+        assert found["cycles"] == shell.core.cycles(**runs), form
         # From the first event's word at the port to the core; a decoder with a register takes one cycle more, and
         # each word before the first event one.
         lead = {"PACKED": 0, "EVT21": 1, "EVT20": 1}[form]
         first = board.taken[0] + {"PACKED": 0, "EVT21": 1, "EVT20": 1}[form]
-        offered = first + top.event_latency + lead
-        assert board.sent[-1][0] == offered + found["cycles"] + top.result_latency, form
+        offered = first + shell.event_latency + lead
+        assert board.sent[-1][0] == offered + found["cycles"] + shell.result_latency, form
 
 
 @cocotb.test()

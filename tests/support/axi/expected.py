@@ -3,15 +3,15 @@
 import numpy as np
 import torch
 
-from cmfpga.engines.rtl import schedule_table, settings_values
 from cmfpga.events.arrays import Events
-from cmfpga.protocol.batch import BatchSettings, Flag
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import COUNTS, fields_of
+from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
+from cmfpga.protocol.shapes import leaves
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.wire import BatchEnds, decode, sensor_gate, split_batches
 
 torch.set_num_threads(1)
-
-COUNTED = ("roi_events", "outside", "overflow", "thinned", "time_back", "time_span")
 
 
 def links(config, settings, ends=None):
@@ -36,7 +36,7 @@ class Expected:
         self.core = IntegerCore(config)
         self.batches = 0
         self.totals = dict.fromkeys(
-            (*COUNTED, "batches", "degenerate", "cut", "events_taken", "events_in", "before_time", "out_of_sensor",
+            (*COUNTS, "batches", "degenerate", "cut", "events_taken", "events_in", "before_time", "out_of_sensor",
              "format_errors", "other_words", "time_high_back", "empty_ends"), 0
         )  # fmt: skip
 
@@ -59,33 +59,28 @@ class Expected:
         self.totals["batches"] += 1
         self.totals["degenerate"] += Flag.DEGENERATE in found.flags
         self.totals["cut"] += cut
-        for name in COUNTED:
+        for name in COUNTS:
             self.totals[name] += getattr(found, name)
-        assert found.events == sum(getattr(found, name) for name in COUNTED) == len(t)
-        sums = dict.fromkeys(("i", "dx", "dy", "sx", "sy"), 0)
-        if Flag.DEGENERATE not in found.flags:
-            trace = found.trace
-            last = (trace.sum_i[-1], *trace.sum_d[-1], *trace.s[-1])
-            sums = dict(zip(sums, map(int, last), strict=True))
+        assert found.events == sum(getattr(found, name) for name in COUNTS) == len(t)
         return {
+            **raw_values(self.config, found),
             "batch": self.batches,
-            "flags": int(found.flags),
             "wire": wire,
             "config_range": config_range,
-            "iterations": found.iterations,
-            "v_x": self.core.v[0],
-            "v_y": self.core.v[1],
-            "t_first": int(t[0]),
-            "span": found.span,
             "t_ref": (int(t[0]) + found.span // 2) % (1 << 32),
-            "events": found.events,
-            **{name: getattr(found, name) for name in COUNTED},
-            "roi_x": found.roi[0],
-            "roi_y": found.roi[1],
-            "roi_next_x": found.roi_next[0],
-            "roi_next_y": found.roi_next[1],
-            **{f"sums_{name}": value for name, value in sums.items()},
         }
+
+
+def raw_values(config, outcome):
+    """``{leaf: raw value}`` of an outcome, less ``cycles``."""
+    values = {}
+    for field in fields_of("batch", "region"):
+        if field.name != "cycles":
+            value = getattr(outcome, field.name)
+            parts = value if isinstance(value, tuple) else (value,)
+            for (leaf, q), part in zip(leaves(field.name, field.shape(config)).items(), parts, strict=True):
+                values[leaf] = q.raw(part) if isinstance(part, float) else int(part)
+    return values
 
 
 def same(found, wanted, *, but=()):

@@ -19,32 +19,23 @@ CONFIG = Config(
 )  # fmt: skip
 
 
-class _Control(wiring.Component):
-    open: Out(1)
-    take: Out(1)
-
-    def elaborate(self, platform):
-        m = Module()
-        m.d.comb += [self.open.eq(AnySeq(1)), self.take.eq(AnySeq(1))]
-        return m
-
-
 class AnyCore(wiring.Component):
     """A core of which only the ports are known, and that its result stays until it is taken."""
 
     def __init__(self, config):
-        self.batch_control = _Control()
         super().__init__(
             {
                 "i": In(stream.Signature(payloads.event(config))),
                 "o": Out(stream.Signature(payloads.result(config))),
                 "settings": In(payloads.settings(config)),
+                "opened": Out(1),
+                "take": Out(1),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.batch_control = self.batch_control
+        m.d.comb += [self.opened.eq(AnySeq(1)), self.take.eq(AnySeq(1))]
         result = Value.cast(self.o.payload)
         m.d.comb += [self.i.ready.eq(AnySeq(1)), self.o.valid.eq(AnySeq(1)), result.eq(AnySeq(len(result)))]
         waiting, kept = Signal(), Signal(len(result))

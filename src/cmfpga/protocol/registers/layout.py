@@ -17,6 +17,13 @@ ACCESS = {
 }
 
 
+#: Byte offsets of the groups.
+BASE = {
+    "Control": 0x000, "Discovery": 0x010, "Operation": 0x040, "Settings": 0x080, "Result": 0x100, "Counters": 0x180,
+    "Schedule": 0x400, "Scratch": 0xFFC,
+}  # fmt: skip
+
+
 @dataclass(frozen=True, kw_only=True)
 class Field:
     """Some bits of a register.
@@ -193,3 +200,35 @@ class RegisterMap:
                 if f.link:
                     found.setdefault(f.link, []).append((register, f))
         return {link: tuple(sorted(parts, key=lambda part: part[1].link_lsb)) for link, parts in found.items()}
+
+
+# ---------------------------------------------------------------- short ways of declaring
+
+
+def in_order(group, declared):
+    """Registers of ``(name, doc, fields)``, one after the other."""
+    return [
+        Register(name=name, offset=BASE[group] + 4 * k, group=group, doc=doc, fields=tuple(fields))
+        for k, (name, doc, fields) in enumerate(declared)
+    ]
+
+
+def _make(access):
+    def make(name, lsb, width, doc, **more):
+        return Field(name=name, lsb=lsb, width=width, access=access, doc=doc, **more)
+
+    return make
+
+
+constant, status, stored, flag, sticky, command = map(
+    _make, ("constant", "status", "stored", "flag", "sticky", "command")
+)
+
+
+def constants(*fields):
+    """Fields of ``(name, width, value, doc)`` beside each other."""
+    lsb, made = 0, []
+    for name, width, value, doc in fields:
+        made.append(constant(name, lsb, width, doc, reset=value))
+        lsb += width
+    return made

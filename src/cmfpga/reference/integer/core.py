@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...protocol.batch import BatchResult, Flag, Trace
+from ...protocol.flags import Flag
+from ...protocol.results import BatchResult
+from ...protocol.trace import Trace
 from ..ingest import take_in
 from ..roi_follower import RoiFollower
 from .accumulator import Images, accumulator

@@ -9,7 +9,7 @@ from ..arithmetic import delay
 
 
 class Gradient(wiring.Component):
-    """G = P·S − ΣI·ΣD for both axes, exactly: ∂C/∂v = 2·G/P² (Eq. C_v_x with the means multiplied out).
+    """G = P·S − ΣI·ΣD for each parameter of v, exactly: ∂C/∂v = 2·G/P² (Eq. C_v_x with the means multiplied out).
 
     Every gradient architecture ends here. ΣI·ΣD is ready when S arrives, because its factors are final ``lead``
     cycles earlier. P is a constant; where it is a power of two, P·S is a shift and costs no cycle.
@@ -25,7 +25,7 @@ class Gradient(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.sums`
         ``i``, ``dx`` and ``dy`` must be final ``lead`` cycles before ``valid``, and stay until then.
-    o : ``Out``, flow of a :func:`payloads.vector` of ``g_bits``
+    o : ``Out``, flow of :func:`payloads.gradient`
     """
 
     #: Registers of a multiplication, the last two inside DSPs.
@@ -37,43 +37,44 @@ class Gradient(wiring.Component):
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.sums(config))),
-                "o": Out(payloads.flow(payloads.vector(config.widths.g_bits))),
+                "o": Out(payloads.flow(payloads.gradient(config))),
             }
         )
 
     def elaborate(self, platform):
         config = self.config
         m = Module()
-        for axis, means in self._means(m).items():
-            means = delay(m, means, self.latency - 1, name=f"means_{axis}")
-            scaled = self.i.payload[f"s{axis}"] * config.geometry.pixels
+        for name, means in self._means(m).items():
+            means = delay(m, means, self.latency - 1, name=f"means_{name}")
+            scaled = self.i.payload[f"s{name}"] * config.geometry.pixels
             if not self._is_shift(config.geometry.pixels):
-                scaled = delay(m, scaled, self.lead, name=f"scaled_{axis}")
-            m.d.sync += self.o.payload[axis].eq(scaled - means)
+                scaled = delay(m, scaled, self.lead, name=f"scaled_{name}")
+            m.d.sync += self.o.payload[name].eq(scaled - means)
         m.d.sync += self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True))
         return m
 
     def _means(self, m):
-        """ΣI·ΣD of both axes, when ``i`` is valid.
+        """ΣI·ΣD of each parameter, when ``i`` is valid.
 
-        If a product fits one DSP, two of the three registers are enough for it, and the axes take turns with one DSP.
-        It does not matter whose turn it is: in the first two of ``lead`` cycles each has one.
+        If a product fits one DSP, two of the three registers are enough for it, and two parameters take turns with one
+        DSP. It does not matter whose turn it is: in the first two of ``lead`` cycles each has one.
         """
         config, sums = self.config, self.i.payload
         shape = signed(config.widths.sum_i_bits + config.widths.sum_d_bits)
-        means = {axis: Signal(shape, name=f"means_{axis}", reset_less=True) for axis in ("x", "y")}
-        if config.widths.sum_i_bits < 18 and config.widths.sum_d_bits <= 27:  # 18 bits signed
+        means = {name: Signal(shape, name=f"means_{name}", reset_less=True) for name in config.motion.names}
+        if config.widths.sum_i_bits < 18 and config.widths.sum_d_bits <= 27 and len(means) == 2:  # 18 bits signed
+            first, second = means
             turn = Signal()
             product = Signal(shape, reset_less=True)
-            m.d.sync += [turn.eq(~turn), product.eq(sums.i * Mux(turn, sums.dy, sums.dx))]
-            with m.If(turn):  # of y now, so the product is x's
-                m.d.sync += means["x"].eq(product)
+            m.d.sync += [turn.eq(~turn), product.eq(sums.i * Mux(turn, sums[f"d{second}"], sums[f"d{first}"]))]
+            with m.If(turn):  # of the second now, so the product is the first's
+                m.d.sync += means[first].eq(product)
             with m.Else():
-                m.d.sync += means["y"].eq(product)
+                m.d.sync += means[second].eq(product)
             return means
-        for axis in means:
-            m.d.sync += means[axis].eq(sums.i * sums[f"d{axis}"])
-            means[axis] = delay(m, means[axis], self.lead - 1, name=f"means_{axis}")
+        for name in means:
+            m.d.sync += means[name].eq(sums.i * sums[f"d{name}"])
+            means[name] = delay(m, means[name], self.lead - 1, name=f"means_{name}")
         return means
 
     @staticmethod

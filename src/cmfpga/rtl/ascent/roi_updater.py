@@ -9,6 +9,23 @@ from .. import payloads
 from ..arithmetic import delay, saturate, small_product
 
 
+def corner(config):
+    """Signature of where the ROI is.
+
+    Members
+    -------
+    roi
+        :func:`payloads.roi_corner` of the batch that is being taken in; (0, 0) after a reset.
+    roi_next
+        That of the next batch, if it does not load another.
+    clamped
+        Whether a load, or what moved this batch's ROI, was limited to the sensor: with one buffer the move after it,
+        with two the one before.
+    """
+    where = payloads.roi_corner(config)
+    return wiring.Signature({"roi": Out(where), "roi_next": Out(where), "clamped": Out(1)})
+
+
 class RoiUpdater(wiring.Component):
     """position ← position + roi_gain·v, limited to the sensor (Eq. roi_update of the article, whose gain is 1).
 
@@ -18,7 +35,7 @@ class RoiUpdater(wiring.Component):
     one ahead of it is known: where the position would be if the last move were repeated. Either way a load takes effect
     at once.
 
-    A move takes :attr:`latency` cycles, until ``roi_next`` shows it :attr:`settle` cycles.
+    A move takes :attr:`latency` cycles, until ``corner.roi_next`` shows it :attr:`settle` cycles.
 
     Parameters
     ----------
@@ -36,13 +53,7 @@ class RoiUpdater(wiring.Component):
         Whole pixels of the sensor.
     v : ``In``, :func:`payloads.velocity`
     roi_gain : ``In``
-    roi : ``Out``, :func:`payloads.roi_corner`
-        The corner of the batch that is being taken in; (0, 0) after a reset.
-    roi_next : ``Out``, :func:`payloads.roi_corner`
-        The corner of the next batch, if it does not load another.
-    clamped : ``Out(1)``
-        Whether a load, or what moved this batch's ROI, was limited to the sensor: with one buffer the move after it,
-        with two the one before.
+    corner : ``Out``, :func:`corner`
     """
 
     latency = 3
@@ -56,15 +67,13 @@ class RoiUpdater(wiring.Component):
                 "x": In(config.geometry.x_bits),
                 "y": In(config.geometry.y_bits),
                 "v": In(payloads.velocity(config)),
-                "roi_gain": In(config.formats.roi_gain.width),
-                "roi": Out(payloads.roi_corner(config)),
-                "roi_next": Out(payloads.roi_corner(config)),
-                "clamped": Out(1),
+                "roi_gain": In(payloads.Fixed(config.formats.roi_gain)),
+                "corner": Out(corner(config)),
             }
         )
 
     def elaborate(self, platform):
-        config = self.config
+        config, corner = self.config, self.corner
         m = Module()
         move, products = self._products(m)
         out_of_range, moved_out = [], []
@@ -74,7 +83,7 @@ class RoiUpdater(wiring.Component):
         ):
             largest = limit << fmt.f
             position = Signal(fmt.width, name=f"position_{axis}")
-            step_s1 = Signal(signed(len(self.v[axis]) + len(self.roi_gain)), name=f"step_{axis}_s1")
+            step_s1 = Signal(products[axis].shape(), name=f"step_{axis}_s1")
             target_s2 = Signal(signed(max(fmt.width, len(step_s1)) + 2), name=f"target_{axis}_s2", reset_less=True)
             limited = Signal(fmt.width, name=f"limited_{axis}")
             with m.If((self.new_batch & self.load) | (move[axis] & self.still)):
@@ -95,27 +104,28 @@ class RoiUpdater(wiring.Component):
             if config.buffers == 2:  # the last step is still there: two cycles later the target is the next one
                 ahead = Signal(fmt.width, name=f"ahead_{axis}")
                 m.d.sync += ahead.eq(limited)
-            m.d.comb += self.roi_next[axis].eq(round_half_up(ahead, fmt.f))
+            m.d.comb += corner.roi_next[axis].eq(round_half_up(ahead, fmt.f))
             if config.buffers == 2:
                 with m.If(self.new_batch):
-                    m.d.sync += self.roi[axis].eq(Mux(self.load, saturate(wanted, 0, limit), self.roi_next[axis]))
+                    m.d.sync += corner.roi[axis].eq(Mux(self.load, saturate(wanted, 0, limit), corner.roi_next[axis]))
             else:
-                m.d.comb += self.roi[axis].eq(self.roi_next[axis])
+                m.d.comb += corner.roi[axis].eq(corner.roi_next[axis])
         if config.buffers == 2:
             ahead_out = delay(m, moved_out[0] | moved_out[1], 1, name="ahead_out")
             with m.If(self.new_batch):
-                m.d.sync += self.clamped.eq(Mux(self.load, out_of_range[0] | out_of_range[1], ahead_out))
+                m.d.sync += corner.clamped.eq(Mux(self.load, out_of_range[0] | out_of_range[1], ahead_out))
         else:
             with m.If(self.new_batch):
-                m.d.sync += self.clamped.eq(self.load & (out_of_range[0] | out_of_range[1]))
+                m.d.sync += corner.clamped.eq(self.load & (out_of_range[0] | out_of_range[1]))
             with m.Elif(move_s2 & (moved_out[0] | moved_out[1])):
-                m.d.sync += self.clamped.eq(1)
+                m.d.sync += corner.clamped.eq(1)
         return m
 
     def _products(self, m):
         """When each axis moves, and by what, both by axis. With two buffers there is time for one small multiplier."""
+        v = {parameter.moves_roi: self.v[parameter.name] for parameter in self.config.motion.parameters}
         if self.config.buffers == 1:
-            return dict.fromkeys("xy", self.move), {axis: self.v[axis] * self.roi_gain for axis in "xy"}
+            return dict.fromkeys("xy", self.move), {axis: v[axis] * self.roi_gain for axis in "xy"}
         y_moves = delay(m, self.move, 1, name="y_moves", valid=True)
-        product = small_product(Mux(y_moves, self.v.y, self.v.x), self.roi_gain)
+        product = small_product(Mux(y_moves, v["y"], v["x"]), self.roi_gain)
         return {"x": self.move, "y": y_moves}, dict.fromkeys("xy", product)

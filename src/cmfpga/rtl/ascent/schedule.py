@@ -39,7 +39,7 @@ class Schedule(wiring.Component):
             {
                 "write": In(payloads.flow(payloads.schedule_write(config))),
                 **dict.fromkeys(("new_batch", "load", "advance"), In(1)),
-                "first": In(payloads.plan(config)["first"].shape),
+                "first": In(range(config.schedule_entries)),
                 "level": Out(entry["level"].shape),
                 "shift": Out(entry["shift"].shape),
                 "limited": Out(1),
@@ -52,7 +52,7 @@ class Schedule(wiring.Component):
         layout = payloads.schedule_entry(config)
         m.submodules.table = table = memory.Memory(shape=layout, depth=config.schedule_entries, init=[])
         write, read = table.write_port(), table.read_port(domain="comb")
-        pointer = Signal(payloads.plan(config)["first"].shape)
+        pointer = Signal(range(config.schedule_entries))
         m.d.comb += [
             write.addr.eq(self.write.payload.address),
             write.data.eq(self.write.payload.entry),

@@ -58,18 +58,18 @@ class GradientReader(wiring.Component):
         first = delay(m, self.sweep.payload.first, self.accumulator_latency, name="first")
         sums = self.o.payload
         pixels = [self.i.payload[number] for number in range(4)]
-        for name in ("i", "dx", "dy"):
+        for name in pixels[0].shape().members:
             accumulate(m, [pixel[name] for pixel in pixels], sums[name], first, self.i.valid, name=name)
         first = delay(m, first, self.lead, name="first_product")
         active = delay(m, self.i.valid, self.lead, name="active_product", valid=True)
-        for axis in ("x", "y"):
+        for name in self.config.motion.names:
             products = []
             for n, pixel in enumerate(pixels):
-                derivative = pixel[f"d{axis}"]
-                product = Signal(signed(len(pixel.i) + len(derivative)), name=f"product_{axis}_{n}", reset_less=True)
+                derivative = pixel[f"d{name}"]
+                product = Signal(signed(len(pixel.i) + len(derivative)), name=f"product_{name}_{n}", reset_less=True)
                 m.d.sync += product.eq(pixel.i * derivative)
-                products.append(delay(m, product, self.lead - 1, name=f"product_{axis}_{n}"))
-            accumulate(m, products, sums[f"s{axis}"], first, active, name=f"s{axis}")
+                products.append(delay(m, product, self.lead - 1, name=f"product_{name}_{n}"))
+            accumulate(m, products, sums[f"s{name}"], first, active, name=f"s{name}")
         last = delay(m, self.sweep.payload.last & self.sweep.valid, self.latency, name="last", valid=True)
         m.d.comb += self.o.valid.eq(last)
         return m

@@ -8,11 +8,19 @@ from ...fixed import bits_for
 from .. import payloads
 
 
+def stored(config):
+    """Signature of what the buffer says of a batch: events stored and events dropped since ``clear``."""
+    return wiring.Signature(
+        {"count": Out(bits_for(config.buffer_events)), "overflow": Out(bits_for(config.max_batch_events))}
+    )
+
+
 class EventBuffer(wiring.Component):
     """Stores events until it is full, then replays all of them, one per cycle, whenever asked.
 
     The surplus of a full buffer is dropped and counted. With two buffers, one is filled while the other is replayed.
-    One event per cycle in and out; the first event appears :attr:`latency` cycles after ``replay``.
+    One event per cycle in and out, as long as there is ``room`` for what comes out; the first event appears
+    :attr:`latency` cycles after ``replay``, and each one :attr:`latency` − 1 after the cycle in which there was room.
 
     Parameters
     ----------
@@ -31,8 +39,9 @@ class EventBuffer(wiring.Component):
         What has been filled is what will be replayed. No replay is under way.
     replay : ``In(1)``
         Begin a replay. Not while one is under way; at least one event must be stored.
-    count, overflow : ``Out``
-        Events stored and events dropped since ``clear``.
+    room : ``In(1)``
+        Where it is low, the replay pauses: here alone, because nothing behind can be stalled.
+    stored : ``Out``, :func:`stored`
     """
 
     latency = 3
@@ -46,13 +55,14 @@ class EventBuffer(wiring.Component):
                 "clear": In(1),
                 "take": In(1),
                 "replay": In(1),
-                "count": Out(bits_for(config.buffer_events)),
-                "overflow": Out(bits_for(config.max_batch_events)),
+                "room": In(1, init=1),
+                "stored": Out(stored(config)),
             }
         )
 
     def elaborate(self, platform):
         depth = self.config.buffer_events
+        count, overflow = self.stored.count, self.stored.overflow
         m = Module()
         two = self.config.buffers == 2
         offset = 1 << bits_for(depth - 1)  # the second buffer begins at a power of two
@@ -62,27 +72,27 @@ class EventBuffer(wiring.Component):
         write, read = events.write_port(), events.read_port()
 
         filling, replaying = Signal(), Signal()  # which of two buffers
-        replayed = Signal.like(self.count)  # events of the one that is replayed
+        replayed = Signal.like(count)  # events of the one that is replayed
         if two:
             with m.If(self.clear):
                 m.d.sync += filling.eq(~filling)
         with m.If(self.take):
-            m.d.sync += [replaying.eq(filling), replayed.eq(self.count)]
+            m.d.sync += [replaying.eq(filling), replayed.eq(count)]
 
         full = Signal()
         m.d.comb += [
-            full.eq(self.count == depth),
-            write.addr.eq(self.count | Mux(filling, offset, 0)),
+            full.eq(count == depth),
+            write.addr.eq(count | Mux(filling, offset, 0)),
             write.data.eq(self.i.payload),
             write.en.eq(self.i.valid & ~full),
         ]
         with m.If(self.clear):
-            m.d.sync += [self.count.eq(0), self.overflow.eq(0)]
+            m.d.sync += [count.eq(0), overflow.eq(0)]
         with m.Elif(self.i.valid):
             with m.If(full):
-                m.d.sync += self.overflow.eq(self.overflow + 1)
+                m.d.sync += overflow.eq(overflow + 1)
             with m.Else():
-                m.d.sync += self.count.eq(self.count + 1)
+                m.d.sync += count.eq(count + 1)
 
         # Stage 1: address.
         reading_s1 = Signal()
@@ -91,14 +101,14 @@ class EventBuffer(wiring.Component):
         m.d.comb += [last_s1.eq(address_s1 + 1 == replayed), read.addr.eq(address_s1 | Mux(replaying, offset, 0))]
         with m.If(self.replay):
             m.d.sync += [reading_s1.eq(1), address_s1.eq(0)]
-        with m.Elif(reading_s1):
+        with m.Elif(reading_s1 & self.room):
             m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(address_s1 + 1)]
 
         # Stage 2: the memory's own register. Stage 3: its output register.
         reading_s2 = Signal()
         last_s2 = Signal(reset_less=True)
         m.d.sync += [
-            reading_s2.eq(reading_s1),
+            reading_s2.eq(reading_s1 & self.room),
             last_s2.eq(last_s1),
             self.o.valid.eq(reading_s2),
             self.o.payload.eq(read.data),

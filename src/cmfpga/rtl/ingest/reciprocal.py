@@ -16,8 +16,8 @@ class Reciprocal(wiring.Component):
 
     Parameters
     ----------
-    config : Config
-        ``span_bits``, ``reciprocal_bits``.
+    span_bits, reciprocal_bits : int
+        Widths of the divisor and, less one, of the mantissa.
 
     Members
     -------
@@ -28,27 +28,26 @@ class Reciprocal(wiring.Component):
     shift, mantissa : ``Out``
     """
 
-    def __init__(self, config):
-        self.config = config
-        self.latency = config.span_bits + config.reciprocal_bits + 1
+    def __init__(self, *, span_bits, reciprocal_bits):
+        self.span_bits, self.reciprocal_bits = span_bits, reciprocal_bits
+        self.latency = span_bits + reciprocal_bits + 1
         super().__init__(
             {
                 "start": In(1),
-                "span": In(config.span_bits),
+                "span": In(span_bits),
                 "done": Out(1),
-                "shift": Out(bits_for(config.span_bits - 1)),
-                "mantissa": Out(config.reciprocal_bits + 1),
+                "shift": Out(bits_for(span_bits - 1)),
+                "mantissa": Out(reciprocal_bits + 1),
             }
         )
 
     def elaborate(self, platform):
-        config = self.config
         m = Module()
-        divisor = Signal(config.span_bits, reset_less=True)
-        remainder = Signal(config.span_bits + 1, reset_less=True)
+        divisor = Signal(self.span_bits, reset_less=True)
+        remainder = Signal(self.span_bits + 1, reset_less=True)
         fits = Signal()
-        difference = Signal(config.span_bits + 2)
-        step = Signal(range(config.span_bits + config.reciprocal_bits + 1))
+        difference = Signal(self.span_bits + 2)
+        step = Signal(range(self.span_bits + self.reciprocal_bits + 1))
 
         m.d.comb += [difference.eq(remainder - divisor), fits.eq(~difference[-1])]
         m.d.sync += self.done.eq(0)
@@ -56,7 +55,7 @@ class Reciprocal(wiring.Component):
             with m.State("IDLE"):
                 m.d.sync += [
                     divisor.eq(self.span),
-                    remainder.eq(1 << (config.span_bits - 1)),
+                    remainder.eq(1 << (self.span_bits - 1)),
                     step.eq(0),
                 ]
                 with m.If(self.start):
@@ -66,7 +65,7 @@ class Reciprocal(wiring.Component):
                 m.d.sync += step.eq(step + 1)
                 with m.If(~divisor[-1]):
                     m.d.sync += [divisor.eq(divisor << 1), self.shift.eq(self.shift + 1)]
-                with m.If(step == config.span_bits - 2):
+                with m.If(step == self.span_bits - 2):
                     m.next = "DIVIDE"
             with m.State("DIVIDE"):
                 m.d.sync += [
@@ -74,7 +73,7 @@ class Reciprocal(wiring.Component):
                     self.mantissa.eq((self.mantissa << 1) | fits),
                     remainder.eq(Mux(fits, difference, remainder) << 1),
                 ]
-                with m.If(step == config.span_bits + config.reciprocal_bits - 1):
+                with m.If(step == self.span_bits + self.reciprocal_bits - 1):
                     m.d.sync += self.done.eq(1)
                     m.next = "IDLE"
         return m

@@ -8,6 +8,16 @@ from ...fixed import bits_for
 from .. import payloads
 
 
+def measured(config):
+    """Signature of what the filter says of a batch.
+
+    ``t_first`` and ``span`` are t_1 and t_N − t_1, in µs; ``outside``, ``time_back``, ``time_span`` count the events
+    outside the ROI, dropped for a step back, dropped for lying beyond the span.
+    """
+    counts = dict.fromkeys(("outside", "time_back", "time_span"), Out(bits_for(config.max_batch_events)))
+    return wiring.Signature({"t_first": Out(config.time_bits), "span": Out(config.span_bits), **counts})
+
+
 class RoiFilter(wiring.Component):
     """Passes the events that lie in the ROI, relative to its corner and to the batch's first event.
 
@@ -31,33 +41,25 @@ class RoiFilter(wiring.Component):
         A new batch begins: clears the counters. No event in this cycle and the two before.
     roi : ``In``, :func:`payloads.roi_corner`
         The ROI's corner; constant during a batch.
-    t_first, span : ``Out``
-        t_1 and t_N − t_1, in µs.
-    outside, time_back, time_span : ``Out``
-        Events outside the ROI, dropped for a step back, dropped for lying beyond the span.
+    measured : ``Out``, :func:`measured`
     """
 
     latency = 3
 
     def __init__(self, config):
         self.config = config
-        count = bits_for(config.max_batch_events)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.event(config))),
                 "o": Out(payloads.flow(payloads.roi_event(config))),
                 "start": In(1),
                 "roi": In(payloads.roi_corner(config)),
-                "t_first": Out(config.time_bits),
-                "span": Out(config.span_bits),
-                "outside": Out(count),
-                "time_back": Out(count),
-                "time_span": Out(count),
+                "measured": Out(measured(config)),
             }
         )
 
     def elaborate(self, platform):
-        config = self.config
+        config, found = self.config, self.measured
         m = Module()
 
         # Stage 1: register the event; the first one sets t_1.
@@ -70,7 +72,7 @@ class RoiFilter(wiring.Component):
         with m.Elif(self.i.valid):
             m.d.sync += first.eq(0)
         with m.If(self.i.valid & first):
-            m.d.sync += self.t_first.eq(self.i.payload.t)
+            m.d.sync += found.t_first.eq(self.i.payload.t)
 
         # Stage 2: relative to t_1 (modulo the counter's width) and to the ROI.
         valid_s2 = Signal()
@@ -79,7 +81,7 @@ class RoiFilter(wiring.Component):
         y_s2 = Signal(signed(config.geometry.y_bits + 1), reset_less=True)
         m.d.sync += [
             valid_s2.eq(valid_s1),
-            t_s2.eq((event_s1.t - self.t_first)[: config.time_bits].as_signed()),
+            t_s2.eq((event_s1.t - found.t_first)[: config.time_bits].as_signed()),
             x_s2.eq(event_s1.x - self.roi.x),
             y_s2.eq(event_s1.y - self.roi.y),
         ]
@@ -87,7 +89,7 @@ class RoiFilter(wiring.Component):
         # Stage 3: judge, count, pass on.
         back, late, inside = Signal(), Signal(), Signal()
         m.d.comb += [
-            back.eq(t_s2 < self.span),
+            back.eq(t_s2 < found.span),
             late.eq(t_s2 >= 1 << config.span_bits),
             inside.eq((x_s2 >= 0) & (x_s2 < config.roi_width) & (y_s2 >= 0) & (y_s2 < config.roi_height)),
         ]
@@ -99,18 +101,18 @@ class RoiFilter(wiring.Component):
         ]
         with m.If(self.start):
             m.d.sync += [
-                self.span.eq(0),
-                self.outside.eq(0),
-                self.time_back.eq(0),
-                self.time_span.eq(0),
+                found.span.eq(0),
+                found.outside.eq(0),
+                found.time_back.eq(0),
+                found.time_span.eq(0),
             ]
         with m.Elif(valid_s2):
             with m.If(back):
-                m.d.sync += self.time_back.eq(self.time_back + 1)
+                m.d.sync += found.time_back.eq(found.time_back + 1)
             with m.Elif(late):
-                m.d.sync += self.time_span.eq(self.time_span + 1)
+                m.d.sync += found.time_span.eq(found.time_span + 1)
             with m.Else():
-                m.d.sync += self.span.eq(t_s2)
+                m.d.sync += found.span.eq(t_s2)
                 with m.If(~inside):
-                    m.d.sync += self.outside.eq(self.outside + 1)
+                    m.d.sync += found.outside.eq(found.outside + 1)
         return m

@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
+from ...protocol.settings import THINNING_BITS
 from .. import payloads
 
 
@@ -18,12 +19,14 @@ class Thinner(wiring.Component):
 
     Parameters
     ----------
-    config : Config
-        Widths.
+    event : Shape
+        Of an event; nothing in it is looked at.
+    most_stored, most_events : int
+        Largest ``target``, and most events of a batch.
 
     Members
     -------
-    i, o : ``In``, ``Out``, flows of :func:`payloads.roi_event`
+    i, o : ``In``, ``Out``, flows of ``event``
     start : ``In(1)``
         A new batch begins. No event in this cycle and the one before.
     thinning, target : ``In``
@@ -34,26 +37,25 @@ class Thinner(wiring.Component):
 
     latency = 1
 
-    def __init__(self, config):
-        self.config = config
+    def __init__(self, event, *, most_stored, most_events):
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.roi_event(config))),
-                "o": Out(payloads.flow(payloads.roi_event(config))),
+                "i": In(payloads.flow(event)),
+                "o": Out(payloads.flow(event)),
                 "start": In(1),
-                "thinning": In(payloads.THINNING_BITS),
-                "target": In(bits_for(config.buffer_events)),
-                "thinned": Out(bits_for(config.max_batch_events)),
+                "thinning": In(THINNING_BITS),
+                "target": In(bits_for(most_stored)),
+                "thinned": Out(bits_for(most_events)),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        factor = Signal(payloads.THINNING_BITS)
-        position = Signal(payloads.THINNING_BITS)  # 0 … factor − 1; the event at 0 passes
+        factor = Signal(THINNING_BITS)
+        position = Signal(THINNING_BITS)  # 0 … factor − 1; the event at 0 passes
         target = Signal.like(self.target)
         filled = Signal.like(self.target)  # 1 … target
-        wanted = Signal(payloads.THINNING_BITS)  # ⌈events/target⌉, saturated
+        wanted = Signal(THINNING_BITS)  # ⌈events/target⌉, saturated
         passes = position == 0
         m.d.sync += [self.o.valid.eq(self.i.valid & passes), self.o.payload.eq(self.i.payload)]
         with m.If(self.start):

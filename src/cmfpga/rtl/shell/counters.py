@@ -5,11 +5,12 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.flags import Flag
-from ...protocol.registers.declaration import COUNTERS
+from ...protocol.registers.contract import COUNTERS
+from ...protocol.results import RESULTS
 from .. import payloads as core
 
 #: Counters that add a result's count.
-OF_RESULTS = ("roi_events", "outside", "overflow", "thinned", "time_back", "time_span")
+OF_RESULTS = tuple(f.name for f in RESULTS if f.total)
 OF_FLAGS = {"degenerate": Flag.DEGENERATE, "cut": Flag.CUT}
 LONGEST = "longest_batch"
 PULSES = tuple(
@@ -28,7 +29,7 @@ class Counters(wiring.Component):
     taken : ``In(1)``
         A result is taken: ``result`` counts.
     result : ``In``, :func:`cmfpga.rtl.payloads.result`
-    values : ``Out``, one word for each of :data:`cmfpga.protocol.registers.declaration.COUNTERS`
+    values : ``Out``, one word for each of :data:`cmfpga.protocol.registers.contract.COUNTERS`
     """
 
     def __init__(self, config):

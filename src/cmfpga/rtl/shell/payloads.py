@@ -3,7 +3,7 @@
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from ...fixed import bits_for
+from ...protocol.settings import settings_of
 from .. import payloads as core
 
 DATA_BITS = 64
@@ -38,7 +38,7 @@ def settings(config):
 def end_settings(config):
     """Where batches end: after so many events, before an event so much later than the first, with TLAST; 0: not."""
     return data.StructLayout(
-        {"batch_events": bits_for(config.max_batch_events), "duration": config.span_bits, "by_tlast": 1}
+        {setting.name: core.shaped(setting.shape_of(config)) for setting in settings_of(config, "shell")}
     )
 
 

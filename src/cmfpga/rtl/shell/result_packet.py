@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.flags import Flag
-from ...protocol.registers.declaration import PACKET_BEATS
+from ...protocol.results import PACKET_BEATS
 from .. import payloads as core
 from . import payloads
 
@@ -97,9 +97,8 @@ class ResultPacket(wiring.Component):
         """All words of the result on ``i``, as one value."""
         result = self.i.payload
         group = self.registers.group("Result")
-        assert len(group) == 2 * self.beats
         degenerate = result.flags[Flag.DEGENERATE.bit_length() - 1]
-        words = Signal(32 * len(group), name="new_words")
+        words = Signal(64 * self.beats, name="new_words")
         own = {
             "batch": number,
             "t_ref": (result.t_first + (result.span >> 1))[:32],

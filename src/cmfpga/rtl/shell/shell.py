@@ -162,14 +162,14 @@ class Shell(wiring.Component):
         end, values, settings = self.batch_end, self.bank.values, self.settings
         taken = self.result_packet.taken
         m.d.comb += [
-            self.opened.eq(self.core.batch_control.open),
+            self.opened.eq(self.core.opened),
             settings.written.eq(values),
             settings.lock.eq(values.settings_lock_lock),
             settings.opened.eq(self.opened),
             self.core.settings.eq(settings.o.core),
             end.settings.eq(settings.o.end),
             end.opened.eq(self.opened),
-            end.taken.eq(self.core.batch_control.take),
+            end.taken.eq(self.core.take),
             end.idle.eq(self.input.empty & self.input_path.empty),
             end.end_batch.eq(self.bank.commands.ctrl_end_batch),
             self.bank.clear.ctrl_start.eq(self.opened & ~values.ctrl_auto_restart),
@@ -204,7 +204,7 @@ class Shell(wiring.Component):
         opened_limited, taken_limited = Signal(), Signal()
         with m.If(self.opened):
             m.d.sync += opened_limited.eq(self._limited)
-        with m.If(self.core.batch_control.take):
+        with m.If(self.core.take):
             m.d.sync += taken_limited.eq(opened_limited)
         m.d.comb += [
             packet.wire.eq(wire),

@@ -1,4 +1,4 @@
-"""Updater against its model: v + η·∂C/∂v, saturation both ways, a flag that sticks until the next batch."""
+"""Constant ascent against its model: v + η·∂C/∂v, saturation both ways, a flag that sticks until the next batch."""
 
 import pytest
 from hypothesis import given
@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.updater import gain, updater
-from cmfpga.rtl.ascent.updater import Updater
+from cmfpga.rtl.ascent.constant import ConstantAscent
 from support.bench import CONFIGS, ODD, corners, edge_integers, held, integers_at_edges, np, play, random_value
 
 SHAPES = {
@@ -32,28 +32,29 @@ def random_g(config, rng, count):
 def check(config, batches, *, spacing=None, seed=0):
     """Batches of (start or None to keep v, η, list of (Gx, Gy)); compares v and the flag in every cycle."""
     rng = np.random.default_rng(seed)
-    block = Updater(config)
-    script, entered, v, saturated = [], [], (0, 0), False
+    block = ConstantAscent(config)
+    script, entered, v, saturated, planned = [], [], (0, 0), False, {0: 0}
     timeline = {0: (v, saturated)}
+    settings = random_value(block.run.settings.shape(), rng)
 
     def cycle(**values):
-        # Neither a gradient nor a start velocity counts without its strobe.
-        noise = {
-            "i.payload": random_value(block.i.payload.shape(), rng),
-            "start": random_value(block.start.shape(), rng),
-        }
-        script.append({**noise, **values})
+        # No gradient counts without its strobe; the other settings do not matter.
+        script.append({"i.payload": random_value(block.i.payload.shape(), rng), "run.settings": settings, **values})
 
     def xy(pair):
         return dict(zip("xy", pair, strict=True))
 
     cycle()
+    planned[0] = settings["iterations"]
     for start, eta, gradients in batches:
-        cycle(new_batch=1, eta=eta)
+        cycle(**{"run.take": 1})
+        settings = random_value(block.run.settings.shape(), rng) | {"eta": eta, "start_last": int(start is None)}
+        settings |= {} if start is None else {"v_start": xy(start)}
         saturated = False
         timeline[len(script)] = v, saturated
+        planned[len(script)] = settings["iterations"]
+        cycle(**{"run.start": 1})
         if start is not None:
-            cycle(load=1, start=xy(start))
             v = start
             timeline[len(script)] = v, saturated
         cycle()
@@ -71,13 +72,16 @@ def check(config, batches, *, spacing=None, seed=0):
         for _ in range(3):
             cycle()
 
-    recording = play(block, script, flows=(), watch=("v", "saturated", "done")).watch
+    watch = ("v", "saturated", "run.updated", "run.planned", "level", "limited")
+    recording = play(block, script, flows=(), watch=watch).watch
     for number, wanted in enumerate(held(timeline, len(script))):
         velocity = recording["v"][number]
         got = (velocity["x"], velocity["y"]), bool(recording["saturated"][number])
         assert got == wanted, f"cycle {number}"
-    done = [number for number, value in enumerate(recording["done"]) if value]
+    done = [number for number, value in enumerate(recording["run.updated"]) if value]
     assert done == [number + block.latency for number in entered]
+    assert recording["run.planned"] == list(held(planned, len(script)))
+    assert not any(recording["level"] + recording["limited"])
     return [v for v, _ in timeline.values()], [saturated for _, saturated in timeline.values()]
 
 
@@ -161,7 +165,7 @@ def test_halves_round_up(name):
 
 
 def test_keeps_v_from_batch_to_batch(rng):
-    """Warm start: without ``load`` the next batch goes on from the last v; with it from ``start``."""
+    """Warm start: with ``start_last`` the next batch goes on from the last v; without it from ``v_start``."""
     config = SHAPES["default"]
     g = g_of_slope(config, 1 << (config.gradient_frac - 3))
     eta = config.formats.eta.raw(1.0)

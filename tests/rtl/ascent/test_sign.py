@@ -1,11 +1,11 @@
-"""Sign updater against its model: a step of the schedule by the sign of G, each axis by itself."""
+"""Sign ascent against its model: a step of the schedule by the sign of G, each axis by itself."""
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.reference.integer.updater import sign_updater
-from cmfpga.rtl.ascent.sign_updater import SignUpdater
+from cmfpga.rtl.ascent.sign import SignAscent
 from support.bench import LEVELS, corners, edge_integers, held, integers_at_edges, np, play, random_value
 
 SHAPES = {
@@ -18,38 +18,58 @@ SHAPES = {
 
 
 def check(config, batches, *, spacing=0, seed=0):
-    """Batches of (start or None to keep v, list of (shift, Gx, Gy)); compares everything in every cycle."""
+    """Batches of (start or None to keep v, list of (shift, Gx, Gy)); compares everything in every cycle.
+
+    The table is written before each of them: what counts anywhere in it, cold or warm, and anything in all other words.
+    A batch that keeps v is warm, so the one before it was not degenerate; one that does not is cold for one reason of
+    three, of which two leave no choice if v was not to be kept.
+    """
     rng = np.random.default_rng(seed)
-    block = SignUpdater(config)
-    script, entered, v, saturated = [], [], (0, 0), False
-    timeline = {0: (v, saturated)}
+    block = SignAscent(config)
+    script, entered, v, saturated, tracking = [], [], (0, 0), False, False
+    timeline, planned = {0: (v, saturated)}, {}
+    settings = random_value(block.run.settings.shape(), rng)
+    entries = config.schedule_entries
 
     def cycle(**values):
-        # Neither a gradient nor a start velocity counts without its strobe; the step counts one cycle after one.
-        noise = {
-            name: random_value(port.shape(), rng)
-            for name, port in (("i.payload", block.i.payload), ("start", block.start), ("shift", block.shift))
-        }
-        script.append(noise | values)
+        # No gradient counts without its strobe.
+        noise = {"i.payload": random_value(block.i.payload.shape(), rng)}
+        script.append(noise | {"run.settings": settings} | values)
 
     def xy(pair):
         return dict(zip("xy", pair, strict=True))
 
+    def part(first, count):
+        return {"first": first, "count": count}
+
     for start, steps in batches:
-        cycle(new_batch=1)
+        assert len(steps) <= entries
+        first = int(rng.integers(entries))
+        for k, (shift, *_) in enumerate(steps):
+            entry = {"level": int(rng.integers(config.max_level + 1)), "shift": shift}
+            write = {"address": (first + k) % entries, "entry": entry}
+            cycle(**{"schedule_write.valid": 1, "schedule_write.payload": write})
+        warm = start is None and tracking
+        if start is None and not tracking:  # cold, but where v already is
+            start = v
+        reason = {} if warm else [{"start_last": 0}, {"roi_load": 1}, {}][int(rng.integers(2 if tracking else 3))]
+        cycle(**{"run.take": 1})
+        settings = random_value(block.run.settings.shape(), rng) | {"start_last": 1, "roi_load": 0} | reason
+        settings |= {"warm" if warm else "cold": part(first, len(steps))}
+        settings |= {} if start is None else {"v_start": xy(start)}
         saturated = False
         timeline[len(script)] = v, saturated
+        planned[len(script)] = len(steps)
+        cycle(**{"run.start": 1})
         if start is not None:
-            cycle(load=1, start=xy(start))
             v = start
             timeline[len(script)] = v, saturated
         cycle()
         for shift, *g in steps:
             entered.append(len(script))
-            # As in the core: the entry's step stands from before the gradient until v has changed.
-            cycle(**{"i.valid": 1, "i.payload": xy(g), "shift": shift})
+            cycle(**{"i.valid": 1, "i.payload": xy(g)})
             for _ in range(block.latency - 1):
-                cycle(shift=shift)
+                cycle()
             moved = [
                 sign_updater(config, axis_v, axis_g, log2_step=shift - config.formats.v.f)
                 for axis_v, axis_g in zip(v, g, strict=True)
@@ -61,14 +81,17 @@ def check(config, batches, *, spacing=0, seed=0):
                 cycle()
         for _ in range(3):
             cycle()
+        tracking = bool(rng.random() < 0.8)
+        cycle(**{"run.done": 1, "run.degenerate": int(not tracking)})
 
-    recording = play(block, script, flows=(), watch=("v", "saturated", "updating", "done")).watch
+    recording = play(block, script, flows=(), watch=("v", "saturated", "run.updated", "run.planned", "limited")).watch
     for number, wanted in enumerate(held(timeline, len(script))):
         velocity = recording["v"][number]
         got = (velocity["x"], velocity["y"]), bool(recording["saturated"][number])
         assert got == wanted, f"cycle {number}"
-    for name, after in (("done", block.latency), ("updating", block.latency - 1)):
-        assert [n for n, value in enumerate(recording[name]) if value] == [n + after for n in entered]
+    assert [n for n, value in enumerate(recording["run.updated"]) if value] == [n + block.latency for n in entered]
+    assert {cycle: recording["run.planned"][cycle] for cycle in planned} == planned
+    assert not any(recording["limited"])
     return list(timeline.values())
 
 

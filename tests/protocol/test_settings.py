@@ -1,27 +1,12 @@
-"""Settings, flags and results of a batch."""
-
-import dataclasses
+"""Settings of a batch."""
 
 import numpy as np
 import pytest
 
 from cmfpga.config import Config
 from cmfpga.fixed import Q
-from cmfpga.protocol.batch import BatchSettings, Flag, Trace, clamp_roi, crop_position
-
-
-def test_flags_have_the_bits_of_the_hardware():
-    assert {flag.name: flag.value for flag in Flag} == {
-        "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
-        "SCHEDULE": 128, "THINNED": 256,
-    }  # fmt: skip
-
-
-def test_flags_as_text():
-    assert Flag(0).text == ""
-    assert Flag.OVERFLOW.text == "overflow"
-    assert Flag(511).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped|schedule|thinned"
-    assert (Flag.ROI_CLAMPED | Flag.DEGENERATE).text == "degenerate|roi_clamped"
+from cmfpga.protocol.settings import BatchSettings, clamp_roi
+from cmfpga.reference.roi_follower import RoiFollower
 
 
 @pytest.mark.parametrize(
@@ -43,23 +28,16 @@ def test_settings_are_rounded_to_the_nearest():
     assert (BatchSettings.from_config(config).eta, BatchSettings.from_config(config).roi_gain) == (1025, 16)
 
 
-def test_traces_are_compared_by_all_their_values():
-    def trace(**changes):
-        fields = {"v": np.zeros((2, 2)), "sum_i": np.zeros(1), "sum_d": np.zeros((1, 2)), "s": np.zeros((1, 2))}
-        return Trace(**{**fields, **changes})
-
-    assert trace() == trace()
-    assert trace() != "trace"
-    for field in dataclasses.fields(Trace):
-        values = getattr(trace(), field.name)
-        assert trace(**{field.name: values + 1}) != trace()
-        assert trace(**{field.name: values[:0]}) != trace()
+def crop_position(config, raw):
+    """Whole pixels of a raw position."""
+    follower = RoiFollower(config, 1 << config.formats.roi_x.f)
+    follower.position = (raw, 0)
+    return follower.next_corner[0]
 
 
 def test_crop_position_rounds_half_up():
     config = Config(v_frac=3, roi_gain_frac=1)  # sixteenths of a pixel
     assert [crop_position(config, raw) for raw in (0, 7, 8, 9, 16, 23, 24, 31, 40)] == [0, 0, 1, 1, 1, 1, 2, 2, 3]
-    np.testing.assert_array_equal(crop_position(config, np.array([7, 8, 24])), [0, 1, 2])
 
 
 @pytest.mark.parametrize(

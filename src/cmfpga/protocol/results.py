@@ -1,0 +1,251 @@
+"""The result of a batch: each of its fields declared once, in :data:`RESULTS`.
+
+The core's output, its Verilog ports, the result packet, registers and counters, :class:`BatchResult` and the tables of
+the documentation follow from that table. How to add a field: docs/adding.md.
+
+Imports neither Amaranth nor NumPy.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..fixed import Q
+from .flags import Flag
+from .shapes import REQUIRED, Place, corner, leaves, pair, up_to, whole
+
+CYCLE_BITS = 32
+
+#: Parts of a result's sums.
+SUMS = ("i", "dx", "dy", "sx", "sy")
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultField:
+    """One field of a batch's result.
+
+    ``name`` is that of the member of :func:`cmfpga.rtl.payloads.result`, of the Verilog port behind ``result_``, of the
+    link of its registers' fields, and of the attribute of :class:`BatchResult`.
+    """
+
+    name: str
+    shape: Callable  # shape(config)
+    scope: str  # batch; region, of one region of interest; or wrapper, of the AXI top alone (WireResult)
+    counts: bool = False  # one of those that add up to events
+    taken_in: bool = False  # known when the batch has been taken in, before its first iteration
+    read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
+    default: Any = REQUIRED  # of the attribute
+    nothing: Any = 0  # the attribute of a batch without events
+    places: tuple = ()  # Place, in the result registers; word k is also the k-th 32-bit word of a result packet
+    total: Place | None = None  # the counter that adds it up over all results
+    doc: str
+    unit: str = ""
+
+    def value(self, config, values):
+        """The attribute's value of ``{leaf: raw value}``."""
+        formats = leaves(self.name, shape := self.shape(config))
+        raw = [values[leaf] for leaf in formats]
+        if self.read:
+            return self.read(*raw)
+        real = tuple(q.real(one) if q.f else one for q, one in zip(formats.values(), raw, strict=True))
+        return real[0] if isinstance(shape, Q) else real
+
+
+def _events(config):
+    return up_to(config.max_batch_events)
+
+
+def _corner(config):
+    return pair(up_to(config.geometry.roi_x_max), up_to(config.geometry.roi_y_max))
+
+
+def sums_shape(config):
+    """Sums over the ROI: ΣI, ΣDx, ΣDy, Σ I·Dx, Σ I·Dy."""
+    w, i, d = config.widths, config.weight_frac, config.derivative_frac
+    sum_i = Q(w.sum_i_bits - i, i, signed=False)
+    sum_d, s = Q(w.sum_d_bits - 1 - d, d), Q(w.s_bits - 1 - i - d, i + d)
+    return dict(zip(SUMS, (sum_i, sum_d, sum_d, s, s), strict=True))
+
+
+def trace_shape(config):
+    """One iteration: the velocity that it used, and its sums."""
+    return {"v": pair(config.formats.v), "sums": sums_shape(config)}
+
+
+def _long(word, name, part, doc, signed=None):
+    """Two registers of one number."""
+    return tuple(
+        Place(word=word + k, register=f"{name}_{half}", part=part, part_lsb=32 * k, doc=doc,
+              register_doc=f"{doc}, {half.lower()} 32 bits", signed=signed if k else False)
+        for k, half in enumerate(("LOW", "HIGH"))
+    )  # fmt: skip
+
+
+_FLAGS = tuple(
+    Place(word=1, field=flag.name, lsb=bit, width=1, part_lsb=bit, register_doc="what was unusual",
+          doc=f"as the flag of that name: {flag.text}")
+    for flag in Flag for bit in [flag.bit_length() - 1]
+)  # fmt: skip
+_COUNT = {"shape": _events, "scope": "region", "counts": True, "taken_in": True, "unit": "events"}
+
+#: In the order of the Verilog ports, behind which come those of the AXI top. Words never change.
+RESULTS = (
+    ResultField(name="v", shape=lambda c: pair(c.formats.v), scope="region", doc="velocity", unit="px/half batch",
+                places=(Place(word=4, register="RESULT_V_X", part="_x", doc="velocity along x, raw: see FORMATS"),
+                        Place(word=5, register="RESULT_V_Y", part="_y", doc="velocity along y, raw"))),
+    ResultField(name="t_first", shape=lambda c: whole(c.time_bits), scope="batch", taken_in=True, default=None,
+                nothing=None, doc="time stamp of the first event, t_1", unit="µs", places=(Place(word=6),)),
+    ResultField(name="span", shape=lambda c: whole(c.span_bits), scope="batch", taken_in=True, doc="t_N − t_1",
+                unit="µs", places=(Place(word=7),)),
+    ResultField(name="events", shape=_events, scope="batch", taken_in=True, unit="events",
+                doc="N; the sum of the six counts that follow", places=(Place(word=9),)),
+    ResultField(name="roi_events", **_COUNT | {"shape": lambda c: up_to(c.buffer_events)},
+                doc="n: in the ROI, and stored", places=(Place(word=10),),
+                total=Place(word=18, doc="stored, of all results")),
+    ResultField(name="outside", **_COUNT, doc="outside the ROI", places=(Place(word=11),),
+                total=Place(word=19, doc="outside the ROI, of all results")),
+    ResultField(name="overflow", **_COUNT, doc="in the ROI, but the event buffer was full", places=(Place(word=12),),
+                total=Place(word=20, doc="dropped: the event buffer was full")),
+    ResultField(name="thinned", **_COUNT, doc="in the ROI, but left out by the thinning", places=(Place(word=13),),
+                total=Place(word=21, doc="left out by the thinning")),
+    ResultField(name="time_back", **_COUNT | {"scope": "batch"}, doc="dropped: time stepped back",
+                places=(Place(word=14),), total=Place(word=22, doc="dropped: time stepped back within the batch")),
+    ResultField(name="time_span", **_COUNT | {"scope": "batch"}, doc="dropped: too late for the span",
+                places=(Place(word=15),),
+                total=Place(word=23, doc="dropped: later than the batch's first event by 2^span_bits µs or more")),
+    ResultField(name="roi", shape=_corner, scope="region", taken_in=True, unit="px",
+                doc="ROI that this batch was cropped with", places=corner(16)),
+    ResultField(name="roi_next", shape=_corner, scope="region", taken_in=True, unit="px",
+                doc="ROI that the next batch is cropped with, unless it loads another", places=corner(17)),
+    ResultField(name="iterations", shape=lambda c: whole(c.iteration_bits), scope="region", doc="iterations done",
+                places=(Place(word=2),)),
+    ResultField(name="sums", shape=sums_shape, scope="region", default=None, nothing=(0,) * len(SUMS),
+                doc="sums of the last iteration; 0 in a degenerate batch", read=lambda *raw: raw,
+                places=(*_long(18, "RESULT_SUM_I", "_i", "ΣI of the last iteration, raw; 0 in a degenerate batch"),
+                        *_long(20, "RESULT_SUM_DX", "_dx", "ΣDx"), *_long(22, "RESULT_SUM_DY", "_dy", "ΣDy"),
+                        *_long(24, "RESULT_SX", "_sx", "Σ I·Dx"), *_long(26, "RESULT_SY", "_sy", "Σ I·Dy"))),
+    ResultField(name="cycles", shape=lambda c: whole(CYCLE_BITS), scope="region", default=None, nothing=None,
+                doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
+    ResultField(name="flags", shape=lambda c: whole(len(Flag)), scope="region", read=Flag, nothing=Flag.DEGENERATE,
+                doc="what was unusual", places=_FLAGS),
+    ResultField(name="batch", shape=lambda c: whole(32), scope="wrapper", places=(Place(word=0),),
+                doc="number of the batch, from 1 after a reset; 0: no result yet"),
+    ResultField(name="t_ref", shape=lambda c: whole(32), scope="wrapper", nothing=None, places=(Place(word=8),),
+                doc="reference time, t_1 + (t_N − t_1)/2, rounded down", unit="µs"),
+    ResultField(name="wire", shape=lambda c: whole(1), scope="wrapper", default=False, nothing=False, read=bool,
+                doc="words or events were dropped at the input since the last result",
+                places=(Place(word=1, register="RESULT_FLAGS", field="WIRE", lsb=16, width=1),)),
+    ResultField(name="config_range", shape=lambda c: whole(1), scope="wrapper", default=False, nothing=False, read=bool,
+                doc="a setting of this batch was out of range, and limited",
+                places=(Place(word=1, register="RESULT_FLAGS", field="CONFIG_RANGE", lsb=17, width=1),)),
+)  # fmt: skip
+
+#: 64-bit words of a result packet.
+PACKET_BEATS = max(place.word for f in RESULTS for place in f.places) // 2 + 1
+
+#: Fields that add up to ``events``: every event is counted once.
+COUNTS = tuple(f.name for f in RESULTS if f.counts)
+
+
+def fields_of(*scopes):
+    """The fields of some scopes, in order; those of the core are ``fields_of("batch", "region")``."""
+    return tuple(f for f in RESULTS if f.scope in scopes)
+
+
+def decode(config, values, *more):
+    """``{name: value}`` of a result.
+
+    Parameters
+    ----------
+    config : Config
+    values : dict of str to int
+        Raw values of the leaves: of the Verilog ports behind ``result_``, or of a result packet.
+    more : str
+        ``wrapper``, of a result packet.
+    """
+    found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more)}
+    if Flag.DEGENERATE in found["flags"]:
+        found["sums"] = (0,) * len(SUMS)  # the core's mean nothing then
+    return found
+
+
+# ---------------------------------------------------------------- outcomes
+
+
+def _record(name, scope):
+    """A dataclass of the fields of a scope."""
+    members = [
+        (f.name, Any) if f.default is REQUIRED else (f.name, Any, field(default=f.default)) for f in fields_of(scope)
+    ]
+    return dataclasses.make_dataclass(name, members, namespace={"__module__": __name__}, frozen=True, kw_only=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RegionOutcome(_record("_RegionFields", "region")):
+    """What came of one region of interest in a batch: the fields of :data:`RESULTS` with the scope ``region``.
+
+    Parameters
+    ----------
+    trace : cmfpga.protocol.trace.Trace, optional
+        The iterations; its last sums are ``sums`` unless they are given.
+    """
+
+    trace: Any = field(default=None, repr=False)
+
+    def __post_init__(self):
+        if self.sums is None and self.trace is not None:
+            object.__setattr__(self, "sums", self.trace.last_sums)
+
+
+@dataclass(frozen=True, kw_only=True, init=False)
+class BatchResult(_record("_BatchFields", "batch")):
+    """What came of one batch, wherever it was computed: the fields of :data:`RESULTS` with the scope ``batch``.
+
+    ``events = roi_events + outside + overflow + thinned + time_back + time_span``, always: nothing is lost without
+    being counted.
+
+    While a batch has exactly one region, that region's fields are the outcome's too: ``outcome.v`` is
+    ``outcome.regions[0].v``, ``BatchResult(events=…, v=…)`` makes the region, and ``dataclasses.replace`` replaces
+    them. Of several regions, reading such a field raises :exc:`AttributeError`.
+
+    Parameters
+    ----------
+    regions : tuple of RegionOutcome
+    """
+
+    regions: tuple
+
+    def __init__(self, *, regions=None, **values):
+        for own in dataclasses.fields(self):
+            if own.name != "regions":
+                if own.name not in values and own.default is dataclasses.MISSING:
+                    raise TypeError(f"{own.name} is missing")
+                object.__setattr__(self, own.name, values.pop(own.name, own.default))
+        if regions is None:
+            regions = (RegionOutcome(**values),)
+        elif values:
+            (only,) = regions
+            regions = (dataclasses.replace(only, **values),)
+        object.__setattr__(self, "regions", tuple(regions))
+
+    def __getattr__(self, name):
+        if name in RegionOutcome.__dataclass_fields__:
+            if len(self.regions) == 1:
+                return getattr(self.regions[0], name)
+            raise AttributeError(f"{name}: the batch has {len(self.regions)} regions; it is each region's")
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    @classmethod
+    def nothing(cls, **values):
+        """Of a batch without events; ``values`` are what is known nevertheless."""
+        scopes = ("batch", "region", "wrapper") if issubclass(cls, WireResult) else ("batch", "region")
+        return cls(**{f.name: f.nothing for f in fields_of(*scopes)} | values)
+
+
+@dataclass(frozen=True, kw_only=True, init=False)
+class WireResult(BatchResult, _record("_WrapperFields", "wrapper")):
+    """What a result packet carries: a :class:`BatchResult`, and the fields of :data:`RESULTS` of the AXI top alone.
+
+    ``batch`` is 0 of a batch without events, which never reaches the hardware. Time stamps are modulo 2^32.
+    """

@@ -1,0 +1,249 @@
+"""The settings of a batch: each declared once, in :data:`SETTINGS`.
+
+The core's inputs, its Verilog ports, the registers, :class:`BatchSettings` and the tables of the documentation follow
+from that table. How to add a setting: docs/adding.md.
+
+Imports neither Amaranth nor NumPy.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from ..fixed import saturate
+from .shapes import REQUIRED, Place, leaves, pair, up_to, whole
+
+#: Width of the thinning's factor.
+THINNING_BITS = 8
+
+
+def always(config):
+    """A setting that every hardware has."""
+    return True
+
+
+def by_signs(config):
+    """Only with ``ascent="sign"``."""
+    return config.ascent == "sign"
+
+
+def by_gradient(config):
+    """Only with ``ascent="constant"``."""
+    return config.ascent == "constant"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """One input of the hardware that may change from batch to batch.
+
+    ``name`` is that of the member of :func:`cmfpga.rtl.payloads.settings`, of the Verilog port behind ``settings_``, of
+    the link of its register's fields, and of the field of :class:`BatchSettings`; one without ``field``, ``asked`` and
+    ``default`` is no field there, but found from others by ``raw``.
+    """
+
+    name: str
+    shape: Callable | None = None  # shape(config); by default a whole number that holds high
+    high: Callable | None = None  # high(config): largest value; by default the format's, if it has fraction bits
+    low: int = 0  # smallest value of an unsigned number; a register limits and flags others
+    field: str | None = None  # run-time field of Config that says it; gives doc, unit and reset if nothing else does
+    asked: Callable | None = None  # asked(config): its value in BatchSettings, where it is not just that of field
+    default: Any = REQUIRED  # of the field of BatchSettings
+    raw: Callable | None = None  # raw(config, settings): the input's value, where it is not that of BatchSettings
+    blocks: tuple = ("core",)  # core, shell (where batches end, in the AXI top), or both
+    when: Callable = always  # when(config): the hardware has the input
+    shown: Callable = always  # shown(config): there is a register; none for what the ascent has no use for
+    places: tuple = ()  # Place, in the register map
+    reset: int | None = None  # the register's raw value after a reset
+    doc: str = ""
+    unit: str = ""
+
+    @property
+    def of_batch(self):
+        """Whether :class:`BatchSettings` has a field for it."""
+        return bool(self.field or self.asked or self.default is not REQUIRED)
+
+    def shape_of(self, config):
+        """The input's shape."""
+        return self.shape(config) if self.shape else up_to(self.high(config))
+
+    def limits(self, config, leaf, part):
+        """Smallest and largest raw value of a leaf that a register allows; None: whatever fits."""
+        q = leaves(self.name, self.shape_of(config))[leaf]
+        if self.high:
+            high = self.high(config)
+            return (None, high[part]) if isinstance(high, dict) else (self.low, high)
+        return (q.min if q.signed else self.low, q.max) if q.f else (None, None)
+
+    def reset_of(self, config, q, high):
+        """A register's raw value after a reset."""
+        if self.reset is not None or not self.field:
+            return self.reset or 0
+        value = int(_field_of(config, self.field).default * (1 << q.f))
+        return value if high is None else min(value, high)
+
+    def doc_of(self, config):
+        """``(doc, unit)``."""
+        meta = _field_of(config, self.field).metadata if self.field and not self.doc else vars(self)
+        return meta["doc"], meta["unit"]
+
+    def ask(self, config):
+        """The value that a configuration's run-time fields ask for."""
+        if self.asked:
+            return self.asked(config)
+        if not self.field:
+            return self.default
+        value, shape = getattr(config, self.field), self.shape_of(config)
+        return shape.raw(value) if shape.f else value
+
+    def values(self, config, settings):
+        """``{leaf: raw value}`` of the input."""
+        value = self.raw(config, settings) if self.raw else getattr(settings, self.name)
+        names = leaves(self.name, self.shape_of(config))
+        return dict(zip(names, map(int, value if isinstance(value, tuple) else (value,)), strict=True))
+
+
+def _field_of(config, name):
+    return type(config).__dataclass_fields__[name]
+
+
+def _start(config):
+    """Raw start velocity."""
+    start = (config.v_start_x, config.v_start_y) if config.start == "given" else (0.0, 0.0)
+    return tuple(config.formats.v.raw(axis) for axis in start)
+
+
+def _plan_shape(config):
+    """A part of the schedule's table: the first entry and the number of entries."""
+    last = config.schedule_entries - 1
+    return {"first": up_to(last), "count": up_to(last + 1)}
+
+
+def _plan_high(config):
+    return {"first": config.schedule_entries - 1, "count": config.schedule_entries}
+
+
+def _plan(name, word, without, first):
+    """A schedule; ``first(config, settings)`` is its first entry in the table."""
+    doc = f"schedule of a batch {without} a last v"
+    return Setting(
+        name=name, shape=_plan_shape, high=_plan_high, when=by_signs, default=(), doc=doc,
+        asked=lambda config: getattr(config, f"{name}_schedule") if by_signs(config) else (),
+        raw=lambda config, settings: (first(config, settings), len(getattr(settings, name))),
+        places=(
+            Place(word=word, part="_first", field="FIRST", width=16, doc="first entry",
+                  register_doc=f"{doc}: entries of SCHEDULE"),
+            Place(word=word, part="_count", field="COUNT", lsb=16, width=16,
+                  doc="number of entries; 0: a degenerate batch"),
+        ),
+    )  # fmt: skip
+
+
+_ROI = "position of the ROI, for ROI_LOAD; limited to the sensor, with the flag ROI_CLAMPED"
+
+#: In the order of the Verilog ports. Words of the registers' group are given by ``places`` and never change.
+SETTINGS = (
+    Setting(name="roi_load", shape=lambda c: whole(1), raw=lambda c, s: s.roi is not None,
+            doc="1: crop the batch at the ROI that is given; 0: where the last one moved it",
+            places=(Place(word=5, field="LOAD", width=1, access="flag",
+                          doc="1: at ROI, instead of where the last one moved it; cleared when used",
+                          register_doc="where the next batch is cropped"),)),
+    Setting(name="roi_x", shape=lambda c: whole(c.geometry.x_bits), raw=lambda c, s: (s.roi or (0, 0))[0],
+            doc="left column of the ROI, limited to the sensor", unit="px",
+            places=(Place(word=4, register="ROI", field="X", width=16, doc="left column", register_doc=_ROI),)),
+    Setting(name="roi_y", shape=lambda c: whole(c.geometry.y_bits), raw=lambda c, s: (s.roi or (0, 0))[1],
+            doc="top row of the ROI, limited to the sensor", unit="px",
+            places=(Place(word=4, register="ROI", field="Y", lsb=16, width=16, doc="top row"),)),
+    Setting(name="batch_events", high=lambda c: c.max_batch_events, blocks=("core", "shell"), raw=lambda c, s: 0,
+            doc="end a batch after so many events; 0: not by their number", unit="events", places=(Place(word=0),)),
+    Setting(name="batch_roi_events", high=lambda c: c.buffer_events, raw=lambda c, s: 0, unit="events",
+            doc="end a batch after so many stored ROI events; 0: not by their number", places=(Place(word=1),)),
+    Setting(name="duration", high=lambda c: (1 << c.span_bits) - 1, blocks=("shell",), raw=lambda c, s: 0, unit="µs",
+            doc="end a batch before the event that is so much later than its first; 0: not by time",
+            places=(Place(word=2, register="BATCH_DURATION"),)),
+    Setting(name="by_tlast", shape=lambda c: whole(1), blocks=("shell",), raw=lambda c, s: 0, reset=1,
+            doc="end a batch with TLAST",
+            places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
+                          register_doc="batches and TLAST"),)),
+    Setting(name="thinning", field="thinning", shape=lambda c: whole(THINNING_BITS), low=1, default=1,
+            high=lambda c: (1 << THINNING_BITS) - 1, places=(Place(word=11),)),
+    Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0,
+            places=(Place(word=12),)),
+    Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,
+            places=(Place(word=13),)),
+    Setting(name="eta", field="eta", shape=lambda c: c.formats.eta, shown=by_gradient,
+            doc="step of the gradient ascent, raw", places=(Place(word=14),)),
+    Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain,
+            doc="displacement of the ROI per v, raw", places=(Place(word=6),)),
+    Setting(name="start_last", shape=lambda c: whole(1), asked=lambda c: c.start == "last", reset=1,
+            doc="1: start from the last batch's v; 0: from the start velocity",
+            places=(Place(word=7, register="START_MODE", field="LAST", width=1,
+                          doc="1: the last batch's v; 0: V_START_X, V_START_Y",
+                          register_doc="start velocity of a batch"),)),
+    Setting(name="v_start", shape=lambda c: pair(c.formats.v), asked=_start, doc="start velocity, raw",
+            unit="px/half batch",
+            places=(Place(word=8, register="V_START_X", part="_x", unit="", doc="start velocity along x, raw"),
+                    Place(word=9, register="V_START_Y", part="_y", unit="", doc="start velocity along y, raw"))),
+    Setting(name="min_roi_events", field="min_roi_events", high=lambda c: c.buffer_events, places=(Place(word=10),)),
+    _plan("cold", 15, "without", lambda c, s: 0),
+    _plan("warm", 16, "with", lambda c, s: len(s.cold) % c.schedule_entries),
+)  # fmt: skip
+
+
+def settings_of(config, block):
+    """The settings that a block (``core`` or ``shell``) of a configuration has."""
+    return tuple(setting for setting in SETTINGS if block in setting.blocks and setting.when(config))
+
+
+_OfBatch = dataclasses.make_dataclass(
+    "_OfBatch",
+    [
+        (s.name, Any) if s.default is REQUIRED else (s.name, Any, dataclasses.field(default=s.default))
+        for s in SETTINGS
+        if s.of_batch
+    ],
+    namespace={"__module__": __name__},
+    frozen=True,
+    kw_only=True,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchSettings(_OfBatch):
+    """Run-time inputs of the hardware for one batch, as raw integers of their formats.
+
+    The fields are ``roi``, and those of :data:`SETTINGS` that tools choose: pairs have x and y; ``cold`` and ``warm``
+    are the iterations of the sign ascent without and with a last v, ``ScheduleEntry`` each.
+
+    Parameters
+    ----------
+    roi : pair of int, or None
+        Left column and top row of the ROI in px; None leaves it where the last batch's update put it.
+    """
+
+    roi: tuple[int, int] | None
+
+    @classmethod
+    def from_config(cls, config, roi=None):
+        """The settings that ``config``'s run-time fields ask for."""
+        return cls(roi=roi, **{setting.name: setting.ask(config) for setting in SETTINGS if setting.of_batch})
+
+
+def settings_values(config, settings):
+    """``{leaf: raw value}`` of the core's settings inputs, by the names of the Verilog ports behind ``settings_``."""
+    return {
+        leaf: value
+        for setting in settings_of(config, "core")
+        for leaf, value in setting.values(config, settings).items()
+    }
+
+
+def schedule_table(config, settings):
+    """The table of schedules, cold then warm: tuple of (level, shift), as :func:`settings_values` points at it."""
+    return tuple((entry.level, entry.log2_step + config.formats.v.f) for entry in (*settings.cold, *settings.warm))
+
+
+def clamp_roi(config, roi):
+    """``roi`` limited to the sensor, and whether that changed it."""
+    clamped = (int(saturate(roi[0], 0, config.geometry.roi_x_max)), int(saturate(roi[1], 0, config.geometry.roi_y_max)))
+    return clamped, clamped != tuple(roi)

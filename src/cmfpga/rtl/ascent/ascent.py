@@ -1,0 +1,104 @@
+"""The seam behind the gradient: whatever moves v, and says how often."""
+
+from amaranth.hdl import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for
+from .. import payloads
+from .velocity import Velocity
+
+
+def ascent_run(config):
+    """Signature of a batch's run, from iteration control to the ascent.
+
+    Members
+    -------
+    settings
+        :func:`payloads.settings` of the batch, from the cycle after ``take``.
+    take
+        A batch begins; ``planned`` is right in all cycles after the next.
+    start
+        Its iterations begin, at least a cycle after ``take``.
+    done, degenerate
+        While the result waits; whether the batch measured nothing.
+    planned
+        Iterations of the batch.
+    updated
+        v has changed.
+    """
+    return wiring.Signature(
+        {
+            "settings": Out(payloads.settings(config)),
+            **dict.fromkeys(("take", "start", "done", "degenerate"), Out(1)),
+            "planned": In(config.iteration_bits),
+            "updated": In(1),
+        }
+    )
+
+
+class Ascent(wiring.Component):
+    """A way to move v. Each is a subclass, listed in :data:`cmfpga.rtl.ascent.ASCENTS`.
+
+    Parameters
+    ----------
+    config : Config
+    target_bits : int
+        Width of what v would be if it were not limited.
+    members : dict
+        Of its own, beside those of the signature.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`payloads.gradient`
+        The gradient.
+    run : ``In``, :func:`ascent_run`
+    v : ``Out``, :func:`payloads.velocity`
+        Zero after a reset. It changes, and ``run.updated`` is high, :attr:`latency` cycles after a gradient enters.
+    level : ``Out``
+        Pixels of this iteration are 2^level px wide; changes with v.
+    saturated : ``Out(1)``
+        A number was limited to its format since ``run.take``.
+    limited : ``Out(1)``
+        An entry of a schedule that was used since ``run.take`` was out of range.
+
+    Attributes
+    ----------
+    latency : int
+        Cycles from a gradient to ``run.updated``.
+    blocks : dict
+        The parts by name, in the order of data flow.
+    """
+
+    def __init__(self, config, *, target_bits, members=None):
+        self.config = config
+        self.velocity = Velocity(payloads.velocity(config), config.formats.v, target_bits=target_bits)
+        super().__init__(
+            {
+                "i": In(payloads.flow(payloads.gradient(config))),
+                "run": In(ascent_run(config)),
+                "v": Out(payloads.velocity(config)),
+                "level": Out(bits_for(config.max_level)),
+                "saturated": Out(1),
+                "limited": Out(1),
+                **(members or {}),
+            }
+        )
+
+    @property
+    def blocks(self):
+        return {"ascent": self}
+
+    def begin(self, warm):
+        """A module with the velocity in it, which begins with the batch's start unless it is ``warm``."""
+        m = Module()
+        m.submodules.velocity = velocity = self.velocity
+        m.d.comb += [
+            velocity.new_batch.eq(self.run.take),
+            velocity.load.eq(self.run.start & ~warm),
+            velocity.start.eq(self.run.settings.v_start),
+            self.v.eq(velocity.v),
+            self.saturated.eq(velocity.saturated),
+            self.run.updated.eq(velocity.moved),
+        ]
+        return m

@@ -1,0 +1,54 @@
+"""How many clock cycles a batch takes, from the latencies of the core's parts."""
+
+
+class CycleFormula:
+    """What :class:`~cmfpga.rtl.core.Core` knows of time without being simulated."""
+
+    @property
+    def latencies(self):
+        """Clock cycles from input to output of each block that the events or the sums go through, by name."""
+        return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
+
+    @property
+    def iteration_latency(self):
+        """L: an iteration takes n + L cycles from one v to the next, and those of the image's sweep.
+
+        The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
+        in one pass the last vote.
+        """
+        return self.warp.latency + self.voter.latency - 1 + max(self._evaluate, self._feed)
+
+    @property
+    def batch_latency(self):
+        """Cycles of a batch that depend on neither N, n nor T."""
+        move = self.roi_updater.latency if self.config.buffers == 1 else 1
+        ahead = self.drain + self.iteration_control.hand_over + self.reciprocal.latency
+        return ahead + min(self._feed, self._evaluate) + move
+
+    @property
+    def sweep_cycles(self):
+        """Cycles of an iteration between its last vote and the image being complete: P/4 with the sweep."""
+        return self.image.sweep_cycles
+
+    @property
+    def shortest_batch(self):
+        """Events of the batches that take the longest of all short ones: those with fewer take as long.
+
+        With two buffers, a batch is handed over when the ROI of the next one is known.
+        """
+        return 0 if self.config.buffers == 1 else self.roi_updater.settle + 2 - self.drain
+
+    def cycles(self, *, events, roi_events, iterations):
+        """Clock cycles of a batch: N + T·(n + sweep + L) + constant; more where the image is not ``exact_cycles``.
+
+        From the cycle in which the first event is offered to the one in which the result is; events offered in every
+        cycle, no other batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
+        """
+        per_iteration = roi_events + self.sweep_cycles + self.iteration_latency
+        return max(events, self.shortest_batch) + iterations * per_iteration + self.batch_latency
+
+    @property
+    def cycle_formula(self):
+        """:meth:`cycles` as text."""
+        sweep = f" + {self.sweep_cycles}" if self.sweep_cycles else ""
+        return f"N + T·(n{sweep} + {self.iteration_latency}) + {self.batch_latency}"

@@ -1,0 +1,52 @@
+"""The fast way to sum: the sums grow with every vote, and are complete with the last one."""
+
+from amaranth.hdl import Module
+from amaranth.lib.wiring import connect, flipped
+
+from ...errors import ConfigError
+from .image_sums import ImageSums
+from .one_pass_gradient import OnePassGradient
+from .tagged_accumulator import TaggedAccumulator
+
+
+class OnePassImage(ImageSums):
+    """Tagged accumulator and one-pass gradient: no sweep, and another tag for the next iteration.
+
+    For translation only: :class:`OnePassGradient` relies on the opposite derivatives of an event's votes.
+
+    See :class:`ImageSums` for parameters, members and attributes.
+    """
+
+    def __init__(self, config, *, in_flight):
+        self.tagged_accumulator = TaggedAccumulator(config)
+        self.one_pass_gradient = OnePassGradient(config, accumulator_latency=self.tagged_accumulator.latency)
+        self.latency = self.one_pass_gradient.latency
+        super().__init__(config, in_flight=in_flight)
+
+    @property
+    def blocks(self):
+        return {"tagged_accumulator": self.tagged_accumulator, "one_pass_gradient": self.one_pass_gradient}
+
+    def check(self, idle_cycles):
+        if idle_cycles < self.config.fewest_idle_cycles:
+            raise ConfigError(
+                f"tag_bits = {self.config.tag_bits}: {idle_cycles} idle cycles an iteration; "
+                f"at least {self.config.fewest_idle_cycles} are needed"
+            )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.tagged_accumulator = accumulator = self.tagged_accumulator
+        m.submodules.one_pass_gradient = gradient = self.one_pass_gradient
+        connect(m, flipped(self.votes), accumulator.i)
+        connect(m, gradient.o, flipped(self.sums))
+        m.d.comb += [
+            self.room.eq(1),
+            gradient.votes.valid.eq(self.votes.valid),
+            gradient.votes.payload.eq(self.votes.payload),
+            gradient.steps.eq(accumulator.o),
+            accumulator.next_tag.eq(self.next),
+            self.complete.eq(self.votes.valid & self.votes.payload.last),
+            self.cleared.eq(accumulator.swept),
+        ]
+        return m

@@ -1,0 +1,177 @@
+"""Ingest control: takes batches in, and hands them over to the iterations."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for
+from ...protocol.results import CYCLE_BITS
+from .. import payloads
+from ..ascent.roi_updater import corner
+from .event_buffer import stored
+from .roi_filter import measured
+
+
+def handover(config):
+    """Signature between ingest control and iteration control, which meet when a batch has been taken in.
+
+    Members
+    -------
+    opened
+        A batch begins: its first event is offered.
+    loads
+        Whether it loads its ROI; with ``opened``.
+    take
+        Its events are complete: it is handed over.
+    batch
+        :func:`payloads.batch`, from the cycle after ``take``.
+    cycles
+        Clock cycles since the first event was offered, with ``take``.
+    free
+        A batch may be handed over.
+    settled
+        The ROI of the next batch is known.
+    finished
+        A result is taken.
+    """
+    return wiring.Signature(
+        {
+            **dict.fromkeys(("opened", "loads", "take"), Out(1)),
+            "batch": Out(payloads.batch(config)),
+            "cycles": Out(CYCLE_BITS),
+            **dict.fromkeys(("free", "settled", "finished"), In(1)),
+        }
+    )
+
+
+class IngestControl(wiring.Component):
+    """Decides when a batch begins and ends, in a state machine.
+
+    CLEAR
+        After a reset: wait until the image has been cleared once, because a reset does not clear a RAM.
+    OPEN
+        Wait for a batch's first event to be offered; take over the settings. One cycle.
+    INGEST
+        Accept one event per cycle until one is ``last`` or the batch's length is reached.
+    DRAIN
+        Wait until the last event is counted, then until the iterations are free.
+    WAIT
+        With one event buffer: until the result is taken.
+
+    Four events, stored a few cycles (``drain``) after they are accepted::
+
+        state     OPEN  INGEST             DRAIN              OPEN, or WAIT
+        i.valid   ─┐████████████████████┐_________________________________
+        i.ready   ______┌───────────────┐_________________________________
+        opened    ─┐____________________________________________________     one cycle before the first is accepted
+        take      ___________________________________┌────┐______________     ``drain`` cycles after the last
+        batch     ────────────────────────────────────────╳══════════════     until the next ``take``
+
+    Parameters
+    ----------
+    config : Config
+    drain : int
+        Cycles from the acceptance of an event until it is counted in the event buffer.
+
+    Members
+    -------
+    i : ``In``, stream of :func:`payloads.event`
+    o : ``Out``, flow of :func:`payloads.event`
+        The events of the batch.
+    settings : ``In``, :func:`payloads.settings`
+    measured, stored, thinned, corner : ``In``
+        What filter, buffer, thinner and ROI updater say of the batch.
+    clear : ``Out(1)``
+        Clear the image. One cycle.
+    cleared : ``In(1)``
+    handover : ``Out``, :func:`handover`
+    """
+
+    def __init__(self, config, *, drain):
+        self.config = config
+        self._drain = drain
+        super().__init__(
+            {
+                "i": In(stream.Signature(payloads.event(config))),
+                "o": Out(payloads.flow(payloads.event(config))),
+                "settings": In(payloads.settings(config)),
+                "measured": In(measured(config)),
+                "stored": In(stored(config)),
+                "thinned": In(bits_for(config.max_batch_events)),
+                "corner": In(corner(config)),
+                "clear": Out(1),
+                "cleared": In(1),
+                "handover": Out(handover(config)),
+            }
+        )
+
+    def elaborate(self, platform):
+        config, handover = self.config, self.handover
+        m = Module()
+        current = Signal(payloads.settings(config))
+        events, cut = Signal(bits_for(config.max_batch_events)), Signal()
+        cleared_once = Signal()
+        timer = Signal(range(self._drain))
+        full, limit, roi_limit, ends, may_accept = Signal(), Signal(), Signal(), Signal(), Signal()
+        accepted = events + 1
+        # Events that have been accepted but may yet be stored. None is accepted if they could be one too many.
+        pending = Signal(self._drain)
+        m.d.sync += pending.eq((pending << 1) | self.o.valid)
+        by_roi = current.batch_roi_events != 0
+        waiting = sum(pending[1:], pending[0])
+        m.d.comb += [
+            self.o.payload.eq(self.i.payload),
+            full.eq(accepted == config.max_batch_events),
+            limit.eq(accepted == current.batch_events),
+            ends.eq(self.i.payload.last | limit | full),
+            may_accept.eq(~by_roi | (self.stored.count + waiting < current.batch_roi_events)),
+            roi_limit.eq(by_roi & (self.stored.count == current.batch_roi_events)),
+            handover.loads.eq(self.settings.roi_load),
+        ]
+        # Outside the state machine, so that these are the registers' resets and enables, and no logic.
+        m.d.sync += handover.cycles.eq(handover.cycles + 1)
+        with m.If(handover.opened):
+            m.d.sync += [current.eq(self.settings), events.eq(0), cut.eq(0), handover.cycles.eq(1)]
+        with m.Elif(self.o.valid):
+            m.d.sync += [events.eq(accepted), cut.eq(full & ~limit & ~self.i.payload.last)]
+        with m.If(handover.take):
+            known = {
+                **{name: getattr(self.measured, name) for name in self.measured.signature.members},
+                **{name: getattr(self.corner, name) for name in self.corner.signature.members},
+                "settings": current,
+                "events": events,
+                "cut": cut,
+                "roi_events": self.stored.count,
+                "overflow": self.stored.overflow,
+                "thinned": self.thinned,
+            }
+            m.d.sync += [handover.batch[name].eq(known[name]) for name in handover.batch.shape().members]
+        with m.FSM(name="ingest"):
+            with m.State("CLEAR"):
+                m.d.comb += self.clear.eq(~cleared_once)
+                m.d.sync += cleared_once.eq(1)
+                with m.If(self.cleared):
+                    m.next = "OPEN"
+            with m.State("OPEN"):
+                with m.If(self.i.valid & handover.settled):
+                    m.d.comb += handover.opened.eq(1)
+                    m.next = "INGEST"
+            with m.State("INGEST"):
+                m.d.comb += [self.i.ready.eq(may_accept), self.o.valid.eq(self.i.valid & may_accept)]
+                m.d.sync += timer.eq(self._drain - 1)
+                with m.If(self.o.valid):
+                    with m.If(ends):
+                        m.next = "DRAIN"
+                with m.Elif(roi_limit):
+                    m.d.sync += timer.eq(0)
+                    m.next = "DRAIN"
+            with m.State("DRAIN"):
+                m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
+                with m.If((timer == 0) & handover.free & handover.settled):
+                    m.d.comb += handover.take.eq(1)
+                    m.next = "WAIT" if config.buffers == 1 else "OPEN"
+            if config.buffers == 1:
+                with m.State("WAIT"):
+                    with m.If(handover.finished):
+                        m.next = "OPEN"
+        return m

@@ -1,0 +1,177 @@
+"""Iteration control: runs the iterations of a batch, moves the ROI after them, hands the result out."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ..protocol.results import CYCLE_BITS
+from .arithmetic import delay
+from .ascent.ascent import ascent_run
+from .ingest.ingest_control import handover
+
+
+class IterationControl(wiring.Component):
+    """Runs what :class:`~cmfpga.rtl.ingest.ingest_control.IngestControl` hands over, in a state machine.
+
+    IDLE, JUDGE
+        Wait for a batch; a degenerate one goes to RESULT.
+    DIVIDE
+        Wait for the reciprocal.
+    ITERATE
+        Replay the buffer T times. Each replay is started while the iteration before is still being
+        evaluated, so that its first event meets the new v in the cycle in which v appears.
+    MOVE
+        With one event buffer: wait for the ROI's update.
+    RESULT
+        Offer the result until it is taken.
+
+    With two buffers the ROI's update waits until the next batch has been opened, however long that takes: what a
+    batch is cropped with never depends on how fast events arrive.
+
+    Two iterations; ``a`` is the time from ``complete`` to ``updated``, of which ``feed`` cycles pass from a replay to
+    its first event's warp::
+
+        state           IDLE │ JUDGE │ DIVIDE … │ ITERATE …                                              │ RESULT
+        handover.take   ──┐__________________________________________________________________________________
+        divide          ______┌──┐___________________________________________________________________________
+        divided         ____________________┌──┐_____________________________________________________________
+        run.start       ____________________┌──┐_____________________________________________________________
+        replay          ____________________┌──┐_______________________┌──┐__________________________________
+        complete        ___________________________________┌──┐_______________________┌──┐___________________
+                                                             ├──── a − feed ──► replay   ├──── a ────►
+        run.updated     ______________________________________________────┌──┐___________________┌──┐________
+        run.done        _____________________________________________________________________________┌───────
+
+    Parameters
+    ----------
+    config : Config
+    replay_delay : int
+        Cycles from ``complete`` to the next replay.
+    move, settle : int
+        Cycles of the ROI's update, and until the next ROI is known after it.
+
+    Members
+    -------
+    handover : ``In``, :func:`~cmfpga.rtl.ingest.ingest_control.handover`
+    run : ``Out``, :func:`~cmfpga.rtl.ascent.ascent.ascent_run`
+        The batch under way. ``done`` says that its result is valid.
+    divide, replay, move : ``Out(1)``
+        Begin the division; replay the event buffer; move the ROI. One cycle each.
+    divided, complete : ``In(1)``
+        The division is done; all that the next v needs is on its way.
+    iterating : ``Out(1)``
+        Updates of v count.
+    iterations, cycles : ``Out``
+        Iterations done, clock cycles since the first event was offered.
+    taken : ``In(1)``
+        The result is taken, if there is one.
+    """
+
+    #: Cycles between the last event's count and the division: hand over, judge.
+    hand_over = 1
+
+    def __init__(self, config, *, replay_delay, move, settle):
+        if replay_delay < 0:
+            raise ValueError(f"the replay would have to start {-replay_delay} cycles before the last event is counted")
+        self.config = config
+        self._replay_delay, self._move, self._settle = replay_delay, move, settle
+        super().__init__(
+            {
+                "handover": In(handover(config)),
+                "run": Out(ascent_run(config)),
+                **dict.fromkeys(("divide", "replay", "move"), Out(1)),
+                **dict.fromkeys(("divided", "complete"), In(1)),
+                "iterating": Out(1),
+                "iterations": Out(config.iteration_bits),
+                "cycles": Out(CYCLE_BITS),
+                "taken": In(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        config, run, batch = self.config, self.run, self.handover.batch
+        m = Module()
+        timer = Signal(range(max(2, self._move)))
+        too_few, final = Signal(), Signal()
+        m.d.comb += [
+            run.settings.eq(batch.settings),
+            run.take.eq(self.handover.take),
+            self.handover.finished.eq(run.done & self.taken),
+            too_few.eq(
+                (batch.roi_events == 0)
+                | (batch.roi_events < batch.settings.min_roi_events)
+                | (batch.span == 0)
+                | (run.planned == 0)
+            ),
+            final.eq(self.iterations + 1 == run.planned),
+        ]
+        next_replay = delay(
+            m, self.complete & self.iterating & ~final, self._replay_delay, name="next_replay", valid=True
+        )
+        m.d.sync += self.cycles.eq(Mux(self.handover.free, self.handover.cycles, self.cycles) + 1)
+        with m.FSM(name="iterate"):
+            with m.State("IDLE"):
+                m.d.comb += self.handover.free.eq(1)
+                m.d.sync += self.iterations.eq(0)
+                with m.If(run.take):
+                    m.next = "JUDGE"
+            with m.State("JUDGE"):
+                m.d.sync += run.degenerate.eq(too_few)
+                with m.If(too_few):
+                    m.next = "RESULT"
+                with m.Else():
+                    # Only then: a division that nobody waits for would still run in the next batch.
+                    m.d.comb += self.divide.eq(1)
+                    m.next = "DIVIDE"
+            with m.State("DIVIDE"):
+                with m.If(self.divided):
+                    m.d.comb += [run.start.eq(1), self.replay.eq(1)]
+                    m.next = "ITERATE"
+            with m.State("ITERATE"):
+                m.d.comb += [self.iterating.eq(1), self.replay.eq(next_replay)]
+                m.d.sync += timer.eq(self._move - 2)
+                with m.If(run.updated):
+                    m.d.sync += self.iterations.eq(self.iterations + 1)
+                    with m.If(final):
+                        if config.buffers == 1:
+                            m.d.comb += self.move.eq(1)
+                            m.next = "MOVE"
+                        else:
+                            m.next = "RESULT"
+            if config.buffers == 1:
+                with m.State("MOVE"):
+                    m.d.sync += timer.eq(timer - 1)
+                    with m.If(timer == 0):
+                        m.next = "RESULT"
+            with m.State("RESULT"):
+                m.d.comb += run.done.eq(1)
+                m.d.sync += self.cycles.eq(self.cycles)
+                with m.If(self.taken):
+                    m.next = "IDLE"
+        if config.buffers == 2:
+            self._move_later(m)
+        else:
+            m.d.comb += self.handover.settled.eq(1)
+        return m
+
+    def _move_later(self, m):
+        """Move the ROI by a batch's v when that is known and the next batch has been opened, at no new ROI."""
+        opening = self.handover.opened
+        found, opened, loaded, first = Signal(), Signal(), Signal(), Signal(init=1)
+        settling = Signal(range(self._settle + 2))
+        was_done = Signal()
+        m.d.sync += was_done.eq(self.run.done)
+        both = found & opened
+        m.d.comb += [self.move.eq(both & ~loaded), self.handover.settled.eq(~both & (settling == 0))]
+        with m.If(opening):
+            m.d.sync += [opened.eq(~first), first.eq(0), loaded.eq(self.handover.loads)]
+        with m.If(self.run.done & ~was_done):
+            m.d.sync += found.eq(1)
+        with m.If(both):
+            m.d.sync += [found.eq(0), opened.eq(0)]
+        with m.If(opening):
+            m.d.sync += settling.eq(self._settle + 1)
+        with m.Elif(both):
+            m.d.sync += settling.eq(self._settle)
+        with m.Elif(settling != 0):
+            m.d.sync += settling.eq(settling - 1)

@@ -1,0 +1,169 @@
+"""The table of result fields, and outcomes by batch and by region."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+
+from cmfpga.config import PRESETS, preset
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.results import (
+    COUNTS,
+    PACKET_BEATS,
+    RESULTS,
+    BatchResult,
+    RegionOutcome,
+    WireResult,
+    decode,
+    fields_of,
+)  # fmt: skip
+from cmfpga.protocol.settings import SETTINGS, BatchSettings, settings_of, settings_values
+from cmfpga.protocol.shapes import leaves
+from cmfpga.protocol.trace import Trace, columns
+from cmfpga.rtl import payloads
+from cmfpga.rtl.top import VerilogCore, flatten
+
+REGION = {
+    "v": (1.5, -0.25), "roi_events": 3, "outside": 1, "overflow": 0, "thinned": 0, "roi": (4, 5), "roi_next": (6, 6),
+    "iterations": 5, "flags": Flag.OVERFLOW,
+}  # fmt: skip
+BATCH = {"span": 100, "events": 4, "time_back": 0, "time_span": 0}
+
+
+def some_trace(**changes):
+    fields = {"v": np.zeros((2, 2)), "sum_i": np.zeros(1), "sum_d": np.zeros((1, 2)), "s": np.zeros((1, 2))}
+    return Trace(**{**fields, **changes})
+
+
+# ---------------------------------------------------------------- tables
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_every_bit_of_a_result_has_its_place(name):
+    """No leaf is wider than the registers that show it, and none is left out."""
+    config = preset(name)
+    linked = register_map(config).linked("Result")
+    wanted = {leaf: q.width for f in RESULTS for leaf, q in leaves(f.name, f.shape(config)).items()}
+    assert set(linked) == set(wanted)
+    for leaf, width in wanted.items():
+        ends = [f.link_lsb + f.width for _, f in linked[leaf]]
+        assert [0, *ends[:-1]] == [f.link_lsb for _, f in linked[leaf]] and ends[-1] >= width, leaf
+
+
+def test_words_of_a_packet_have_no_gaps():
+    words = {place.word for f in RESULTS for place in f.places}
+    assert words == set(range(len(words))) and 2 * PACKET_BEATS - len(words) in (0, 1)
+
+
+def test_names_are_used_once():
+    assert len({f.name for f in RESULTS}) == len(RESULTS) and len({s.name for s in SETTINGS}) == len(SETTINGS)
+    totals = [f.total.word for f in RESULTS if f.total]
+    assert len(set(totals)) == len(totals)
+
+
+@pytest.mark.parametrize("name", PRESETS)
+def test_the_hardware_has_what_the_tables_say(name):
+    config = preset(name)
+    core = VerilogCore(config)
+    results = [leaf for f in fields_of("batch", "region") for leaf in leaves(f.name, f.shape(config))]
+    assert [port.removeprefix("result_") for port in core.outputs if port.startswith("result_")] == ["valid", *results]
+    settings = settings_values(config, BatchSettings.from_config(config))
+    assert [port.removeprefix("settings_") for port in core.inputs if port.startswith("settings_")] == list(settings)
+    traced = [port for port in core.outputs if port.startswith("trace_") and "pixels" not in port]
+    assert traced == ["trace_valid", *(f"trace_{column}" for column in columns(config))]
+    assert set(payloads.batch(config).members) < {"settings", "cut", "clamped", *(f.name for f in RESULTS)}
+
+
+def test_payloads_know_their_formats():
+    config = preset("fast")
+    shapes = {leaf: shape for leaf, (_, shape) in flatten(payloads.settings(config), "settings").items()}
+    assert shapes["settings_eta"].q == config.formats.eta and shapes["settings_v_start_x"].q == config.formats.v
+    assert [setting.name for setting in settings_of(config, "shell")] == ["batch_events", "duration", "by_tlast"]
+
+
+def test_a_raw_result_is_read():
+    config = preset("paper")
+    values = {leaf: 3 for f in fields_of("batch", "region") for leaf in leaves(f.name, f.shape(config))}
+    found = decode(config, values | {"v_x": -(3 << 11), "flags": int(Flag.CUT)})
+    assert found["v"] == (-1.5, 3 / 4096) and found["roi"] == (3, 3) and found["flags"] is Flag.CUT
+    assert found["sums"] == (3,) * 5
+    assert decode(config, values | {"flags": 1})["sums"] == (0,) * 5  # in a degenerate batch they mean nothing
+
+
+# ---------------------------------------------------------------- outcomes
+
+
+def test_fields_of_the_only_region_are_the_outcomes_too():
+    outcome = BatchResult(**BATCH, **REGION)
+    assert outcome == BatchResult(**BATCH, regions=(RegionOutcome(**REGION),))
+    assert outcome.v == outcome.regions[0].v == (1.5, -0.25) and outcome.cycles is None and outcome.t_first is None
+    assert outcome.events == sum(getattr(outcome, name) for name in COUNTS)
+    moved = dataclasses.replace(outcome, roi=(7, 7), span=9)
+    assert (moved.regions[0].roi, moved.span, moved.v) == ((7, 7), 9, outcome.v) and moved != outcome
+    assert pickle.loads(pickle.dumps(outcome)) == outcome
+    with pytest.raises(AttributeError, match="no attribute 'speed'"):
+        outcome.speed  # noqa: B018
+
+
+def test_of_several_regions_each_has_its_own():
+    region = RegionOutcome(**REGION)
+    outcome = BatchResult(**BATCH, regions=(region, dataclasses.replace(region, v=(0.0, 0.0))))
+    assert outcome.span == 100 and outcome.regions[1].v == (0.0, 0.0)
+    with pytest.raises(AttributeError, match="v: the batch has 2 regions"):
+        outcome.v  # noqa: B018
+
+
+def test_a_field_that_is_missing_is_named():
+    with pytest.raises(TypeError, match="span is missing"):
+        BatchResult(events=4, **REGION)
+    with pytest.raises(TypeError, match="roi_next"):
+        BatchResult(**BATCH, **{name: value for name, value in REGION.items() if name != "roi_next"})
+    with pytest.raises(TypeError, match="speed"):
+        BatchResult(**BATCH, **REGION, speed=1)
+
+
+def test_a_batch_without_events():
+    known = {"roi": (1, 2), "roi_next": (1, 2), "v": (0.5, 0.0)}
+    for kind in (BatchResult, WireResult):
+        nothing = kind.nothing(**known)
+        assert nothing.flags is Flag.DEGENERATE and nothing.roi == (1, 2) and nothing.sums == (0,) * 5
+        assert not any(getattr(nothing, name) for name in (*COUNTS, "events", "iterations", "span"))
+        assert nothing.t_first is nothing.cycles is None
+    assert nothing.batch == 0 and nothing.t_ref is None and nothing.wire is nothing.config_range is False
+
+
+def test_sums_are_those_of_the_last_iteration():
+    trace = some_trace(sum_i=np.array([5, 7]), sum_d=np.array([[1, 2], [3, 4]]), s=np.array([[0, 0], [-5, 6]]))
+    assert BatchResult(**BATCH, **REGION, trace=trace).sums == (7, 3, 4, -5, 6)
+    assert BatchResult(**BATCH, **REGION, trace=some_trace(sum_i=np.zeros(0))).sums == (0,) * 5
+
+
+# ---------------------------------------------------------------- trace
+
+
+def test_traces_are_compared_by_all_their_values():
+    assert some_trace() == some_trace()
+    assert some_trace() != "trace"
+    for field in dataclasses.fields(Trace):
+        values = getattr(some_trace(), field.name)
+        assert some_trace(**{field.name: values + 1}) != some_trace()
+        assert some_trace(**{field.name: values[:0]}) != some_trace()
+
+
+# ---------------------------------------------------------------- flags
+
+
+def test_flags_have_the_bits_of_the_hardware():
+    assert {flag.name: flag.value for flag in Flag} == {
+        "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
+        "SCHEDULE": 128, "THINNED": 256,
+    }  # fmt: skip
+
+
+def test_flags_as_text():
+    assert Flag(0).text == ""
+    assert Flag.OVERFLOW.text == "overflow"
+    assert Flag(511).text == "degenerate|overflow|time_back|time_span|cut|saturated|roi_clamped|schedule|thinned"
+    assert (Flag.ROI_CLAMPED | Flag.DEGENERATE).text == "degenerate|roi_clamped"
