@@ -4,13 +4,14 @@ import json
 import sys
 
 from . import __version__, cli
+from .boards import BOARDS
 from .protocol import registers
 from .protocol.registers import documents
-from .rtl.axi.top import KV260Top
+from .rtl.axi.top import AxiTop
 from .rtl.top import VerilogCore
 from .verilog import resources
 from .verilog.description import describe, describe_axi, summary
-from .verilog.emit import AXI_TOP, TOP, emit_verilog
+from .verilog.emit import TOP, emit_verilog
 
 EXAMPLES = (
     "python -m cmfpga.build                                     # preset fast, into ./build",
@@ -36,16 +37,19 @@ def build(config, folder):
     return [folder / name for name in contents]
 
 
-def build_axi(config, folder):
-    """Write ``cmfpga_kv260.v``, ``kv260-info.json`` and the documents of its registers; returns their paths."""
-    top = KV260Top(config)
-    verilog = emit_verilog(top, AXI_TOP)
-    paths = [folder / f"{AXI_TOP}.v", folder / "kv260-info.json"]
-    info = describe_axi(config, top, verilog)
+def build_axi(config, board, folder):
+    """Write a board's top, such as ``cmfpga_kv260.v``, ``kv260-info.json`` and the documents of the registers.
+
+    Returns their paths.
+    """
+    top = AxiTop(config)
+    verilog = emit_verilog(top, board.top)
+    paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
+    info = describe_axi(board, top, verilog)
     paths[0].write_text(verilog, encoding="utf-8")
     paths[1].write_text(json.dumps(info, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    title = f"Registers of {AXI_TOP}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
-    return paths + documents.write_documents(top.registers, title, folder)
+    title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
+    return paths + documents.write_documents(top.shell.registers, title, folder)
 
 
 def estimate(verilog, axi=None):
@@ -59,8 +63,8 @@ def estimate(verilog, axi=None):
 
     estimated = resources.estimate(verilog.read_text(encoding="utf-8"), report=report)
     if axi is not None:
-        report(f"the same of {AXI_TOP}")
-        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=report, top=AXI_TOP)
+        report(f"the same of {axi.stem}")
+        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=report, top=axi.stem)
     path = verilog.with_name("resources.json")
     path.write_text(json.dumps(estimated, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return estimated, path
@@ -68,13 +72,14 @@ def estimate(verilog, axi=None):
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
+    tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
     made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
     made.add_argument(
         "--top",
-        choices=("core", "kv260"),
+        choices=("core", *BOARDS),
         default="core",
-        help="core: cmfpga_core; kv260: cmfpga_kv260 too, with AXI ports, and its registers' documents (default: core)",
+        help=f"core: {TOP}; {tops} too, with AXI ports, and its registers' documents (default: core)",
     )
     made.add_argument("--json", action="store_true", help="print the paths (and the resources) as JSON")
     made.add_argument(
@@ -85,12 +90,13 @@ def main(arguments=None):
     config = cli.make_config(options)
     if options.resources:
         resources.require_yosys()  # before anything is written
-    if options.top == "kv260":
+    board = BOARDS.get(options.top)
+    if board:
         registers.check(config)
     folder = cli.output_folder(options.out)
     paths = build(config, folder)
-    if options.top == "kv260":
-        paths += build_axi(config, folder)
+    if board:
+        paths += build_axi(config, board, folder)
         if not documents.has_peakrdl():
             print(
                 "note: no C header, HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr
@@ -99,7 +105,7 @@ def main(arguments=None):
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
     if options.resources:
-        estimated, path = estimate(paths[0], folder / f"{AXI_TOP}.v" if options.top == "kv260" else None)
+        estimated, path = estimate(paths[0], folder / f"{board.top}.v" if board else None)
         paths.append(path)
         if not options.json:
             print(f"wrote {path}\n{resources.text(estimated)}")

@@ -83,7 +83,12 @@ FORBIDDEN = {
     "protocol/trace.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
     "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
     "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.verilog.emit", "amaranth"),
-    "rtl": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "numpy", "torch"),
+    "rtl": (
+        *("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "cmfpga.boards"),
+        *("numpy", "torch"),
+    ),
+    "rtl/shell": ("cmfpga.rtl.axi",),
+    "boards": ("cmfpga.rtl", "cmfpga.verilog", "cmfpga.driver", "cmfpga.config", "amaranth", "numpy", "torch"),
     "verilog": ("cmfpga.reference", "cmfpga.engines", "cmfpga.simulation", "cmfpga.driver", "cmfpga.events", "torch"),
     "simulation/core.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "torch"),
     "tracking": ("cmfpga.cli", "cmfpga.track", "cmfpga.sweep", "cmfpga.survey", "cmfpga.driver"),

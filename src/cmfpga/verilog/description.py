@@ -5,7 +5,7 @@ import importlib.metadata
 from .. import __version__
 from ..protocol.settings import BatchSettings
 from . import article
-from .emit import AXI_TOP, TOP, sha256
+from .emit import TOP, sha256
 
 
 def formats(config):
@@ -132,12 +132,12 @@ def summary(info):
     return "\n".join(lines) + "\n"
 
 
-def describe_axi(config, top, verilog):
-    """Everything in ``kv260-info.json``, JSON-ready."""
+def describe_axi(board, top, verilog):
+    """Everything in ``kv260-info.json``, or that of another board; JSON-ready."""
     return {
-        **_origin(config, AXI_TOP, verilog),
-        "latencies": {"event": top.event_latency, "result": top.result_latency},
-        "result_words": top.result_packet.beats,
+        **_origin(top.config, board.top, verilog),
+        "latencies": {"event": top.shell.event_latency, "result": top.shell.result_latency},
+        "result_words": top.shell.result_packet.beats,
         "ports": [
             {"name": name, "direction": "input" if name in top.inputs else "output", "bits": len(port)}
             for name in top.port_order
@@ -145,6 +145,6 @@ def describe_axi(config, top, verilog):
         ],
         "registers": {
             register.name: {"offset": register.offset, "reset": register.reset, "count": register.count}
-            for register in top.registers
+            for register in top.shell.registers
         },
     }
