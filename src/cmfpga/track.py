@@ -15,11 +15,11 @@ from tqdm import tqdm
 
 from . import cli
 from .config.defaults import BATCH_EVENTS
-from .engines import AXI, ENGINES, check_roi
+from .engines import AXI, ENGINES, check_roi, make_engine
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .tracking import api
-from .tracking.loop import in_turn, open_engine, track
+from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
 from .tracking.source import sensor_fields
 
@@ -214,7 +214,8 @@ def _track(options, objects, recording, folder, motion):
     with contextlib.ExitStack() as stack:
         running = []
         for one in objects:
-            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, one.config, option="--engine")))
+            engine = make_engine(options.engine, one.config, asked=f"--engine {options.engine}")
+            stack.callback(engine.close)
             if engine.note and not running:
                 print(f"note: {engine.note}", file=sys.stderr)
             one.collect(

@@ -10,7 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from .. import __version__, cli
-from ..errors import ConfigError
+from ..errors import ConfigError, MissingPackage, needs
 from ..verilog import article
 from ..verilog.compiler import find_compiler
 from .cases import WARM, make_cases
@@ -102,14 +102,13 @@ def main(arguments=None):
 def _accuracy(options, missing):
     """How often preset ``fast`` finds the motion: scores and lines of text; None where that cannot be measured here."""
     try:
-        from .. import accuracy
+        with needs("torch", "reference", "accuracy"):
+            from .. import accuracy
 
-        engine = "model" if find_compiler() is None else "rtl"
-        return accuracy.brief(engine, **({"batches": 30} if options.quick else {"data": options.data}))
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        missing.append("accuracy: torch is not installed; pip install 'cmfpga[reference]'")
+            engine = "model" if find_compiler() is None else "rtl"
+            return accuracy.brief(engine, **({"batches": 30} if options.quick else {"data": options.data}))
+    except MissingPackage as error:
+        missing.append(str(error))
         return None
 
 

@@ -2,8 +2,8 @@
 
 from .. import __version__
 from ..config import PRESETS, Config
+from ..errors import WrongHardware
 from ..protocol.registers import ID, MAP_VERSION, register_map
-from .errors import WrongHardware
 
 
 def identify(backend, config=None):

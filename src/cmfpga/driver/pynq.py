@@ -16,9 +16,9 @@ import numpy as np
 from pynq import DefaultIP, UnsupportedConfiguration, allocate
 
 from ..boards import BOARDS, DEFAULT
+from ..errors import WrongHardware
 from .accelerator import Accelerator
 from .axi_dma import DmaBackend
-from .errors import WrongHardware
 from .identity import check_version
 
 

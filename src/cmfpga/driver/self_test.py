@@ -1,6 +1,6 @@
 """What :meth:`cmfpga.driver.Accelerator.self_test` does."""
 
-from .errors import DeviceError
+from ..errors import DeviceError
 from .golden import expected_result, golden_batch, settings_of
 from .identity import identify
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ..boards import DEFAULT
+from ..errors import DeviceError
 from .axi_dma import DmaBackend
-from .errors import DeviceError
 
 
 def _open(path):

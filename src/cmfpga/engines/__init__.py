@@ -1,6 +1,8 @@
 """Engines: the same batches through the emitted Verilog, the integer model, or the float reference."""
 
-from ..errors import ConfigError
+import pkgutil
+
+from ..errors import ConfigError, needs
 from ..verilog.compiler import CompilerError, find_compiler
 from .base import Engine, check_roi
 
@@ -9,31 +11,29 @@ ENGINES = ("rtl", "model", "float")
 #: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
 AXI = "axi"
 
+#: ``module:function`` that makes an engine of a configuration. It is loaded when it is asked for: only some need torch,
+#: and the accelerator's lies above this package.
+_MAKERS = {
+    "rtl": "cmfpga.engines:_make_rtl_engine",
+    AXI: "cmfpga.driver.simulation:simulated_engine",
+    "model": "cmfpga.engines.model:ModelEngine",
+    "float": "cmfpga.engines.floating:FloatEngine",
+}
+
 __all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine"]
 
 
-def make_engine(name, config):
+def make_engine(name, config, *, asked=None):
     """The engine ``rtl``, ``axi``, ``model`` or ``float`` for ``config``.
 
     ``rtl`` compiles the emitted Verilog, or, where there is no C++ compiler, uses Amaranth's simulator (its
-    ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
+    ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two need torch: where it
+    is missing, :exc:`~cmfpga.errors.MissingPackage` names what the user ``asked`` for (default: the engine).
     """
-    if name == "rtl":
-        return _make_rtl_engine(config)
-    if name == AXI:
-        from ..driver import Accelerator
-        from ..simulation.axi_top import SimulationBackend
-
-        return Accelerator(SimulationBackend(config)).engine
-    if name == "model":
-        from .model import ModelEngine
-
-        return ModelEngine(config)
-    if name == "float":
-        from .floating import FloatEngine
-
-        return FloatEngine(config)
-    raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
+    if name not in _MAKERS:
+        raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
+    with needs("torch", "reference", asked or f"engine {name}"):
+        return pkgutil.resolve_name(_MAKERS[name])(config)
 
 
 def _make_rtl_engine(config):

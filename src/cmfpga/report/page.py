@@ -15,7 +15,7 @@ import numpy as np
 from .. import __version__
 from ..config import PRESETS, Config
 from ..config.dither import DITHER_BITS, FACTORS
-from ..errors import ConfigError
+from ..errors import ConfigError, needs
 from ..tracking.columns import COLUMNS
 from .story import Story
 
@@ -81,10 +81,8 @@ def render(kept, clock_mhz):
 
 def plotly_script():
     """plotly.js, from plotly's package."""
-    try:
+    with needs("plotly", "report", "report"):
         from plotly.offline import get_plotlyjs
-    except ModuleNotFoundError:
-        raise ConfigError("report: plotly is not installed; pip install 'cmfpga[report]'") from None
     return get_plotlyjs()
 
 
