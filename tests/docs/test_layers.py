@@ -207,7 +207,7 @@ def test_there_is_no_circle():
     for module, found in known.items():
         room = ".".join(module.split(".")[:2])
         rooms.setdefault(room, set()).update({".".join(name.split(".")[:2]) for name in found} - {room, "cmfpga"})
-    rooms["cmfpga.tracking"] -= {"cmfpga.report"}  # Tracking.report() is a page's writer at hand; the page is of a track
+    rooms["cmfpga.tracking"] -= {"cmfpga.report"}  # Tracking.report() writes a page about itself
     assert {"cmfpga.simulation", "cmfpga.engines"} <= rooms["cmfpga.driver"]
     TopologicalSorter(rooms).prepare()
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from .. import __version__, cli
+from ..config.defaults import CLOCK_MHZ
 from ..errors import ConfigError, MissingPackage, needs
 from ..verilog import article
 from ..verilog.compiler import find_compiler
@@ -17,7 +18,7 @@ from .cases import WARM, make_cases
 from .cycles import measure
 from .opponents import make_programs
 from .programs import processor, time_programs
-from .table import ARTICLE_MHZ, ASCENTS, table
+from .table import ASCENTS, table
 
 EXAMPLES = (
     "python -m cmfpga.bench",
@@ -38,8 +39,8 @@ def _parser():
         "--runs", type=cli.positive, metavar="R", help="timed runs of each program (default: 15; quick: 5)"
     )
     made.add_argument(
-        "--clock", type=_megahertz, default=ARTICLE_MHZ, metavar="MHZ",
-        help=f"clock assumed for the core, MHz (default: {ARTICLE_MHZ:g}, the article's)",
+        "--clock", type=_megahertz, default=CLOCK_MHZ, metavar="MHZ",
+        help=f"clock assumed for the core, MHz (default: {CLOCK_MHZ:g}, the article's)",
     )  # fmt: skip
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(

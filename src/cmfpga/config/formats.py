@@ -1,18 +1,11 @@
 """Fixed-point formats: which bits stand for which range."""
 
 from ..fixed import Q, bits_for
+from .derived import Derived
 
 
-class Formats:
-    """The formats of a configuration, each a :class:`~cmfpga.fixed.Q`.
-
-    Parameters
-    ----------
-    config : Config
-    """
-
-    def __init__(self, config):
-        self._c = config
+class Formats(Derived):
+    """The formats of a configuration, each a :class:`~cmfpga.fixed.Q`."""
 
     @property
     def dt(self):

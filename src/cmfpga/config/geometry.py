@@ -1,18 +1,11 @@
 """Sizes of sensor, ROI and banks."""
 
 from ..fixed import bits_for
+from .derived import Derived
 
 
-class Geometry:
-    """Sizes that follow from the sensor's and the ROI's.
-
-    Parameters
-    ----------
-    config : Config
-    """
-
-    def __init__(self, config):
-        self._c = config
+class Geometry(Derived):
+    """Sizes that follow from the sensor's and the ROI's."""
 
     def level_size(self, level):
         """Columns and rows of the image whose pixels are 2^level px wide."""

