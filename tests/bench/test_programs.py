@@ -11,7 +11,7 @@ from cmfpga.bench.opponents import Job, Unavailable, c_program, make_programs, t
 from cmfpga.bench.opponents.c_program import CProgram
 from cmfpga.bench.opponents.numba_program import NumbaProgram
 from cmfpga.bench.opponents.torch_program import TorchProgram
-from cmfpga.bench.opponents.workloads import MOTION_PX, make_workload
+from cmfpga.bench.workloads import MOTION_PX, make_workload
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.events import Events

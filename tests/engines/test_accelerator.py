@@ -14,8 +14,8 @@ from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate
 from cmfpga.protocol.results import BatchResult
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.kept import Kept
-from cmfpga.tracking.loop import COLUMNS
 from cmfpga.verilog import compiler
 from cmfpga.verilog.compiler import find_compiler
 from support.driving import CONFIG

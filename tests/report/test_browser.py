@@ -10,7 +10,7 @@ from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import image_of_warped_events
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.verilog.compiler import find_compiler
 from support.reporting import keep
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from amaranth.hdl import Module, Signal, Value
+from amaranth.hdl import ClockDomain, Module, Signal, Value
 
 from support.bench import member, simulate
 from support.values import Port, random_values
@@ -86,6 +86,7 @@ def pass_through(block, items, flow, rng, *, expect, pulses=(), inputs=None, con
         )
 
     top = Module()
+    top.domains += getattr(block, "sync", ClockDomain("sync"))  # a block that needs the clock itself brings the domain
     top.submodules.block = block
     top.d.sync += Signal().eq(1)  # a block without a register has no clock
     simulate(top, bench)

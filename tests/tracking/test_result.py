@@ -19,7 +19,9 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.reference import floating
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking import api, loop
+from cmfpga.tracking.columns import COLUMNS
+from cmfpga.tracking.result import Tracking
 from cmfpga.tracking.trace import BatchTrace
 from cmfpga.verilog.compiler import find_compiler
 
@@ -129,6 +131,31 @@ def test_what_can_be_tracked(dot, dot_events):
     tracking = cmfpga.track(scene, preset="fast", engine="model", batch_events=1500, batches=2)
     assert (tracking.roi_x[0], tracking.roi_y[0]) == scene.roi_start(64, 64)
     np.testing.assert_allclose(tracking.vx_px_per_s, 150, atol=25)
+
+
+def test_a_live_source_is_tracked_but_not_read_again(dot, dot_events):
+    class Live:
+        name, width, height, seekable = "camera", 32, 24, False
+
+        def __init__(self):
+            self._events = iter([dot_events[:100], dot_events[100:101], dot_events[101:]])
+
+        def chunks(self, start, size):
+            assert start == 0
+            return self._events
+
+    tracking, expected = follow(Live()), follow(dot)
+    assert len(tracking) == 6 and tracking.source.name == "camera"
+    assert tracking.vx.tolist() == expected.vx.tolist() and tracking.t_ref_us.tolist() == expected.t_ref_us.tolist()
+    with pytest.raises(RecordingError, match="camera: its events cannot be read again; a recording is needed"):
+        tracking.trace(0)
+
+
+def test_names_of_the_package():
+    assert cmfpga.tracking.track is api.track and cmfpga.tracking.Tracking is Tracking
+    assert cmfpga.tracking.open_engine is loop.open_engine
+    with pytest.raises(AttributeError, match="no attribute 'tracker'"):
+        _ = cmfpga.tracking.tracker
 
 
 @pytest.mark.parametrize(
@@ -308,7 +335,7 @@ def test_other_settings_than_the_engines_are_noticed(dot):
     tracking = follow(dot, config=FAST)
     with open_recording(dot) as recording:
         events = next(recording.chunks(0, 90))
-    result, (plan, thinning) = tracking.results[0], tracking._runs[0]
+    result, (_, plan, thinning) = tracking.results[0], tracking._runs[0]
     for config, steps in (
         (tracking.config.replace(dither_frac=3), plan),
         (tracking.config.replace(weight_frac=5), plan),

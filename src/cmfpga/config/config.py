@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError
+from ..protocol.settings import MAX_THINNING
 from .ascent import ASCENTS
 from .formats import Formats
 from .geometry import Geometry
@@ -62,7 +63,7 @@ class Config:
     min_roi_events: int = _field(
         1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
     )
-    thinning: int = _field(1, "store one ROI event in so many", low=1, high=255, runtime=True)
+    thinning: int = _field(1, "store one ROI event in so many", low=1, high=MAX_THINNING, runtime=True)
     thin_target: int = _field(
         0,
         "choose the thinning so that about so many are stored; 0: off",

@@ -14,8 +14,9 @@ from typing import Any
 from ..fixed import saturate
 from .shapes import REQUIRED, Place, leaves, pair, up_to, whole
 
-#: Width of the thinning's factor.
+#: Width of the thinning's factor, and its largest value.
 THINNING_BITS = 8
+MAX_THINNING = (1 << THINNING_BITS) - 1
 
 
 def always(config):
@@ -166,7 +167,7 @@ SETTINGS = (
             places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
                           register_doc="batches and TLAST"),)),
     Setting(name="thinning", field="thinning", shape=lambda c: whole(THINNING_BITS), low=1, default=1,
-            high=lambda c: (1 << THINNING_BITS) - 1, places=(Place(word=11),)),
+            high=lambda c: MAX_THINNING, places=(Place(word=11),)),
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0,
             places=(Place(word=12),)),
     Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,

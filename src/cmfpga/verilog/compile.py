@@ -26,7 +26,7 @@ def compile_library(core):
 
 
 def compile_axi_library(top):
-    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.KV260Top`."""
+    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
     return _library(lambda: emit_verilog(top, AXI_TOP), top=AXI_TOP, harness="axi_harness.cpp")
 
 

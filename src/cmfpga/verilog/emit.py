@@ -22,7 +22,8 @@ from .. import __version__
 from ..errors import ConfigError
 
 TOP = "cmfpga_core"
-AXI_TOP = "cmfpga_kv260"
+#: The AXI top where no board gives it a name.
+AXI_TOP = "cmfpga_axi"
 
 
 def emit_verilog(core, name=TOP):
@@ -30,7 +31,7 @@ def emit_verilog(core, name=TOP):
 
     Parameters
     ----------
-    core : VerilogCore or KV260Top
+    core : VerilogCore or AxiTop
         Only the hardware fields of its configuration matter.
     name : str
         Of the top module; the names of the others begin with it.

@@ -41,7 +41,7 @@ def check(config):
         ("max_batch_events", (1 << 31) - 1, "counters have 32 bits"),
     ):
         if getattr(config, name) > limit:
-            raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the KV260 top ({why})")
+            raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the AXI top ({why})")
 
 
 def register_map(config):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmfpga.rtl.axi.skid_buffer import SkidBuffer
+from cmfpga.rtl.shell.skid_buffer import SkidBuffer
 from support.axi_streams import FLOWS, pass_through
 from support.bench import simulate
 from support.values import Port
