@@ -97,6 +97,7 @@ PORTS = {
     "schedule_address": "which entry",
     "schedule_entry_level": "pixels 2^level px wide",
     "schedule_entry_shift": "v moves by 2^shift units of its last bit",
+    "schedule_entry_stride": "every 2^stride-th of the stored events",
     "result_valid": "a result is offered, and stays as it is until it is taken",
     "result_ready": "take it",
     "result_sums_i": "ΣI of the last iteration, raw; no sum means anything in a degenerate batch",
@@ -184,10 +185,10 @@ def cycles_table():
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
-        schedules = (range(config.iterations),)
+        schedules = ((None,) * config.iterations,)
         if hasattr(core, "schedule_write"):
             schedules = (config.cold_schedule, config.warm_schedule)
-        ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
+        ours = [core.cycles(events=events, roi_events=roi_events, iterations=one) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
         article = events + 100 * (roi_events + 32 + config.geometry.pixels // 4 + 35)
         what = f"`{name}`" if size is None else f"`{name}`, other size"
@@ -241,7 +242,7 @@ def meanings(config):
     """What each port is for, by its name."""
     found = {}
     declared = [("settings", s.name, s.shape_of(config), s.places, *s.doc_of(config)) for s in SETTINGS]
-    declared += [("result", f.name, f.shape(config), f.places, f.doc, f.unit) for f in RESULTS]
+    declared += [("result", f.name, f.shape(config), f.places, f.doc, f.unit) for f in RESULTS if f.when(config)]
     for group, name, shape, places, doc, unit in declared:
         for leaf in leaves(name, shape):
             place = next((place for place in places if name + place.part == leaf), None)

@@ -72,14 +72,12 @@ class VerilatedCore:
         return self._handle
 
     def write_schedule(self, table):
-        """Fill the table of schedules with (level, shift) pairs, from address 0 on; between batches only."""
+        """Fill the table of schedules with (level, shift, stride), from address 0 on; between batches only."""
         if table == self._table:
             return
         self._table = table
-        rows = np.array(table, np.int64).reshape(-1, 2).T
-        levels, shifts = (np.ascontiguousarray(row) for row in rows)
-        pointers = (ctypes.c_void_p(levels.ctypes.data), ctypes.c_void_p(shifts.ctypes.data))
-        self._library.core_write_schedule(self._open(), *pointers, ctypes.c_int64(len(levels)))
+        rows = np.array(table, np.int64).reshape(-1, 3)
+        self._library.core_write_schedule(self._open(), ctypes.c_void_p(rows.ctypes.data), ctypes.c_int64(len(rows)))
 
     def start_waves(self):
         """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""

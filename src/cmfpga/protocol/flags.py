@@ -17,6 +17,15 @@ class Flag(enum.IntFlag):
     THINNED = 256  # ROI events were left out evenly, to keep their number down
 
     @property
+    def warnings(self):
+        """Without the notes: those that say that something was lost or went wrong."""
+        return self & ~NOTES
+
+    @property
     def text(self):
         """Lower-case names joined by ``|``; empty where no bit is set."""
         return "|".join(flag.name.lower() for flag in Flag if flag in self)
+
+
+#: Flags that only tell what tool or core chose; all others are warnings.
+NOTES = Flag.THINNED

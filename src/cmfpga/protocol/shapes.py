@@ -10,8 +10,16 @@ from dataclasses import dataclass
 
 from ..fixed import Q, bits_for
 
+#: Width of the thinning's factor.
+THINNING_BITS = 8
+
 #: Stands where a value has no default.
 REQUIRED = object()
+
+
+def always(config):
+    """Where every hardware has something."""
+    return True
 
 
 def whole(bits):

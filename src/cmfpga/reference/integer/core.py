@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...config.schedule import used
 from ...protocol.flags import Flag
 from ...protocol.results import BatchResult
 from ...protocol.trace import Trace
@@ -50,6 +51,9 @@ class IntegerCore:
         What would have brought the last batch down to its target.
     dt : int64 tensor
         Scaled times of the last batch's ROI events.
+    plan : tuple
+        Of the last batch: a :class:`~cmfpga.config.ScheduleEntry` per iteration, None for a constant η; empty where it
+        was degenerate.
     iterations : list of IntegerIteration
         Intermediates of the last batch, where ``run`` was asked to keep them.
     """
@@ -61,6 +65,7 @@ class IntegerCore:
         self.follower = RoiFollower(config, 1 << config.formats.roi_x.f)
         self.thinning = None
         self.dt = None
+        self.plan = ()
         self.iterations = []
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
@@ -90,13 +95,14 @@ class IntegerCore:
         flags = batch.flags | (Flag.CUT if cut else Flag(0))
 
         warm = settings.start_last and (self.tracking or config.ascent == "constant")
-        plan = self._plan(settings, warm)
+        self.plan = self._plan(settings, warm)
         self.iterations = []
         sums = []
         velocities = [self.v]
         step = None
-        if not batch.enough(settings) or not plan:
+        if not batch.enough(settings) or not self.plan:
             flags |= Flag.DEGENERATE
+            self.plan = ()
             self.tracking = False
         else:
             if not warm:
@@ -105,8 +111,9 @@ class IntegerCore:
             self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
             positions = dither(config, batch.x, batch.y)
             batch_gain = gain(config, settings.eta)
-            for entry in plan:
-                done, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
+            for k, entry in enumerate(self.plan):
+                events = (axis[used(entry, k, len(batch.t))] for axis in (*positions, self.dt))
+                done, saturated = self.iterate(*events, self.v, gain=batch_gain, entry=entry)
                 flags |= Flag.SATURATED if saturated else Flag(0)
                 self.v = done.v_next
                 velocities.append(done.v_next)
@@ -136,7 +143,7 @@ class IntegerCore:
         return (None,) * settings.iterations
 
     def iterate(self, x, y, dt, v, *, gain=0, entry=None):
-        """One iteration from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
+        """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
 
         ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, None
         for a constant η, whose ``gain`` then counts.
