@@ -17,7 +17,7 @@ import torch
 
 from cmfpga import accuracy, cli
 from cmfpga.config import preset
-from cmfpga.config.schedule import ScheduleEntry
+from cmfpga.config.schedule import MEASURED, ScheduleEntry
 from cmfpga.engines import make_engine
 from cmfpga.errors import RecordingError
 from cmfpga.events import BatchCutter, open_recording
@@ -25,7 +25,7 @@ from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.tracking.loop import track
 
 FAST = preset("fast")
-FLAT = FAST.replace(**{name: re.sub(r"\d:(-?\d)", r"0:\1", getattr(FAST, name)) for name in ("cold", "warm")})
+FLAT = FAST.replace(**{name: re.sub(r"\d:(-?\d)", r"0:\1", text) for name, text in MEASURED.items()})
 PART = 100  # synthetic batches of the quick tests
 EVERY = 6  # of the real ones
 ROOMY = {"buffer_events": accuracy.REAL_ROI_EVENTS[1]}  # what holds every real batch
@@ -388,4 +388,4 @@ def test_every_schedule_of_the_study_fits_the_format():
     for text in (*accuracy.SCHEDULES, *accuracy.WARM_SCHEDULES):
         entries = FAST.replace(cold=text, schedule_entries=64).cold_schedule
         assert all(isinstance(entry, ScheduleEntry) for entry in entries)
-    assert FAST.cold in accuracy.SCHEDULES and FAST.warm in accuracy.WARM_SCHEDULES
+    assert MEASURED["cold"] in accuracy.SCHEDULES and MEASURED["warm"] in accuracy.WARM_SCHEDULES

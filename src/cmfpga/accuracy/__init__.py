@@ -19,6 +19,7 @@ run with the configuration as it is: where its buffer is too small for a batch, 
 batch with a moving ROI.
 """
 
+import argparse
 import dataclasses
 import json
 import math
@@ -35,6 +36,7 @@ from tqdm import tqdm
 
 from .. import cli
 from ..config import preset
+from ..config.schedule import AUTO, MEASURED
 from ..engines import ENGINES, make_engine
 from ..errors import ConfigError, RecordingError
 from ..events import BatchCutter, Events, generate, open_recording
@@ -46,7 +48,7 @@ EXAMPLES = (
     "python -m cmfpga.accuracy                                # 300 synthetic batches, by the integer model",
     "python -m cmfpga.accuracy --data recordings --engine all # all suites, by Verilog, model and float",
     "python -m cmfpga.accuracy --set weight_frac=3 --batches 100 --json scores.json",
-    "python -m cmfpga.accuracy --set thinning=2 --data recordings  # real batches that fit the buffer",
+    "python -m cmfpga.accuracy --seeds 1-3                    # 900 synthetic batches",
     "python -m cmfpga.accuracy --study widths --data recordings",
 )
 
@@ -54,7 +56,7 @@ ROI = 64  # columns and rows of the ROI of all suites, px
 
 # -------------------------------------------------------------------- synthetic batches
 
-SEED = 1
+SEEDS = (1,)
 BATCHES = 300
 MAX_SPEED = 9.0  # px per half batch
 MAX_NOISE = 0.3  # of the ROI's events
@@ -112,13 +114,16 @@ def _suite_config():
     return preset("paper").replace(buffer_events=1 << 14)
 
 
-def synthetic_cases(count=BATCHES, *, events_per_edge=EVENTS_PER_EDGE):
-    """The first ``count`` synthetic batches, a list of :class:`Case`. 0 ``events_per_edge``: all edges are weak."""
-    return [_synthetic_case(index, events_per_edge) for index in range(count)]
+def synthetic_cases(count=BATCHES, *, seeds=SEEDS, events_per_edge=EVENTS_PER_EDGE):
+    """The first ``count`` synthetic batches of each of ``seeds``, a list of :class:`Case`.
+
+    0 ``events_per_edge``: all edges are weak.
+    """
+    return [_synthetic_case(seed, index, events_per_edge) for seed in seeds for index in range(count)]
 
 
-def _synthetic_case(index, events_per_edge):
-    rng = np.random.default_rng([SEED, index])
+def _synthetic_case(seed, index, events_per_edge):
+    rng = np.random.default_rng([seed, index])
     texture = ("lines", "dense")[index % 2]
     speed, angle, noise = rng.uniform(0, MAX_SPEED), rng.uniform(0, 2 * math.pi), rng.uniform(0, MAX_NOISE)
     wanted = rng.uniform(*ROI_EVENTS)
@@ -150,6 +155,8 @@ def _synthetic_case(index, events_per_edge):
     events = made.events
     truth = made.motion.per_half_batch(events.t[0], events.t[-1])
     facts = {
+        "seed": seed,
+        "index": index,
         "texture": texture,
         "speed": speed,
         "noise": noise,
@@ -413,9 +420,17 @@ def track_scores(speeds, *, thinned=False):
 
 # -------------------------------------------------------------------- studies
 
+#: The default schedules before there were strides.
+BEFORE = {
+    "cold": "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",
+    "warm": "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",
+}
+
 #: Cold schedules to compare.
 SCHEDULES = (
-    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the default
+    MEASURED["cold"],
+    "2:2/4 2:1/4*2 2:0/4*3 1:0/2 1:-1/2*2 1:-2/2 1:-2*2 1:-3*2 0:-3 0:-4",  # an iteration more at full resolution
+    BEFORE["cold"],
     "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the same reach, a step more
     "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # small steps at full resolution
     "2:1*5 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # and a coarse step more
@@ -433,7 +448,9 @@ SCHEDULES = (
 
 #: Warm schedules to compare.
 WARM_SCHEDULES = (
-    "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",  # the default
+    MEASURED["warm"],
+    "1:-1 1:-2 1:-3*2 0:-4",  # as many events, without strides
+    BEFORE["warm"],
     "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5",
     "1:0 1:-1 1:-2*2 1:-3 0:-3 0:-4 0:-5",
     "1:-1*3 1:-2 1:-3 0:-3 0:-4 0:-5",
@@ -453,6 +470,8 @@ WIDTHS = (
     (4, 5, 2, 1, 1, 1),
 )
 WIDTH_FIELDS = ("dt_frac", "v_frac", "position_frac", "weight_frac", "derivative_frac", "dither_frac")
+
+WITHOUT_STRIDES = "schedules without strides"
 
 #: η of the article's ascent to choose the best of.
 PLAIN_ETAS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -543,7 +562,12 @@ def _binned(cases, values):
 
 def _parser():
     made = cli.parser("accuracy", "How well the motion is found: suites of batches, and studies.", EXAMPLES)
-    made.add_argument("--batches", type=cli.positive, default=BATCHES, metavar="N", help="synthetic batches (300)")
+    made.add_argument(
+        "--batches", type=cli.positive, default=BATCHES, metavar="N", help="synthetic batches of each seed (300)"
+    )
+    made.add_argument(
+        "--seeds", type=_seeds, default=SEEDS, metavar="A-B", help="seeds of the synthetic batches, or one (1)"
+    )
     made.add_argument(
         "--engine",
         default="model",
@@ -566,6 +590,14 @@ def _parser():
     made.add_argument("--json", metavar="FILE", help="write all scores, and those of each batch")
     cli.add_config_options(made)
     return made
+
+
+def _seeds(text):
+    """``A-B`` or ``A``, for argparse."""
+    first, dash, last = text.partition("-")
+    if not (first.isdecimal() and (last.isdecimal() or not dash)) or int(last or first) < int(first):
+        raise argparse.ArgumentTypeError(f"{text!r}: one seed, or the first and the last as in 1-3, is needed")
+    return range(int(first), int(last or first) + 1)
 
 
 def main(arguments=None):
@@ -602,14 +634,17 @@ def _engine(name, config):
 
 def _run_suites(options, config, report):
     names = ENGINES if options.engine == "all" else (options.engine,)
-    cases = synthetic_cases(options.batches)
+    cases = synthetic_cases(options.batches, seeds=options.seeds)
+    runs = [(name, name, config) for name in names]
+    if (config.ascent, config.cold, config.warm) == ("sign", AUTO, AUTO):
+        runs.append((f"{names[0]}, {WITHOUT_STRIDES}", names[0], config.replace(**BEFORE)))
     rows, found = [], {}
-    for name in names:
-        with _engine(name, config) as engine:
+    for what, name, chosen in runs:
+        with _engine(name, chosen) as engine:
             for start, warm in (("cold", False), ("warm", True)):
-                values = found[name, start] = errors(engine, cases, warm=warm, progress=report.progress)
-                scores = report.keep(f"synthetic, {start}, {name}", values, error_scores(values))
-                rows.append((name, start, *_error_cells(scores)))
+                values = found[what, start] = errors(engine, cases, warm=warm, progress=report.progress)
+                scores = report.keep(f"synthetic, {start}, {what}", values, error_scores(values))
+                rows.append((what, start, *_error_cells(scores)))
     report.table("Synthetic batches: error of v, px per half batch", ("engine", "start", *ERROR_HEADS), rows)
     binned = _binned(cases, found[names[0], "cold"])
     report.table(f"The same by kind of batch (cold start, {names[0]})", ("batches with", *ERROR_HEADS), binned)
@@ -617,10 +652,10 @@ def _run_suites(options, config, report):
         _compare_with_model(found)
         return
     real, rows = real_cases(options.data), []
-    for name in names:
-        with _engine(name, config) as engine:
-            values = found[name, "real"] = contrast_shares(engine, real, progress=report.progress)
-        rows.append((name, *_share_cells(report.keep(f"real, {name}", values, share_scores(values)))))
+    for what, name, chosen in runs:
+        with _engine(name, chosen) as engine:
+            values = found[what, "real"] = contrast_shares(engine, real, progress=report.progress)
+        rows.append((what, *_share_cells(report.keep(f"real, {what}", values, share_scores(values)))))
     report.table("Real batches: contrast at the v found, cold start", ("engine", *SHARE_HEADS), rows)
     rows = []
     for thinned, what in ((False, "track"), (True, "thinned track")):
@@ -681,7 +716,7 @@ def _compare_with_model(found):
 
 
 def _run_study(options, config, report):
-    cases = synthetic_cases(options.batches)
+    cases = synthetic_cases(options.batches, seeds=options.seeds)
     real = real_cases(options.data) if options.data else []
     engine = "model" if options.engine == "all" else options.engine
     {
@@ -726,7 +761,7 @@ def _study_peaks(config, engine, cases, real, report):
 def _study_edges(config, engine, cases, real, report):
     rows = []
     for strength in (0.0, 1.0, 2.0, EVENTS_PER_EDGE, 8.0):
-        cases = synthetic_cases(len(cases), events_per_edge=strength)
+        cases = [_synthetic_case(case.facts["seed"], case.facts["index"], strength) for case in cases]
         slow = [case.facts["speed"] < 1 for case in cases]
         with _engine(engine, config) as runner:
             values = errors(runner, cases, progress=report.progress)
@@ -749,18 +784,23 @@ def _study_schedules(config, engine, cases, real, report):
     for cold in SCHEDULES:
         changed = config.replace(cold=cold, schedule_entries=entries)
         cells = _row(report, f"cold {cold}", engine, changed, cases, real)
-        rows.append((f"`{cold}`", str(len(changed.cold_schedule)), *cells))
-    title = f"Cold schedules, entries LEVEL:LOG2STEP*COUNT ({engine} engine)"
-    report.table(title, ("schedule", "T", *_row_heads(real)), rows)
+        rows.append((f"`{cold}`", *_lengths(changed.cold_schedule), *cells))
+    title = f"Cold schedules, entries LEVEL:LOG2STEP/STRIDE*COUNT ({engine} engine)"
+    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads(real)), rows)
     rows = []
     for warm in WARM_SCHEDULES:
         changed = config.replace(warm=warm, schedule_entries=entries)
         with _engine(engine, changed) as runner:
             values = errors(runner, cases, warm=True, progress=report.progress)
         cells = _error_cells(report.keep(f"warm {warm}", values, error_scores(values)))[1:4]
-        rows.append((f"`{warm}`", str(len(changed.warm_schedule)), *cells))
+        rows.append((f"`{warm}`", *_lengths(changed.warm_schedule), *cells))
     title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
-    report.table(title, ("schedule", "T", *_row_heads([])), rows)
+    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads([])), rows)
+
+
+def _lengths(schedule):
+    """Iterations of a schedule, and the events that they use, where there are enough of them for its strides."""
+    return str(len(schedule)), f"{sum(1 / entry.stride for entry in schedule):g}·n"
 
 
 def _study_widths(config, engine, cases, real, report):
