@@ -25,7 +25,7 @@ class Batch:
 
 
 def schedule_table(config):
-    """Iterations for the core's table of schedules: all levels and strides, steps small and so large that v saturates."""
+    """Iterations for the core's table of schedules: all levels, strides; steps small and so large that v saturates."""
     if config.ascent != "sign":
         return ()
     entries = (
