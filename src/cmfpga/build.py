@@ -66,7 +66,7 @@ def ports(core):
 
 def describe(config, core, verilog):
     """Everything in ``build-info.json``, JSON-ready."""
-    iterations = len(config.cold_schedule) if config.ascent == "sign" else config.iterations
+    plan = config.cold_schedule if config.ascent == "sign" else (None,) * config.iterations
     return {
         "cmfpga": __version__,
         "amaranth": importlib.metadata.version("amaranth"),
@@ -81,12 +81,13 @@ def describe(config, core, verilog):
             "formula": core.cycle_formula,
             "N": "events of the batch",
             "n": "events in the ROI",
+            **({"n_k": "of them used in iteration k"} if config.ascent == "sign" else {}),
             "T": "iterations",
             "example": {
                 "N": 5000,
                 "n": 800,
-                "T": iterations,
-                "cycles": core.cycles(events=5000, roi_events=800, iterations=iterations),
+                "T": len(plan),
+                "cycles": core.cycles(events=5000, roi_events=800, iterations=plan),
             },
         },
         "ports": ports(core),
@@ -107,7 +108,8 @@ def summary(info):
         "",
         "## Clock cycles of a batch",
         "",
-        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations.",
+        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations"
+        + (", of which iteration k uses n_k events." if "n_k" in info["cycles"] else "."),
         f"For N = {example['N']}, n = {example['n']}, T = {example['T']}: {example['cycles']:,} cycles.",
         "",
         "## Latencies of the blocks",

@@ -59,6 +59,10 @@ class Case:
     iterations: int
     schedule: tuple | None = None
 
+    def plan(self, iterations):
+        """The first so many iterations, as ``Core.cycles`` wants them."""
+        return iterations if self.schedule is None else self.schedule[:iterations]
+
 
 @dataclass(frozen=True, kw_only=True)
 class CoreRow:
@@ -206,7 +210,7 @@ def measure(case, design):
         measured=True,
         iterations=iterations,
         cycles=cycles,
-        formula=core.core.cycles(events=events, roi_events=roi_events, iterations=iterations),
+        formula=core.core.cycles(events=events, roi_events=roi_events, iterations=case.plan(iterations)),
         per_iteration=cycles - less["measured_cycles"],
         after_last=cycles - events,
         back_to_back=_back_to_back(core, settings, case),
@@ -255,14 +259,14 @@ def _computed(case, design):
     warnings.filterwarnings("ignore", category=UnusedElaboratable)  # it is only asked for numbers
     core = Core(design.config)
     batch = {"events": len(case.workload.events), "roi_events": case.workload.roi_events}
-    cycles = core.cycles(**batch, iterations=case.iterations)
+    cycles = core.cycles(**batch, iterations=case.plan(case.iterations))
     return CoreRow(
         name=design.name,
         measured=False,
         iterations=case.iterations,
         cycles=cycles,
         formula=cycles,
-        per_iteration=cycles - core.cycles(**batch, iterations=case.iterations - 1),
+        per_iteration=cycles - core.cycles(**batch, iterations=case.plan(case.iterations - 1)),
         after_last=cycles - batch["events"],
         back_to_back=None,
         v=None,

@@ -1,6 +1,8 @@
 """What was unusual about a batch."""
 
 import enum
+import functools
+import operator
 
 
 class Flag(enum.IntFlag):
@@ -20,6 +22,11 @@ class Flag(enum.IntFlag):
     def warnings(self):
         """Without the notes: those that say that something was lost or went wrong."""
         return self & ~NOTES
+
+    @classmethod
+    def parse(cls, text):
+        """The flags of a :attr:`text`."""
+        return functools.reduce(operator.or_, (cls[name.upper()] for name in filter(None, text.split("|"))), cls(0))
 
     @property
     def text(self):

@@ -4,6 +4,7 @@ import functools
 import gc
 import math
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 from amaranth.hdl import UnusedElaboratable
@@ -12,6 +13,7 @@ from ..config.dither import DITHER_BITS, FACTORS
 from ..imaging.iwe import image_of_warped_events
 from ..protocol.flags import Flag
 from ..rtl.core import Core
+from ..tracking.replay import Replay
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
 DIRECTIONS = (
@@ -57,15 +59,18 @@ def hardware_cycles(kept):
     counted = kept.numbers("cycles")
     if not np.isnan(counted).all():
         return counted, False
-    names = ("events", "roi_events", "iterations")
+    names = ("events", "roi_events", "thinned", "overflow", "iterations")
     columns = [[int(number) for number in kept.numbers(name)] for name in names]
+    replay = Replay(kept.config)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
         core = Core(kept.config)
-        cycles = [
-            core.cycles(**dict(zip(names, batch, strict=True))) if batch[-1] else np.nan
-            for batch in zip(*columns, strict=True)
-        ]
+        cycles = []
+        for *batch, flags in zip(*columns, kept.column("flags"), strict=True):
+            result = SimpleNamespace(**dict(zip(names, batch, strict=True)), flags=Flag.parse(flags))
+            plan, _ = replay.settings_of(result)
+            size = {"events": result.events, "roi_events": result.roi_events}
+            cycles.append(core.cycles(**size, iterations=plan) if plan else np.nan)
         del core
         gc.collect()  # it would warn when it is freed
     return np.array(cycles), True
