@@ -9,17 +9,18 @@ import pytest
 
 from cmfpga import build, cli, track
 from cmfpga.config import Config
-from cmfpga.engines import make_engine, rtl
+from cmfpga.engines import make_engine
 from cmfpga.events import BatchCutter, Events, open_recording, write_hdf5
 from cmfpga.protocol.flags import Flag
 from cmfpga.tracking import loop as tracker
+from cmfpga.verilog.compiler import find_compiler
 
 DOT = ["--roi", "8,9"]
 
 
 @pytest.fixture
 def compiler():
-    if rtl.find_compiler() is None:
+    if find_compiler() is None:
         pytest.skip("no C++ compiler")
 
 
@@ -144,7 +145,7 @@ def test_a_summary_as_json(command, dot, small, tmp_path):
     assert Config(**config).sensor_width == 32 and config["roi_width"] == 8 and config["iterations"] == 15
     assert re.fullmatch(r"\[\d+, \d+\]", str(summary.pop("roi_next")))
     assert summary == {
-        "engine": "model", "batches": 6, "events_left_over": 60, "flagged_batches": summary["flagged_batches"],
+        "engine": "model", "batches": 6, "events_left_over": 60, "batches_with_warnings": summary["batches_with_warnings"],
         "cycles": None, "files": [str(tmp_path / "track.csv"), str(tmp_path / "track.png")],
     }  # fmt: skip
 
@@ -272,7 +273,7 @@ def test_a_full_buffer(command, rows, dot_events, small, tmp_path):
         command, rows, tmp_path, dot_events, *DOT, "--batch-events", "90", *small, "--set", "buffer_events=16"
     )
     assert flags(found)[:3] == ["overflow"] * 3 and {row["roi_events"] for row in found[:3]} == {"16"}
-    assert f"{sum(map(bool, flags(found)))} with flags" in done.out
+    assert f"{sum(map(bool, flags(found)))} with warnings" in done.out
 
 
 def test_all_events_at_one_moment(command, rows, dot_events, small, tmp_path):
@@ -358,7 +359,7 @@ def test_torch_is_asked_for_where_it_is_needed(process, dot, small, engine):
 
 
 def test_without_a_compiler_a_note_and_the_same_csv(command, rows, dot, small, tmp_path, monkeypatch):
-    monkeypatch.setattr(rtl, "find_compiler", lambda: None)
+    monkeypatch.setattr("cmfpga.engines.find_compiler", lambda: None)
     done = command(
         track, dot, *DOT, "--batch-events", 90, "--batches", 2, *small, "--out", tmp_path / "slow", "--no-picture"
     )
@@ -401,14 +402,14 @@ def test_list_fields(process):
 @pytest.fixture(scope="module")
 def star(data_dir, tmp_path_factory, command, rows):
     """The recording in which a star moves to the right, its track by the Verilog, and the folder."""
-    if rtl.find_compiler() is None:
+    if find_compiler() is None:
         pytest.skip("no C++ compiler")
     folder = tmp_path_factory.mktemp("star")
     recording = data_dir / "davis240c_shapes_rotation_0.0s.h5"
     options = ["--start-event", 15000, "--roi", "100,30", "--batches", 20, "--batch-events", 5000]
     done = command(track, recording, *options, "--preset", "paper", "--out", folder)
     assert (done.status, done.err) == (0, "")
-    assert done.out.startswith("20 batches tracked (rtl engine), 0 with flags, 0 events left over\n")
+    assert done.out.startswith("20 batches tracked (rtl engine), 0 with warnings, 0 events left over\n")
     return recording, options, rows(folder), folder
 
 
@@ -498,7 +499,7 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
     ],
 )  # fmt: skip
 def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, name, engine, options, vx, vy):
-    if engine == "rtl" and rtl.find_compiler() is None:
+    if engine == "rtl" and find_compiler() is None:
         pytest.skip("no C++ compiler")
     done = command(track, data_dir / name, *options, "--engine", engine, "--out", tmp_path, "--no-picture")
     assert (done.status, done.err) == (0, "")
@@ -526,7 +527,7 @@ def test_a_real_overflow(data_dir, command, rows, tmp_path):
         "--set", "iterations=2", "--out", tmp_path, "--json",
     )  # fmt: skip
     assert done.status == 0 and done.err == ""
-    assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["flagged_batches"] == 2
+    assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["batches_with_warnings"] == 2
     assert flags(rows(tmp_path)) == ["overflow"] * 2
     looks_like_a_track(tmp_path / "track.png", moves=False)
 

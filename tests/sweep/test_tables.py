@@ -12,7 +12,7 @@ from cmfpga.sweep import tables
 from cmfpga.sweep.page import page
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
 from cmfpga.sweep.truth import Truth
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.verilog import resources
 
 TRUTH = Truth("recording", (0,), ((1.0, 0.0),), (0.0, 0.0))
@@ -53,7 +53,7 @@ def test_summary():
         ),
     )
     assert (found["status"], found["reason"]) == ("ok", None)
-    assert (found["batches"], found["degenerate_batches"], found["flagged_batches"]) == (4, 1, 3)
+    assert (found["batches"], found["degenerate_batches"], found["batches_with_warnings"]) == (4, 1, 3)
     assert found["flags"] == "overflow|roi_clamped|degenerate"
     assert (found["events"], found["events_left_over"], found["roi_events_mean"]) == (400, 7, 32.5)
     assert found["vx_px_per_s_median"] == 10.0 and found["contrast_mean"] == 1.25

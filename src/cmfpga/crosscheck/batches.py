@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..config.schedule import FEWEST, STRIDES, ScheduleEntry
+from ..events import Events
 from ..protocol.settings import BatchSettings, clamp_roi
 
 PATTERNS = {}
@@ -142,6 +143,14 @@ def times(config, rng, n):
     return t
 
 
+def random_events(config, rng, roi, name=None):
+    """``(name, events)`` of a pattern, by default a random one; no longer than a batch may be."""
+    name = name or str(rng.choice(list(PATTERNS)))
+    x, y = PATTERNS[name](config, rng, roi)
+    columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
+    return name, Events(*(column[: config.max_batch_events] for column in columns))
+
+
 def random_settings(config, rng, previous_roi):
     """Settings that change from batch to batch, and the ROI that the patterns are made for."""
     roi = None
@@ -159,7 +168,7 @@ def random_settings(config, rng, previous_roi):
         min_roi_events=min(config.buffer_events, int(rng.choice([1, 1, 1, 4]))),
         thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
         thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
-        **(random_schedules(config, rng) if config.ascent == "sign" else {}),
+        **(random_schedules(config, rng) if config.ascent_rule.has_table else {}),
     )
     return settings, clamp_roi(config, roi or previous_roi)[0]
 

@@ -1,6 +1,7 @@
 """Engines: the same batches through the emitted Verilog, the integer model, or the float reference."""
 
 from ..errors import ConfigError
+from ..verilog.compiler import CompilerError, find_compiler
 from .base import Engine, check_roi
 
 ENGINES = ("rtl", "model", "float")
@@ -8,7 +9,7 @@ ENGINES = ("rtl", "model", "float")
 #: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
 AXI = "axi"
 
-__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine"]
+__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine", "open_engine"]
 
 
 def make_engine(name, config):
@@ -18,9 +19,7 @@ def make_engine(name, config):
     ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
     """
     if name == "rtl":
-        from .rtl import make_rtl_engine
-
-        return make_rtl_engine(config)
+        return _make_rtl_engine(config)
     if name == AXI:
         from ..driver import Accelerator
         from ..simulation.axi_top import SimulationBackend
@@ -35,3 +34,28 @@ def make_engine(name, config):
 
         return FloatEngine(config)
     raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
+
+
+def _make_rtl_engine(config):
+    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where there is no C++ compiler that works."""
+    why = "no C++ compiler found"
+    if find_compiler():
+        from .verilated import VerilatedEngine
+
+        try:
+            return VerilatedEngine(config)
+        except CompilerError as error:
+            why = str(error)
+    from .amaranth_sim import AmaranthEngine
+
+    return AmaranthEngine(config, why)
+
+
+def open_engine(name, config, *, option="engine"):
+    """:func:`make_engine`, where a missing torch is the user's to mend; ``option`` is what chose it."""
+    try:
+        return make_engine(name, config)
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ConfigError(f"{option} {name}: torch is not installed; pip install 'cmfpga[reference]'") from None

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .shapes import REQUIRED, THINNING_BITS, Place, always, corner, leaves, pair, up_to, whole
+from .shapes import MAX_THINNING, REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
 
@@ -64,8 +64,7 @@ def _events(config):
 
 def _thinning_used(config):
     """It is doubled only while the events, thinned by half of it, exceed the buffer."""
-    most = (1 << THINNING_BITS) - 1
-    return up_to(max(most, 2 * (config.max_batch_events + most) // config.buffer_events))
+    return up_to(max(MAX_THINNING, 2 * (config.max_batch_events + MAX_THINNING) // config.buffer_events))
 
 
 def _corner(config):
@@ -130,8 +129,8 @@ RESULTS = (
                 doc="ROI that this batch was cropped with", places=corner(16)),
     ResultField(name="roi_next", shape=_corner, scope="region", taken_in=True, unit="px",
                 doc="ROI that the next batch is cropped with, unless it loads another", places=corner(17)),
-    ResultField(name="iterations", shape=lambda c: whole(c.iteration_bits), scope="region", doc="iterations done",
-                places=(Place(word=2),)),
+    ResultField(name="iterations", shape=lambda c: whole(c.widths.iteration_bits), scope="region",
+                doc="iterations done", places=(Place(word=2),)),
     ResultField(name="sums", shape=sums_shape, scope="region", default=None, nothing=(0,) * len(SUMS),
                 doc="sums of the last iteration; 0 in a degenerate batch", read=lambda *raw: raw,
                 places=(*_long(18, "RESULT_SUM_I", "_i", "ΣI of the last iteration, raw; 0 in a degenerate batch"),

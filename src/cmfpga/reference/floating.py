@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..config.schedule import used
+from ..config.schedule import ScheduleEntry, used
 
 
 def _tensor(values):
@@ -301,7 +301,7 @@ class Ascent:
 
 
 def _follow(x, y, dt, v_start, plan, step, **size):
-    """An :class:`Ascent`: v ← v + step(k, iteration k) for each entry of a plan, None for all events at level 0."""
+    """An :class:`Ascent`: v ← v + step(k, iteration k), for each ``ScheduleEntry`` of a plan."""
     with torch.no_grad():  # a trace, not a graph
         x, y, dt = float64(x), float64(y), float64(dt)
         v = torch.empty(len(plan) + 1, 2, dtype=torch.float64, device=dt.device)
@@ -309,7 +309,7 @@ def _follow(x, y, dt, v_start, plan, step, **size):
         scalars = torch.empty(len(plan), 10, dtype=torch.float64, device=dt.device)
         for k, entry in enumerate(plan):
             events = (axis[used(entry, k, len(dt))] for axis in (x, y, dt))
-            now = evaluate(*events, v[k], level=entry.level if entry else 0, **size)
+            now = evaluate(*events, v[k], level=entry.level, **size)
             sums = (now.sum_i, now.sum_dx, now.sum_dy, now.s_x, now.s_y, now.g_x, now.g_y)
             scalars[k] = torch.stack((now.contrast, *now.gradient, *sums))
             v[k + 1] = v[k] + step(k, now)
@@ -322,9 +322,8 @@ def ascend(x, y, dt, *, width, height, v_start, eta, iterations):
 
     v does not saturate here, as it does in the hardware.
     """
-    return _follow(
-        x, y, dt, v_start, [None] * iterations, lambda _, now: eta * now.gradient, width=width, height=height
-    )
+    plan = [ScheduleEntry(0, None)] * iterations
+    return _follow(x, y, dt, v_start, plan, lambda _, now: eta * now.gradient, width=width, height=height)
 
 
 def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):

@@ -107,10 +107,8 @@ class Story:
 
     @functools.cached_property
     def flags(self):
-        """``{flag's name: number of batches that have it}``, in the order of bits; only those that occur."""
-        texts = [set(text.split("|")) for text in self.kept.column("flags")]
-        counts = {flag.text: sum(flag.text in text for text in texts) for flag in Flag}
-        return {name: count for name, count in counts.items() if count}
+        """Of each batch."""
+        return [Flag.parse(text) for text in self.kept.column("flags")]
 
     @property
     def lead(self):
@@ -194,13 +192,15 @@ class Story:
                     f"The true motion of this recording is known: the velocities are {np.median(error):.0f} px/s off "
                     f"in the median, {error.max():.0f} px/s at worst."
                 )
-        flagged = sum(bool(text) for text in self.kept.column("flags"))
-        total = len(self.kept.rows)
-        if flagged:
-            which = ", ".join(f"{name} in {count}" for name, count in self.flags.items())
-            found.append(f"{flagged} of {total} batches have flags: {which}.")
+        total, warned = len(self.flags), [flags.warnings for flags in self.flags if flags.warnings]
+        if warned:
+            counts = {flag.text: sum(flag in flags for flags in warned) for flag in Flag}
+            which = ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
+            found.append(f"{len(warned)} of {total} batches have warnings: {which}.")
         else:
-            found.append(f"None of the {total} batches has a flag: nothing unusual happened.")
+            found.append(f"None of the {total} batches has a warning: nothing unusual happened.")
+        if thinned := sum(Flag.THINNED in flags for flags in self.flags):
+            found.append(f"In {thinned} of {total} batches events were left out evenly, to keep their number down.")
         return found
 
     @property

@@ -1,6 +1,6 @@
 """How many clock cycles a batch takes, from the latencies of the core's parts."""
 
-from ..config.schedule import used_events
+from ..config.schedule import ScheduleEntry, used_events
 from ..protocol.settings import by_signs
 
 
@@ -49,7 +49,7 @@ class CycleFormula:
         to the one in which the result is; events offered in every cycle, no other batch under way, batch not
         degenerate, at least :attr:`shortest_batch` events.
         """
-        plan = (None,) * iterations if isinstance(iterations, int) else iterations
+        plan = (ScheduleEntry(0, None),) * iterations if isinstance(iterations, int) else iterations
         iterated = sum(used_events(plan, roi_events)) + len(plan) * (self.sweep_cycles + self.iteration_latency)
         return max(events, self.shortest_batch) + iterated + self.batch_latency
 

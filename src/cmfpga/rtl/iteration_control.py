@@ -82,7 +82,7 @@ class IterationControl(wiring.Component):
                 **dict.fromkeys(("divide", "replay", "move"), Out(1)),
                 **dict.fromkeys(("divided", "complete"), In(1)),
                 "iterating": Out(1),
-                "iterations": Out(config.iteration_bits),
+                "iterations": Out(config.widths.iteration_bits),
                 "cycles": Out(CYCLE_BITS),
                 "taken": In(1),
             }

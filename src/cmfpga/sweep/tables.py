@@ -7,10 +7,11 @@ import statistics
 import pandas
 
 from ..config import Config
-from ..tracking.loop import COLUMNS
+from ..protocol.flags import Flag
+from ..tracking.columns import COLUMNS
 from ..verilog import resources
 from .store import write_atomically
-from .task import version
+from .task import TRUTH_COLUMNS, version
 
 #: An error below this counts as found, px per half batch; the bound of ``cmfpga.accuracy``.
 FOUND_PX = 0.6
@@ -25,7 +26,7 @@ RESULTS = {
     "roi_y": ("Int64", "top row of the first batch's ROI, px"),
     "batches": ("Int64", "batches tracked"),
     "degenerate_batches": ("Int64", "batches that measured nothing"),
-    "flagged_batches": ("Int64", "batches with any flag"),
+    "batches_with_warnings": ("Int64", "batches with a flag that is a warning"),
     "flags": ("string", "all flags that were set, joined by `\\|`"),
     "events": ("Int64", "events of all batches"),
     "events_left_over": ("Int64", "events after the last batch"),
@@ -57,14 +58,7 @@ RESULTS = {
     "preset": ("string", "the configuration that was begun with"),
 }
 
-#: Columns of ``batches`` behind those of ``track.csv``.
-TRUTH_COLUMNS = ("true_vx", "true_vy", "error_px")
-
 _TYPES = {int: "Int64", float: "Float64", str: "string"}
-_BATCH_TYPES = {
-    **dict.fromkeys(("batch", "events", "roi_events", "roi_x", "roi_y", "iterations", "cycles"), "Int64"),
-    "flags": "string",
-}
 
 
 def config_types():
@@ -135,7 +129,7 @@ def summary(row, outcome):
         "reason": reason,
         "batches": len(batches),
         "degenerate_batches": degenerate,
-        "flagged_batches": sum(map(bool, flags)),
+        "batches_with_warnings": sum(bool(Flag.parse(batch["flags"]).warnings) for batch in batches),
         "flags": "|".join(dict.fromkeys(name for names in flags for name in names)),
         "events": sum(batch["events"] for batch in batches),
         "events_left_over": outcome["events_left_over"],
@@ -192,7 +186,7 @@ def batches(rows, outcomes):
     ]
     types = {"recording": "string", "first_roi": "string", "configuration": "Int64"}
     types |= {f"config.{name}": config_types().get(name, "string") for name in varied}
-    types |= {name: _BATCH_TYPES.get(name, "Float64") for name in (*COLUMNS, *TRUTH_COLUMNS)}
+    types |= {name: _TYPES[column.dtype] for name, column in COLUMNS.items()} | dict.fromkeys(TRUTH_COLUMNS, "Float64")
     return _frame(lines, types)
 
 

@@ -2,13 +2,16 @@
 
 import itertools
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ascent.schedule import Schedule
-from support.bench import LEVELS, corners, held, np, play, random_value, shape_range
+from support.bench import held, play
+from support.configs import LEVELS
+from support.values import corners, random_value, shape_range
 
 SHAPES = {
     "fast": LEVELS["fast"],

@@ -2,6 +2,7 @@
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,19 +10,9 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.reference.integer.dither import dither
 from cmfpga.rtl.image.dither import Dither
-from support.bench import (
-    GAPS,
-    LEVELS,
-    check_flow,
-    corners,
-    edge_integers,
-    integers_at_edges,
-    np,
-    play,
-    random_gaps,
-    random_values,
-    tensor,
-)
+from support.bench import GAPS, check_flow, play
+from support.configs import LEVELS
+from support.values import corners, edge_integers, integers_at_edges, random_gaps, random_values, tensor
 
 SHAPES = LEVELS | {
     "one bit": LEVELS["fast"].replace(dither_frac=1),

@@ -6,15 +6,14 @@ import numpy as np
 
 from ...config.schedule import used
 from ...protocol.flags import Flag
-from ...protocol.results import BatchResult
 from ...protocol.trace import Trace
-from ..ingest import take_in
-from ..roi_follower import RoiFollower
+from ..sequence import Sequence
 from .accumulator import Images, accumulator
+from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
+from .sign import sign_updater
 from .time_scaler import time_scaler
-from .updater import gain, sign_updater, updater
 from .voter import voter
 from .warp import warp
 
@@ -30,134 +29,72 @@ class IntegerIteration:
     v_next: tuple[int, int]
 
 
-class IntegerCore:
-    """The core's state between batches, and how a batch changes it.
+#: By the value of ``ascent``: the step of one axis from raw v, ``(next v, saturated)``.
+STEPS = {
+    "constant": lambda config, v, g, eta, entry: updater(config, v, g, gain=gain(config, eta)),
+    "sign": lambda config, v, g, eta, entry: sign_updater(config, v, g, log2_step=entry.log2_step),
+}
 
-    Parameters
-    ----------
-    config : Config
-        Formats and sizes.
+
+class IntegerCore(Sequence):
+    """The core's state between batches, and how a batch changes it, in raw integers.
+
+    See :class:`~cmfpga.reference.sequence.Sequence` for parameters and the other attributes.
 
     Attributes
     ----------
-    v : pair of int
-        Raw velocity of the last batch; zero after a reset.
-    tracking : bool
-        Whether ``v`` is that of an object that is being followed: the sign ascent's warm schedule applies. A new ROI,
-        a degenerate batch or a reset ends it.
-    follower : RoiFollower
-        Raw ROI position; the origin after a reset.
-    thinning : int or None
-        What would have brought the last batch down to its target.
     dt : int64 tensor
         Scaled times of the last batch's ROI events.
-    plan : tuple
-        Of the last batch: a :class:`~cmfpga.config.ScheduleEntry` per iteration, None for a constant η; empty where it
-        was degenerate.
     iterations : list of IntegerIteration
         Intermediates of the last batch, where ``run`` was asked to keep them.
     """
 
     def __init__(self, config):
-        self.config = config
-        self.v = (0, 0)
-        self.tracking = False
-        self.follower = RoiFollower(config, 1 << config.formats.roi_x.f)
-        self.thinning = None
+        super().__init__(config, 1 << config.formats.roi_x.f)
         self.dt = None
-        self.plan = ()
         self.iterations = []
+        self._keep = False
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
-        """Process one batch.
+        """Process one batch; ``keep`` every iteration's images in ``iterations`` (memory: T images)."""
+        self._keep, self.iterations = keep, []
+        return super().run(t, x, y, settings, cut=cut)
 
-        Parameters
-        ----------
-        t, x, y : integer arrays
-            All N events of the batch.
-        settings : BatchSettings
-            Run-time inputs.
-        cut : bool
-            Whether the batch ended because it reached ``max_batch_events``.
-        keep : bool
-            Keep every iteration's images in ``iterations`` (memory: T images).
+    @property
+    def velocity(self):
+        return tuple(self.config.formats.v.real(axis) for axis in self.v)
 
-        Returns
-        -------
-        BatchResult
-        """
+    def number(self, fmt, raw):
+        return raw
+
+    def ascend(self, batch, settings, plan):
         config = self.config
-        roi, limited = self.follower.crop(settings.roi)
-        if settings.roi is not None:
-            self.tracking = False
-        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning)
-        self.thinning = batch.next_thinning
-        flags = batch.flags | (Flag.CUT if cut else Flag(0))
+        self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
+        x, y = dither(config, batch.x, batch.y)
+        velocities, sums, flags = [self.v], [], Flag(0)
+        for k, entry in enumerate(plan):
+            events = (axis[used(entry, k, len(x))] for axis in (x, y, self.dt))
+            done, saturated = self.iterate(*events, velocities[-1], entry=entry, eta=settings.eta)
+            flags |= Flag.SATURATED if saturated else Flag(0)
+            velocities.append(done.v_next)
+            sums.append(done.sums)
+            if self._keep:
+                self.iterations.append(done)
+        table = np.array(sums, np.int64)
+        v = np.array(velocities, np.int64)
+        return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]), flags
 
-        warm = settings.start_last and (self.tracking or config.ascent == "constant")
-        self.plan = self._plan(settings, warm)
-        self.iterations = []
-        sums = []
-        velocities = [self.v]
-        step = None
-        if not batch.enough(settings) or not self.plan:
-            flags |= Flag.DEGENERATE
-            self.plan = ()
-            self.tracking = False
-        else:
-            if not warm:
-                self.v = settings.v_start
-            velocities = [self.v]
-            self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
-            positions = dither(config, batch.x, batch.y)
-            batch_gain = gain(config, settings.eta)
-            for k, entry in enumerate(self.plan):
-                events = (axis[used(entry, k, len(batch.t))] for axis in (*positions, self.dt))
-                done, saturated = self.iterate(*events, self.v, gain=batch_gain, entry=entry)
-                flags |= Flag.SATURATED if saturated else Flag(0)
-                self.v = done.v_next
-                velocities.append(done.v_next)
-                sums.append(done.sums)
-                if keep:
-                    self.iterations.append(done)
-            self.tracking = True
-            step = tuple(axis * settings.roi_gain for axis in self.v)
-        limited |= self.follower.move(step)
-        flags |= Flag.ROI_CLAMPED if limited else Flag(0)
-
-        table = np.array(sums, np.int64).reshape(-1, 5)
-        return BatchResult(
-            **batch.counts,
-            roi=roi,
-            roi_next=self.follower.next_corner,
-            v=(config.formats.v.real(self.v[0]), config.formats.v.real(self.v[1])),
-            iterations=len(sums),
-            flags=flags,
-            trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),
-        )
-
-    def _plan(self, settings, warm):
-        """One :class:`ScheduleEntry` per iteration; None for a constant η."""
-        if self.config.ascent == "sign":
-            return settings.warm if warm else settings.cold
-        return (None,) * settings.iterations
-
-    def iterate(self, x, y, dt, v, *, gain=0, entry=None):
+    def iterate(self, x, y, dt, v, *, entry, eta=0):
         """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
 
-        ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, None
-        for a constant η, whose ``gain`` then counts.
+        ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
+        ``eta`` raw.
         """
-        config = self.config
-        level = entry.level if entry else 0
+        config, level = self.config, entry.level
         images = accumulator(config, voter(config, *warp(config, x, y, dt, v, level), dt, level))
         sums = gradient_reader(images)
         g = gradient(config, sums)
-        steps = [
-            sign_updater(config, axis_v, axis_g, log2_step=entry.log2_step)
-            if entry
-            else updater(config, axis_v, axis_g, gain=gain)
-            for axis_v, axis_g in zip(v, g, strict=True)
-        ]
+        step = STEPS[config.ascent]
+        steps = [step(config, axis_v, axis_g, eta, entry) for axis_v, axis_g in zip(v, g, strict=True)]
         (vx, saturated_x), (vy, saturated_y) = steps
         return IntegerIteration(tuple(v), images, sums, g, (vx, vy)), saturated_x or saturated_y

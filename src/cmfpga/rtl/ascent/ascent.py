@@ -31,7 +31,7 @@ def ascent_run(config):
         {
             "settings": Out(payloads.settings(config)),
             **dict.fromkeys(("take", "start", "done", "degenerate"), Out(1)),
-            "planned": In(config.iteration_bits),
+            "planned": In(config.widths.iteration_bits),
             "updated": In(1),
         }
     )
