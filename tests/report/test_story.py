@@ -114,11 +114,12 @@ def test_of_a_synthetic_track(turning):
 def test_cycles_by_the_formula(turning):
     """The model has no clock."""
     story = Story(turning, 100.0)
-    core = Core(turning.config)
+    config, core = turning.config, Core(turning.config)
     assert story.by_formula
     for k, cycles in enumerate(story.cycles):
         n, inside, iterations = (int(turning.numbers(name)[k]) for name in ("events", "roi_events", "iterations"))
-        assert cycles == core.cycles(events=n, roi_events=inside, iterations=iterations)
+        plan = config.schedules.warm if k else config.schedules.cold
+        assert cycles == core.cycles(events=n, roi_events=inside, iterations=plan) and iterations == len(plan)
         assert story.margin[k] == pytest.approx(turning.spans[k] / (cycles / 100))
 
 
