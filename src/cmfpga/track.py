@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from . import cli
 from .config.defaults import BATCH_EVENTS
-from .engines import AXI, ENGINES, check_roi, make_engine
+from .engines import AXI, ENGINES, check_roi, open_engine
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .tracking import api
@@ -214,8 +214,7 @@ def _track(options, objects, recording, folder, motion):
     with contextlib.ExitStack() as stack:
         running = []
         for one in objects:
-            engine = make_engine(options.engine, one.config, asked=f"--engine {options.engine}")
-            stack.callback(engine.close)
+            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, one.config, option="--engine")))
             if engine.note and not running:
                 print(f"note: {engine.note}", file=sys.stderr)
             one.collect(
@@ -268,7 +267,7 @@ def _summarise(options, config, engine, objects):
     for one in objects:
         who = "" if alone and not one.name else f"{one.name}: "
         print(
-            f"{who}{one.batches} batches tracked ({engine} engine), {one.flagged} with flags, "
+            f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
     if cycles:

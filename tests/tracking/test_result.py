@@ -153,6 +153,7 @@ def test_a_live_source_is_tracked_but_not_read_again(dot, dot_events):
 
 def test_names_of_the_package():
     assert cmfpga.tracking.track is api.track and cmfpga.tracking.Tracking is Tracking
+    assert cmfpga.tracking.open_engine is cmfpga.engines.open_engine
     with pytest.raises(AttributeError, match="no attribute 'tracker'"):
         _ = cmfpga.tracking.tracker
 

@@ -20,20 +20,18 @@ _MAKERS = {
     "float": "cmfpga.engines.floating:FloatEngine",
 }
 
-__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine"]
+__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine", "open_engine"]
 
 
-def make_engine(name, config, *, asked=None):
+def make_engine(name, config):
     """The engine ``rtl``, ``axi``, ``model`` or ``float`` for ``config``.
 
     ``rtl`` compiles the emitted Verilog, or, where there is no C++ compiler, uses Amaranth's simulator (its
-    ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two need torch: where it
-    is missing, :exc:`~cmfpga.errors.MissingPackage` names what the user ``asked`` for (default: the engine).
+    ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
     """
     if name not in _MAKERS:
         raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
-    with needs("torch", "reference", asked or f"engine {name}"):
-        return pkgutil.resolve_name(_MAKERS[name])(config)
+    return pkgutil.resolve_name(_MAKERS[name])(config)
 
 
 def _make_rtl_engine(config):
@@ -49,3 +47,9 @@ def _make_rtl_engine(config):
     from .amaranth_sim import AmaranthEngine
 
     return AmaranthEngine(config, why)
+
+
+def open_engine(name, config, *, option="engine"):
+    """:func:`make_engine`, where a missing torch is the user's to mend; ``option`` is what chose it."""
+    with needs("torch", "reference", f"{option} {name}"):
+        return make_engine(name, config)

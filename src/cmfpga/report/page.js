@@ -32,7 +32,7 @@ function build() {
   for (let k = 0; k < Math.min(batches, 5000); ++k) {
     const row = document.createElement("tr");
     row.dataset.batch = k;
-    row.className = columns.flags[k] ? "flagged" : "";
+    row.className = warnings(k).length ? "flagged" : "";
     for (const values of Object.values(columns)) row.append(cell("td", values[k]));
     row.addEventListener("click", () => go(nearest(k)));
     $("table").append(row);

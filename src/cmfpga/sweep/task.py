@@ -112,7 +112,7 @@ def _track(task):
     # Here and not above: where a sweep is only looked up, none of this is needed.
     from amaranth.hdl import UnusedElaboratable
 
-    from ..engines import make_engine
+    from ..engines import open_engine
     from ..events import BatchCutter, open_recording
     from ..tracking.loop import track
 
@@ -123,8 +123,7 @@ def _track(task):
         recording = stack.enter_context(open_recording(task.path, sensor=task.sensor, time_unit=task.time_unit))
         limit = task.config.max_batch_events
         cutter = BatchCutter(recording, start_event=task.start_event, **task.size, max_events=limit)
-        engine = make_engine(task.engine, task.config, asked=f"--engine {task.engine}")
-        stack.callback(engine.close)
+        engine = stack.enter_context(contextlib.closing(open_engine(task.engine, task.config, option="--engine")))
         tracked = track(engine, cutter, roi=task.roi, batches=task.batches)
         batches = [_batch(batch, motion) for batch in tracked]
         if not batches:
