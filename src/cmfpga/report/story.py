@@ -58,7 +58,8 @@ def hardware_cycles(kept):
     counted = kept.numbers("cycles")
     if not np.isnan(counted).all():
         return counted, False
-    names = ("events", "roi_events", "thinned", "overflow", "iterations")
+    names = ("events", "roi_events", "iterations")
+    unknown = {"thinned": 0, "overflow": 0}  # not in track.csv; they decide the thinning, which is not asked for here
     columns = [[int(number) for number in kept.numbers(name)] for name in names]
     replay = Replay(kept.config)
     with warnings.catch_warnings():
@@ -66,7 +67,7 @@ def hardware_cycles(kept):
         core = Core(kept.config)
         cycles = []
         for *batch, flags in zip(*columns, kept.column("flags"), strict=True):
-            result = SimpleNamespace(**dict(zip(names, batch, strict=True)), flags=Flag.parse(flags))
+            result = SimpleNamespace(**dict(zip(names, batch, strict=True)), **unknown, flags=Flag.parse(flags))
             plan, _ = replay.settings_of(result)
             size = {"events": result.events, "roi_events": result.roi_events}
             cycles.append(core.cycles(**size, iterations=plan) if plan else np.nan)
