@@ -102,7 +102,7 @@ MUTANTS = [
         r"\1 1'h0",
         preset="fast",
         says="result_",
-    ),  # fmt: skip
+    ),
     Mutant("schedule not written", "ascent_schedule", r"if \(write__valid\)", "if (1'h0)", preset="fast", says="x"),
     Mutant(
         "warm though nothing is followed", "ascent", r"(\[\d+\]) & tracking;", r"\1;", preset="fast", says="iteration"
