@@ -145,8 +145,8 @@ def test_a_summary_as_json(command, dot, small, tmp_path):
     assert Config(**config).sensor_width == 32 and config["roi_width"] == 8 and config["iterations"] == 15
     assert re.fullmatch(r"\[\d+, \d+\]", str(summary.pop("roi_next")))
     assert summary == {
-        "engine": "model", "batches": 6, "events_left_over": 60, "cycles": None,
-        "batches_with_warnings": summary["batches_with_warnings"],
+        "engine": "model", "batches": 6, "events_left_over": 60,
+        "batches_with_warnings": summary["batches_with_warnings"], "cycles": None,
         "files": [str(tmp_path / "track.csv"), str(tmp_path / "track.png")],
     }  # fmt: skip
 

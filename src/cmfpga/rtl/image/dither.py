@@ -30,8 +30,8 @@ class Dither(wiring.Component):
     i : ``In``, flow of :func:`payloads.replayed_event`
     o : ``Out``, flow of :func:`payloads.dithered_event`
     started, subset : ``In``
-        As in :class:`~cmfpga.rtl.ingest.event_buffer.EventBuffer`: a replay has begun, before its first event.
-        Without a schedule, the next one begins behind the last event.
+        As in :class:`~cmfpga.rtl.ingest.event_buffer.EventBuffer`: a replay has begun, before its first event. Without
+        a schedule, the next one begins behind the last event.
     """
 
     latency = 1
