@@ -108,5 +108,6 @@ def make():
 
 if __name__ == "__main__":
     path = Path(__file__).with_name(FILE)
-    path.write_text(json.dumps(make(), indent=1) + "\n", encoding="utf-8")
+    lines = ",\n".join(f"{json.dumps(name)}: {json.dumps(kept)}" for name, kept in make().items())
+    path.write_text(f"{{\n{lines}\n}}\n", encoding="utf-8")
     print(f"wrote {path}")
