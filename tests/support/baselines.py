@@ -20,7 +20,7 @@ from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
-BASELINES = json.loads(PATH.read_text(encoding="utf-8"))
+BASELINES = {"fingerprints": {}} | json.loads(PATH.read_text(encoding="utf-8"))
 
 
 def fingerprint(text, row):
@@ -65,23 +65,27 @@ def widths_of(widths):
 
 
 def main():
-    presets, rows, fingerprints = {}, {}, {}
+    """What has been measured is kept at once: a run that was broken off goes on where it was."""
+    presets, rows, fingerprints = (BASELINES[part] for part in ("presets", "widths", "fingerprints"))
     for name in PRESETS:
-        (core, text), (axi, axi_text) = core_of(name), axi_of(name)
-        presets[name] = {**core, "axi": axi}
-        fingerprints |= {name: fingerprint(text, core), f"{name} axi": fingerprint(axi_text, axi)}
+        core, text = core_of(name)
+        presets[name] = core | {"axi": presets.get(name, {}).get("axi")}
+        fingerprints[name] = fingerprint(text, core)
+        write(BASELINES)
+        presets[name]["axi"], text = axi_of(name)
+        fingerprints[f"{name} axi"] = fingerprint(text, presets[name]["axi"])
+        write(BASELINES)
     for widths in WIDTHS:
         name = ", ".join(map(str, widths))
         rows[name], text = widths_of(widths)
         fingerprints[name] = fingerprint(text, rows[name])
-    write({"presets": presets, "widths": rows, "fingerprints": fingerprints})
+        write(BASELINES)
 
 
 def write(baselines):
     """A line a row."""
     text = re.sub(r"\{[^{}]*\}", lambda row: " ".join(row[0].split()), json.dumps(baselines, indent=1))
     PATH.write_text(text + "\n", encoding="utf-8")
-    print(f"wrote {PATH.name}")
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 GRADIENTS = ("sweep", "one_pass")
+WHEN_FULL = ("drop", "thin")
 RAM_STYLES = ("auto", "block", "ultra")
 
 
@@ -57,6 +58,11 @@ class Config:
     )
     max_batch_events: int = _field(
         65535, "largest batch, in events of the whole sensor", unit="events", low=1, high=(1 << 31) - 1
+    )
+    when_full: str = _field(
+        "drop",
+        "more ROI events than the buffer holds: drop the surplus, or thin, keep every second one, as often as needed",
+        choices=WHEN_FULL,
     )
     time_bits: int = _field(32, "width of the camera's time stamps, which wrap", unit="bits of µs", low=8, high=48)
     span_bits: int = _field(24, "width of times relative to the batch's first event", unit="bits of µs", low=4, high=32)

@@ -92,8 +92,8 @@ class Control:
             self._write_once(self.registers[name], word)
         if "SCHEDULE" in self.registers:
             declared = self.registers["SCHEDULE"]
-            for k, (level, shift) in enumerate(schedule_table(self.config, settings)):
-                self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift), 4 * k)
+            for k, (level, shift, stride) in enumerate(schedule_table(self.config, settings)):
+                self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift, STRIDE=stride), 4 * k)
         self.write("ROI_LOAD", LOAD=load)
 
     def _write_once(self, register, word, offset=0):

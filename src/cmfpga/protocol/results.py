@@ -13,7 +13,7 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .shapes import REQUIRED, Place, corner, leaves, pair, up_to, whole
+from .shapes import MAX_THINNING, REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
 
@@ -34,6 +34,7 @@ class ResultField:
     scope: str  # batch; region, of one region of interest; or wrapper, of the AXI top alone (WireResult)
     counts: bool = False  # one of those that add up to events
     taken_in: bool = False  # known when the batch has been taken in, before its first iteration
+    when: Callable = always  # when(config): the hardware has it; without it, outcomes have the default
     read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
     default: Any = REQUIRED  # of the attribute
     nothing: Any = 0  # the attribute of a batch without events
@@ -52,8 +53,18 @@ class ResultField:
         return real[0] if isinstance(shape, Q) else real
 
 
+def thins(config):
+    """Only where a full buffer thins out what it holds."""
+    return config.when_full == "thin"
+
+
 def _events(config):
     return up_to(config.max_batch_events)
+
+
+def _thinning_used(config):
+    """It is doubled only while the events, thinned by half of it, exceed the buffer."""
+    return up_to(max(MAX_THINNING, 2 * (config.max_batch_events + MAX_THINNING) // config.buffer_events))
 
 
 def _corner(config):
@@ -129,6 +140,9 @@ RESULTS = (
                 doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
     ResultField(name="flags", shape=lambda c: whole(len(Flag)), scope="region", read=Flag, nothing=Flag.DEGENERATE,
                 doc="what was unusual", places=_FLAGS),
+    ResultField(name="thinning_used", shape=_thinning_used, scope="region", taken_in=True, when=thins, default=None,
+                nothing=None, places=(Place(word=28),),
+                doc="one ROI event in so many was stored: the thinning, doubled each time the buffer was full"),
     ResultField(name="batch", shape=lambda c: whole(32), scope="wrapper", places=(Place(word=0),),
                 doc="number of the batch, from 1 after a reset; 0: no result yet"),
     ResultField(name="t_ref", shape=lambda c: whole(32), scope="wrapper", nothing=None, places=(Place(word=8),),
@@ -148,9 +162,12 @@ PACKET_BEATS = max(place.word for f in RESULTS for place in f.places) // 2 + 1
 COUNTS = tuple(f.name for f in RESULTS if f.counts)
 
 
-def fields_of(*scopes):
-    """The fields of some scopes, in order; those of the core are ``fields_of("batch", "region")``."""
-    return tuple(f for f in RESULTS if f.scope in scopes)
+def fields_of(*scopes, config=None):
+    """The fields of some scopes, in order; with a configuration, those that its hardware has.
+
+    Those of the core are ``fields_of("batch", "region")``.
+    """
+    return tuple(f for f in RESULTS if f.scope in scopes and (config is None or f.when(config)))
 
 
 def decode(config, values, *more):
@@ -164,7 +181,7 @@ def decode(config, values, *more):
     more : str
         ``wrapper``, of a result packet.
     """
-    found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more)}
+    found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
     if Flag.DEGENERATE in found["flags"]:
         found["sums"] = (0,) * len(SUMS)  # the core's mean nothing then
     return found

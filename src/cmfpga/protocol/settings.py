@@ -12,16 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..fixed import saturate
-from .shapes import REQUIRED, Place, leaves, pair, up_to, whole
-
-#: Width of the thinning's factor, and its largest value.
-THINNING_BITS = 8
-MAX_THINNING = (1 << THINNING_BITS) - 1
-
-
-def always(config):
-    """A setting that every hardware has."""
-    return True
+from .shapes import MAX_THINNING, REQUIRED, THINNING_BITS, Place, always, leaves, pair, up_to, whole
 
 
 def by_signs(config):
@@ -240,8 +231,13 @@ def settings_values(config, settings):
 
 
 def schedule_table(config, settings):
-    """The table of schedules, cold then warm: tuple of (level, shift), as :func:`settings_values` points at it."""
-    return tuple((entry.level, entry.log2_step + config.formats.v.f) for entry in (*settings.cold, *settings.warm))
+    """The table of schedules, cold then warm, as :func:`settings_values` points at it: tuple of :func:`table_entry`."""
+    return tuple(table_entry(config, entry) for entry in (*settings.cold, *settings.warm))
+
+
+def table_entry(config, entry):
+    """(level, shift, stride) of a ``ScheduleEntry`` in the table of schedules: v's raw units, log2 of the stride."""
+    return entry.level, entry.log2_step + config.formats.v.f, entry.stride.bit_length() - 1
 
 
 def clamp_roi(config, roi):

@@ -29,6 +29,8 @@ class Sequence(ABC):
         Position of the ROI; the origin after a reset.
     thinning : int or None
         What would have brought the last batch down to its target.
+    plan : tuple of ScheduleEntry
+        Iterations of the last batch.
     """
 
     def __init__(self, config, pixel):
@@ -62,6 +64,7 @@ class Sequence(ABC):
         warm = rule.warm(settings, self.followed and settings.roi is None)
         plan = rule.plan(settings, warm)
         self.followed = batch.enough(settings) and bool(plan)
+        self.plan = plan if self.followed else ()
         step = None
         if self.followed:
             if not warm:

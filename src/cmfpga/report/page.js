@@ -218,7 +218,9 @@ function drawLandscape(detail) {
       `in ${steps.length} iterations.` : "no ascent, nothing was measured."));
 }
 
-const flagged = columns.flags.map((text, k) => (text ? k : -1)).filter((k) => k >= 0);
+const named = (k) => (columns.flags[k] ? columns.flags[k].split("|") : []);
+const warnings = (k) => named(k).filter((name) => !head.notes.includes(name));
+const flagged = columns.flags.map((_, k) => (warnings(k).length ? k : -1)).filter((k) => k >= 0);
 
 /* The line at the batch that is shown, for a chart over time; and what its points do. */
 function cursor() {
@@ -236,10 +238,10 @@ function series(name, y, colour, more = {}) {
     hovertemplate: `batch %{customdata}: %{y} — ${name}<extra></extra>`, ...rest };
 }
 
-/* Triangles on the axis of time where a batch has flags. */
+/* Triangles on the axis of time where a batch has warnings. */
 function flagMarks() {
-  return { type: "scatter", mode: "markers", name: "flags", x: flagged.map((k) => seconds[k]), y: flagged.map(() => 0),
-    yaxis: "y2", customdata: flagged, text: flagged.map((k) => columns.flags[k]), cliponaxis: false,
+  return { type: "scatter", mode: "markers", name: "warnings", x: flagged.map((k) => seconds[k]), y: flagged.map(() => 0),
+    yaxis: "y2", customdata: flagged, text: flagged.map((k) => warnings(k).join("|")), cliponaxis: false,
     showlegend: flagged.length > 0,
     marker: { symbol: "triangle-up", size: 10, color: css("--warn") }, hovertemplate: "batch %{customdata}: %{text}<extra></extra>" };
 }
@@ -293,10 +295,10 @@ function showNumbers(detail) {
   $("lasts").textContent = digits(head.spans[k] / 1000);
   $("takes").textContent = digits(time === null ? null : time / 1000);
   $("times").textContent = digits(margin);
-  const names = columns.flags[k] ? columns.flags[k].split("|") : [];
-  $("flags").className = names.length ? "set" : "";
-  $("flags").textContent = names.length
-    ? "⚠ " + names.map((name) => `${name}: ${head.flags[name]}`).join("; ") : "No flags: nothing unusual in this batch.";
+  const names = named(k), warned = warnings(k).length > 0;
+  $("flags").className = warned ? "set" : "";
+  $("flags").textContent = (warned ? "⚠ " : "") + (names.map((name) => `${name}: ${head.flags[name]}`).join("; ")
+    || "No warnings: nothing unusual in this batch.");
   const at = columns.t_ref_us[k] === "" ? "" : `, ${seconds[k].toFixed(3)} s`;
   $("where").textContent = `batch ${k} of ${batches - 1}${at}`;
   $("slider").setAttribute("aria-valuetext", $("where").textContent);
@@ -363,7 +365,7 @@ function build() {
   for (let k = 0; k < Math.min(batches, 5000); ++k) {
     const row = document.createElement("tr");
     row.dataset.batch = k;
-    row.className = columns.flags[k] ? "flagged" : "";
+    row.className = warnings(k).length ? "flagged" : "";
     for (const values of Object.values(columns)) row.append(cell("td", values[k]));
     row.addEventListener("click", () => go(nearest(k)));
     $("table").append(row);

@@ -16,6 +16,7 @@ from .. import __version__
 from ..config import PRESETS, Config
 from ..config.dither import DITHER_BITS, FACTORS
 from ..errors import ConfigError
+from ..protocol.flags import NOTES
 from ..tracking.columns import COLUMNS
 from .story import Story
 
@@ -110,6 +111,7 @@ def _data(kept, story):
         "columns": {name: kept.column(name) for name in COLUMNS},
         "labels": {name: (column.title, column.unit) for name, column in COLUMNS.items()},
         "flags": FLAGS,
+        "notes": NOTES.text.split("|"),
         "spans": kept.spans,
         "truths": [plain(pair) for pair in kept.truths],
         "cycles": plain(story.cycles),

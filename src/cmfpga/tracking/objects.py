@@ -39,7 +39,7 @@ class TrackedObject:
     config: object = None
     cutter: object = None
     batches: int = 0
-    flagged: int = 0
+    warned: int = 0
     seen: int = 0  # ROI events of all batches
     cycles: list = field(default_factory=list)
     speeds: list = field(default_factory=list)  # |v| of each batch that measured one, px per half batch
@@ -56,7 +56,7 @@ class TrackedObject:
         """Take a tracked batch; its arrays are not kept."""
         result = batch.result
         self.batches += 1
-        self.flagged += bool(result.flags)
+        self.warned += bool(result.flags.warnings)
         self.seen += result.roi_events + result.overflow + result.thinned
         self.roi_next = result.roi_next
         if result.cycles is not None:
@@ -132,7 +132,7 @@ class TrackedObject:
         entry = {
             "batches": self.batches,
             "events_left_over": self.cutter.leftover,
-            "flagged_batches": self.flagged,
+            "batches_with_warnings": self.warned,
             "cycles": sum(self.cycles) if self.cycles else None,
             "roi_next": list(self.roi_next),
             "files": [str(path) for path in self.files],

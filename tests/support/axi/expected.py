@@ -74,7 +74,7 @@ class Expected:
 def raw_values(config, outcome):
     """``{leaf: raw value}`` of an outcome, less ``cycles``."""
     values = {}
-    for field in fields_of("batch", "region"):
+    for field in fields_of("batch", "region", config=config):
         if field.name != "cycles":
             value = getattr(outcome, field.name)
             parts = value if isinstance(value, tuple) else (value,)

@@ -90,6 +90,8 @@ def results(config):
     """One batch's result, as the registers show it and as the packet carries it: word k is register k."""
     found = []
     for f in RESULTS:
+        if not f.when(config):
+            continue
         formats = leaves(f.name, f.shape(config))
         for place in f.places:
             leaf = f.name + place.part
