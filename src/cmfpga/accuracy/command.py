@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .. import cli
 from ..engines import ENGINES
-from ..errors import ConfigError, RecordingError
+from ..errors import ConfigError, RecordingError, needs
 from .studies import STUDIES, run_study
 from .suites import run_suites
 from .synthetic import BATCHES, SEEDS
@@ -72,14 +72,8 @@ def main(arguments=None):
     report = Report()
     if options.data is None:
         print("note: no folder of recordings (--data, $CMFPGA_DATA): synthetic batches only", file=sys.stderr)
-    try:
+    with needs("torch", "reference", "all but --engine rtl"):
         (run_study if options.study else run_suites)(options, config, report)
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError(
-            "torch is not installed, which all but --engine rtl need; pip install 'cmfpga[reference]'"
-        ) from None
     if options.json:
         text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)
         Path(options.json).write_text(text + "\n", encoding="utf-8")

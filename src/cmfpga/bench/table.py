@@ -1,9 +1,7 @@
 """The table of ``python -m cmfpga.bench``, from the numbers that its ``--json`` writes."""
 
+from ..config.defaults import CLOCK_MHZ
 from .cases import ARTICLE, KIM
-
-#: The clock that the article reports for its design on the KV260. Which one this core reaches is not known.
-ARTICLE_MHZ = 210.0
 
 ASCENTS = {
     "constant": "the article's ascent (constant η from v = 0)",
@@ -32,7 +30,7 @@ def table(report):
     widths = [max(len(row[k]) for _, rows in blocks for row in (HEADER, *rows)) for k in range(len(HEADER))]
     lines = [
         f"Core: clock cycles counted in the simulated Verilog; times at an assumed {clock:g} MHz "
-        f"({ARTICLE_MHZ:g} MHz is what the",
+        f"({CLOCK_MHZ:g} MHz is what the",
         "article reports for its design; which clock this core reaches is not known).",
         f"Programs: one thread of this machine's processor, {report['processor']}; median of {report['runs']} runs",
         "(lowest–highest), events in its cache. A GPU, where there is one, is named.",

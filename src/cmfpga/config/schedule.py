@@ -10,6 +10,7 @@ import re
 from typing import NamedTuple
 
 from ..errors import ConfigError
+from .derived import Derived
 
 AUTO = "auto"
 
@@ -104,16 +105,8 @@ def parse_schedule(text, *, name, max_level, v, entries):
     return tuple(iterations)
 
 
-class Schedules:
-    """The schedules that a configuration asks for.
-
-    Parameters
-    ----------
-    config : Config
-    """
-
-    def __init__(self, config):
-        self._c = config
+class Schedules(Derived):
+    """The schedules that a configuration asks for."""
 
     def _parse(self, name):
         limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}

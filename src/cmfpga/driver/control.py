@@ -2,10 +2,10 @@
 
 import time
 
+from ..errors import DeviceTimeout
 from ..protocol.registers import register_map
 from ..protocol.settings import schedule_table, settings_values
 from ..protocol.words import setting_words
-from .errors import DeviceTimeout
 
 
 class Control:

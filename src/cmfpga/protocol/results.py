@@ -13,7 +13,7 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .shapes import MAX_THINNING, REQUIRED, Place, always, corner, leaves, pair, up_to, whole
+from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
 
@@ -64,7 +64,8 @@ def _events(config):
 
 def _thinning_used(config):
     """It is doubled only while the events, thinned by half of it, exceed the buffer."""
-    return up_to(max(MAX_THINNING, 2 * (config.max_batch_events + MAX_THINNING) // config.buffer_events))
+    most = config.widths.thinning_max
+    return up_to(max(most, 2 * (config.max_batch_events + most) // config.buffer_events))
 
 
 def _corner(config):

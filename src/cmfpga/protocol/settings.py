@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..fixed import saturate
-from .shapes import MAX_THINNING, REQUIRED, THINNING_BITS, Place, always, leaves, pair, up_to, whole
+from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
 
 
 def by_signs(config):
@@ -157,8 +157,8 @@ SETTINGS = (
             doc="end a batch with TLAST",
             places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
                           register_doc="batches and TLAST"),)),
-    Setting(name="thinning", field="thinning", shape=lambda c: whole(THINNING_BITS), low=1, default=1,
-            high=lambda c: MAX_THINNING, places=(Place(word=11),)),
+    Setting(name="thinning", field="thinning", shape=lambda c: whole(c.widths.thinning_bits), low=1, default=1,
+            high=lambda c: c.widths.thinning_max, places=(Place(word=11),)),
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0,
             places=(Place(word=12),)),
     Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,

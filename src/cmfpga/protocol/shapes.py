@@ -10,10 +10,6 @@ from dataclasses import dataclass
 
 from ..fixed import Q, bits_for
 
-#: Width of the thinning's factor, and its largest value.
-THINNING_BITS = 8
-MAX_THINNING = (1 << THINNING_BITS) - 1
-
 #: Stands where a value has no default.
 REQUIRED = object()
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from ..config.dither import R2
 from ..config.schedule import ScheduleEntry, used
 
 
@@ -78,10 +79,6 @@ def warp(x, y, dt, v):
     """Positions at the reference time: x' = x − dt·vx, y' = y − dt·vy (Eq. x'k). Two float64 [n]."""
     x, y, dt, v = float64(x), float64(y), float64(dt), float64(v)
     return x - dt * v[0], y - dt * v[1]
-
-
-#: α of the R2 sequence along x and y: 1/g and 1/g² with g³ = g + 1 (Roberts, 2018).
-R2 = (0.7548776662466927, 0.5698402909980532)
 
 
 def dither(n):

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 from amaranth.hdl import UnusedElaboratable
 
-from ..config.dither import DITHER_BITS, FACTORS
-from ..imaging.iwe import image_of_warped_events
+from ..imaging.iwe import dithered, image_of_warped_events
 from ..protocol.flags import Flag
 from ..rtl.core import Core
 from ..tracking.replay import Replay
@@ -218,19 +217,13 @@ class Story:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
             # Dithered whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
-            x, y = (axis + offset for axis, offset in zip((detail.x, detail.y), _dither(len(dt)), strict=True))
+            x, y = dithered(detail.x, detail.y)
             still, moved = (
                 image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height)
                 for v in ((0.0, 0.0), detail.v[-1])
             )
             ratios.append(moved.var() / still.var())
         return float(np.median(ratios)) if ratios else None
-
-
-def _dither(n):
-    """Offsets of n events along x and y: the sequence of :mod:`cmfpga.config.dither`, in float64, −½ … ½ px."""
-    half_steps = 2 * np.arange(n) + 1
-    return [half_steps * factor / 2 ** (DITHER_BITS + 1) % 1 - 0.5 for factor in FACTORS]
 
 
 def number(value):

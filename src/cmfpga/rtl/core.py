@@ -205,7 +205,7 @@ class Core(CycleFormula, wiring.Component):
             m.d.comb += self.event_buffer.stride.eq(self.ascent.stride)
             if self.dither:
                 m.d.comb += [
-                    self.dither.begin.eq(self.event_buffer.begin),
+                    self.dither.started.eq(self.event_buffer.started),
                     self.dither.subset.eq(self.event_buffer.subset),
                 ]
         if hasattr(self, "pixels"):

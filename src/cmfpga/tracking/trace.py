@@ -114,24 +114,13 @@ class BatchTrace:
         self.v = np.array(result.trace.v, np.float64) * (1 if self._real else config.formats.v.step)
         self._settings = settings
         if self._real:
-            self._place_real(batch)
+            self._events, steps = FloatCore(config).place(batch), (1, 1, 1)
         else:
-            self._place_raw(batch)
-
-    def _place_real(self, batch):
-        self._events = FloatCore(self.config).place(batch)
-        self.x_dithered, self.y_dithered, self.dt = (axis.numpy() for axis in self._events)
-
-    def _place_raw(self, batch):
-        config = self.config
-        x, y = dither(config, batch.x, batch.y)
-        dt = time_scaler(config, batch.t, span=self.result.span) if self.result.span else torch.zeros_like(batch.t)
-        self._events = (x, y, dt)
-        step = 2.0**-config.dither_frac
+            dt = time_scaler(config, batch.t, span=result.span) if result.span else torch.zeros_like(batch.t)
+            self._events = (*dither(config, batch.x, batch.y), dt)
+            steps = (2.0**-config.dither_frac, 2.0**-config.dither_frac, config.formats.dt.step)
         self.x_dithered, self.y_dithered, self.dt = (
-            x.numpy() * step,
-            y.numpy() * step,
-            dt.numpy() * config.formats.dt.step,
+            axis.numpy() * step for axis, step in zip(self._events, steps, strict=True)
         )
 
     def _changed(self):

@@ -53,7 +53,7 @@ class Player:
         self.cycle()
         most = limits(self.config)
         self.stride[len(self.script)] = min(self.table[first][2], most[2])
-        self.cycle(begin=1)
+        self.cycle(start=1)
         for k, gap in zip(range(count), gaps, strict=True):
             entry = self.table[(first + k) % len(self.table)]
             self.entry[len(self.script)] = min(entry[0], most[0]), min(entry[1], most[1])

@@ -32,7 +32,7 @@ def check(config, replays, gaps):
         stride = int(rng.integers(3))
         first = int(rng.integers(min(1 << stride, len(events))))
         subset = {"stride": stride, "first": first}
-        script.append({"begin": 1, "subset": subset, "i.payload": next(noise)})
+        script.append({"started": 1, "subset": subset, "i.payload": next(noise)})
         chosen = range(len(events))[first :: 1 << stride]
         for k in chosen:
             t, last = events[k][0], int(k == chosen[-1])

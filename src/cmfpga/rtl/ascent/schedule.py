@@ -12,7 +12,7 @@ from ..arithmetic import delay
 class Schedule(wiring.Component):
     """Walks through a part of a table that is written at run time.
 
-    The first entry is at ``level`` and ``shift`` a cycle after ``begin``, the next one a cycle after ``advance``.
+    The first entry is at ``level`` and ``shift`` a cycle after ``start``, the next one a cycle after ``advance``.
     ``stride`` is ahead: that of the entry that comes next, because its replay begins before v is known. An entry out
     of range is limited, and flagged.
 
@@ -25,7 +25,7 @@ class Schedule(wiring.Component):
     -------
     write : ``In``, flow of :func:`payloads.schedule_write`
         Only while no batch is under way.
-    new_batch, begin, advance : ``In(1)``
+    new_batch, start, advance : ``In(1)``
         Forget ``limited``, and go to the entry ``first``; take that entry, at least three cycles later; take the next
         one. One cycle each.
     first : ``In``
@@ -33,7 +33,7 @@ class Schedule(wiring.Component):
     level, shift : ``Out``
         Pixels are 2^level px wide; v moves by 2^shift raw units.
     stride : ``Out``
-        One event in 2^stride, two cycles after ``begin`` or ``advance``.
+        One event in 2^stride, two cycles after ``start`` or ``advance``.
     limited : ``Out(1)``
         An entry used since ``new_batch`` was out of range.
     """
@@ -44,7 +44,7 @@ class Schedule(wiring.Component):
         super().__init__(
             {
                 "write": In(payloads.flow(payloads.schedule_write(config))),
-                **dict.fromkeys(("new_batch", "begin", "advance"), In(1)),
+                **dict.fromkeys(("new_batch", "start", "advance"), In(1)),
                 "first": In(range(config.schedule_entries)),
                 "level": Out(entry["level"].shape),
                 "shift": Out(entry["shift"].shape),
@@ -75,7 +75,7 @@ class Schedule(wiring.Component):
             m.d.sync += self.limited.eq(0)
         with m.If(delay(m, self.new_batch, 1, name="new_batch", valid=True)):
             m.d.sync += pointer.eq(self.first)
-        with m.If(self.begin | self.advance):
+        with m.If(self.start | self.advance):
             m.d.sync += [
                 pointer.eq(Mux(pointer == config.schedule_entries - 1, 0, pointer + 1)),
                 self.level.eq(Mux(too_coarse, config.max_level, read.data.level)),

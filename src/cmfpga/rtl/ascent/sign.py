@@ -52,7 +52,7 @@ class SignAscent(Ascent):
             warm.eq(settings.start_last & tracking & ~settings.roi_load),
             run.planned.eq(plan["count"]),
             schedule.new_batch.eq(run.take),
-            schedule.begin.eq(run.start),
+            schedule.start.eq(run.start),
             schedule.first.eq(plan["first"]),
             schedule.advance.eq(self.velocity.move),
             self.level.eq(schedule.level),

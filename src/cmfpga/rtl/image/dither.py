@@ -29,16 +29,16 @@ class Dither(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.replayed_event`
     o : ``Out``, flow of :func:`payloads.dithered_event`
-    begin, subset : ``In``
-        As in :class:`~cmfpga.rtl.ingest.event_buffer.EventBuffer`: a replay begins, before its first event. Without a
-        schedule, the next one begins behind the last event.
+    started, subset : ``In``
+        As in :class:`~cmfpga.rtl.ingest.event_buffer.EventBuffer`: a replay has begun, before its first event. Without
+        a schedule, the next one begins behind the last event.
     """
 
     latency = 1
 
     def __init__(self, config):
         self.config = config
-        subset = {"begin": In(1), "subset": In(payloads.subset(config))}
+        subset = {"started": In(1), "subset": In(payloads.subset(config))}
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.replayed_event(config))),
@@ -55,7 +55,7 @@ class Dither(wiring.Component):
             phase = Signal(DITHER_BITS, init=factor // 2, name=f"phase_{axis}")
             begin, start, step = self.i.valid & event.last, factor // 2, factor
             if by_signs(self.config):
-                begin, top = self.begin, 1 << DITHER_BITS
+                begin, top = self.started, 1 << DITHER_BITS
                 start = select(self.subset.first, [(factor // 2 + k * factor) % top for k in range(STRIDES[-1])])
                 step = select(self.subset.stride, [stride * factor % top for stride in STRIDES])
             with m.If(begin):

@@ -56,8 +56,8 @@ class EventBuffer(wiring.Component):
         Begin a replay. Not while one is under way; at least one event must be stored.
     stride : ``In``
         With ``replay``: of one event in 2^stride. Only with a schedule.
-    begin, subset : ``Out(1)``, ``Out``, :func:`payloads.subset`
-        A replay begins, one cycle; what it replays, from then on until the next. Only with a schedule.
+    started, subset : ``Out(1)``, ``Out``, :func:`payloads.subset`
+        A replay has begun, one cycle; what it replays, from then on until the next. Only with a schedule.
     room : ``In(1)``
         Where it is low, the replay pauses: here alone, because nothing behind can be stalled.
     stored : ``Out``, :func:`stored`
@@ -67,7 +67,7 @@ class EventBuffer(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        subset = {"stride": In(payloads.STRIDE_BITS), "begin": Out(1), "subset": Out(payloads.subset(config))}
+        subset = {"stride": In(payloads.STRIDE_BITS), "started": Out(1), "subset": Out(payloads.subset(config))}
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.roi_event(config))),
@@ -198,12 +198,12 @@ class EventBuffer(wiring.Component):
         """First event and step of a replay, as :func:`cmfpga.config.schedule.used` has them."""
         iteration = Signal(2)  # of the batch, modulo 4
         subset = self.subset
-        stride = Signal.like(self.stride)
+        stride = Signal.like(self.stride, name="enough_for")
         m.d.comb += stride.eq(
             Mux(replayed >= 4 * FEWEST, self.stride, Mux(replayed >= 2 * FEWEST, self.stride != 0, 0))
         )
         first = select(stride, [0, iteration[0], Cat(iteration[1], iteration[0])])
-        m.d.sync += self.begin.eq(self.replay)
+        m.d.sync += self.started.eq(self.replay)
         with m.If(self.take):
             m.d.sync += iteration.eq(0)
         with m.Elif(self.replay):

@@ -4,8 +4,8 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from ...config.widths import Widths
 from ...fixed import bits_for
-from ...protocol.shapes import THINNING_BITS
 from .. import payloads
 from ..arithmetic import delay
 
@@ -54,7 +54,7 @@ class Thinner(wiring.Component):
                 "i": In(payloads.flow(event)),
                 "o": Out(payloads.flow(event)),
                 "start": In(1),
-                "thinning": In(THINNING_BITS),
+                "thinning": In(Widths.thinning_bits),
                 "target": In(bits_for(most_stored)),
                 "thinned": Out(bits_for(most_events)),
             }
@@ -62,11 +62,11 @@ class Thinner(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        factor = Signal(THINNING_BITS)
-        position = Signal(THINNING_BITS)  # 0 … factor − 1; the event at 0 passes
+        factor = Signal(Widths.thinning_bits)
+        position = Signal(Widths.thinning_bits)  # 0 … factor − 1; the event at 0 passes
         target = Signal.like(self.target)
         filled = Signal.like(self.target)  # 1 … target
-        wanted = Signal(THINNING_BITS)  # ⌈events/target⌉, saturated
+        wanted = Signal(Widths.thinning_bits)  # ⌈events/target⌉, saturated
         passes = position == 0
         m.d.sync += [self.o.valid.eq(self.i.valid & passes), self.o.payload.eq(self.i.payload)]
         if self._with_used:
