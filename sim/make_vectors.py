@@ -16,6 +16,7 @@ from batch_kinds import KINDS, Maker
 from cmfpga import __version__, cli
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.gradient import Sums
@@ -125,7 +126,7 @@ class Vectors:
         header = {"count": n, "stall": batch.stall, "reset_after": reset_after, "alone": batch.alone}
         self._put("batches", header | leaves(inputs, "settings"))
         outputs = {"v": self.model.v, "t_first": t[0], "sums": sums, "cycles": cycles, "flags": int(result.flags)}
-        outputs = {name: value for name, value in vars(result).items() if name != "trace"} | outputs
+        outputs = {field.name: getattr(result, field.name) for field in fields_of("batch", "region")} | outputs
         self._put("results", {"count": result.iterations, **leaves(outputs, "result")})
         if reset_after:
             self.model = IntegerCore(config)

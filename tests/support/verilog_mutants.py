@@ -76,7 +76,7 @@ MUTANTS = [
     fast("schedule not written", "ascent_schedule", r"if \(write__valid\)", "if (1'h0)", says="x"),
     fast("warm though nothing is followed", "ascent", r"(\[\d+\]) & tracking;", r"\1;", says="iteration"),
     fast("a full buffer is not thinned out", "event_buffer", r"(assign stored__halved = )[^;]*", r"\1 1'h0",
-         says="result_"),
+         says="FAIL: time-out"),
     fast("dither stands still", "dither", r"= phase_x \+ [^;]*;", "= phase_x;", says="trace_sums"),
     fast("batch opened before the next ROI is known", "iteration_control", r"assign handover__settled = [^;]*",
          "assign handover__settled = 1'h1", says="result_"),
