@@ -41,6 +41,6 @@ def needs(package, extra, what):
     try:
         yield
     except ModuleNotFoundError as error:
-        if error.name.partition(".")[0] != package:
+        if (error.name or "").partition(".")[0] != package:
             raise
         raise MissingPackage(f"{what}: {package} is not installed; pip install 'cmfpga[{extra}]'") from None

@@ -158,6 +158,7 @@ def test_names(engine):
 def test_unknown_engine():
     with pytest.raises(ConfigError, match=r"^engine 'gpu': one of rtl, model, float, axi is needed$"):
         make_engine("gpu", CONFIG)
+    assert "axi" not in ENGINES  # the others have a trace
 
 
 def test_an_empty_batch_changes_nothing(engine, rng):

@@ -9,7 +9,7 @@ from cmfpga.rtl.axi import lite_slave
 from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.rtl.shell import result_packet, skid_buffer
 from support.formal.axi_proof import CONFIG, AxiHarness
-from support.formal.harness import needs_solver, run_sby
+from support.formal.harness import needs_solver, solve
 
 pytestmark = needs_solver
 
@@ -20,12 +20,12 @@ REACHED = 18
 
 
 def test_the_rules_are_kept(tmp_path):
-    outcome = run_sby(AxiHarness(), "bmc", CYCLES, tmp_path)
+    outcome = solve(AxiHarness(), "bmc", CYCLES, tmp_path)
     assert outcome.status == "PASS", outcome.log
 
 
 def test_everything_can_happen_in_the_proof(tmp_path):
-    outcome = run_sby(AxiHarness(), "cover", REACHED, tmp_path)
+    outcome = solve(AxiHarness(), "cover", REACHED, tmp_path)
     assert (outcome.status, outcome.covered) == ("PASS", AxiHarness.COVERS), outcome.log
 
 
@@ -64,5 +64,5 @@ def mutated(name):
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_the_proof_finds(name, tmp_path):
-    outcome = run_sby(AxiHarness(mutated(name)), "bmc", CYCLES, tmp_path)
+    outcome = solve(AxiHarness(mutated(name)), "bmc", CYCLES, tmp_path)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

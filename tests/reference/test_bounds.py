@@ -118,25 +118,16 @@ def random_batch(rng, config, n=None):
     return (t, x, y), (t_first, t_first + span), v
 
 
-def integers(array):
-    return [int(value) for value in array]
-
-
 def compare(config, events, batch, v, **model):
     """|integer − float| and its bound, [2] each."""
     t, x, y = events
     dt = scaled_times(t, *batch)
     real_v = [config.formats.v.real(value) for value in v]
-    raw_dt = [integer_dt(config, t_k, *batch) for t_k in integers(t)]
+    raw_dt = [integer_dt(config, t_k, *batch) for t_k in t.tolist()]
     exact = evaluate(x, y, dt, real_v, width=config.roi_width, height=config.roi_height).gradient.tolist()
-    integer = integer_gradient(config, integers(x), integers(y), raw_dt, v, **model)
+    integer = integer_gradient(config, x.tolist(), y.tolist(), raw_dt, v, **model)
     error = [abs(float(a - Fraction(b))) for a, b in zip(integer, exact, strict=True)]
     return np.array(error), gradient_bound(config, x, y, dt, real_v).numpy()
-
-
-def coarse_format(value):
-    """Name of a test case: the format that is changed."""
-    return next(iter(value))
 
 
 def ratios_of(error, bound):
@@ -150,8 +141,7 @@ def test_bound_holds_and_is_not_absurdly_loose(rng):
         config = random_config(rng)
         events, batch, v = random_batch(rng, config)
         error, bound = compare(config, events, batch, v)
-        assert (error <= bound).all()
-        assert np.isfinite(bound).all()
+        assert (error <= bound).all() and np.isfinite(bound).all()
         if len(events[0]):
             ratio = ratios_of(error, bound)
             ratios += ratio
@@ -163,18 +153,14 @@ def test_bound_holds_and_is_not_absurdly_loose(rng):
     print(f"actual/bound: median {np.median(ratios):.3f}, at most 2 events {np.median(few):.3f}, max {max(ratios):.3f}")
     assert crossings > 500  # the hard case did occur
     # Independent errors add up like √n, their bounds like n; with few events the two must be near.
-    assert np.median(ratios) > 0.02
-    assert np.median(few) > 0.04
-    assert max(ratios) > 0.5
+    assert np.median(ratios) > 0.02 and np.median(few) > 0.04 and max(ratios) > 0.5
 
 
 FINE = {"dt_frac": 14, "position_frac": 12, "weight_frac": 14, "derivative_frac": 14, "gradient_frac": 26}
 
 
 @pytest.mark.parametrize(
-    "coarse",
-    [{"dt_frac": 3}, {"position_frac": 1}, {"weight_frac": 2}, {"derivative_frac": 2}],
-    ids=coarse_format,
+    "coarse", [{"dt_frac": 3}, {"position_frac": 1}, {"weight_frac": 2}, {"derivative_frac": 2}], ids=str
 )
 def test_each_error_alone_is_bounded_tightly(coarse, rng):
     """One coarse format among fine ones and few events: its share of the bound holds by itself and is approached."""
@@ -228,7 +214,7 @@ def extremes(low, high):
     return [low, high, *lines, *(line - 1e-9 for line in lines if line - 1e-9 > low)]
 
 
-@pytest.mark.parametrize("coarse", [{"dt_frac": 5}, {"position_frac": 3}], ids=coarse_format)
+@pytest.mark.parametrize("coarse", [{"dt_frac": 5}, {"position_frac": 3}], ids=str)
 def test_an_adversary_within_the_formats_reaches_the_bound(coarse, rng):
     """Errors chosen against us, event by event, as large as the formats allow: the bound holds, with little spare."""
     config = Config(roi_width=8, roi_height=6, buffer_events=8, **(FINE | coarse))
@@ -279,7 +265,7 @@ def test_dt_error_holds_and_is_reached(rng):
         config = random_config(rng)
         (t, _, _), batch, _ = random_batch(rng, config, n=40)
         dt = scaled_times(t, *batch)
-        raw = np.array([integer_dt(config, t_k, *batch) for t_k in integers(t)])
+        raw = np.array([integer_dt(config, t_k, *batch) for t_k in t.tolist()])
         ratio = np.abs(config.formats.dt.real(raw) - dt.numpy()) / dt_error(config, dt).numpy()
         assert ratio.max() <= 1
         worst = max(worst, ratio.max())
@@ -294,7 +280,7 @@ def test_position_error_holds_and_is_reached(rng):
         dt = scaled_times(t, *batch)
         raw = [
             integer_position(config, x_k, integer_dt(config, t_k, *batch), v)
-            for t_k, x_k in zip(integers(t), integers(x), strict=True)
+            for t_k, x_k in zip(t.tolist(), x.tolist(), strict=True)
         ]
         error = np.array(raw) * 2.0**-config.position_frac - warp(x, x, dt, (config.formats.v.real(v), 0.0))[0].numpy()
         below, above = (b.numpy() for b in position_error(config, dt, config.formats.v.real(v)))

@@ -1,4 +1,4 @@
-"""The float64 reference against autograd, finite differences, NumPy, and the article's equations written as loops."""
+"""The float64 reference against autograd and the article's equations written as loops."""
 
 import sys
 import types
@@ -12,7 +12,6 @@ import torch
 from cmfpga.reference import floating
 from cmfpga.reference.floating import (
     ascend,
-    bilinear_votes,
     contrast,
     derivative_images,
     evaluate,
@@ -161,65 +160,7 @@ def test_gradient_equals_autograd(width, height, rng):
     print(f"worst relative error {worst:.1e}")
 
 
-def test_autograd_through_the_images(rng):
-    """Dx and Dy are the derivatives of each pixel, not only of the contrast."""
-    x, y, dt = (torch.from_numpy(a) for a in random_events(rng, 6, 4, 15))
-    v = torch.tensor([1.3, -0.4], dtype=torch.float64)
-    jacobian = torch.autograd.functional.jacobian(lambda v: iwe(*warp(x, y, dt, v), 6, 4), v)
-    d_x, d_y = derivative_images(*warp(x, y, dt, v), dt, 6, 4)
-    torch.testing.assert_close(d_x, jacobian[..., 0], rtol=1e-12, atol=1e-12)
-    torch.testing.assert_close(d_y, jacobian[..., 1], rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_gradient_equals_finite_differences(axis, rng):
-    """While no event crosses a grid line, I is linear and C quadratic along one axis: central differences are exact.
-
-    What is left is rounding. C is a mean of P squares of sums of at most n votes: each of its two values is off by at
-    most (n + P + 10)·ε·mean(I²). The positions round by ε·(size + |v|), and |∂C/∂x'| of an event is at most
-    (2/P)·2·max I. Both are divided by 2h.
-    """
-    width, height, n, done = 14, 10, 25, 0
-    for _ in range(400):
-        x, y, dt = random_events(rng, width, height, n)
-        v = random_velocity(rng, width, height)
-        position = warp(x, y, dt, v)[axis].numpy()
-        with np.errstate(divide="ignore"):
-            h = 0.5 * np.min(np.abs(position - np.round(position)) / np.abs(dt))
-        if h < 1e-5:  # too near a kink
-            continue
-        h = min(h, 0.1)
-        step = np.eye(2)[axis] * h
-        high, low = (contrast(iwe(*warp(x, y, dt, v + s), width, height)) for s in (step, -step))
-        image = evaluate(x, y, dt, v, width=width, height=height)
-        pixels, largest, eps = width * height, float(image.image.max()), 2.0**-53
-        values = (n + pixels + 10) * eps * largest * float(image.sum_i) / pixels  # mean(I²) ≤ max I · mean I
-        positions = n * eps * 2 * (max(width, height) + abs(v).max()) * 4 * largest / pixels
-        tolerance = 2 * 2 * (values + positions) / (2 * h)  # two values, and 2 for I a little off at v ± h
-        assert tolerance < 1e-7
-        assert abs(float((high - low) / (2 * h)) - float(image.gradient[axis])) <= tolerance
-        done += 1
-    assert done > 100
-
-
 # -------------------------------------------------------------------- images
-
-
-def test_interior_events_count_fully(rng):
-    x, y, dt = interior_events(rng)
-    it = evaluate(x, y, dt, (1.7, -0.6), width=20, height=12)
-    assert float(it.sum_i) == pytest.approx(len(x), abs=1e-12)
-    assert float(it.sum_dx) == pytest.approx(0, abs=1e-12)
-    assert float(it.sum_dy) == pytest.approx(0, abs=1e-12)
-    assert it.derivative_x.abs().sum() > 1
-
-
-def test_votes_of_an_event_sum_to_one_and_zero(rng):
-    votes = bilinear_votes(rng.uniform(-5, 9, 40), rng.uniform(-5, 9, 40), 4, 4)
-    torch.testing.assert_close(votes.weight.sum(0), torch.ones(40, dtype=torch.float64))
-    for d in (votes.by_x, votes.by_y):
-        torch.testing.assert_close(d.sum(0), torch.zeros(40, dtype=torch.float64))
-    assert votes.weight.min() >= 0
 
 
 @pytest.mark.parametrize(
@@ -248,11 +189,6 @@ def test_signs_of_the_derivatives():
     d_x, d_y = derivative_images([0.25], [0.5], [0.5], 2, 2)
     assert d_x.tolist() == [[0.25, -0.25], [0.25, -0.25]]
     assert d_y.tolist() == [[0.375, 0.125], [-0.375, -0.125]]
-
-
-def test_contrast_is_numpys_variance(rng):
-    image = rng.random((9, 14)) * 20
-    assert float(contrast(torch.from_numpy(image))) == pytest.approx(np.var(image), rel=1e-13)
 
 
 @pytest.mark.parametrize("n", [0, 1])
@@ -387,6 +323,7 @@ def test_ascent_repeats_evaluate(rng):
         it = evaluate(x, y, dt, trace.v[k], width=12, height=9)
         assert torch.equal(it.gradient, trace.gradient[k]) and torch.equal(it.contrast, trace.contrast[k])
         assert torch.equal(it.gradient, gradient(it.image, it.derivative_x, it.derivative_y))
+        assert torch.equal(trace.g[k], torch.stack((it.g_x, it.g_y)))
         assert torch.equal(trace.v[k + 1], trace.v[k] + 0.75 * it.gradient)  # Eq. v_update
     none = ascend(x, y, dt, width=12, height=9, v_start=(0.5, 0.25), eta=0.75, iterations=0)
     assert none.v.tolist() == [[0.5, 0.25]] and len(none.contrast) == 0

@@ -267,27 +267,6 @@ def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
         core.close()
 
 
-def test_two_architectures_take_the_same_path(rng):
-    """Given the same ascent, sweep and one pass give the same v and sums in every iteration."""
-    for ascent in ({}, {"ascent": "sign", "max_level": 2, "dither_frac": 4}):
-        sweep = Config(roi_width=32, roi_height=24, buffer_events=200, iterations=12, **ascent)
-        cores = [VerilatedCore(sweep), VerilatedCore(sweep.replace(gradient="one_pass"))]
-        for _ in range(12):
-            roi = (int(rng.integers(200)), int(rng.integers(150)))
-            x, y = PATTERNS["moving_edge"](sweep, rng, roi)
-            t = np.cumsum(rng.integers(0, 50, len(x)))
-            settings = BatchSettings.from_config(sweep, roi)
-            traces = []
-            for core in cores:
-                core.write_schedule(schedule_table(sweep, settings))
-                _, trace, _ = core.run(t, x, y, settings_values(sweep, settings))
-                traces.append(trace)
-            assert len(traces[0]) >= 12
-            np.testing.assert_array_equal(*traces)
-        for core in cores:
-            core.close()
-
-
 def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
     config = preset("fast").replace(roi_width=32, roi_height=24, buffer_events=200)
     core, model = VerilatedCore(config), IntegerCore(config)

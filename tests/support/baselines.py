@@ -1,10 +1,11 @@
-"""Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
+"""Measures again what ``baselines.json`` keeps, where its Verilog has changed. The tests compare with it, docs show it:
 
 PYTHONPATH=tests python -m support.baselines
 python docs/tables.py
 """
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -12,49 +13,79 @@ from cmfpga.accuracy.studies import WIDTH_FIELDS, WIDTHS
 from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
 from cmfpga.rtl.axi.top import AxiTop
-from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import resources
-from cmfpga.verilog.emit import emit_verilog
+from cmfpga.verilog.emit import emit_verilog, sha256
+from support.emitted_hashes import axi_top, body
+from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
+BASELINES = {"fingerprints": {}} | json.loads(PATH.read_text(encoding="utf-8"))
 
 
-def emitted(config):
-    return emit_verilog(VerilogCore(config))
+def fingerprint(text, row):
+    """Of a row and of all that its measurement depends on: the Verilog, Yosys and what is counted."""
+    counted = Path(resources.__file__).read_text(encoding="utf-8")
+    return sha256(json.dumps([body(text), resources.require_yosys(), counted, row], sort_keys=True))
 
 
-def measure_preset(name, report=None):
-    """Of every block of a preset."""
-    found = resources.estimate(emitted(preset(name)), **({"report": report} if report else {}))
-    kept = {part: found[part] for part in ("estimate", "yosys", "total", "sum_of_blocks", "blocks")}
-    return {**kept, "axi": measure_axi(name)}
+def current(name, row, text, measure):
+    """What is kept of ``name``, if nothing that it depends on has changed; else a new measurement."""
+    if row and BASELINES["fingerprints"].get(name) == fingerprint(text, row):
+        return row
+    print(f"measuring {name}", file=sys.stderr, flush=True)
+    return measure()
 
 
-def measure_axi(name):
-    """Of the AXI top."""
-    return resources.core(emit_verilog(AxiTop(preset(name)), BOARD.top), top=BOARD.top)
+def core_of(name):
+    """Rows of every block of a preset; and of the core, of which ``emitted`` gives the text."""
+    text = emitted(preset(name))[1]
+    parts = ("estimate", "yosys", "total", "sum_of_blocks", "blocks")
+
+    def measure():
+        found = resources.estimate(text)
+        return {part: found[part] for part in parts}
+
+    stored = BASELINES["presets"].get(name, {})
+    return current(name, {part: stored[part] for part in parts if part in stored}, text, measure), text
 
 
-def measure_widths(widths):
-    """Of ``fast`` with other fraction bits: a row of the study of word widths."""
-    return resources.core(emitted(preset("fast").replace(**dict(zip(WIDTH_FIELDS, widths, strict=True)))))
+def axi_of(name):
+    """Row of the AXI top, and the text that it depends on."""
+    config, stored = preset(name), BASELINES["presets"].get(name, {})
+    text, neutral = emit_verilog(AxiTop(config), BOARD.top), axi_top(config)
+    return current(f"{name} axi", stored.get("axi"), neutral, lambda: resources.core(text, top=BOARD.top)), neutral
+
+
+def widths_of(widths):
+    """Row of ``fast`` with other fraction bits, of the study of word widths; and the text."""
+    name = ", ".join(map(str, widths))
+    text = emitted(preset("fast").replace(**dict(zip(WIDTH_FIELDS, widths, strict=True))))[1]
+    return current(name, BASELINES["widths"].get(name), text, lambda: resources.core(text)), text
 
 
 def main():
-    def report(doing):
-        print(f"  {doing}", file=sys.stderr, flush=True)
-
-    presets, rows = {}, {}
+    """What has been measured is kept at once: a run that was broken off goes on where it was."""
+    presets, rows, fingerprints = (BASELINES[part] for part in ("presets", "widths", "fingerprints"))
     for name in PRESETS:
-        print(f"preset {name}", file=sys.stderr)
-        presets[name] = measure_preset(name, report)
+        core, text = core_of(name)
+        presets[name] = core | {"axi": presets.get(name, {}).get("axi")}
+        fingerprints[name] = fingerprint(text, core)
+        write(BASELINES)
+        presets[name]["axi"], text = axi_of(name)
+        fingerprints[f"{name} axi"] = fingerprint(text, presets[name]["axi"])
+        write(BASELINES)
     for widths in WIDTHS:
         name = ", ".join(map(str, widths))
-        report(f"widths {name}")
-        rows[name] = measure_widths(widths)
-    PATH.write_text(json.dumps({"presets": presets, "widths": rows}, indent=1) + "\n", encoding="utf-8")
-    print(f"wrote {PATH.name}")
+        rows[name], text = widths_of(widths)
+        fingerprints[name] = fingerprint(text, rows[name])
+        write(BASELINES)
+
+
+def write(baselines):
+    """A line a row."""
+    text = re.sub(r"\{[^{}]*\}", lambda row: " ".join(row[0].split()), json.dumps(baselines, indent=1))
+    PATH.write_text(text + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

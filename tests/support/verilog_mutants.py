@@ -33,10 +33,14 @@ class Mutant:
         return self.name.replace(" ", "-")
 
 
+def fast(*arguments, **options):
+    """Of the preset ``fast``."""
+    return Mutant(*arguments, preset="fast", **options)
+
+
 MUTANTS = [
     Mutant(
-        "oldest sum wins",
-        "image_accumulator_bank_0",
+        "oldest sum wins", "image_accumulator_bank_0",
         r"if \(match_s5\) begin(\s+)base = total_s5;(.*?)if \(match_s3\) begin(\s+)base = total_s3;",
         r"if (match_s3) begin\1base = total_s3;\2if (match_s5) begin\3base = total_s5;",
         says="trace_sums",
@@ -53,67 +57,27 @@ MUTANTS = [
     Mutant("rounded down", "ascent", r"(\$signed\(product_x_s1\)) \+ \$signed\(\d+'h\w+\)", r"\1", says="v_x"),
     Mutant("v wraps", "ascent_velocity", r"\$signed\(target\[\d+:0\]\) < ", "1'h0 & clk < ", 3, every=True, says="v_x"),
     Mutant("sweep too short", "image_gradient_reader", r"(column == \d+'h)\w+", r"\g<1>0", says="words of pixels"),
-    Mutant(
-        "one iteration too many",
-        "iteration_control",
-        r"(assign \\final  = \\\$\d+  == )handover__batch",
-        r"\1 1'h1 + handover__batch",
-        says="iteration",
-    ),
+    Mutant("one iteration too many", "iteration_control", r"(assign \\final  = \\\$\d+  == )handover__batch",
+           r"\1 1'h1 + handover__batch", says="iteration"),
     Mutant("cycle not counted", "ingest_control", r"= 32'd1;", "= 32'd0;", says="result_cycles"),
-    Mutant(
-        "result changes while it waits", "iteration_control", r"= cycles;", "= cycles + 1;", says="the waiting result"
-    ),
+    Mutant("result changes while it waits", "iteration_control", r"= cycles;", "= cycles + 1;",
+           says="the waiting result"),
     Mutant("result is not waited for", "iteration_control", r"if \(taken\)", "if (1'h1)", says="result_valid"),
     Mutant("settings not kept", "ingest_control", r"(\[\d+:0\] +)= current;", r"\1= settings;"),
     Mutant("division is not waited for", "iteration_control", r"if \(divided\)(?= begin\s+\S+  = 3'h4)", "if (1'h1)"),
-    Mutant(
-        "batch never ends",
-        "iteration_control",
-        r"if \(run__updated\)(?= begin\s+if)",
-        "if (1'h0)",
-        2,
-        every=True,
-        says="FAIL: time-out",
-    ),
-    Mutant(
-        "overflow not counted",
-        "event_buffer",
-        r"= stored__overflow \+ 1'h1",
-        "= stored__overflow",
-        says="result_overflow",
-    ),
-    Mutant(
-        "wrong pixel shown", "", r"trace_pixels_3_dy = [^;]*", "trace_pixels_3_dy = trace_pixels_3_dx", says="pixel"
-    ),
-    Mutant(
-        "tag of another iteration counts",
-        "image_tagged_accumulator_bank_1",
-        r"(== tag_s2);",
-        r"\1 | 1'h1;",
-        preset="fast",
-    ),
-    Mutant("tag stays", "image_tagged_accumulator", r"if \(next_tag\)", "if (1'h0)", preset="fast"),
-    Mutant("schedule stands still", "ascent_schedule", r"= start \| advance;", "= start;", preset="fast"),
-    Mutant(
-        "a full buffer is not thinned out",
-        "event_buffer",
-        r"(assign stored__halved = )[^;]*",
-        r"\1 1'h0",
-        preset="fast",
-        says="result_",
-    ),
-    Mutant("schedule not written", "ascent_schedule", r"if \(write__valid\)", "if (1'h0)", preset="fast", says="x"),
-    Mutant(
-        "warm though nothing is followed", "ascent", r"(\[\d+\]) & tracking;", r"\1;", preset="fast", says="iteration"
-    ),
-    Mutant("dither stands still", "dither", r"= phase_x \+ [^;]*;", "= phase_x;", preset="fast", says="trace_sums"),
-    Mutant(
-        "batch opened before the next ROI is known",
-        "iteration_control",
-        r"assign handover__settled = [^;]*",
-        "assign handover__settled = 1'h1",
-        preset="fast",
-        says="result_",
-    ),
-]
+    Mutant("batch never ends", "iteration_control", r"if \(run__updated\)(?= begin\s+if)", "if (1'h0)", 2, every=True,
+           says="FAIL: time-out"),
+    Mutant("overflow not counted", "event_buffer", r"= stored__overflow \+ 1'h1", "= stored__overflow",
+           says="result_overflow"),
+    Mutant("wrong pixel shown", "", r"pixels_3_dy = [^;]*", "pixels_3_dy = trace_pixels_3_dx", says="pixel"),
+    fast("tag of another iteration counts", "image_tagged_accumulator_bank_1", r"(== tag_s2);", r"\1 | 1'h1;"),
+    fast("tag stays", "image_tagged_accumulator", r"if \(next_tag\)", "if (1'h0)"),
+    fast("schedule stands still", "ascent_schedule", r"= start \| advance;", "= start;"),
+    fast("schedule not written", "ascent_schedule", r"if \(write__valid\)", "if (1'h0)", says="x"),
+    fast("warm though nothing is followed", "ascent", r"(\[\d+\]) & tracking;", r"\1;", says="iteration"),
+    fast("a full buffer is not thinned out", "event_buffer", r"(assign stored__halved = )[^;]*", r"\1 1'h0",
+         says="result_"),
+    fast("dither stands still", "dither", r"= phase_x \+ [^;]*;", "= phase_x;", says="trace_sums"),
+    fast("batch opened before the next ROI is known", "iteration_control", r"assign handover__settled = [^;]*",
+         "assign handover__settled = 1'h1", says="result_"),
+]  # fmt: skip

@@ -26,6 +26,20 @@ SHAPES = {
 CORNER = ("corner.roi", "corner.roi_next", "corner.clamped")
 
 
+def noise_of(config, block, rng):
+    """Anything on the inputs, where nothing counts without its strobe."""
+    noise = {"x": random_value(config.geometry.x_bits, rng), "y": random_value(config.geometry.y_bits, rng)}
+    noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.formats.roi_gain.width, rng)}
+    return noise | {"load": int(rng.integers(2)), "still": int(rng.integers(2))}
+
+
+def compare(recording, timeline):
+    """Corner and flag of every cycle."""
+    for number, (corner, clamped) in enumerate(held(timeline, len(recording["corner.roi"]))):
+        roi = recording["corner.roi"][number]
+        assert ((roi["x"], roi["y"]), bool(recording["corner.clamped"][number])) == (corner, clamped), f"cycle {number}"
+
+
 def check(config, batches, seed=0):
     """Batches of (corner to load or None, v, gain, whether to move); compares corner and flag in every cycle.
 
@@ -37,12 +51,8 @@ def check(config, batches, seed=0):
     timeline = {0: ((0, 0), False)}
 
     def cycle(**values):
-        # Nothing counts without its strobe.
-        noise = {"x": random_value(config.geometry.x_bits, rng), "y": random_value(config.geometry.y_bits, rng)}
-        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.formats.roi_gain.width, rng)}
-        noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
-        noise["still"] = 0 if "v" in values else int(rng.integers(2))
-        script.append({**noise, **values})
+        quiet = {"load": 0} if "new_batch" in values else {"still": 0} if "v" in values else {}
+        script.append(noise_of(config, block, rng) | quiet | values)
 
     def note(at):
         frac = config.formats.roi_x.f
@@ -77,9 +87,7 @@ def check(config, batches, seed=0):
         cycle()
     recording = play(block, script, flows=(), watch=CORNER).watch
     assert recording["corner.roi_next"] == recording["corner.roi"]
-    for number, wanted in enumerate(held(timeline, len(script))):
-        roi = recording["corner.roi"][number]
-        assert ((roi["x"], roi["y"]), bool(recording["corner.clamped"][number])) == wanted, f"cycle {number}"
+    compare(recording, timeline)
     return list(timeline.values())
 
 
@@ -97,11 +105,8 @@ def check_ahead(config, batches, seed=0, *, hurry=False):
     step = None  # of the batch ahead: (v, gain, whether to move)
 
     def cycle(**values):
-        noise = {"x": random_value(config.geometry.x_bits, rng), "y": random_value(config.geometry.y_bits, rng)}
-        noise |= {"v": random_value(block.v.shape(), rng), "roi_gain": random_value(config.formats.roi_gain.width, rng)}
-        noise["load"] = 0 if "new_batch" in values else int(rng.integers(2))
-        noise["still"] = int(rng.integers(2))
-        script.append({**noise, **values})
+        quiet = {"load": 0} if "new_batch" in values else {}
+        script.append(noise_of(config, block, rng) | quiet | values)
 
     def wait(longest=4):
         for _ in range(0 if hurry else int(rng.integers(longest))):
@@ -132,13 +137,9 @@ def check_ahead(config, batches, seed=0, *, hurry=False):
         follower.move(tuple(axis * coming[1] for axis in coming[0]) if coming[2] else None)
     cycle()
     recording = play(block, script, flows=(), watch=CORNER).watch
-    for number, (corner, clamped) in enumerate(held(crops, len(script))):
-        roi = recording["corner.roi"][number]
-        assert ((roi["x"], roi["y"]), bool(recording["corner.clamped"][number])) == (corner, clamped), f"cycle {number}"
+    compare(recording, crops)
     for number, corner in following.items():
-        assert (recording["corner.roi_next"][number]["x"], recording["corner.roi_next"][number]["y"]) == corner, (
-            f"cycle {number}"
-        )
+        assert recording["corner.roi_next"][number] == dict(zip("xy", corner, strict=True)), f"cycle {number}"
     return list(crops.values())[1:]
 
 
@@ -182,31 +183,6 @@ def test_with_two_buffers_the_last_move_is_repeated():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("name", SHAPES)
-def test_with_two_buffers_clamps_at_every_border(name):
-    """The position and what is ahead of it, each on its own: by a unit and by far; and back."""
-    config = SHAPES[name]
-    unit = 1 << config.roi_gain_frac
-    speeds = (1, -1, 1 << config.v_frac, -1 << config.v_frac, config.formats.v.max, config.formats.v.min)
-    batches = []
-    for x, y in itertools.product((0, config.geometry.roi_x_max), (0, config.geometry.roi_y_max)):
-        for v in speeds:
-            for velocity in ((v, 0), (0, v), (v, -v - (v < 0))):
-                batches += [((x, y), velocity, unit, True), *[(None, velocity, unit, True)] * 2]
-                batches += [(None, (0, 0), unit, True), (None, velocity, 0, True), (None, velocity, unit, False)]
-    crops = check_ahead(config, batches)
-    assert {clamped for _, clamped in crops} == {False, True}
-
-
-def test_with_two_buffers_a_load_out_of_range():
-    config = SHAPES["odd"]
-    loads = [(config.geometry.roi_x_max + dx, config.geometry.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
-    loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
-    crops = check_ahead(config, [(load, (0, 0), 0, False) for load in loads])
-    wanted = [load[0] > config.geometry.roi_x_max or load[1] > config.geometry.roi_y_max for load in loads]
-    assert [clamped for _, clamped in crops] == wanted
-
-
 def test_settling_time():
     """The cycle in which ``roi_next`` first shows a move, or a load: not later than promised."""
     config = Config(buffers=2)
@@ -229,33 +205,35 @@ def test_settling_time():
         assert set(seen[loaded:15]) == {at} and set(seen[moved:]) == {then}
 
 
+@pytest.mark.parametrize("checked", [check, check_ahead])
 @pytest.mark.parametrize("name", SHAPES)
-def test_clamps_at_every_border(name):
-    """To the first and last column and row, from one unit short of it to far beyond; the flag for a unit too much."""
+def test_clamps_at_every_border(name, checked):
+    """To the first and last column and row, by a unit and by far, and back; with two buffers what is ahead, too."""
     config = SHAPES[name]
     unit = 1 << config.roi_gain_frac  # gain 1
-    small, whole = 1, 1 << config.v_frac
+    speeds = (1, -1, 1 << config.v_frac, -1 << config.v_frac, config.formats.v.max, config.formats.v.min)
     batches = []
-    for corner in [(x, y) for x in (0, config.geometry.roi_x_max) for y in (0, config.geometry.roi_y_max)]:
-        for v in (small, whole, -small, -whole, config.formats.v.max, config.formats.v.min):
-            batches += [
-                (corner, (v, 0), unit, True),
-                (corner, (0, v), unit, True),
-                (corner, (v, -v - (v < 0)), unit, True),
-            ]
+    for corner in itertools.product((0, config.geometry.roi_x_max), (0, config.geometry.roi_y_max)):
+        for v in speeds:
+            for velocity in ((v, 0), (0, v), (v, -v - (v < 0))):
+                batches.append((corner, velocity, unit, True))
+                if checked is check_ahead:
+                    batches += [*[(None, velocity, unit, True)] * 2, (None, (0, 0), unit, True)]
+                    batches += [(None, velocity, 0, True), (None, velocity, unit, False)]
             # Exactly back to the border sets no flag.
             batches += [(corner, (0, 0), unit, True), (corner, (0, 0), 0, True)]
-    check(config, batches)
+    assert {clamped for _, clamped in checked(config, batches)} == {False, True}
 
 
-def test_load_out_of_range():
+@pytest.mark.parametrize("checked, first", [(check, 1), (check_ahead, 0)])
+def test_load_out_of_range(checked, first):
     """Every corner beyond the last one is limited and flagged; the last one is not."""
     config = SHAPES["odd"]
     loads = [(config.geometry.roi_x_max + dx, config.geometry.roi_y_max + dy) for dx in (0, 1, 2) for dy in (0, 1, 2)]
     loads += [(63, 0), (0, 31), (63, 31), (0, 0)]
-    timeline = check(config, [(load, (0, 0), 0, False) for load in loads])
+    found = checked(config, [(load, (0, 0), 0, False) for load in loads])
     wanted = [load[0] > config.geometry.roi_x_max or load[1] > config.geometry.roi_y_max for load in loads]
-    assert [clamped for _, clamped in timeline[1:]] == wanted
+    assert [clamped for _, clamped in found[first:]] == wanted
 
 
 def test_flag_sticks_until_the_next_batch():

@@ -8,19 +8,16 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.reference.integer.accumulator import accumulator
 from cmfpga.reference.integer.voter import voter
-from cmfpga.rtl.image.accumulator import Accumulator, ReadAddWrite
+from cmfpga.rtl.image.accumulator import Accumulator
 from support.bench import play
 from support.configs import CONFIGS, NARROW
-from support.values import corners, random_gaps, random_value, random_values, tensor
+from support.values import corners, random_gaps, random_values, tensor
 from support.votes import bank_pixels, cell_votes, patterns, sweep_addresses, vote_payloads
 
 CONFIGS = {name: CONFIGS[name] for name in ("narrow", "odd", "tiny", "sensor")} | {
     # Odd numbers of columns and rows in a bank.
     "uneven": Config(roi_width=6, roi_height=10, buffer_events=40),
 }
-
-
-# ---------------------------------------------------------------- votes
 
 
 # ---------------------------------------------------------------- playing
@@ -137,29 +134,3 @@ def test_any_order_of_few_addresses(data):
         cells = data.draw(st.lists(cell, min_size=3, max_size=config.buffer_events))
         phases[f"phase {phase}"] = cell_votes(config, cells, rng)
     check(config, phases, data.draw(st.sampled_from([0.0, 0.3, 0.6])), seed=data.draw(st.integers(0, 1000)))
-
-
-def test_read_add_write_gives_the_value_before(rng):
-    """The bank alone: every operation returns what stood there before it, clears included."""
-    from amaranth.hdl import signed
-    from amaranth.lib import data
-
-    word = data.StructLayout({"a": 12, "b": signed(14)})
-    block = ReadAddWrite(word, data.StructLayout({"a": 5, "b": signed(6)}), 5)
-    memory = [{"a": 0, "b": 0} for _ in range(5)]
-    script, expected = [], []
-    for _ in range(600):
-        operation = random_value(block.operation, rng) | {"address": int(rng.choice([0, 0, 1, 4])), "clear": 0}
-        operation["clear"] = int(rng.random() < 0.1)
-        if rng.random() < 0.2:
-            script.append({"i.payload": operation})
-            continue
-        script.append({"i.valid": 1, "i.payload": operation})
-        old = memory[operation["address"]]
-        expected.append(old)
-        add = operation["add"] if not operation["clear"] else {name: -value for name, value in old.items()}
-        memory[operation["address"]] = {name: old[name] + add[name] for name in old}
-    recording = play(block, [*script, *[{}] * 6])
-    assert recording.values() == expected
-    pushed = [cycle for cycle, values in enumerate(script) if "i.valid" in values]
-    assert [out - into for out, into in zip(recording.cycles(), pushed, strict=True)] == [block.latency] * len(pushed)

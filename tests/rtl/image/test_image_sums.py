@@ -17,9 +17,9 @@ from cmfpga.rtl.ascent.gradient import Gradient
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import IMAGES
 from cmfpga.rtl.image.image_sums import ImageSums
-from rtl.test_core import moving_points, settings
 from support.bench import simulate
 from support.core import Batch, check_core, drive_core
+from support.core_batches import moving_points, settings
 from support.votes import sweep_addresses
 
 #: The ascent is the article's, and its batches have no schedule.

@@ -251,21 +251,6 @@ def test_the_rule_is_exact():
     )
 
 
-def test_one_word_that_the_sweep_has_not_reached(rng):
-    """The shortest story of a broken rule: a word comes back with its number, just before the sweep gets there."""
-    config = RETURNING["exactly enough"]
-    fewest = config.one_pass.fewest_idle_cycles
-    for idle in (fewest, fewest - 1):
-        # The sweep has just left the last word when the story begins; it ends with 12, or 9, words swept.
-        word = words_of(config, [config.geometry.bank_words - 1], rng)
-        script = Script(config, rng)
-        script.first_pass()
-        for events in (word, [], [], word):
-            script.iteration(events, idle=idle)
-        _, second = script.steps
-        assert script.differences(script.play()) == ([] if idle == fewest else [second])
-
-
 # ---------------------------------------------------------------- after a reset
 
 

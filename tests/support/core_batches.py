@@ -1,0 +1,147 @@
+"""Batches for the core under test: of any kind, or just good ones; and configurations that are small enough."""
+
+import numpy as np
+
+from cmfpga.config import Config, preset
+from cmfpga.config.schedule import parse_schedule
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.rtl.core import Core
+from support.bench import simulate
+from support.configs import NARROW, TINY
+from support.core import Batch, check_core, drive_core
+from support.values import edge_integers
+
+SMALL = {"sensor_width": 40, "sensor_height": 30, "roi_width": 16, "roi_height": 12}
+LIMITS = {"buffer_events": 48, "max_batch_events": 90, "max_iterations": 7}
+CONFIGS = {
+    "small": Config(**SMALL, **LIMITS, iterations=3),
+    # P a power of two: the gradient costs no multiplication.
+    "power": Config(**SMALL | {"roi_height": 8}, **LIMITS, iterations=3),
+    "narrow": Config(**NARROW | SMALL | LIMITS, iterations=3),
+    # A sweep of one cycle: the next replay begins before the sweep's end would allow it elsewhere.
+    "tiny": Config(**TINY | LIMITS, iterations=3),
+    # A division and time stamps as short as can be; v saturates soon.
+    "short": Config(**SMALL, **LIMITS, iterations=3, time_bits=8, span_bits=4, reciprocal_bits=4, dt_frac=4, v_int=1),
+    # The ROI is the sensor, and the buffer holds one event.
+    "still": Config(**SMALL | {"sensor_width": 16, "sensor_height": 12}, **LIMITS | {"buffer_events": 1}, iterations=3),
+    # Two event buffers, of a depth that is no power of two; the next batch is taken in while one is optimised.
+    "two": Config(**SMALL, **LIMITS | {"buffer_events": 37}, buffers=2, iterations=3),
+    "two tiny": Config(**TINY | LIMITS | {"buffer_events": 1}, buffers=2, iterations=3),
+    "one pass": Config(**SMALL, **LIMITS, gradient="one_pass", iterations=3),
+    "two, one pass": Config(**SMALL | {"roi_width": 15}, **LIMITS, gradient="one_pass", buffers=2, iterations=3),
+    # The default preset: one pass, signs, levels, dither, two buffers; so few tags that they come back soon.
+    "fast": preset("fast").replace(
+        **SMALL, **LIMITS, tag_bits=3, iterations=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
+    ),
+    # A full buffer thins out; of a depth that is odd and no power of two.
+    "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
+    "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
+}
+
+FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
+
+
+def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
+    """Events of a few points that move across the sensor, and noise; times anywhere on the camera's counter."""
+    wrap = 1 << config.time_bits
+    longest = min(1 << config.span_bits, wrap // 2) - 1
+    span = int(rng.integers(1, longest + 1)) if span is None else span
+    t = np.sort(rng.integers(0, span + 1, count))
+    t[0], t[-1] = 0, span
+    phase = t / max(1, span) - 0.5
+    center = (config.sensor_width // 2, config.sensor_height // 2) if around is None else around
+    limits = config.sensor_width, config.sensor_height
+    v = rng.uniform(-4, 4, 2)
+    columns = []
+    for axis, limit in enumerate(limits):
+        points = center[axis] + rng.integers(-4, 5, 3)[rng.integers(0, 3, count)] + phase * v[axis]
+        anywhere = rng.integers(0, limit, count)
+        column = np.where(rng.random(count) < 0.3, anywhere, np.round(points))
+        columns.append(np.clip(column, 0, limit - 1).astype(int).tolist())
+    wrong = rng.random(count) < bad_times
+    wrong[0] = False
+    t = np.where(wrong, t + rng.integers(-longest, 2 * longest, count), t) + rng.integers(wrap)
+    return list(zip((t % wrap).tolist(), *columns, strict=True))
+
+
+#: Schedules of random batches, some of them part of another; steps so large that v saturates, and v's unit.
+PLANS = tuple(
+    parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4)
+    for text in ("0:-2", "2:2/4 0:-6", "1:0*2 0:4/2", "2:1 1:-1/2 0:-3/4 0:-5", "0:-3 0:-5", "1:4*2")
+)
+
+
+def settings(config, **changes):
+    """The configuration's settings, some of them changed; ``iterations`` is also the length of schedules."""
+    chosen = vars(BatchSettings.from_config(config))
+    if "iterations" in changes:
+        chosen |= {name: chosen[name][: changes["iterations"]] for name in ("cold", "warm")}
+    return BatchSettings(**chosen | changes)
+
+
+def random_batch(config, rng, *, bad_times=0.15):
+    """Any size, any settings, any way to end but "roi", which needs to know where the ROI is."""
+    end = str(rng.choice(["last", "last", "count", "cut"]))
+    count = config.max_batch_events if end == "cut" else int(rng.choice([1, 2, 3, 8, 20, 40, 60, 85]))
+    roi = None
+    if rng.random() < 0.6:
+        roi = int(rng.integers(config.sensor_width)), int(rng.integers(config.sensor_height))
+        if rng.random() < 0.7:
+            roi = min(roi[0], config.geometry.roi_x_max), min(roi[1], config.geometry.roi_y_max)
+    eta = int(rng.choice([0, 1, config.formats.eta.raw(1.0), config.formats.eta.raw(8.0), config.formats.eta.max]))
+    slow = 3 << config.v_frac
+    size = config.roi_width, config.roi_height
+    around = tuple(c + s // 2 for c, s in zip(roi, size, strict=True)) if roi else None
+    span = 0 if rng.random() < 0.1 else None
+    plans = {}
+    if config.ascent == "sign":
+        plans = {name: ((), *PLANS)[int(rng.integers(len(PLANS) + 1))] for name in ("cold", "warm")}
+    return Batch(
+        events=moving_points(config, rng, count, bad_times=bad_times, span=span, around=around),
+        settings=settings(
+            config,
+            roi=roi,
+            iterations=int(rng.choice([0, 1, 2, 3, 4])),
+            eta=eta,
+            roi_gain=int(edge_integers(rng, 0, config.formats.roi_gain.max, 1)[0]),
+            start_last=bool(rng.integers(2)),
+            v_start=tuple(
+                edge_integers(rng, max(config.formats.v.min, -slow), min(config.formats.v.max, slow), 2).tolist()
+            ),
+            min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
+            thinning=int(rng.choice([1, 1, 1, 2, 3, 7, 255])),
+            thin_target=min(config.buffer_events, int(rng.choice([0, 0, 0, 1, 5, 20, 48]))),
+            **plans,
+        ),
+        end=end,
+    )
+
+
+def run(config, batches, rng, *, gap=0.0, stall=0.0, eager=True, free=True):
+    """Simulate from reset and compare; returns (the model's results, outcomes).
+
+    Not ``free``: acceptance waits until it is known what was stored, and no formula holds.
+    """
+    core = Core(config)
+    bench, outcomes = drive_core(core, batches, rng=rng, gap=gap, stall=stall, eager=eager)
+    simulate(core, bench)
+    # With two buffers the cycles of a batch depend on the one before, if it is offered while that is under way.
+    alone = config.buffers == 1 or not eager
+    return check_core(config, batches, outcomes, free=free and not gap and alone), outcomes
+
+
+CENTER = (20, 15)
+
+
+def centered(config, times, **changes):
+    """Events at the sensor's centre, in the ROI."""
+    roi = CENTER[0] - config.roi_width // 2, CENTER[1] - config.roi_height // 2
+    return Batch(events=[(t, *CENTER) for t in times], settings=settings(config, **{"roi": roi} | changes))
+
+
+def spread(config, rng, count=20, **changes):
+    """A good batch around the sensor's centre."""
+    batch = centered(config, range(100, 100 + 10 * count, 10), **changes)
+    offsets = rng.integers(-4, 5, (count, 2)).tolist()
+    return Batch(events=[(t, x + dx, y + dy) for (t, x, y), (dx, dy) in zip(batch.events, offsets, strict=True)],
+                 settings=batch.settings)  # fmt: skip

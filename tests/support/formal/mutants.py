@@ -1,0 +1,123 @@
+"""Both accumulators, broken on purpose: each mutant must be found by the proof, those of a bank by simulation too."""
+
+import inspect
+import types
+from dataclasses import dataclass
+
+from cmfpga.rtl.image import accumulator, tagged_accumulator
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """One replacement in the source of a module."""
+
+    name: str
+    old: str
+    new: str
+    original: types.ModuleType = accumulator
+
+    def module(self):
+        """The mutated module. Fails where the source has changed so that the mutant means nothing any more."""
+        source = inspect.getsource(self.original)
+        count = source.count(self.old)
+        assert count == 1, f"mutant {self.name!r} has to be rewritten: its pattern occurs {count} times:\n{self.old}"
+        module = types.ModuleType(f"{self.original.__name__}_mutant")
+        module.__package__ = self.original.__package__
+        exec(compile(source.replace(self.old, self.new), f"<mutant {self.name}>", "exec"), module.__dict__)
+        return module
+
+    def __str__(self):
+        return self.name.replace(" ", "-")
+
+
+def tagged(name, old, new):
+    return Mutant(name, old, new, tagged_accumulator)
+
+
+_MATCH = "valid[stage - 1] & (address[stage - 1] == address[1])"
+#: The stages whose sums are forwarded, the oldest first.
+_FORWARDED = {
+    "youngest sum not forwarded": (5, 4),
+    "second sum not forwarded": (5, 3),
+    "third sum not forwarded": (4, 3),
+    "oldest sum wins": (3, 4, 5),
+    "second sum wins over youngest": (5, 3, 4),
+    "third sum wins over second": (4, 5, 3),
+}
+
+
+def _in_both(make, written):
+    """Mutants of what both banks have; ``written(stages)`` is how the stages stand in the source."""
+    return [
+        *(make(name, written((5, 4, 3)), written(stages)) for name, stages in _FORWARDED.items()),
+        make("match ignores valid", _MATCH, "address[stage - 1] == address[1]"),
+        make("match one cycle early", _MATCH, "valid[stage - 1] & (address[stage - 1] == address[0])"),
+        make("match ignores an address bit", _MATCH, "valid[stage - 1] & (address[stage - 1][1:] == address[1][1:])"),
+        make("third sum is the second", "total[5].eq(total[4])", "total[5].eq(total[3])"),
+        make("write ignores valid", "write.en.eq(valid[3])", "write.en.eq(1)"),
+        make("write at a younger address", "write.addr.eq(address[3])", "write.addr.eq(address[2])"),
+    ]
+
+
+_CLEAR = "with m.If(operation_s2.clear):\n            m.d.sync += total[3].eq(0)\n"
+_CLEAR_IN_RAM_ONLY = """clear_s3 = Signal()
+        m.d.sync += clear_s3.eq(operation_s2.clear)
+        with m.If(clear_s3):
+            m.d.comb += [write.data.eq(0) for _, write in ports.values()]
+"""
+
+READ_ADD_WRITE = [
+    *_in_both(Mutant, lambda stages: f"for stage in {stages}:"),
+    Mutant("clear lost", _CLEAR, "pass\n"),
+    Mutant("clear not forwarded", _CLEAR, _CLEAR_IN_RAM_ONLY),
+    Mutant("sum of the wrong operation", "base[name] + operation_s2.add[name]", "base[name] + operation_s1.add[name]"),
+    Mutant(
+        "answer past the forwarding", "self.o.payload[name].eq(base[name])", "self.o.payload[name].eq(read_s2[name])"
+    ),
+    Mutant("answer announced early", "self.o.valid.eq(valid[2])", "self.o.valid.eq(valid[1])"),
+]
+
+_SAME = "read_s2.tag == tag[2], same_s2)"
+_RAM = "read_s2.tag == tag[2]"
+
+TAGGED_BANK = [
+    *_in_both(tagged, lambda stages: f"in {tuple((stage - 2, stage) for stage in stages)}:"),
+    tagged("forwarded sums count with any tag", _SAME, _SAME.replace("same_s2", "1")),
+    tagged("sums forwarded from one stage too far", "Mux(low, words[3], words[2])", "Mux(low, words[2], words[3])"),
+    tagged("forwarded sums never count", _SAME, _SAME.replace("same_s2", "0")),
+    tagged("tags compared one cycle early", "tag[stage - 1] == tag[1]", "tag[stage - 1] == tag[0]"),
+    tagged("tags match in part", "tag[stage - 1] == tag[1]", "tag[stage - 1][0] == tag[1][0]"),
+    tagged("another tag is the match's end", _MATCH, f"{_MATCH} & (tag[stage - 1] == tag[1])"),
+    tagged("words count with any tag", _RAM, "1"),
+    tagged("words with any tag but zero count", _RAM, "read_s2.tag != 0"),
+    tagged("words compared with a younger tag", _RAM, _RAM.replace("tag[2]", "tag[1]")),
+    tagged("tag not written", "write.data.tag.eq(tag[3])", "write.data.tag.eq(0)"),
+    tagged("tag of a younger operation written", "write.data.tag.eq(tag[3])", "write.data.tag.eq(tag[2])"),
+    tagged("sum of the wrong operation", "add_s2[name] + base[name]", "add_s1[name] + base[name]"),
+    tagged("told of the wrong operation", "self.o.payload.add.eq(add_s2)", "self.o.payload.add.eq(add_s1)"),
+    tagged("told past the forwarding", "self.o.payload.i.eq(found.i)", "self.o.payload.i.eq(read_s2.i)"),
+    tagged("told of a word that does not count", "with m.If(~counts | ~valid[2]):", "with m.If(~valid[2]):"),
+    tagged("told early", "self.o.valid.eq(valid[3])", "self.o.valid.eq(valid[2])"),
+]
+
+ACCUMULATOR = [
+    Mutant("votes of absent banks count", "(self.i.valid & vote.valid)", "self.i.valid"),
+    Mutant("votes count without an event", "(self.i.valid & vote.valid)", "vote.valid"),
+    Mutant("sweep does not clear", "bank.i.payload.clear.eq(self.sweep.valid)", "bank.i.payload.clear.eq(0)"),
+    Mutant("sweep address ignored", "address.eq(self.sweep.payload.address)", "address.eq(vote.address)"),
+]
+
+_NEXT = "Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1)"
+
+TAGGED_ACCUMULATOR = [
+    tagged("sweep leaves a word out", "config.geometry.bank_depth - 1\n", "config.geometry.bank_depth - 2\n"),
+    tagged("sweep writes nothing", "[bank.i.valid.eq(1), operation", "[bank.i.valid.eq(0), operation"),
+    tagged("sweep goes on under votes", "with m.If(~self.i.valid):", "with m.If(1):"),
+    tagged("pass over early", "self.swept.eq(~self.i.valid & last)", "self.swept.eq(address == 0)"),
+    tagged("one tag left out", _NEXT, _NEXT.replace("1, 1,", "1, 2,")),
+    tagged("tag of the sweep used", _NEXT, "tag + 1"),
+    tagged("tag stays", _NEXT, "tag"),
+    tagged("absent votes count", "bank.i.valid.eq(vote.valid)", "bank.i.valid.eq(1)"),
+    tagged("sweep told as votes", "bank.o.valid & voted[-1]", "bank.o.valid"),
+    tagged("votes of one bank in all", "vote = self.i.payload.banks[number]", "vote = self.i.payload.banks[0]"),
+]
