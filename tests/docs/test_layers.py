@@ -15,7 +15,7 @@ PACKAGE = Path(cmfpga.__file__).parent
 
 #: Modules, and what must not be loaded once they are.
 CLEAN = {
-    "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
+    "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch", "h5py"]),
     "contract": (
         ["cmfpga.protocol.settings", "cmfpga.protocol.results"],
         ["amaranth", "numpy", "torch", "cmfpga.config", "cmfpga.protocol.registers"],
