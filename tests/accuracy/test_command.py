@@ -89,19 +89,16 @@ def test_a_difference_between_rtl_and_model_is_said(capsys):
     assert capsys.readouterr().out == "cold: rtl and model agree exactly in 1 of 2 batches\n"
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--data", "nowhere"], "--data nowhere: no such folder"),
-        (["--seeds", "3-1"], "argument --seeds: '3-1': one seed, or the first and the last as in 1-3, is needed"),
-        (["--seeds", "x"], "argument --seeds: 'x': one seed, or the first and the last as in 1-3, is needed"),
-        (["--batches", "0"], "argument --batches: '0': a whole number of 1 or more is needed"),
-        (["--set", "roi_width=32"], "ROI of 32×64 px: the suites are for 64×64 px"),
-        (["--study", "magic"], "argument --study: invalid choice: 'magic'"),
-        (["--study", "schedules", "--preset", "paper"], "ascent = 'constant': schedules belong to ascent = sign"),
-        (["--json", "no/such/folder/scores.json"], "no/such/folder/scores.json: No such file or directory"),
-    ],
-)
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--data", "nowhere"], "--data nowhere: no such folder"),
+    (["--seeds", "3-1"], "argument --seeds: '3-1': one seed, or the first and the last as in 1-3, is needed"),
+    (["--seeds", "x"], "argument --seeds: 'x': one seed, or the first and the last as in 1-3, is needed"),
+    (["--batches", "0"], "argument --batches: '0': a whole number of 1 or more is needed"),
+    (["--set", "roi_width=32"], "ROI of 32×64 px: the suites are for 64×64 px"),
+    (["--study", "magic"], "argument --study: invalid choice: 'magic'"),
+    (["--study", "schedules", "--preset", "paper"], "ascent = 'constant': schedules belong to ascent = sign"),
+    (["--json", "no/such/folder/scores.json"], "no/such/folder/scores.json: No such file or directory"),
+])  # fmt: skip
 def test_mistakes_get_one_line(arguments, message, capsys, monkeypatch):
     monkeypatch.delenv("CMFPGA_DATA", raising=False)
     assert run(*arguments) == 2

@@ -57,19 +57,15 @@ def odd(bit):
     return bit[:at] + (len(bit) - at - 4 + 2).to_bytes(4, "big") + bit[at + 4 :] + b"xx"
 
 
-@pytest.mark.parametrize(
-    "spoil, text",
-    [
-        (lambda bit: b"", "does not begin like a .bit"),
-        (lambda bit: bit[100:], "does not begin like a .bit"),
-        (cut, "cut short"),
-        (odd, "whole 32-bit words"),
-        (lambda bit: bit.replace(b"a\0", b"q\0", 1), "header, byte 13"),
-        (lambda bit: bit[:40], "header, byte"),
-        (lambda bit: bit.replace(bytes.fromhex("aa995566"), b"\0\0\0\0"), "no synchronisation word"),
-    ],
-    ids=["empty", "no header", "cut", "odd", "unknown field", "header only", "no sync word"],
-)
+@pytest.mark.parametrize("spoil, text", [
+    (lambda bit: b"", "does not begin like a .bit"),
+    (lambda bit: bit[100:], "does not begin like a .bit"),
+    (cut, "cut short"),
+    (odd, "whole 32-bit words"),
+    (lambda bit: bit.replace(b"a\0", b"q\0", 1), "header, byte 13"),
+    (lambda bit: bit[:40], "header, byte"),
+    (lambda bit: bit.replace(bytes.fromhex("aa995566"), b"\0\0\0\0"), "no synchronisation word"),
+], ids=["empty", "no header", "cut", "odd", "unknown field", "header only", "no sync word"])  # fmt: skip
 def test_refused_in_one_line(spoil, text, bit):
     bit.write_bytes(spoil(bit.read_bytes()))
     done = convert(bit)

@@ -126,20 +126,17 @@ def test_no_fact_is_written_down_again():
         assert not re.search(r"0x[aA]00[0-9a-fA-F]{5}|xck26|kv260_som|\bA12\b|fan_en_b|pl_ps_irq0\[", text), path.name
 
 
-@pytest.mark.parametrize(
-    "change, text",
-    [
-        (lambda f: f["control"]["dma"].update(address=0xA000_8000), "multiple of its size"),
-        (lambda f: f["control"]["dma"].update(address=0xA000_0000), "overlap"),
-        (lambda f: f["control"]["dma"].update(address=0xB000_0000), "outside of M_AXI_HPM0_FPD"),
-        (lambda f: f["control"]["cmfpga"].update(size=0x8000), "control_address_width"),
-        (lambda f: f["memory"].update(data_width=256), "must be 32, 64 or 128"),
-        (lambda f: f["dma"].update(data_width=32), "nothing between them changes the width"),
-        (lambda f: f["dma"].update(address_width=32), "does not reach"),
-        (lambda f: f["linux"].update(buffer_events_size=1 << 26), "buffer_events_size"),
-        (lambda f: f["clock"].update(mhz=250), "change both"),
-    ],
-)
+@pytest.mark.parametrize("change, text", [
+    (lambda f: f["control"]["dma"].update(address=0xA000_8000), "multiple of its size"),
+    (lambda f: f["control"]["dma"].update(address=0xA000_0000), "overlap"),
+    (lambda f: f["control"]["dma"].update(address=0xB000_0000), "outside of M_AXI_HPM0_FPD"),
+    (lambda f: f["control"]["cmfpga"].update(size=0x8000), "control_address_width"),
+    (lambda f: f["memory"].update(data_width=256), "must be 32, 64 or 128"),
+    (lambda f: f["dma"].update(data_width=32), "nothing between them changes the width"),
+    (lambda f: f["dma"].update(address_width=32), "does not reach"),
+    (lambda f: f["linux"].update(buffer_events_size=1 << 26), "buffer_events_size"),
+    (lambda f: f["clock"].update(mhz=250), "change both"),
+])  # fmt: skip
 def test_facts_that_contradict_each_other(change, text, maker, facts):
     changed = copy.deepcopy(facts)
     change(changed)

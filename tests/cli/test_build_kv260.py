@@ -145,6 +145,5 @@ def test_without_peakrdl(command, tmp_path, monkeypatch):
 
 def test_what_it_cannot_be_made_with(command, tmp_path):
     done = command(build, "--top", "kv260", "--set", "time_bits=34", "--out", tmp_path / "none")
-    assert (done.status, done.out) == (2, "")
-    assert done.err.startswith("error: time_bits = 34: at most 32 is allowed") and done.err.count("\n") == 1
+    assert done.error.startswith("time_bits = 34: at most 32 is allowed") and not done.out
     assert not (tmp_path / "none").exists()

@@ -74,20 +74,17 @@ def test_nothing_is_loaded_for_help():
     assert not {"numpy", "torch", "amaranth", "matplotlib", "cmfpga.track"} & set(done.stderr.split())
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        (["trak"], "'trak': no such subcommand; did you mean 'track'? One of "),
-        (["xyz"], "'xyz': no such subcommand; one of "),
-        ([""], "'': no such subcommand; one of "),
-        (["--foo"], "--foo: a subcommand is needed first: "),
-        (["--version=3"], "argument --version: ignored explicit argument '3' (--help lists the options)"),
-        (["--print-completion"], "argument --print-completion: expected one argument"),
-        (["--print-completion", "fish"], "argument --print-completion: invalid choice: 'fish'"),
-        (["track", "missing.h5", "--roi", "1,2"], "missing.h5: no such file"),
-        (["track", "--sensor", "8"], "argument --sensor: '8': W,H, two whole numbers, is needed"),
-    ],
-)
+@pytest.mark.parametrize("arguments, message", [
+    (["trak"], "'trak': no such subcommand; did you mean 'track'? One of "),
+    (["xyz"], "'xyz': no such subcommand; one of "),
+    ([""], "'': no such subcommand; one of "),
+    (["--foo"], "--foo: a subcommand is needed first: "),
+    (["--version=3"], "argument --version: ignored explicit argument '3' (--help lists the options)"),
+    (["--print-completion"], "argument --print-completion: expected one argument"),
+    (["--print-completion", "fish"], "argument --print-completion: invalid choice: 'fish'"),
+    (["track", "missing.h5", "--roi", "1,2"], "missing.h5: no such file"),
+    (["track", "--sensor", "8"], "argument --sensor: '8': W,H, two whole numbers, is needed"),
+])  # fmt: skip
 def test_mistakes(command, arguments, message):
     from cmfpga.cli import command as tool
 
@@ -106,16 +103,13 @@ def script(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize(
-    "words, expected",
-    [
-        (["tr"], ["track"]),
-        (["build", "--res"], ["--resources"]),
-        (["track", "--engine", ""], ["rtl", "model", "float", "axi"]),
-        (["track", "rec"], ["rec.h5"]),
-        (["--vers"], ["--version"]),
-    ],
-)
+@pytest.mark.parametrize("words, expected", [
+    (["tr"], ["track"]),
+    (["build", "--res"], ["--resources"]),
+    (["track", "--engine", ""], ["rtl", "model", "float", "axi"]),
+    (["track", "rec"], ["rec.h5"]),
+    (["--vers"], ["--version"]),
+])  # fmt: skip
 def test_bash(script, tmp_path, words, expected):
     bash = shutil.which("bash")
     if bash is None:

@@ -153,9 +153,9 @@ def test_two_objects(command, tmp_path):
 
 def test_nothing_that_moves(command, tmp_path):
     rng = np.random.default_rng(1)
-    write_hdf5(
-        tmp_path / "noise.h5", Events(np.arange(30_000), *rng.integers(100, size=(2, 30_000)), [0] * 30_000), 100, 100
-    )
+    count = 8_000
+    noise = Events(np.arange(count), *rng.integers(100, size=(2, count)), [0] * count)
+    write_hdf5(tmp_path / "noise.h5", noise, 100, 100)
     done = command(info, tmp_path / "noise.h5", *FAST)
     assert done.status == 0 and done.out.endswith("\nNo proposal: nothing moves clearly in any 64×64 px.\n")
     assert "Proposal" not in command(info, tmp_path / "noise.h5", "--no-proposal").out
@@ -181,19 +181,16 @@ def test_a_truncated_file_is_described_and_refused(command, recording, tmp_path)
     )
 
 
-@pytest.mark.parametrize(
-    "arguments, message",
-    [
-        (["missing.h5"], "missing.h5: no such file"),
-        ([], "the following arguments are required: RECORDING"),
-        (["PATH", "--objects", "5"], "argument --objects: '5': 1 to 4 is needed"),
-        (["PATH", "--start-event", "99999999"], "PATH: first event 99999999; 0 to "),
-        (["PATH", "--png", "FOLDER/a.png"], "FOLDER/a.png: No such file or directory"),
-        (["PATH", "--preset", "x"], "preset 'x': one of "),
-        (["PATH", "--set", "roi_width=9999"], "roi_width = 9999: 2 to 4096 is needed"),
-        (["PATH", "--sensor", "100,100"], "PATH: x of event "),
-    ],
-)
+@pytest.mark.parametrize("arguments, message", [
+    (["missing.h5"], "missing.h5: no such file"),
+    ([], "the following arguments are required: RECORDING"),
+    (["PATH", "--objects", "5"], "argument --objects: '5': 1 to 4 is needed"),
+    (["PATH", "--start-event", "99999999"], "PATH: first event 99999999; 0 to "),
+    (["PATH", "--png", "FOLDER/a.png"], "FOLDER/a.png: No such file or directory"),
+    (["PATH", "--preset", "x"], "preset 'x': one of "),
+    (["PATH", "--set", "roi_width=9999"], "roi_width = 9999: 2 to 4096 is needed"),
+    (["PATH", "--sensor", "100,100"], "PATH: x of event "),
+])  # fmt: skip
 def test_mistakes(command, recording, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     done = command(

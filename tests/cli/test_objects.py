@@ -89,21 +89,18 @@ def test_two_that_are_found(command, tmp_path, two, found_alone):
         assert slow["roi"][0] < 100 < fast["roi"][0]
 
 
-@pytest.mark.parametrize(
-    "asked, message",
-    [
-        (["--roi", "a=1,2", "--roi", "a=3,4"], "--roi: the name 'a' is given twice; each object needs a name"),
-        (["--roi", "1=1,2", "--roi", "3,4"], "--roi: the name '1' is given twice"),
-        (["--roi", "a/b=1,2"], "argument --roi: 'a/b=1,2': a name of letters, digits, '-' and '_' is needed"),
-        (["--roi", "=1,2"], "argument --roi: '=1,2': a name of letters"),
-        (["--roi", "-a=1,2"], "argument --roi: expected one argument"),
-        (["--roi", "a=auto2"], "argument --roi: 'auto2': X,Y, two whole numbers, is needed"),
-        (["--roi", "1,2", "--roi", "500,2"], "ROI at 500,2: 0,0 to 176,116 is needed"),
-        (["--roi", "0,116", "--roi", "60,30"], "ROI at 0,116: none of the events is in it, in 2 batches; an ROI with"),
-        (["--roi", "auto"] + ["--roi", "auto"] * 3, "PATH: --roi auto: only 2 of 4 objects move clearly enough; "),
-        (["--roi", "auto", "--start-event", "7000", "--batches", "1"], "PATH: first event "),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("asked, message", [
+    (["--roi", "a=1,2", "--roi", "a=3,4"], "--roi: the name 'a' is given twice; each object needs a name"),
+    (["--roi", "1=1,2", "--roi", "3,4"], "--roi: the name '1' is given twice"),
+    (["--roi", "a/b=1,2"], "argument --roi: 'a/b=1,2': a name of letters, digits, '-' and '_' is needed"),
+    (["--roi", "=1,2"], "argument --roi: '=1,2': a name of letters"),
+    (["--roi", "-a=1,2"], "argument --roi: expected one argument"),
+    (["--roi", "a=auto2"], "argument --roi: 'auto2': X,Y, two whole numbers, is needed"),
+    (["--roi", "1,2", "--roi", "500,2"], "ROI at 500,2: 0,0 to 176,116 is needed"),
+    (["--roi", "0,116", "--roi", "60,30"], "ROI at 0,116: none of the events is in it, in 2 batches; an ROI with"),
+    (["--roi", "auto"] + ["--roi", "auto"] * 3, "PATH: --roi auto: only 2 of 4 objects move clearly enough; "),
+    (["--roi", "auto", "--start-event", "7000", "--batches", "1"], "PATH: first event "),
+])  # fmt: skip
 def test_mistakes(command, tmp_path, two, asked, message):
     path, _ = two
     if "first event" in message:

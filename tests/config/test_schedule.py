@@ -15,22 +15,19 @@ def test_entries_and_counts():
     assert len(parse_schedule("0:4*16", **LIMITS)) == 16
 
 
-@pytest.mark.parametrize(
-    "text, message",
-    [
-        ("", "cold: 0 iterations: 1 to 16 are needed (schedule_entries)"),
-        ("3:0", "cold: '3:0': level 0 to 2 is needed (max_level)"),
-        ("0:5", "cold: '0:5': a log2 step of -6 to 4 is needed (Q5.6)"),
-        ("0:-7", "cold: '0:-7': a log2 step of -6 to 4 is needed (Q5.6)"),
-        ("0:0*0", "cold: '0:0*0': a count of 1 to 16 is needed (schedule_entries)"),
-        ("0:0*9 0:0*9", "cold: 18 iterations: 1 to 16 are needed (schedule_entries)"),
-        ("0:0*999999999", "cold: '0:0*999999999': a count of 1 to 16 is needed (schedule_entries)"),
-        ("0:0*" + "9" * 5000, f"cold: '0:0*{'9' * 5000}': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
-        ("0,0", "cold: '0,0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
-        ("0:0 x", "cold: 'x': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
-        ("-1:0", "cold: '-1:0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
-    ],
-)
+@pytest.mark.parametrize("text, message", [
+    ("", "cold: 0 iterations: 1 to 16 are needed (schedule_entries)"),
+    ("3:0", "cold: '3:0': level 0 to 2 is needed (max_level)"),
+    ("0:5", "cold: '0:5': a log2 step of -6 to 4 is needed (Q5.6)"),
+    ("0:-7", "cold: '0:-7': a log2 step of -6 to 4 is needed (Q5.6)"),
+    ("0:0*0", "cold: '0:0*0': a count of 1 to 16 is needed (schedule_entries)"),
+    ("0:0*9 0:0*9", "cold: 18 iterations: 1 to 16 are needed (schedule_entries)"),
+    ("0:0*999999999", "cold: '0:0*999999999': a count of 1 to 16 is needed (schedule_entries)"),
+    ("0:0*" + "9" * 5000, f"cold: '0:0*{'9' * 5000}': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+    ("0,0", "cold: '0,0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+    ("0:0 x", "cold: 'x': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+    ("-1:0", "cold: '-1:0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+])  # fmt: skip
 def test_refusals(text, message):
     with pytest.raises(ConfigError) as caught:
         parse_schedule(text, **LIMITS)

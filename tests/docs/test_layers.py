@@ -1,6 +1,7 @@
 """Who may import whom: configuration, then models, then RTL, then tools; torch only where it is needed."""
 
 import ast
+import json
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -14,7 +15,7 @@ PACKAGE = Path(cmfpga.__file__).parent
 
 #: Modules, and what must not be loaded once they are.
 CLEAN = {
-    "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch"]),
+    "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch", "h5py"]),
     "contract": (
         ["cmfpga.protocol.settings", "cmfpga.protocol.results"],
         ["amaranth", "numpy", "torch", "cmfpga.config", "cmfpga.protocol.registers"],
@@ -47,6 +48,7 @@ CLEAN = {
     "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
+    "bench": (["cmfpga.bench"], ["torch", "numba", "matplotlib"]),
     "command": (["cmfpga.cli.command"], ["amaranth", "numpy", "torch"]),
 }
 
@@ -109,8 +111,9 @@ FORBIDDEN = {
 }
 
 
-def run(code, folder):
-    return subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, timeout=300)
+def run(code, folder, *arguments):
+    command = [sys.executable, "-c", code, *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
 
 
 def matches(name, prefix):
@@ -118,52 +121,36 @@ def matches(name, prefix):
     return name.startswith(prefix) if prefix.endswith(".") else name == prefix or name.startswith(f"{prefix}.")
 
 
-@pytest.mark.parametrize("name", CLEAN)
-def test_loads_nothing_else(name, tmp_path):
-    modules, absent = CLEAN[name]
-    done = run(f"import sys, {', '.join(modules)}; print(*sys.modules)", tmp_path)
-    assert done.returncode == 0, done.stderr
-    loaded = done.stdout.split()
-    assert set(modules) <= set(loaded)
-    assert not [module for module in loaded for prefix in absent if matches(module, prefix)]
-
-
-BLOCKED = """
-import sys
-
-class Blocker:
-    def find_spec(self, name, path=None, target=None):
-        if name.split(".")[0] == "torch":
-            raise ModuleNotFoundError("torch is blocked", name="torch")
-
-sys.meta_path.insert(0, Blocker())
-from cmfpga import cli, {module}
-sys.exit(cli.run({module}.main, {arguments}))
+#: Each group of modules in a process that is forked from one that has imported nothing yet.
+PROGRAM = """
+import importlib, json, os, sys
+for modules in json.loads(sys.argv[1]):
+    sys.stdout.flush()
+    if child := os.fork():
+        if os.waitpid(child, 0)[1]:
+            sys.exit(f"{modules}: not imported")
+    else:
+        for module in modules:
+            importlib.import_module(module)
+        print(*sys.modules, flush=True)
+        os._exit(0)
 """
 
 
-def run_without_torch(module, arguments, folder):
-    return run(BLOCKED.format(module=module, arguments=arguments), folder)
-
-
-def test_build_runs_without_torch(tmp_path):
-    done = run_without_torch("build", ["--set", "roi_width=8", "--set", "roi_height=8"], tmp_path)
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory):
+    """``{name: all modules that are loaded}`` of each group of :data:`CLEAN`."""
+    modules = [modules for modules, _ in CLEAN.values()]
+    done = run(PROGRAM, tmp_path_factory.mktemp("imports"), json.dumps(modules))
     assert done.returncode == 0, done.stderr
-    assert (tmp_path / "build" / "cmfpga_core.v").stat().st_size > 0
+    return dict(zip(CLEAN, map(str.split, done.stdout.splitlines()), strict=True))
 
 
-def test_track_by_the_verilog_runs_without_torch(tmp_path):
-    done = run_without_torch("track", ["--engine", "rtl", "--batches", "1", "--set", "iterations=2"], tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "cmfpga-track" / "track.png").stat().st_size > 0
-
-
-@pytest.mark.parametrize("engine", ["model", "float"])
-def test_other_engines_ask_for_torch_in_one_line(engine, tmp_path):
-    done = run_without_torch("track", ["--engine", engine, "--batches", "1"], tmp_path)
-    assert done.returncode == 2
-    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
-    assert "torch" in done.stderr and "pip install" in done.stderr
+@pytest.mark.parametrize("name", CLEAN)
+def test_loads_nothing_else(name, loaded):
+    modules, absent = CLEAN[name]
+    assert set(modules) <= set(loaded[name])
+    assert not [module for module in loaded[name] for prefix in absent if matches(module, prefix)]
 
 
 def imports(path):

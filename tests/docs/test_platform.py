@@ -4,7 +4,7 @@ import importlib.util
 from pathlib import Path
 
 import pytest
-from amaranth.hdl import ClockDomain, Module, Signal
+from amaranth.hdl import ClockDomain, Module
 from amaranth.lib import io, wiring
 from amaranth.lib.wiring import In
 
@@ -19,27 +19,24 @@ def platform_class():
     return module.KV260Platform
 
 
-class FanOn(wiring.Component):
-    """The fan on, and a register, so that there is a clock."""
+class Driver(wiring.Component):
+    """Pins of the board, counting, so that there is a clock."""
 
-    def __init__(self):
+    def __init__(self, resource):
         super().__init__({"clk": In(1)})
+        self.resource = resource
 
     def elaborate(self, platform):
         m = Module()
         m.domains.sync = domain = ClockDomain(reset_less=True)
         m.d.comb += domain.clk.eq(self.clk)
-        m.submodules.fan = fan = io.Buffer("o", platform.request("fan", dir="-"))
-        on = Signal()
-        m.d.sync += on.eq(1)
-        m.d.comb += fan.o.eq(on)
+        m.submodules.pins = pins = io.Buffer("o", platform.request(self.resource, dir="-"))
+        m.d.sync += pins.o.eq(pins.o + 1)
         return m
 
 
-@pytest.fixture(scope="module")
-def files(platform_class):
-    """What would be given to Vivado, by name."""
-    plan = platform_class(toolchain="Vivado").prepare(FanOn(), "fan_on")
+def constraints_of(platform_class, resource):
+    plan = platform_class(toolchain="Vivado").prepare(Driver(resource), "made")
     return {name: text if isinstance(text, str) else text.decode() for name, text in plan.files.items()}
 
 
@@ -49,36 +46,18 @@ def test_part(platform_class):
     assert platform.family == "ultrascaleplus"
 
 
-def test_script_names_the_part(files):
-    assert "-part xck26-sfvc784-2LV-c" in files["fan_on.tcl"]
-
-
-def test_constraints_of_the_fan(files):
-    constraints = files["fan_on.xdc"]
+def test_the_fan(platform_class):
+    files = constraints_of(platform_class, "fan")
+    assert "-part xck26-sfvc784-2LV-c" in files["made.tcl"]
+    constraints = files["made.xdc"]
     assert "set_property LOC A12" in constraints
     for name, value in (("IOSTANDARD", "LVCMOS33"), ("SLEW", "SLOW"), ("DRIVE", "4")):
         assert f'set_property {name} "{value}" ' in constraints
     assert "create_clock" not in constraints  # the processing system's clocks are constrained by the block design
 
 
-class PmodOut(wiring.Component):
-    """Four pins of the Pmod connector, driven."""
-
-    def __init__(self):
-        super().__init__({"clk": In(1)})
-
-    def elaborate(self, platform):
-        m = Module()
-        m.domains.sync = domain = ClockDomain(reset_less=True)
-        m.d.comb += domain.clk.eq(self.clk)
-        m.submodules.pmod = pmod = io.Buffer("o", platform.request("pmod_gpio", dir="-"))
-        m.d.sync += pmod.o.eq(pmod.o + 1)
-        return m
-
-
 def test_pmod(platform_class):
-    text = platform_class(toolchain="Vivado").prepare(PmodOut(), "pmod_out").files["pmod_out.xdc"]
-    constraints = text if isinstance(text, str) else text.decode()
+    constraints = constraints_of(platform_class, "pmod_gpio")["made.xdc"]
     for pin in ("H12", "E10", "D10", "C11"):
         assert f"set_property LOC {pin} " in constraints
     assert constraints.count('set_property IOSTANDARD "LVCMOS33"') == 4

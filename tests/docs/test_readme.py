@@ -92,9 +92,7 @@ RUN = ("python -m cmfpga", "cmfpga ", "head -n ", "echo $?")
 
 
 def runnable(text):
-    return [
-        item for item in commands(text) if item[0].startswith(("python -m cmfpga", "cmfpga ", "head -n ", "echo $?"))
-    ]
+    return [item for item in commands(text) if item[0].startswith(RUN)]
 
 
 @pytest.mark.parametrize("text, output", [block for block in blocks("console") if runnable(block.values[0])])

@@ -18,23 +18,20 @@ def test_polarities(p):
     assert events.p.tolist() == [0, 1] and events.p.dtype == np.uint8
 
 
-@pytest.mark.parametrize(
-    "t, unit",
-    [
-        ([0.001, 0.002], "s"),
-        ([1.0, 2.0], "ms"),
-        ([1, 2], "ms"),
-        ([1_000, 2_000], "us"),
-        ([1_000, 2_000], None),
-        (np.array([1_000, 2_000], ">u4"), None),
-        ([1_000_000, 1_999_500], "ns"),  # to the nearest, halves up
-        (np.array([1_000_000, 2_000_000], "timedelta64[ns]"), None),
-        (np.array([1_000_000, 2_000_000], "timedelta64[ns]"), "ns"),
-        (np.array([1, 2], "timedelta64[ms]"), None),
-        (np.array([1_000, 2_000], ">M8[us]"), None),
-        (np.array(["1970-01-01T00:00:00.001", "1970-01-01T00:00:00.002"], "datetime64[ms]"), None),
-    ],
-)
+@pytest.mark.parametrize("t, unit", [
+    ([0.001, 0.002], "s"),
+    ([1.0, 2.0], "ms"),
+    ([1, 2], "ms"),
+    ([1_000, 2_000], "us"),
+    ([1_000, 2_000], None),
+    (np.array([1_000, 2_000], ">u4"), None),
+    ([1_000_000, 1_999_500], "ns"),  # to the nearest, halves up
+    (np.array([1_000_000, 2_000_000], "timedelta64[ns]"), None),
+    (np.array([1_000_000, 2_000_000], "timedelta64[ns]"), "ns"),
+    (np.array([1, 2], "timedelta64[ms]"), None),
+    (np.array([1_000, 2_000], ">M8[us]"), None),
+    (np.array(["1970-01-01T00:00:00.001", "1970-01-01T00:00:00.002"], "datetime64[ms]"), None),
+])  # fmt: skip
 def test_times(t, unit):
     events = Events(**{**GOOD, "t": t}, time_unit=unit)
     assert events.t.tolist() == GOOD["t"] and events.t.dtype == np.int64
@@ -51,32 +48,29 @@ def test_what_fits_is_not_copied():
     assert events.t is t and events.x is x and events.p is p
 
 
-@pytest.mark.parametrize(
-    "wrong, message",
-    [
-        ({"t": [0.1, 0.2]}, "t holds float64, of no known unit; time_unit = s, ms, us, ns says which"),
-        ({"t": [1.0, 2.0]}, "t holds float64, of no known unit; time_unit = s, ms, us, ns says which"),
-        ({"t": [0.1, np.nan], "time_unit": "s"}, "time stamp of event 1 is nan; a finite number is needed"),
-        ({"time_unit": "min"}, "time unit 'min' is not known; one of s, ms, us, ns is needed"),
-        ({"t": np.array([1, 2], "m8[D]")}, "t holds timedelta64[D]; the unit s, ms, us, ns is needed"),
-        ({"t": np.array([1, 2], "m8[10us]")}, "t holds timedelta64[10us]; the unit s, ms, us, ns is needed"),
-        ({"t": np.array([1, 2], "m8[ns]"), "time_unit": "us"}, "t holds timedelta64[ns]; the unit us is needed"),
-        ({"t": np.array([1, "nat"], "m8[ns]")}, "time stamp of event 1 is NaT; a time is needed"),
-        ({"t": [True, False]}, "t holds bool; real numbers are needed"),
-        ({"t": np.array([1, 2**64 - 1], np.uint64)}, f"time stamp of event 1 is {2**64 - 1} us; less than 2^62 µs"),
-        ({"x": [3, 65_536 + 3]}, "x of event 1 is 65539; 0 to 65535 is allowed"),
-        ({"y": [-1, 3]}, "y of event 0 is -1; 0 to 65535 is allowed"),
-        ({"x": [3.5, 3]}, "x of event 0 is 3.5; a whole number of pixels is needed"),
-        ({"y": [3, np.nan]}, "y of event 1 is nan; a whole number of pixels is needed"),
-        ({"x": ["3", "4"]}, "x holds <U1; real numbers are needed"),
-        ({"x": [[3, 4]]}, "x has 2 dimensions; 1 is needed"),
-        ({"x": [3]}, "t, x, y and p must have one length"),
-        ({"p": [0, 2]}, "polarity of event 1 is 2; 0 and 1, or -1 and 1, are allowed"),
-        ({"p": np.array([0, 255], np.uint8)}, "polarity of event 1 is 255; 0 and 1, or -1 and 1, are allowed"),
-        ({"p": [0.5, 1]}, "polarity of event 0 is 0.5; 0 and 1, or -1 and 1, are allowed"),
-        ({"p": [-1, 0]}, "polarities -1 and 0 both occur up to event 0 or later; 0 and 1, or -1 and 1, are allowed"),
-    ],
-)
+@pytest.mark.parametrize("wrong, message", [
+    ({"t": [0.1, 0.2]}, "t holds float64, of no known unit; time_unit = s, ms, us, ns says which"),
+    ({"t": [1.0, 2.0]}, "t holds float64, of no known unit; time_unit = s, ms, us, ns says which"),
+    ({"t": [0.1, np.nan], "time_unit": "s"}, "time stamp of event 1 is nan; a finite number is needed"),
+    ({"time_unit": "min"}, "time unit 'min' is not known; one of s, ms, us, ns is needed"),
+    ({"t": np.array([1, 2], "m8[D]")}, "t holds timedelta64[D]; the unit s, ms, us, ns is needed"),
+    ({"t": np.array([1, 2], "m8[10us]")}, "t holds timedelta64[10us]; the unit s, ms, us, ns is needed"),
+    ({"t": np.array([1, 2], "m8[ns]"), "time_unit": "us"}, "t holds timedelta64[ns]; the unit us is needed"),
+    ({"t": np.array([1, "nat"], "m8[ns]")}, "time stamp of event 1 is NaT; a time is needed"),
+    ({"t": [True, False]}, "t holds bool; real numbers are needed"),
+    ({"t": np.array([1, 2**64 - 1], np.uint64)}, f"time stamp of event 1 is {2**64 - 1} us; less than 2^62 µs"),
+    ({"x": [3, 65_536 + 3]}, "x of event 1 is 65539; 0 to 65535 is allowed"),
+    ({"y": [-1, 3]}, "y of event 0 is -1; 0 to 65535 is allowed"),
+    ({"x": [3.5, 3]}, "x of event 0 is 3.5; a whole number of pixels is needed"),
+    ({"y": [3, np.nan]}, "y of event 1 is nan; a whole number of pixels is needed"),
+    ({"x": ["3", "4"]}, "x holds <U1; real numbers are needed"),
+    ({"x": [[3, 4]]}, "x has 2 dimensions; 1 is needed"),
+    ({"x": [3]}, "t, x, y and p must have one length"),
+    ({"p": [0, 2]}, "polarity of event 1 is 2; 0 and 1, or -1 and 1, are allowed"),
+    ({"p": np.array([0, 255], np.uint8)}, "polarity of event 1 is 255; 0 and 1, or -1 and 1, are allowed"),
+    ({"p": [0.5, 1]}, "polarity of event 0 is 0.5; 0 and 1, or -1 and 1, are allowed"),
+    ({"p": [-1, 0]}, "polarities -1 and 0 both occur up to event 0 or later; 0 and 1, or -1 and 1, are allowed"),
+])  # fmt: skip
 def test_refused(wrong, message):
     with warnings.catch_warnings(), pytest.raises(RecordingError) as error:
         warnings.simplefilter("error")

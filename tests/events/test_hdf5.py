@@ -1,11 +1,14 @@
 """Layouts and attributes of HDF5 recordings."""
 
+import functools
+
 import h5py
 import numpy as np
 import pytest
 
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, open_recording, write_hdf5
+from support.recordings import assert_reads, assert_same, make_events, read_all, refusal, structured
 
 
 @pytest.fixture
@@ -27,86 +30,65 @@ def columns(events, names, prefix="events/"):
     return {prefix + name: getattr(events, column) for name, column in zip(names, "txyp", strict=True)}
 
 
-@pytest.mark.parametrize(
-    "names, prefix",
-    [
-        ("t x y p", "events/"),
-        ("ts xs ys ps", "events/"),
-        ("timestamp x y polarity", "events/"),
-        ("t x y p", ""),
-        ("timestamps x y polarities", ""),
-    ],
-)
-def test_named_columns(h5, rng, helpers, names, prefix):
-    events = helpers.make_events(rng)
-    with open_recording(h5(columns(events, names.split(), prefix))) as recording:
-        assert recording.num_events == 1000
-        helpers.assert_same(helpers.read_all(recording, size=300), events)
+def table(events, dtype, names="txyp"):
+    return {"events": np.stack([getattr(events, name) for name in names], axis=1).astype(dtype)}
 
 
-def test_compound(h5, rng, helpers):
-    events = helpers.make_events(rng)
-    array = helpers.structured(events.t, events.x, events.y, events.p)
-    with open_recording(h5({"events": array})) as recording:
-        helpers.assert_same(helpers.read_all(recording, size=300), events)
+NAMES = [
+    ("t x y p", "events/"), ("ts xs ys ps", "events/"), ("timestamp x y polarity", "events/"), ("t x y p", ""),
+    ("timestamps x y polarities", ""),
+]  # fmt: skip
+LAYOUTS = {
+    **{prefix + names: functools.partial(columns, names=names.split(), prefix=prefix) for names, prefix in NAMES},
+    **{dtype: functools.partial(table, dtype=dtype) for dtype in ("int64", "float64")},
+    "compound": lambda events: {"events": structured(events.t, events.x, events.y, events.p)},
+}
 
 
-@pytest.mark.parametrize("dtype", [np.int64, np.float64])
-def test_table(h5, rng, helpers, dtype):
-    events = helpers.make_events(rng)
-    table = np.stack([events.t, events.x, events.y, events.p], axis=1).astype(dtype)
-    with open_recording(h5({"events": table})) as recording:
-        assert recording.time_unit == "us"
-        helpers.assert_same(helpers.read_all(recording, size=300), events)
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_layouts(h5, rng, layout):
+    events = make_events(rng)
+    recording = assert_reads(h5(LAYOUTS[layout](events)), events, size=300)
+    assert recording.num_events == 1000 and (" " in layout or recording.time_unit == "us")
 
 
-def test_table_in_another_order_says_which_is_read(h5, rng, helpers):
-    events = helpers.make_events(rng)
-    table = np.stack([events.x, events.y, events.t, events.p], axis=1).astype(np.int64)
-    with (
-        open_recording(h5({"events": table})) as recording,
-        pytest.raises(RecordingError, match=r"columns t, x, y, p"),
-    ):
-        list(recording.chunks())
+def test_table_in_another_order_says_which_is_read(h5, rng):
+    assert "columns t, x, y, p" in refusal(h5(table(make_events(rng), "int64", "xytp")), "read")
 
 
-def test_mvsec(h5, rng, helpers):
-    events = helpers.make_events(rng)
+def test_mvsec(h5, rng):
+    events = make_events(rng)
     table = np.stack([events.x, events.y, events.t * 1e-6 + 1.5e9, events.p * 2.0 - 1], axis=1)
     with open_recording(h5({"davis/left/events": table})) as recording:
         assert (recording.width, recording.height, recording.time_unit) == (346, 260, "s")
-        read = helpers.read_all(recording)
+        read = read_all(recording)
     # float64 resolves 0.24 µs at this time, so the nearest µs is the right one
-    helpers.assert_same(read, Events(events.t + 1_500_000_000_000_000, events.x, events.y, events.p))
+    assert_same(read, Events(events.t + 1_500_000_000_000_000, events.x, events.y, events.p))
 
 
-def test_dsec(h5, rng, helpers):
-    events = helpers.make_events(rng)
+def test_dsec(h5, rng):
+    events = make_events(rng)
     content = columns(events, "txyp")
     content["events/t"] = events.t.astype(np.uint32)
-    path = h5({**content, "t_offset": np.int64(52_000_000_123), "ms_to_idx": np.arange(5)})
-    with open_recording(path) as recording:
-        assert (recording.width, recording.height) == (640, 480)
-        assert helpers.read_all(recording).t.tolist() == (events.t + 52_000_000_123).tolist()
-    path = h5({**content, "t_offset": np.int64(1000)})
-    with open_recording(path, time_unit="ns") as recording:
+    offset = np.int64(52_000_000_123)
+    recording = assert_reads(
+        h5({**content, "t_offset": offset, "ms_to_idx": np.arange(5)}), {"t": (events.t + offset).tolist()}
+    )
+    assert (recording.width, recording.height) == (640, 480)
+    with open_recording(h5({**content, "t_offset": np.int64(1000)}), time_unit="ns") as recording:
         assert recording.width is None
-        assert helpers.read_all(recording).t[0] == (events.t[0] + 500) // 1000 + 1
+        assert read_all(recording).t[0] == (events.t[0] + 500) // 1000 + 1
 
 
 # -------------------------------------------------------------------- attributes
 
 
-@pytest.mark.parametrize(
-    "attrs",
-    [
-        dict(sensor_width=240, sensor_height=180),
-        dict(width=240.0, height=np.array([180])),
-        dict(sensor_resolution=(180, 240)),
-    ],
-)
-def test_sensor_attributes(h5, rng, helpers, attrs):
-    path = h5(columns(helpers.make_events(rng), "txyp"), **attrs)
+@pytest.mark.parametrize("attrs", [
+    dict(sensor_width=240, sensor_height=180), dict(width=240.0, height=np.array([180])),
+    dict(sensor_resolution=(180, 240)),
+])  # fmt: skip
+def test_sensor_attributes(h5, rng, attrs):
+    path = h5(columns(make_events(rng), "txyp"), **attrs)
     with open_recording(path) as recording:
         assert (recording.width, recording.height) == (240, 180)
     with open_recording(path, sensor=(300, 200)) as recording:
@@ -114,32 +96,28 @@ def test_sensor_attributes(h5, rng, helpers, attrs):
 
 
 @pytest.mark.parametrize("attrs", [dict(width=0, height=180), dict(width="wide", height=3), dict(sensor_resolution=5)])
-def test_odd_sensor_attributes(h5, rng, helpers, attrs):
-    path = h5(columns(helpers.make_events(rng), "txyp"), **attrs)
-    with pytest.raises(RecordingError, match="attribute"):
-        open_recording(path)
+def test_odd_sensor_attributes(h5, rng, attrs):
+    path = h5(columns(make_events(rng), "txyp"), **attrs)
+    assert "attribute" in refusal(path)
     open_recording(path, sensor=(240, 180)).close()
 
 
 @pytest.mark.parametrize("holder", ["events/t", "events", "/"])
 @pytest.mark.parametrize("text, factor", [("ns", 1e-3), ("microseconds", 1), (b"milliseconds", 1000), ("S", 10**6)])
-def test_unit_attribute(h5, rng, helpers, holder, text, factor):
-    events = helpers.make_events(rng)
+def test_unit_attribute(h5, rng, holder, text, factor):
+    events = make_events(rng)
     path = h5(columns(events, "txyp"))
     with h5py.File(path, "a") as file:
         file[holder].attrs["unit" if holder == "events/t" else "time_unit"] = text
     with open_recording(path) as recording:
         assert recording.time_unit_source == "file"
-        np.testing.assert_array_equal(helpers.read_all(recording).t, np.floor(events.t * factor + 0.5))
-    with open_recording(path, time_unit="us") as recording:
-        assert recording.time_unit_source == "given"
-        helpers.assert_same(helpers.read_all(recording), events)
+        np.testing.assert_array_equal(read_all(recording).t, np.floor(events.t * factor + 0.5))
+    assert assert_reads(path, events, time_unit="us").time_unit_source == "given"
 
 
-def test_unknown_unit_attribute(h5, rng, helpers):
-    path = h5(columns(helpers.make_events(rng), "txyp"), time_unit="ticks")
-    with pytest.raises(RecordingError, match="time_unit of /: time unit 'ticks' is not known"):
-        open_recording(path)
+def test_unknown_unit_attribute(h5, rng):
+    path = h5(columns(make_events(rng), "txyp"), time_unit="ticks")
+    assert "time_unit of /: time unit 'ticks' is not known" in refusal(path)
 
 
 # -------------------------------------------------------------------- bad content
@@ -147,30 +125,25 @@ def test_unknown_unit_attribute(h5, rng, helpers):
 
 @pytest.mark.parametrize("missing", "txyp")
 @pytest.mark.parametrize("prefix", ["events/", ""])
-def test_missing_column(h5, rng, helpers, missing, prefix):
-    content = columns(helpers.make_events(rng), "txyp", prefix)
+def test_missing_column(h5, rng, missing, prefix):
+    content = columns(make_events(rng), "txyp", prefix)
     del content[prefix + missing]
-    with pytest.raises(RecordingError, match=f"{missing} missing; {missing} may be named {missing}, "):
-        open_recording(h5(content))
+    assert f"{missing} missing; {missing} may be named {missing}, " in refusal(h5(content))
 
 
-@pytest.mark.parametrize(
-    "content, message",
-    [
-        ({}, "no events found"),
-        ({"images": np.zeros((4, 4))}, "no events found"),
-        ({"events": np.zeros((5, 3))}, "array of 5×3; N×4"),
-        ({"events": np.zeros((0, 4))}, "no events"),
-        ({"events": np.float64(3)}, "a single value"),
-        ({"t": [1, 2, 3], "x": [1, 2], "y": [1, 2, 3], "p": [1, 1, 1]}, "t: 3, x: 2, y: 3, p: 3"),
-        ({"t": [[1, 2]], "x": [[1, 2]], "y": [[1, 2]], "p": [[1, 1]]}, "t: 1×2"),
-        ({"t": [1, 2], "x": [1, 2], "y": ["a", "b"], "p": [1, 1]}, "y holds object; real numbers"),
-        ({"t/a": [1], "x": [1], "y": [1], "p": [1]}, "/t is a group"),
-    ],
-)
+@pytest.mark.parametrize("content, message", [
+    ({}, "no events found"),
+    ({"images": np.zeros((4, 4))}, "no events found"),
+    ({"events": np.zeros((5, 3))}, "array of 5×3; N×4"),
+    ({"events": np.zeros((0, 4))}, "no events"),
+    ({"events": np.float64(3)}, "a single value"),
+    ({"t": [1, 2, 3], "x": [1, 2], "y": [1, 2, 3], "p": [1, 1, 1]}, "t: 3, x: 2, y: 3, p: 3"),
+    ({"t": [[1, 2]], "x": [[1, 2]], "y": [[1, 2]], "p": [[1, 1]]}, "t: 1×2"),
+    ({"t": [1, 2], "x": [1, 2], "y": ["a", "b"], "p": [1, 1]}, "y holds object; real numbers"),
+    ({"t/a": [1], "x": [1], "y": [1], "p": [1]}, "/t is a group"),
+])  # fmt: skip
 def test_bad_content(h5, content, message):
-    with pytest.raises(RecordingError, match=message):
-        open_recording(h5(content))
+    assert message in refusal(h5(content))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
@@ -178,21 +151,19 @@ def test_bad_content(h5, content, message):
 def test_times_not_finite(h5, bad, size):
     t = [0.0, 0.1, bad, 0.2]
     path = h5({"events/t": t, "events/x": [1] * 4, "events/y": [1] * 4, "events/p": [1] * 4})
-    with open_recording(path) as recording, pytest.raises(RecordingError, match="event 2"):
-        list(recording.chunks(size=size))
+    assert "event 2" in refusal(path, "read", size=size)
 
 
 @pytest.mark.parametrize("x, shown", [(2.5, "2.5"), (np.nan, "nan"), (-1.0, "-1"), (1e9, "1000000000")])
 def test_odd_float_coordinates(h5, x, shown):
     path = h5({"events": np.array([[0, 1, 1, 1], [1, x, 1, 1]])})
-    with open_recording(path) as recording, pytest.raises(RecordingError, match=f"x of event 1 is {shown}"):
-        list(recording.chunks())
+    assert f"x of event 1 is {shown}" in refusal(path, "read")
 
 
-def test_damaged_inside(h5, rng, helpers, tmp_path):
+def test_damaged_inside(h5, rng, tmp_path):
     """Compressed bytes that were changed are found when they are read, not when the file is opened."""
     path = tmp_path / "a.h5"
-    events = helpers.make_events(rng, 100_000)
+    events = make_events(rng, 100_000)
     with h5py.File(path, "w") as file:
         for name in "txyp":
             file.create_dataset(f"events/{name}", data=getattr(events, name), chunks=(10_000,), compression="gzip")
@@ -202,22 +173,19 @@ def test_damaged_inside(h5, rng, helpers, tmp_path):
     path.write_bytes(content)
     with open_recording(path) as recording:
         assert len(next(recording.chunks(size=10_000))) == 10_000
-        with pytest.raises(RecordingError, match="events 90000 to 99999 cannot be read") as error:
-            list(recording.chunks(size=10_000))
-    assert "\n" not in str(error.value)
+    assert "events 90000 to 99999 cannot be read" in refusal(path, "read", size=10_000)
 
 
 # -------------------------------------------------------------------- writing
 
 
-def test_write_and_reopen(tmp_path, rng, helpers):
+def test_write_and_reopen(tmp_path, rng):
     path = tmp_path / "a.h5"
-    events = helpers.make_events(rng, 50_000)
+    events = make_events(rng, 50_000)
     write_hdf5(path, events, 240, 180, recording="demo", speed=(1.5, 2.5))
-    with open_recording(path) as recording:
-        assert (recording.width, recording.height, recording.num_events) == (240, 180, 50_000)
-        assert (recording.time_unit, recording.time_unit_source) == ("us", "file")
-        helpers.assert_same(helpers.read_all(recording), events)
+    recording = assert_reads(path, events)
+    assert (recording.width, recording.height, recording.num_events) == (240, 180, 50_000)
+    assert (recording.time_unit, recording.time_unit_source) == ("us", "file")
     with h5py.File(path) as file:
         assert file.attrs["recording"] == "demo" and file.attrs["speed"].tolist() == [1.5, 2.5]
         assert (file.attrs["t_first_us"], file.attrs["t_last_us"]) == (events.t[0], events.t[-1])
@@ -226,12 +194,12 @@ def test_write_and_reopen(tmp_path, rng, helpers):
         }  # fmt: skip
 
 
-def test_write_errors(tmp_path, rng, helpers):
-    events = helpers.make_events(rng)
-    with pytest.raises(RecordingError, match="cannot be written"):
-        write_hdf5(tmp_path / "nowhere" / "a.h5", events, 240, 180)
-    with pytest.raises(RecordingError, match="no events to write"):
-        write_hdf5(tmp_path / "a.h5", Events.empty(), 240, 180)
-    with pytest.raises(RecordingError, match="sensor of 0×180"):
-        write_hdf5(tmp_path / "a.h5", events, 0, 180)
+def test_write_errors(tmp_path, rng):
+    events = make_events(rng)
+    for name, given, width, message in (
+        ("nowhere/a.h5", events, 240, "cannot be written"), ("a.h5", events[:0], 240, "no events to write"),
+        ("a.h5", events, 0, "sensor of 0×180"),
+    ):  # fmt: skip
+        with pytest.raises(RecordingError, match=message):
+            write_hdf5(tmp_path / name, given, width, 180)
     assert not list(tmp_path.iterdir())

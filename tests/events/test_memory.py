@@ -9,7 +9,8 @@ import h5py
 import numpy as np
 import pytest
 
-from cmfpga.events import BatchCutter, open_recording
+from cmfpga.events import BatchCutter, Events, open_recording
+from support.recordings import aedat2_words, write_aedat2, write_by_faery
 
 COUNT = 3_000_000
 COLUMN_BYTES = COUNT * (8 + 2 + 2 + 1)
@@ -95,19 +96,11 @@ def test_cutting(large, options):
 @pytest.fixture(scope="module")
 def camera_files(columns, tmp_path_factory):
     """Files of COUNT events in the cameras' own formats."""
-    faery = pytest.importorskip("faery")
     folder = tmp_path_factory.mktemp("cameras")
-    table = np.zeros(COUNT, faery.EVENTS_DTYPE)
-    for name, column in (("t", "t"), ("x", "x"), ("y", "y"), ("on", "p")):
-        table[name] = columns[column]
-    stream = faery.events_stream_from_array(table, (240, 180))
+    events = Events(**columns)
     for name in ("a.aedat4", "a.raw", "a.dat", "a.es"):
-        stream.to_file(folder / name, zero_t0=False)
-    words = np.zeros((COUNT, 2), ">u4")
-    words[:, 0] = (179 - columns["y"].astype(int)) << 22 | (239 - columns["x"].astype(int)) << 12
-    words[:, 1] = columns["t"]
-    header = b"#!AER-DAT2.0\r\n# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
-    (folder / "a.aedat").write_bytes(header + words.tobytes())
+        write_by_faery(folder / name, events, zero_t0=False)
+    write_aedat2(folder / "a.aedat", aedat2_words(events))
     yield folder
     for path in folder.iterdir():
         path.unlink()
@@ -116,8 +109,7 @@ def camera_files(columns, tmp_path_factory):
 @pytest.mark.parametrize("name", ["a.h5", "a.aedat4", "a.raw", "a.dat", "a.es", "a.aedat"])
 def test_whole_process(name, request):
     """What libraries allocate by themselves counts too: the resident size grows by less than the columns take."""
-    resource = pytest.importorskip("resource")
-    del resource
+    pytest.importorskip("resource")
     folder = request.getfixturevalue("large" if name == "a.h5" else "camera_files")
     program = (
         "import resource, sys\n"

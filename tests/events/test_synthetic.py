@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from cmfpga.errors import ConfigError, RecordingError
-from cmfpga.events import Motion, Scene, generate, open_recording, synthetic, write_hdf5
+from cmfpga.events import Motion, Scene, generate, synthetic, write_hdf5
+from support.recordings import assert_reads, assert_same, read_all
 
 
 def image(x, y, shape=(180, 240)):
@@ -148,16 +149,13 @@ def test_motion():
     np.testing.assert_allclose(motion.per_half_batch(1000, 501_000), [25, 0])
 
 
-@pytest.mark.parametrize(
-    "position, roi, expected",
-    [
-        (None, (64, 64), (88, 58)),
-        ((100, 90), (63, 63), (69, 59)),
-        ((0, 0), (64, 64), (0, 0)),
-        ((239, 179), (64, 32), (176, 148)),
-        ((50, 50), (240, 180), (0, 0)),
-    ],
-)
+@pytest.mark.parametrize("position, roi, expected", [
+    (None, (64, 64), (88, 58)),
+    ((100, 90), (63, 63), (69, 59)),
+    ((0, 0), (64, 64), (0, 0)),
+    ((239, 179), (64, 32), (176, 148)),
+    ((50, 50), (240, 180), (0, 0)),
+])  # fmt: skip
 def test_roi_start(position, roi, expected):
     assert generate(position=position, duration_us=1000).roi_start(*roi) == expected
 
@@ -167,37 +165,33 @@ def test_roi_start_too_large():
         generate(duration_us=1000).roi_start(241, 64)
 
 
-def test_recording_and_file(tmp_path, helpers):
+def test_recording_and_file(tmp_path):
     made = generate(Scene(seed=3, texture="dense"))
     with made.recording() as recording:
         assert (recording.width, recording.height) == (240, 180)
         assert "dense, seed 3" in recording.name
-        helpers.assert_same(helpers.read_all(recording), made.events)
+        assert_same(read_all(recording), made.events)
     write_hdf5(tmp_path / "a.h5", made.events, made.scene.width, made.scene.height, vx=100.0)
-    with open_recording(tmp_path / "a.h5") as recording:
-        helpers.assert_same(helpers.read_all(recording), made.events)
+    assert_reads(tmp_path / "a.h5", made.events)
 
 
-@pytest.mark.parametrize(
-    "fields, message",
-    [
-        (dict(texture="wood"), "texture = 'wood': one of lines, dense"),
-        (dict(noise=1.0), "noise = 1.0: 0 to 0.95"),
-        (dict(noise=float("nan")), "noise = nan"),
-        (dict(duration_us=0), "duration_us = 0: 1 or more"),
-        (dict(duration_us=0.5), "duration_us = 0.5: an integer"),
-        (dict(size=(0, 10)), "size = 0: 1 to"),
-        (dict(size=10), "size = 10: 2 numbers"),
-        (dict(position=(1, 2, 3)), "position = "),
-        (dict(velocity=(1.0, float("inf"))), "velocity = inf: a finite number"),
-        (dict(velocity=[]), "velocity: no pieces"),
-        (dict(velocity=[(1000, 3.0)]), "velocity = .*: 3 numbers"),
-        (dict(velocity=[(0, 3.0, 4.0)]), "velocity: duration = 0"),
-        (dict(hot_pixels=240 * 180 + 1), "hot_pixels = 43201: 0 to 43200"),
-        (dict(velocity=(1e9, 0.0)), "the scene has .* events or more"),
-        (dict(hot_pixels=1, hot_rate=1e12), "the scene has .* events or more"),
-    ],
-)
+@pytest.mark.parametrize("fields, message", [
+    (dict(texture="wood"), "texture = 'wood': one of lines, dense"),
+    (dict(noise=1.0), "noise = 1.0: 0 to 0.95"),
+    (dict(noise=float("nan")), "noise = nan"),
+    (dict(duration_us=0), "duration_us = 0: 1 or more"),
+    (dict(duration_us=0.5), "duration_us = 0.5: an integer"),
+    (dict(size=(0, 10)), "size = 0: 1 to"),
+    (dict(size=10), "size = 10: 2 numbers"),
+    (dict(position=(1, 2, 3)), "position = "),
+    (dict(velocity=(1.0, float("inf"))), "velocity = inf: a finite number"),
+    (dict(velocity=[]), "velocity: no pieces"),
+    (dict(velocity=[(1000, 3.0)]), "velocity = .*: 3 numbers"),
+    (dict(velocity=[(0, 3.0, 4.0)]), "velocity: duration = 0"),
+    (dict(hot_pixels=240 * 180 + 1), "hot_pixels = 43201: 0 to 43200"),
+    (dict(velocity=(1e9, 0.0)), "the scene has .* events or more"),
+    (dict(hot_pixels=1, hot_rate=1e12), "the scene has .* events or more"),
+])  # fmt: skip
 def test_fields_not_allowed(fields, message):
     with pytest.raises(ConfigError, match=message):
         generate(**fields)

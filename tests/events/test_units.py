@@ -11,6 +11,7 @@ from cmfpga.accuracy.real import WINDOWS
 from cmfpga.errors import RecordingError
 from cmfpga.events import open_recording
 from cmfpga.events.units import TIME_UNITS, guess_unit, parse_unit, to_us
+from support.recordings import assert_reads
 
 
 def clock(rng, rate, count=20_000, start=0):
@@ -71,27 +72,24 @@ def test_real_recordings_as_integers(data_dir, name):
     assert guess_unit(t) == "us"
 
 
-def test_in_files(write, rng, helpers):
+def test_in_files(write, rng):
     us = clock(rng, 1e5, 2000, start=7)
     x, p = us % 200, us % 2
     if (write_ns := write(us * 1000, x, x, p)).suffix not in (".txt", ".zip"):  # the text is in seconds
-        with open_recording(write_ns) as recording:
-            assert (recording.time_unit, recording.time_unit_source) == ("ns", "assumed")
-            assert helpers.read_all(recording).t.tolist() == us.tolist()
+        recording, unit = assert_reads(write_ns, {"t": us.tolist()}), "ns"
     else:
-        with open_recording(write(us, x, x, p)) as recording:
-            assert (recording.time_unit, recording.time_unit_source) == ("s", "assumed")
+        recording, unit = open_recording(write(us, x, x, p)), "s"
+    with recording:
+        assert (recording.time_unit, recording.time_unit_source) == (unit, "assumed")
 
 
 @pytest.mark.parametrize("unit, factor", [("us", 1), ("ns", 1000), ("s", None)])
-def test_in_text_of_whole_numbers(tmp_path, rng, helpers, unit, factor):
+def test_in_text_of_whole_numbers(tmp_path, rng, unit, factor):
     us = clock(rng, 1e5, 2000, start=7)
     path = tmp_path / "a.txt"
     times = [f"{t * factor}" for t in us] if factor else [f"{t // 10**6}.{t % 10**6:06d}" for t in us]
     path.write_text("".join(f"{t} 1 1 1\n" for t in times))
-    with open_recording(path) as recording:
-        assert recording.time_unit == unit
-        assert helpers.read_all(recording).t.tolist() == us.tolist()
+    assert assert_reads(path, {"t": us.tolist()}).time_unit == unit
 
 
 @pytest.mark.parametrize(

@@ -40,13 +40,10 @@ def test_crop_position_rounds_half_up():
     assert [crop_position(config, raw) for raw in (0, 7, 8, 9, 16, 23, 24, 31, 40)] == [0, 0, 1, 1, 1, 1, 2, 2, 3]
 
 
-@pytest.mark.parametrize(
-    "roi, clamped",
-    [
-        ((0, 0), (0, 0)), ((176, 116), (176, 116)), ((177, 0), (176, 0)), ((0, 117), (0, 116)), ((-1, 5), (0, 5)),
-        ((5, -1), (5, 0)), ((10**30, -(10**30)), (176, 0)),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("roi, clamped", [
+    ((0, 0), (0, 0)), ((176, 116), (176, 116)), ((177, 0), (176, 0)), ((0, 117), (0, 116)), ((-1, 5), (0, 5)),
+    ((5, -1), (5, 0)), ((10**30, -(10**30)), (176, 0)),
+])  # fmt: skip
 def test_clamp_roi(roi, clamped):
     assert clamp_roi(Config(), roi) == (clamped, clamped != roi)
 

@@ -34,14 +34,11 @@ def config(turning):
     return turning.config
 
 
-@pytest.mark.parametrize(
-    "step, words",
-    [
-        ((5, 0), "to the right"), ((5, 5), "down and to the right"), ((0, 3), "down"),
-        ((-2, 2), "down and to the left"),
-        ((-9, 1), "to the left"), ((-3, -3), "up and to the left"), ((1, -9), "up"), ((4, -3), "up and to the right"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("step, words", [
+    ((5, 0), "to the right"), ((5, 5), "down and to the right"), ((0, 3), "down"),
+    ((-2, 2), "down and to the left"),
+    ((-9, 1), "to the left"), ((-3, -3), "up and to the left"), ((1, -9), "up"), ((4, -3), "up and to the right"),
+])  # fmt: skip
 def test_directions(step, words):
     assert direction(*step) == words
 

@@ -40,7 +40,7 @@ class Done:
         return lines[0].removeprefix("error: ")
 
 
-def _run(module, *arguments):
+def run(module, *arguments):
     """Run a command in this process."""
     out, err = io.StringIO(), io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -54,7 +54,7 @@ def _run(module, *arguments):
 @pytest.fixture(scope="session")
 def command():
     """``command(module, argument, …)``: :class:`Done` of a command that was run in this process."""
-    return _run
+    return run
 
 
 @pytest.fixture

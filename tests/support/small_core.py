@@ -19,6 +19,14 @@ HARDWARE = {
 }  # fmt: skip
 CONFIG = Config(**HARDWARE, iterations=3)
 
+#: The same hardware of both ascents, for recordings that say how large their sensor is: options of ``cmfpga.track``.
+_SIZES = {name: value for name, value in HARDWARE.items() if not name.startswith("sensor_")} | {"iterations": 15}
+PAPER = {"preset": "paper", **_SIZES, "eta": 0.1, "min_roi_events": 3}
+FAST = {
+    "preset": "fast", **_SIZES, "min_roi_events": 3, "max_level": 2, "cold": "2:0*2 1:0 1:-1*2 0:-2*3",
+    "warm": "1:-1 0:-2*2",
+}  # fmt: skip
+
 
 @pytest.fixture(scope="session")
 def compiler():

@@ -1,16 +1,15 @@
 """What the tests of sweeps share: a small hardware and recording, and ways to run the command."""
 
 import contextlib
-import io
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 
 import h5py
 
-from cmfpga import cli, sweep
+from cmfpga import sweep
 from cmfpga.events import generate, write_hdf5
+from support.commands import Done, run
 
 # The hardware of tests/engines and tests/cli too, so that one compilation serves all.
 HARDWARE = {
@@ -35,36 +34,11 @@ def small(**changes):
 OPTIONS = [*small(iterations=None, eta=None), "--vary", *VARY]
 
 
-@dataclass(frozen=True)
-class Done:
-    """How a command ended."""
-
-    status: int
-    out: str
-    err: str
-
-    @property
-    def error(self):
-        """The one line of a refusal; checks that it is one."""
-        assert self.status == 2 and self.err.count("\n") == 1 and self.err.startswith("error: "), (
-            self.status,
-            self.err,
-        )
-        return self.err.removeprefix("error: ").removesuffix("\n")
-
-
 def run_here(*arguments):
     """``cmfpga.sweep`` in this process, without Dask unless the arguments ask for it."""
-    arguments = [str(argument) for argument in arguments]
-    if not {"--workers", "--scheduler", "--help"} & set(arguments):
-        arguments += ["--workers", "0"]
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            status = cli.run(sweep.main, arguments)
-        except SystemExit as exit:
-            status = exit.code
-    return Done(status, out.getvalue(), err.getvalue())
+    if not {"--workers", "--scheduler", "--help"} & set(map(str, arguments)):
+        arguments = (*arguments, "--workers", "0")
+    return run(sweep, *arguments)
 
 
 @contextlib.contextmanager

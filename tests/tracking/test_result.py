@@ -24,17 +24,8 @@ from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.result import Tracking
 from cmfpga.tracking.trace import BatchTrace
 from cmfpga.verilog.compiler import find_compiler
+from support.small_core import FAST, PAPER
 
-# The hardware of tests/cli/conftest.py, with both ascents.
-PAPER = {
-    "preset": "paper", "roi_width": 8, "roi_height": 8, "buffer_events": 96, "max_batch_events": 100, "time_bits": 16,
-    "span_bits": 10, "max_iterations": 15, "v_int": 3, "iterations": 15, "eta": 0.1, "min_roi_events": 3,
-}  # fmt: skip
-FAST = {
-    "preset": "fast", "roi_width": 8, "roi_height": 8, "buffer_events": 96, "max_batch_events": 100, "time_bits": 16,
-    "span_bits": 10, "iterations": 15, "max_iterations": 15, "v_int": 3, "min_roi_events": 3, "max_level": 2,
-    "cold": "2:0*2 1:0 1:-1*2 0:-2*3", "warm": "1:-1 0:-2*2",
-}  # fmt: skip
 ENGINES = ["rtl", "model", "float"]
 
 
@@ -53,13 +44,6 @@ def test_the_module_is_the_function(before, tmp_path):
     done = subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("True <function main") and done.stdout.endswith("cmfpga.track\n")
-
-
-def test_the_package_stays_light(tmp_path):
-    code = "import sys, cmfpga; print(sorted(name for name in sys.modules if name.split('.')[0] in {names}))"
-    code = code.replace("{names}", "('cmfpga', 'numpy', 'amaranth')")
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert done.stdout == "['cmfpga']\n"
 
 
 def test_help_can_tell_its_arguments():
@@ -158,20 +142,17 @@ def test_names_of_the_package():
         _ = cmfpga.tracking.tracker
 
 
-@pytest.mark.parametrize(
-    "options, message",
-    [
-        ({"roi": None}, "roi: the ROI's left column"),
-        ({"roi": (40, 0)}, "ROI at 40,0: 0,0 to 24,16 is needed"),
-        ({"engine": "gpu"}, "engine 'gpu': one of rtl, model, float, axi is needed"),
-        ({"preset": "slow"}, "preset 'slow': one of paper"),
-        ({"nonsense": 1}, "'nonsense': no such field"),
-        ({"batch_us": 100}, "events and duration_us given"),
-        ({"batch_events": 101}, "events = 101: at most 100 is allowed"),
-        ({"start_event": 590}, "too few events for one batch after event 590 \\(10 left\\)"),
-        ({"start_event": 600}, "first event 600; 0 to 599"),
-    ],
-)
+@pytest.mark.parametrize("options, message", [
+    ({"roi": None}, "roi: the ROI's left column"),
+    ({"roi": (40, 0)}, "ROI at 40,0: 0,0 to 24,16 is needed"),
+    ({"engine": "gpu"}, "engine 'gpu': one of rtl, model, float, axi is needed"),
+    ({"preset": "slow"}, "preset 'slow': one of paper"),
+    ({"nonsense": 1}, "'nonsense': no such field"),
+    ({"batch_us": 100}, "events and duration_us given"),
+    ({"batch_events": 101}, "events = 101: at most 100 is allowed"),
+    ({"start_event": 590}, "too few events for one batch after event 590 \\(10 left\\)"),
+    ({"start_event": 600}, "first event 600; 0 to 599"),
+])  # fmt: skip
 def test_mistakes_are_told_in_one_line(dot, options, message):
     with pytest.raises(UserError, match=message) as caught:
         cmfpga.track(dot, **{"roi": (8, 9), "batch_events": 90, "engine": "model", **PAPER, **options})

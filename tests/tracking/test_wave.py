@@ -15,17 +15,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.wave import WaveCore
 from cmfpga.verilog.compiler import find_compiler
-
-# The hardware of test_tracking.py.
-PAPER = {
-    "preset": "paper", "roi_width": 8, "roi_height": 8, "buffer_events": 96, "max_batch_events": 100, "time_bits": 16,
-    "span_bits": 10, "max_iterations": 15, "v_int": 3, "iterations": 15, "eta": 0.1, "min_roi_events": 3,
-}  # fmt: skip
-FAST = {
-    "preset": "fast", "roi_width": 8, "roi_height": 8, "buffer_events": 96, "max_batch_events": 100, "time_bits": 16,
-    "span_bits": 10, "iterations": 15, "max_iterations": 15, "v_int": 3, "min_roi_events": 3, "max_level": 2,
-    "cold": "2:0*2 1:0 1:-1*2 0:-2*3", "warm": "1:-1 0:-2*2",
-}  # fmt: skip
+from support.small_core import FAST, PAPER
 
 CONFIGS = pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
 MODEL = ["--engine", "model", "--no-picture"]

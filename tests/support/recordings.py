@@ -1,0 +1,135 @@
+"""Events, files of them in every format written without the code under test, and how a file is refused."""
+
+import zipfile
+
+import h5py
+import numpy as np
+import pytest
+
+from cmfpga.errors import RecordingError
+from cmfpga.events import Events, open_recording
+
+
+def make_events(rng, count=1000, width=240, height=180, step=20):
+    """Random events; many time stamps are equal, as in recordings."""
+    t = 5_000 + np.cumsum(rng.integers(0, step, count) * rng.integers(0, 2, count))
+    return Events(t, rng.integers(width, size=count), rng.integers(height, size=count), rng.integers(2, size=count))
+
+
+def read_all(recording, **options):
+    return Events.concatenate(recording.chunks(**options))
+
+
+def assert_same(a, b):
+    for name in "txyp":
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
+
+
+def assert_reads(path, events, *, size=1 << 16, start=0, **options):
+    """The file holds these events (or these columns); returns the recording, closed."""
+    with open_recording(path, **options) as recording:
+        found = read_all(recording, size=size, start=start)
+    if isinstance(events, dict):
+        assert {name: getattr(found, name).tolist() for name in events} == events
+    else:
+        assert_same(found, events)
+    return recording
+
+
+def refusal(path, when="open", *, size=1 << 16, start=0, **options):
+    """The line with which a file is refused, without its path; ``when`` it is opened, read, or at either time."""
+    opened = False
+    with pytest.raises(RecordingError) as error, open_recording(path, **options) as recording:
+        opened = True
+        list(recording.chunks(size=size, start=start))
+    assert when == "either" or opened == (when == "read")
+    text = str(error.value)
+    assert text.startswith(str(path)) and "\n" not in text
+    return text.removeprefix(str(path))
+
+
+def damaged(path, rng, count, headers):
+    """The file with three bytes changed, ``count`` times; every second time among its first ``headers`` bytes."""
+    content = np.frombuffer(path.read_bytes(), np.uint8)
+    for k in range(count):
+        changed = content.copy()
+        changed[rng.integers(min(len(content), headers) if k % 2 else len(content), size=3)] = rng.integers(256, size=3)
+        yield changed.tobytes()
+
+
+def cut(path, share):
+    """Cut a file to this share of its bytes."""
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+
+
+def flip(path):
+    """Change the byte in the middle of a file."""
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    path.write_bytes(content)
+
+
+# -------------------------------------------------------------------- writers
+
+
+def text_lines(t, x, y, p):
+    """Times in µs as exact decimals in seconds, with nine decimals as in the DAVIS 240C data set."""
+    times = (f"{'-' * (a < 0)}{abs(a) // 10**6}.{abs(a) % 10**6:06d}000" for a in map(int, t))
+    return "".join(f"{a} {b} {c} {int(d)}\n" for a, b, c, d in zip(times, x, y, p, strict=True))
+
+
+def structured(t, x, y, p):
+    array = np.zeros(len(t), [("x", "<i2"), ("y", "<i2"), ("t", "<i8"), ("p", "i1")])
+    for name, values in zip("txyp", (t, x, y, p), strict=True):
+        array[name] = values
+    return array
+
+
+def _write_zip(path, *columns):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("images.txt", "0.0 images/frame_00000000.png\n")
+        archive.writestr("slider/events.txt", text_lines(*columns))
+
+
+def _write_h5(path, *columns):
+    with h5py.File(path, "w") as file:
+        for name, values in zip("txyp", columns, strict=True):
+            file[f"events/{name}"] = values
+
+
+#: ``writer(path, t, x, y, p)`` by suffix.
+WRITERS = {
+    "h5": _write_h5,
+    "txt": lambda path, *columns: path.write_text(text_lines(*columns)),
+    "zip": _write_zip,
+    "npy": lambda path, *columns: np.save(path, structured(*columns)),
+    "npz": lambda path, *columns: np.savez_compressed(path, **dict(zip("txyp", columns, strict=True))),
+}
+
+
+def write_by_faery(path, events, sensor=(240, 180), **options):
+    """``options``: of faery's ``to_file``; skips without the package."""
+    faery = pytest.importorskip("faery")
+    table = np.zeros(len(events), faery.EVENTS_DTYPE)
+    for name, column in zip(("t", "x", "y", "on"), "txyp", strict=True):
+        table[name] = getattr(events, column)
+    faery.events_stream_from_array(table, sensor).to_file(path, **options)
+
+
+#: AEDAT 2.0 of a DAVIS 240C.
+AEDAT2_HEADER = (
+    b"#!AER-DAT2.0\r\n# This is a raw AE data file - do not edit\r\n"
+    b"# AEChip: eu.seebetter.ini.chips.davis.DAVIS240C\r\n"
+)
+
+
+def aedat2_words(events, width=240, height=180):
+    """Address and time of each event: the row from the bottom, the column from the right; [n, 2] of 32 bits each."""
+    x, y, p = (getattr(events, name).astype(np.int64) for name in "xyp")
+    return np.stack([(height - 1 - y) << 22 | (width - 1 - x) << 12 | p << 11, events.t % (1 << 32)], axis=1)
+
+
+def write_aedat2(path, words, header=AEDAT2_HEADER):
+    path.write_bytes(header + np.asarray(words).astype(">u4").tobytes())
+    return path
