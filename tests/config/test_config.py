@@ -15,7 +15,7 @@ from cmfpga.errors import ConfigError, UserError
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
 REAL = [name for name, field in FIELDS.items() if field.type is float]
-TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm"}
+TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full"}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
     "cold", "warm",
@@ -128,9 +128,9 @@ def test_choices(name, choices):
     ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
     ({"ascent": "sign", "cold": "2:2"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
     ({"ascent": "sign", "max_iterations": 14, "iterations": 1}, "cold: 15 iterations; at most 14 are allowed (max_"),
-    ({"ascent": "sign", "max_iterations": 7, "iterations": 1, "cold": "0:0"}, "warm: 8 iterations; at most 7 are "),
+    ({"ascent": "sign", "max_iterations": 5, "iterations": 1, "cold": "0:0"}, "warm: 6 iterations; at most 5 are "),
     ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 18 idle cycles an iteration = 558, "),
-    ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 8 iterations; at most 32 are "),
+    ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 6 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
     ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
 ])  # fmt: skip

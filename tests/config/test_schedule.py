@@ -11,7 +11,9 @@ LIMITS = {"name": "cold", "max_level": 2, "v": Q(5, 6), "entries": 16}
 
 
 def test_entries_and_counts():
-    assert parse_schedule("2:1*3 1:0  0:-6", **LIMITS) == ((2, 1), (2, 1), (2, 1), (1, 0), (0, -6))
+    assert parse_schedule("2:1/4*2 2:1*1 1:0/2  0:-6", **LIMITS) == (
+        (2, 1, 4), (2, 1, 4), (2, 1, 1), (1, 0, 2), (0, -6, 1),
+    )  # fmt: skip
     assert len(parse_schedule("0:4*16", **LIMITS)) == 16
 
 
@@ -20,13 +22,14 @@ def test_entries_and_counts():
     ("3:0", "cold: '3:0': level 0 to 2 is needed (max_level)"),
     ("0:5", "cold: '0:5': a log2 step of -6 to 4 is needed (Q5.6)"),
     ("0:-7", "cold: '0:-7': a log2 step of -6 to 4 is needed (Q5.6)"),
+    ("0:0/3", "cold: '0:0/3': a stride of 1, 2, 4 is needed"),
     ("0:0*0", "cold: '0:0*0': a count of 1 to 16 is needed (schedule_entries)"),
     ("0:0*9 0:0*9", "cold: 18 iterations: 1 to 16 are needed (schedule_entries)"),
     ("0:0*999999999", "cold: '0:0*999999999': a count of 1 to 16 is needed (schedule_entries)"),
-    ("0:0*" + "9" * 5000, f"cold: '0:0*{'9' * 5000}': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
-    ("0,0", "cold: '0,0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
-    ("0:0 x", "cold: 'x': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
-    ("-1:0", "cold: '-1:0': LEVEL:LOG2STEP or LEVEL:LOG2STEP*COUNT is needed"),
+    ("0:0*" + "9" * 5000, f"cold: '0:0*{'9' * 5000}': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
+    ("0,0", "cold: '0,0': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
+    ("0:0 x", "cold: 'x': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
+    ("-1:0", "cold: '-1:0': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
 ])  # fmt: skip
 def test_refusals(text, message):
     with pytest.raises(ConfigError) as caught:
@@ -39,14 +42,15 @@ def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
     assert (best.cold, best.warm) == ("auto", "auto")
     assert best.schedules.cold == parse_schedule(MEASURED["cold"], **LIMITS)
     flat = preset("paper").replace(ascent="sign")
-    steps = [step for _, step in best.schedules.cold]
-    assert flat.schedules.cold == tuple((0, step) for step in steps)
+    assert flat.schedules.cold == tuple((0, step, stride) for _, step, stride in best.schedules.cold)
     narrow = best.replace(max_level=1, v_int=1, v_frac=2)
-    assert narrow.schedules.cold == tuple((min(level, 1), max(-2, min(step, 0))) for level, step in best.schedules.cold)
+    assert narrow.schedules.cold == tuple(
+        (min(level, 1), max(-2, min(step, 0)), stride) for level, step, stride in best.schedules.cold
+    )
 
 
-def test_the_fast_preset_has_fifteen_cold_and_eight_warm_iterations():
+def test_the_fast_preset_has_fifteen_cold_and_six_warm_iterations():
     config = preset("fast")
-    assert (len(config.schedules.cold), len(config.schedules.warm)) == (15, 8)
+    assert (len(config.schedules.cold), len(config.schedules.warm)) == (15, 6)
     with pytest.raises(ConfigError, match=r"^warm: "):
         config.replace(warm="0:9")

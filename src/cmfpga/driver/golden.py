@@ -21,7 +21,7 @@ from ..protocol.settings import BatchSettings, clamp_roi
 FILE = "golden.json"
 
 #: Events of the batch, if the hardware counts so far.
-EVENTS = 1200
+EVENTS = 3000
 POINTS = 40
 
 
