@@ -11,6 +11,7 @@ import pytest
 
 from cmfpga import __version__, build
 from cmfpga.config import Config
+from cmfpga.config.schedule import used_events
 from cmfpga.verilog import emit
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
@@ -23,9 +24,11 @@ COMMON = {
 
 def blocks_of(config):
     """Names of the boxes in the diagram."""
-    one_pass = {"tagged_accumulator", "one_pass_gradient"}
-    blocks = COMMON | (one_pass if config.gradient == "one_pass" else {"accumulator", "gradient_reader"})
-    return blocks | ({"schedule"} if config.ascent == "sign" else set()) | ({"dither"} if config.dither_frac else set())
+    sweep, one_pass = ("accumulator", "gradient_reader"), ("tagged_accumulator", "one_pass_gradient")
+    parts = one_pass if config.gradient == "one_pass" else sweep
+    blocks = COMMON | {"image", "ascent_velocity", *(f"image_{part}" for part in parts)}
+    blocks |= {"ascent_schedule"} if config.ascent == "sign" else set()
+    return blocks | ({"dither"} if config.dither_frac else set())
 
 
 FILES = ("build-info.json", "build-info.md", "cmfpga_core.v")
@@ -103,7 +106,7 @@ def test_runtime_fields_do_not_change_the_verilog(emitted):
 
 # Fields that only shape the fast architecture, and words that are others than the default.
 FAST_ONLY = ("schedule_entries", "max_level", "tag_bits", "dither_frac", "ram_style")
-WORDS = {"gradient": "one_pass", "ascent": "sign", "ram_style": "block"}
+WORDS = {"gradient": "one_pass", "ascent": "sign", "ram_style": "block", "when_full": "thin"}
 QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
 
 
@@ -233,21 +236,26 @@ def test_the_description_is_that_of_the_configuration(files):
     )
     if config.gradient == "sweep":
         assert bits["trace_pixels_0_i"] == (info["formats"]["I"]["bits"], False)
-    assert set(info["latencies"]) == blocks_of(config) - {"ingest_control", "iteration_control", "schedule"}
+    timed = blocks_of(config) - {"ingest_control", "iteration_control", "ascent_schedule", "ascent_velocity", "image"}
+    assert set(info["latencies"]) == {name.removeprefix("image_") for name in timed}
     assert all(isinstance(cycles, int) and cycles > 0 for cycles in info["latencies"].values())
 
 
 def test_the_formula_of_cycles(files):
     cycles = info_of(files)["cycles"]
     config = Config(**info_of(files)["configuration"])
-    numbers = re.fullmatch(r"N \+ T·\(n((?: \+ \d+)+)\) \+ (\d+)", cycles["formula"])
-    each = [int(number) for number in numbers[1].split(" + ")[1:]]
+    plain, strided = r"N \+ T·\(n \+ ([\d +]+)\) \+ (\d+)", r"N \+ Σ n_k \+ T·\(?([\d +]+?)\)? \+ (\d+)"
+    numbers = re.fullmatch(strided if config.ascent == "sign" else plain, cycles["formula"])
+    each = [int(number) for number in numbers[1].split(" + ")]
     if config.gradient == "sweep":
         assert each[0] == config.roi_width * config.roi_height // 4 and len(each) == 2
     else:
         assert len(each) == 1
     example = cycles["example"]
-    assert example["cycles"] == example["N"] + example["T"] * (example["n"] + sum(each)) + int(numbers[2])
+    used = [example["n"]] * example["T"]
+    if config.ascent == "sign":
+        used = used_events(config.schedules.cold, example["n"])
+    assert example["cycles"] == example["N"] + sum(used) + example["T"] * sum(each) + int(numbers[2])
 
 
 def test_the_summary_says_the_same(files):

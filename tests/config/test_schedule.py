@@ -7,6 +7,7 @@ from cmfpga.config.schedule import MEASURED, parse_schedule
 from cmfpga.errors import ConfigError
 from cmfpga.fixed import Q
 
+NEEDED = "LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"
 LIMITS = {"name": "cold", "max_level": 2, "v": Q(5, 6), "entries": 16}
 
 
@@ -26,10 +27,10 @@ def test_entries_and_counts():
     ("0:0*0", "cold: '0:0*0': a count of 1 to 16 is needed (schedule_entries)"),
     ("0:0*9 0:0*9", "cold: 18 iterations: 1 to 16 are needed (schedule_entries)"),
     ("0:0*999999999", "cold: '0:0*999999999': a count of 1 to 16 is needed (schedule_entries)"),
-    ("0:0*" + "9" * 5000, f"cold: '0:0*{'9' * 5000}': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
-    ("0,0", "cold: '0,0': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
-    ("0:0 x", "cold: 'x': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
-    ("-1:0", "cold: '-1:0': LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
+    ("0:0*" + "9" * 5000, f"cold: '0:0*{'9' * 5000}': {NEEDED}"),
+    ("0,0", f"cold: '0,0': {NEEDED}"),
+    ("0:0 x", f"cold: 'x': {NEEDED}"),
+    ("-1:0", f"cold: '-1:0': {NEEDED}"),
 ])  # fmt: skip
 def test_refusals(text, message):
     with pytest.raises(ConfigError) as caught:

@@ -1,6 +1,7 @@
 """The code in README.md, docs/ and boards/ works as printed.
 
-Every ``python`` block is a whole program; a ``text`` block right behind it is its output. Of ``console`` blocks, lines
+Every ``python`` block is a whole program; a ``text`` block right behind it is its output. A ``py`` block is an excerpt,
+which is only parsed. Of ``console`` blocks, lines
 that begin with ``$ python -m cmfpga`` or ``$ cmfpga`` are run, in a folder that holds recordings, and so are
 ``$ head -n`` and ``$ echo $?``. Lines below a command are its output, where there are any; ``…`` stands for anything in
 a line, and alone for any lines.
@@ -75,6 +76,11 @@ def test_python(code, output, workplace):
     assert status == 0, got
     if output is not None:
         assert_output(output, got)
+
+
+@pytest.mark.parametrize("code, output", list(blocks("py")))
+def test_excerpt(code, output):
+    compile(code, "excerpt", "exec")
 
 
 def commands(text):

@@ -96,7 +96,7 @@ def test_self_test_notices(accelerator, backend, monkeypatch):
         return words
 
     monkeypatch.setattr(backend, "receive", wrong)
-    with pytest.raises(DeviceError, match=r"golden batch's sums is .*; the integer model says"):
+    with pytest.raises(DeviceError, match=r"golden batch's thinning_used is .*; the integer model says"):
         accelerator.self_test()
     monkeypatch.undo()
     assert accelerator.self_test()["counters"] == "1200 events in, 1 result"

@@ -131,6 +131,7 @@ def test_transcription_notices(mutant, rng):
     source = Path(floating.__file__).read_text(encoding="utf-8")
     assert source.count(right) == 1
     module = types.ModuleType("mutant")
+    module.__package__ = floating.__package__  # its imports are relative
     sys.modules["mutant"] = module  # dataclasses look their module up
     try:
         exec(compile(source.replace(right, wrong), "mutant", "exec"), module.__dict__)

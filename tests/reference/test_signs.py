@@ -8,7 +8,7 @@ import torch
 
 from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
-from cmfpga.config.schedule import parse_schedule
+from cmfpga.config.schedule import ScheduleEntry, parse_schedule
 from cmfpga.reference.floating import (
     R2,
     ascend_by_signs,
@@ -166,27 +166,39 @@ def test_a_coarse_pixel_covers_its_fine_ones():
 # -------------------------------------------------------------------- ascents
 
 
+def loop_used(k, stride, n):
+    """Numbers of the events that iteration k uses: strides of 128 events or more, begun at 0, a half, a quarter, ¾."""
+    while stride > 1 and n // stride < 128:
+        stride //= 2
+    first = (0, stride // 2, stride // 4, stride // 2 + stride // 4)[k % 4]
+    return [event for event in range(n) if event % stride == first]
+
+
 def loop_signs(x, y, dt, v, schedule, width, height):
     """All v of an ascent by signs, written with the loops above."""
     pixels, trace = width * height, [tuple(v)]
-    for level, log2_step in schedule:
-        image, *derivatives = loop_evaluate(x, y, dt, trace[-1], width, height, level)
+    for k, (level, log2_step, stride) in enumerate(schedule):
+        chosen = loop_used(k, stride, len(x))
+        image, *derivatives = loop_evaluate(x[chosen], y[chosen], dt[chosen], trace[-1], width, height, level)
         g = [pixels * (image * d).sum() - image.sum() * d.sum() for d in derivatives]
         trace.append(tuple(a + 2.0**log2_step * np.sign(b) for a, b in zip(trace[-1], g, strict=True)))
     return np.array(trace)
 
 
-def test_ascent_by_signs_as_loops(rng):
+@pytest.mark.parametrize("n", [60, 300, 520])  # too few for any stride; for one of 4; enough for it
+def test_ascent_by_signs_as_loops(n, rng):
     """Steps are powers of two, so v is exact and the loop must follow the same path."""
-    schedule = [(2, 1), (2, 0), (1, 0), (1, -1), (0, -2), (0, -5)]
+    entries = ((2, 1, 4), (2, 0, 4), (1, 0, 4), (1, -1, 4), (0, -2, 2), (0, -3, 2), (0, -5))
+    schedule = [ScheduleEntry(*entry) for entry in entries]
     for _ in range(5):
-        t, x, y = moving_object(rng, rng.uniform(-4, 4, 2), n=60)
+        t, x, y = moving_object(rng, rng.uniform(-4, 4, 2), n=n)
         dt = scaled_times(t, t[0], t[-1])
-        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(60), strict=True))
+        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(n), strict=True))
         got = ascend_by_signs(x, y, dt, width=48, height=36, v_start=(0.5, -0.25), schedule=schedule)
         np.testing.assert_array_equal(got.v, loop_signs(x, y, dt.numpy(), (0.5, -0.25), schedule, 48, 36))
-        for k, (level, _) in enumerate(schedule):
-            it = evaluate(x, y, dt, got.v[k], width=48, height=36, level=level)
+        for k, (level, _, stride) in enumerate(schedule):
+            events = (axis[loop_used(k, stride, n)] for axis in (x, y, dt))
+            it = evaluate(*events, got.v[k], width=48, height=36, level=level)
             assert got.g[k].tolist() == [float(it.g_x), float(it.g_y)]
             assert got.s[k].tolist() == [float(it.s_x), float(it.s_y)]
             assert got.sum_d[k].tolist() == [float(it.sum_dx), float(it.sum_dy)]
@@ -209,10 +221,9 @@ def test_ascent_by_signs_finds_the_motion(rng):
 
 def test_where_g_is_zero_v_stays():
     """One event has no sharper image elsewhere, and none has no image at all."""
+    schedule = [ScheduleEntry(2, 1), ScheduleEntry(0, 0)]
     for n in (0, 1):
-        got = ascend_by_signs(
-            [8] * n, [6] * n, [0.0] * n, width=16, height=12, v_start=(1.0, 2.0), schedule=[(2, 1), (0, 0)]
-        )
+        got = ascend_by_signs([8] * n, [6] * n, [0.0] * n, width=16, height=12, v_start=(1.0, 2.0), schedule=schedule)
         assert got.v.tolist() == [[1.0, 2.0]] * 3
     assert ascend_by_signs([], [], [], width=4, height=4, v_start=(1.0, 2.0), schedule=[]).v.tolist() == [[1.0, 2.0]]
 

@@ -56,7 +56,7 @@ class CycleFormula:
     @property
     def cycle_formula(self):
         """:meth:`cycles` as text."""
-        sweep = f" + {self.sweep_cycles}" if self.sweep_cycles else ""
+        each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
         if not by_signs(self.config):
-            return f"N + T·(n{sweep} + {self.iteration_latency}) + {self.batch_latency}"
-        return f"N + Σ n_k + T·{self.sweep_cycles + self.iteration_latency} + {self.batch_latency}"
+            return f"N + T·(n + {each}) + {self.batch_latency}"
+        return f"N + Σ n_k + T·{f'({each})' if self.sweep_cycles else each} + {self.batch_latency}"

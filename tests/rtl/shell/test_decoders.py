@@ -175,14 +175,12 @@ def breaks(monkeypatch, form, target, name, value, rng):
 
 @pytest.mark.parametrize("form", ["EVT21", "EVT20"])
 def test_mutants(form, monkeypatch, rng):
-    import cmfpga.rtl.shell.evt20_decoder as evt20
-    import cmfpga.rtl.shell.evt21_decoder as evt21
+    from cmfpga.rtl.shell import decoder
     from cmfpga.rtl.shell.time_high import TimeHigh
 
-    module = {"EVT21": evt21, "EVT20": evt20}[form]
     for name, value in (("EVENT_TYPES", (0,)), ("OTHER_TYPES", (0xA, 0xE)), ("TIME_HIGH", 9)):
         with monkeypatch.context() as patched:
-            breaks(patched, form, module, name, value, rng)
+            breaks(patched, form, decoder, name, value, rng)
 
     def ignores_load(self, platform):
         m = self.whole(platform)

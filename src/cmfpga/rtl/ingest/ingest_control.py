@@ -64,8 +64,8 @@ class IngestControl(wiring.Component):
         i.valid   ─┐████████████████████┐_________________________________
         i.ready   ______┌───────────────┐_________________________________
         opened    ─┐____________________________________________________     one cycle before the first is accepted
-        take      ___________________________________┌────┐______________     ``drain`` cycles after the last
-        batch     ────────────────────────────────────────╳══════════════     until the next ``take``
+        take      ___________________________________┌────┐______________     drain cycles after the last
+        batch     ────────────────────────────────────────╳══════════════     until the next take
 
     Parameters
     ----------
