@@ -54,8 +54,8 @@ class AmaranthEngine(RtlEngine):
                 await ctx.tick()
             events, values, table = self._job
             self._job = None
-            for address, values in enumerate(table):
-                entry = dict(zip(schedule_entry(self.config).members, values, strict=True))
+            for address, row in enumerate(table):
+                entry = dict(zip(schedule_entry(self.config).members, row, strict=True))
                 ctx.set(core.schedule_write.valid, 1)
                 ctx.set(core.schedule_write.payload, {"address": address, "entry": entry})
                 await ctx.tick()

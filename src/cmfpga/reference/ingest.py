@@ -48,7 +48,7 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning):
         times = 1
         while -(-len(kept[0]) // times) > config.buffer_events:
             times *= 2
-        kept, used = thinner(kept, times), {"thinning_used": factor * times}
+        kept, used = thinner(kept, times), {"thinning_used": factor * times if len(t) else None}
     n = min(len(kept[0]), config.buffer_events)
     counts = {
         "t_first": int(t[0]) & ((1 << config.time_bits) - 1) if len(t) else None,
