@@ -77,7 +77,7 @@ def test_every_package_has_a_page_with_its_names(site, hooks):
         # What docstrings borrow from reStructuredText became Markdown.
         assert not re.search(r":(attr|class|data|exc|func|meth|mod):|``|::</p>", text), package
     assert 'id="cmfpga.rtl.image.warp.Warp"' in html(site, "names/cmfpga.rtl.image.x")
-    assert 'id="cmfpga.config.Config"' in html(site, "names/cmfpga.x")
+    assert 'id="cmfpga.config.Config"' in html(site, "names/cmfpga.config.x")
 
 
 def test_links_out_of_the_pages(hooks):
