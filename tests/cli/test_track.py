@@ -316,8 +316,8 @@ def test_help_names_every_option_and_the_examples_parse(command):
         cli.make_config(options)
 
 
-def test_list_fields(command):
-    done = command(track, "--list-fields")
+def test_list_fields(process):
+    done = process("track", "--list-fields", PYTHONIOENCODING="ascii")
     assert done.status == 0 and done.err == ""
     lines = done.out.splitlines()
     assert [line.split(" = ")[0] for line in lines] == list(Config().to_dict()) and done.out.isascii()

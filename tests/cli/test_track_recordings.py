@@ -79,10 +79,12 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
         assert (done.status, done.err) == (0, "")
     found = rows(tmp_path / "rtl")
     assert rows(tmp_path / "model") == but_cycles(found) and flags(found) == [""] * 20
-    assert [row["iterations"] for row in found] == ["15"] + ["8"] * 19
+    assert [row["iterations"] for row in found] == ["15"] + ["6"] * 19
     x, vx = floats(found, "roi_x"), floats(found, "vx")
     assert (np.diff(x[:18]) >= 0).all() and (np.abs(np.diff(x)) <= 4).all() and (vx[:17] > 0.8).all()
-    np.testing.assert_allclose(x, floats(slow, "roi_x"), atol=4)
+    np.testing.assert_allclose(x[:18], floats(slow, "roi_x")[:18], atol=2)
+    # Where it turns, the ROI goes on for a batch: with two buffers a move shows a batch later.
+    np.testing.assert_allclose(x[18:], floats(slow, "roi_x")[18:], atol=5)
     assert floats(found, "cycles").sum() < floats(slow, "cycles").sum() / 15
 
 
@@ -123,7 +125,7 @@ def test_a_real_overflow(data_dir, command, rows, tmp_path):
     """A bright dot with more events than the buffer holds, on another sensor than the default's."""
     done = command(
         track, data_dir / "prophesee_spinner_640x480.h5", "--roi", "216,85", "--batches", 2, "--engine", "model",
-        "--set", "iterations=2", "--out", tmp_path, "--json",
+        "--set", "iterations=2", "--set", "when_full=drop", "--out", tmp_path, "--json",
     )  # fmt: skip
     assert done.status == 0 and done.err == ""
     assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["batches_with_warnings"] == 2
