@@ -89,6 +89,16 @@ class Config:
     v_start_y: float = _field(0.0, "start velocity along y when start = given", unit="px/half batch", runtime=True)
     roi_gain: float = _field(2.0, "ROI displacement per v; 2 because v is per half batch", low=0.0, runtime=True)
 
+    # Confidence
+    confidence: int = _field(0, "1: the hardware can tell how sure v is; needs one_pass and sign", low=0, high=1)
+    judge: int = _field(1, "1: probe how sure v is, and flag doubtful batches", low=0, high=1, runtime=True)
+    confidence_limit: float = _field(
+        30.0, "smallest confidence of a batch that is not doubtful", unit="1/px²", low=1.0, high=341.0, runtime=True
+    )
+    cold_after_doubtful: int = _field(
+        1, "1: a batch that follows a doubtful one starts cold", low=0, high=1, runtime=True
+    )
+
     # Fixed-point formats
     dt_frac: int = _field(12, "fraction bits of dt (range −1 … 1)", unit="bits", low=2, high=16)
     v_int: int = _field(5, "integer bits of v", unit="bits", low=1, high=10)
@@ -141,6 +151,8 @@ class Config:
             self._check_schedules()
         if self.gradient == "one_pass":
             self._check_tags()
+        if self.confidence:
+            self._check_confidence()
         if self.dither_frac > self.dt_frac + self.v_frac:
             raise ConfigError(
                 f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
@@ -192,6 +204,20 @@ class Config:
                 f"tag_bits = {self.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
                 f"= {((1 << self.tag_bits) - 1) * idle}, at least the "
                 f"{self.geometry.bank_depth} words of a bank are needed"
+            )
+
+    def _check_confidence(self):
+        for name, needed in (("gradient", "one_pass"), ("ascent", "sign")):
+            if getattr(self, name) != needed:
+                raise ConfigError(f"confidence = 1: {name} = {needed} is needed, not {getattr(self, name)}")
+        if self.v_frac < 2:
+            raise ConfigError(
+                f"confidence = 1: v_frac of 2 or more is needed, not {self.v_frac}: v is probed in quarters"
+            )
+        if self.widths.sum_i_bits > 28:  # squared bit by bit while the probes are summed
+            raise ConfigError(
+                f"confidence = 1: ΣI has {self.widths.sum_i_bits} bits, at most 28 are allowed: "
+                "a smaller buffer_events or weight_frac is needed"
             )
 
     def _check_size(self, name, limit):

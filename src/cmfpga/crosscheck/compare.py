@@ -50,7 +50,8 @@ def _one_by_one(config, rng):
         where = f"batch {number} ({name})"
         _same(where, found, expected)
         if found.iterations and found.events >= core.shortest_batch:
-            wanted = core.cycles(events=found.events, roi_events=found.roi_events, iterations=found.iterations)
+            done = {"events": found.events, "roi_events": found.roi_events, "iterations": found.iterations}
+            wanted = core.cycles(**done, judge=settings.judge)
             _equal(where, "cycles", found.cycles, wanted, "formula")
         counts += 1, found.iterations
         cycles += found.cycles or 0

@@ -71,7 +71,9 @@ def model_result(config):
 
     events, roi = golden_batch(config)
     result = IntegerCore(config).run(events.t, events.x, events.y, settings_of(config, roi))
-    values = {f.name: getattr(result, f.name) for f in fields_of("batch", "region") if f.name != "cycles"}
+    values = {
+        f.name: getattr(result, f.name) for f in fields_of("batch", "region", config=config) if f.name != "cycles"
+    }
     return {name: list(value) if isinstance(value, tuple) else int(value) for name, value in values.items()}
 
 

@@ -13,12 +13,14 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
+from .settings import always, with_confidence
 from .shapes import REQUIRED, Place, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
 
 #: Parts of a result's sums.
 SUMS = ("i", "dx", "dy", "sx", "sy")
+_SUM_NAMES = ("ΣI", "ΣDx", "ΣDy", "Σ I·Dx", "Σ I·Dy")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,6 +39,7 @@ class ResultField:
     read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
     default: Any = REQUIRED  # of the attribute
     nothing: Any = 0  # the attribute of a batch without events
+    when: Callable = always  # when(config): the hardware has it; the attribute is None of others
     places: tuple = ()  # Place, in the result registers; word k is also the k-th 32-bit word of a result packet
     total: Place | None = None  # the counter that adds it up over all results
     doc: str
@@ -68,6 +71,11 @@ def sums_shape(config):
     return dict(zip(SUMS, (sum_i, sum_d, sum_d, s, s), strict=True))
 
 
+def squares_shape(config):
+    """Σ I² over the ROI."""
+    return Q(config.widths.squares_bits - 2 * config.weight_frac, 2 * config.weight_frac, signed=False)
+
+
 def trace_shape(config):
     """One iteration: the velocity that it used, and its sums."""
     return {"v": pair(config.formats.v), "sums": sums_shape(config)}
@@ -87,6 +95,7 @@ _FLAGS = tuple(
           doc=f"as the flag of that name: {flag.text}")
     for flag in Flag for bit in [flag.bit_length() - 1]
 )  # fmt: skip
+_JUDGED = {"scope": "region", "when": with_confidence, "default": None}
 _COUNT = {"shape": _events, "scope": "region", "counts": True, "taken_in": True, "unit": "events"}
 
 #: In the order of the Verilog ports, behind which come those of the AXI top. Words never change.
@@ -127,8 +136,23 @@ RESULTS = (
                         *_long(24, "RESULT_SX", "_sx", "Σ I·Dx"), *_long(26, "RESULT_SY", "_sy", "Σ I·Dy"))),
     ResultField(name="cycles", shape=lambda c: whole(CYCLE_BITS), scope="region", default=None, nothing=None,
                 doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
-    ResultField(name="flags", shape=lambda c: whole(len(Flag)), scope="region", read=Flag, nothing=Flag.DEGENERATE,
+    ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag, nothing=Flag.DEGENERATE,
                 doc="what was unusual", places=_FLAGS),
+    ResultField(name="confidence_limit", shape=lambda c: whole(c.widths.limit_bits), **_JUDGED, unit="1/px²",
+                doc="the limit that v's confidence was compared with, as the setting of that name; 0: not compared",
+                places=(Place(word=28),)),
+    ResultField(name="sum_squares", shape=squares_shape, **_JUDGED, read=int, doc="Σ I² of the last iteration",
+                places=_long(29, "RESULT_SQUARES", "", "Σ I² of the last iteration, raw")),
+    *(ResultField(name=f"probe_{axis}", shape=sums_shape, **_JUDGED, nothing=(0,) * len(SUMS), read=lambda *raw: raw,
+                  doc=f"sums of the probe along {axis}; 0 if there was none",
+                  places=tuple(place for k, part in enumerate(SUMS) for place in
+                               _long(word + 2 * k, f"RESULT_PROBE_{axis}_{part}".upper(), f"_{part}",
+                                     f"of the probe along {axis}: {_SUM_NAMES[k]}")))
+      for axis, word in (("x", 31), ("y", 41))),
+    ResultField(name="restarted", shape=lambda c: whole(1), **_JUDGED, read=int, unit="batches",
+                doc="1: began cold, because the batch before was doubtful",
+                places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),
+                total=Place(word=27, doc="began cold, because the batch before was doubtful")),
     ResultField(name="batch", shape=lambda c: whole(32), scope="wrapper", places=(Place(word=0),),
                 doc="number of the batch, from 1 after a reset; 0: no result yet"),
     ResultField(name="t_ref", shape=lambda c: whole(32), scope="wrapper", nothing=None, places=(Place(word=8),),
@@ -148,9 +172,12 @@ PACKET_BEATS = max(place.word for f in RESULTS for place in f.places) // 2 + 1
 COUNTS = tuple(f.name for f in RESULTS if f.counts)
 
 
-def fields_of(*scopes):
-    """The fields of some scopes, in order; those of the core are ``fields_of("batch", "region")``."""
-    return tuple(f for f in RESULTS if f.scope in scopes)
+def fields_of(*scopes, config=None):
+    """The fields of some scopes, in order: those of the core are ``fields_of("batch", "region")``.
+
+    With ``config``, only those that its hardware has.
+    """
+    return tuple(f for f in RESULTS if f.scope in scopes and (config is None or f.when(config)))
 
 
 def decode(config, values, *more):
@@ -164,7 +191,7 @@ def decode(config, values, *more):
     more : str
         ``wrapper``, of a result packet.
     """
-    found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more)}
+    found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
     if Flag.DEGENERATE in found["flags"]:
         found["sums"] = (0,) * len(SUMS)  # the core's mean nothing then
     return found

@@ -38,17 +38,28 @@ class CycleFormula:
         """
         return 0 if self.config.buffers == 1 else self.roi_updater.settle + 2 - self.drain
 
-    def cycles(self, *, events, roi_events, iterations):
+    @property
+    def judge_latency(self):
+        """Cycles that a batch takes more if v's confidence is measured, beside those of two iterations."""
+        return self.probe.latency + self.judge.latency - self.ascent.latency
+
+    def cycles(self, *, events, roi_events, iterations, judge=None):
         """Clock cycles of a batch: N + T·(n + sweep + L) + constant; more where the image is not ``exact_cycles``.
+
+        T is by two larger, and the constant by :attr:`judge_latency`, if v's confidence is measured: setting ``judge``, by
+        default the configuration's.
 
         From the cycle in which the first event is offered to the one in which the result is; events offered in every
         cycle, no other batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
         """
+        judged = self.config.confidence and (self.config.judge if judge is None else judge)
         per_iteration = roi_events + self.sweep_cycles + self.iteration_latency
-        return max(events, self.shortest_batch) + iterations * per_iteration + self.batch_latency
+        iterations, more = (iterations + 2, self.judge_latency) if judged else (iterations, 0)
+        return max(events, self.shortest_batch) + iterations * per_iteration + self.batch_latency + more
 
     @property
     def cycle_formula(self):
         """:meth:`cycles` as text."""
         sweep = f" + {self.sweep_cycles}" if self.sweep_cycles else ""
-        return f"N + T·(n{sweep} + {self.iteration_latency}) + {self.batch_latency}"
+        iterations, more = ("T", 0) if self.judge is None else ("(T + 2)", self.judge_latency)
+        return f"N + {iterations}·(n{sweep} + {self.iteration_latency}) + {self.batch_latency + more}"

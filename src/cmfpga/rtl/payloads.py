@@ -6,7 +6,7 @@ from amaranth.hdl import Const, Shape, ShapeCastable, Value
 from amaranth.lib import data, stream
 
 from ..fixed import Q, bits_for
-from ..protocol.results import fields_of, sums_shape, trace_shape
+from ..protocol.results import fields_of, squares_shape, sums_shape, trace_shape
 from ..protocol.settings import settings_of
 
 
@@ -151,6 +151,11 @@ def sums(config):
     return shaped(sums_shape(config))
 
 
+def squares(config):
+    """Σ I² over the ROI."""
+    return shaped(squares_shape(config))
+
+
 def of_parameters(config, shape, prefix=""):
     """Members of a layout: a number of this shape for each parameter of the motion."""
     return {prefix + name: shape for name in config.motion.names}
@@ -190,7 +195,7 @@ def schedule_write(config):
 
 def batch(config):
     """All that is known of a batch when it has been taken in; the names are those of :func:`result`."""
-    members = {f.name: shaped(f.shape(config)) for f in fields_of("batch", "region") if f.taken_in}
+    members = {f.name: shaped(f.shape(config)) for f in fields_of("batch", "region", config=config) if f.taken_in}
     return data.StructLayout({"settings": settings(config), "cut": 1, "clamped": 1, **members})
 
 
@@ -200,7 +205,7 @@ def result(config):
     ``events = roi_events + outside + overflow + thinned + time_back + time_span``: no event is lost without being
     counted.
     """
-    return data.StructLayout({f.name: shaped(f.shape(config)) for f in fields_of("batch", "region")})
+    return data.StructLayout({f.name: shaped(f.shape(config)) for f in fields_of("batch", "region", config=config)})
 
 
 def trace(config):

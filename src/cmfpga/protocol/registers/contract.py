@@ -29,6 +29,7 @@ _OWN = {  # name: unit, what is counted
     "CUT": ("batches", "results with the flag CUT"),
     "RESULTS_HELD_BACK": ("batches", "results that the registers do not show, because of RESULT_HOLD"),
     "LONGEST_BATCH": ("cycles", "the longest batch, from its first event to its result"),
+    "DOUBTFUL": ("batches", "results with the flag DOUBTFUL"),
 }
 
 
@@ -90,9 +91,13 @@ def results(config):
     """One batch's result, as the registers show it and as the packet carries it: word k is register k."""
     found = []
     for f in RESULTS:
+        if not f.when(config):
+            continue
         formats = leaves(f.name, f.shape(config))
         for place in f.places:
             leaf = f.name + place.part
+            if place.part_lsb >= formats[leaf].width and place.field != "VALUE":  # a flag that this hardware never sets
+                continue
             field = Field(
                 name=place.field, lsb=place.lsb, width=place.width, access="status", doc=place.doc or f.doc,
                 unit=f.unit if place.unit is None else place.unit, link=leaf, link_lsb=place.part_lsb,

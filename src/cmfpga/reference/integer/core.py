@@ -10,6 +10,7 @@ from ...protocol.trace import Trace
 from ..ingest import take_in
 from ..roi_follower import RoiFollower
 from .accumulator import Images, accumulator
+from .confidence import NOTHING, confidence
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
 from .time_scaler import time_scaler
@@ -44,6 +45,8 @@ class IntegerCore:
     tracking : bool
         Whether ``v`` is that of an object that is being followed: the sign ascent's warm schedule applies. A new ROI,
         a degenerate batch or a reset ends it.
+    doubtful : bool
+        Whether the last batch was flagged so.
     follower : RoiFollower
         Raw ROI position; the origin after a reset.
     thinning : int or None
@@ -57,7 +60,7 @@ class IntegerCore:
     def __init__(self, config):
         self.config = config
         self.v = (0, 0)
-        self.tracking = False
+        self.tracking = self.doubtful = False
         self.follower = RoiFollower(config, 1 << config.formats.roi_x.f)
         self.thinning = None
         self.dt = None
@@ -90,7 +93,10 @@ class IntegerCore:
         flags = batch.flags | (Flag.CUT if cut else Flag(0))
 
         warm = settings.start_last and (self.tracking or config.ascent == "constant")
+        restarted = warm and self.doubtful and bool(settings.cold_after_doubtful)
+        warm = warm and not restarted
         plan = self._plan(settings, warm)
+        judged = dict(NOTHING) if config.confidence else {}
         self.iterations = []
         sums = []
         velocities = [self.v]
@@ -113,8 +119,14 @@ class IntegerCore:
                 sums.append(done.sums)
                 if keep:
                     self.iterations.append(done)
+            if config.confidence:
+                again = lambda v: self.iterate(*positions, self.dt, v, entry=entry)[0]  # noqa: E731
+                judged, doubt = confidence(config, again, done, settings, batch.counts["roi_events"])
+                judged["restarted"] = int(restarted)
+                flags |= doubt
             self.tracking = True
             step = tuple(axis * settings.roi_gain for axis in self.v)
+        self.doubtful = Flag.DOUBTFUL in flags
         limited |= self.follower.move(step)
         flags |= Flag.ROI_CLAMPED if limited else Flag(0)
 
@@ -126,6 +138,7 @@ class IntegerCore:
             v=(config.formats.v.real(self.v[0]), config.formats.v.real(self.v[1])),
             iterations=len(sums),
             flags=flags,
+            **judged,
             trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),
         )
 

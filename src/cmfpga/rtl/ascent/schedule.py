@@ -25,6 +25,8 @@ class Schedule(wiring.Component):
         Only while no batch is under way.
     new_batch, load, advance : ``In(1)``
         Forget ``limited``; begin with the entry ``first``; take the next one. One cycle each.
+    hold : ``In(1)``
+        With ``advance``: the entry was the batch's last, and stays. Only where v's confidence is measured.
     first : ``In``
     level, shift : ``Out``
         Pixels are 2^level px wide; v moves by 2^shift raw units.
@@ -38,7 +40,7 @@ class Schedule(wiring.Component):
         super().__init__(
             {
                 "write": In(payloads.flow(payloads.schedule_write(config))),
-                **dict.fromkeys(("new_batch", "load", "advance"), In(1)),
+                **dict.fromkeys(("new_batch", "load", "advance", *(("hold",) if config.confidence else ())), In(1)),
                 "first": In(range(config.schedule_entries)),
                 "level": Out(entry["level"].shape),
                 "shift": Out(entry["shift"].shape),
@@ -65,7 +67,8 @@ class Schedule(wiring.Component):
             m.d.sync += pointer.eq(self.first)
         with m.If(self.new_batch):
             m.d.sync += self.limited.eq(0)
-        with m.If(loaded | self.advance):
+        following = self.advance & ~self.hold if config.confidence else self.advance
+        with m.If(loaded | following):
             too_coarse = read.data.level > config.max_level
             too_far = read.data.shift > config.formats.v.width - 2
             m.d.sync += [
