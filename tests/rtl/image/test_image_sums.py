@@ -10,7 +10,7 @@ from amaranth.lib import data
 from amaranth.lib.fifo import SyncFIFO
 
 from cmfpga.config import Config, preset
-from cmfpga.protocol.batch import Flag
+from cmfpga.protocol.flags import Flag
 from cmfpga.rtl import payloads
 from cmfpga.rtl.arithmetic import delay
 from cmfpga.rtl.ascent.gradient import Gradient
