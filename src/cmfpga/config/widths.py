@@ -101,8 +101,8 @@ class Widths:
     def curvature_bits(self):
         """Width that holds each member of :class:`cmfpga.protocol.confidence.Curvature` (two's complement).
 
-        Those along an axis are differences of two G, ``cross`` the sum of two such; 0 ≤ P·Σ I² − (ΣI)², by the inequality
-        of Cauchy and Schwarz.
+        Those along an axis are differences of two G, ``cross`` the sum of two such; 0 ≤ P·Σ I² − (ΣI)², by the
+        inequality of Cauchy and Schwarz.
         """
         most = max(4 * self.g_max, self._c.geometry.pixels * self.squares_max)
         return max(self.kept_bits + 1, signed_bits_for(most))

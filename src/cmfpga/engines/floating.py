@@ -1,10 +1,13 @@
 """The float64 reference as an engine."""
 
+import dataclasses
+
 import torch
 
 from ..protocol.flags import Flag
-from ..protocol.results import BatchResult
+from ..protocol.results import BatchResult, not_judged
 from ..protocol.trace import Trace
+from ..reference.confidence import is_doubtful, probe
 from ..reference.floating import ascend, ascend_by_signs, dither, float64, scaled_times
 from ..reference.ingest import take_in
 from ..reference.roi_follower import RoiFollower
@@ -24,7 +27,8 @@ class FloatEngine(Engine):
         super().__init__(config)
         torch.set_num_threads(1)  # tensors this small only get slower with more
         self._v = (0.0, 0.0)
-        self._tracking = False  # as in the integer core: v is that of an object that is being followed
+        # As in the integer core: v is that of an object that is being followed; it is not sure.
+        self._tracking = self._doubtful = False
         self._follower = RoiFollower(config, 1.0)
         self._thinning = None
 
@@ -44,6 +48,8 @@ class FloatEngine(Engine):
         self._thinning = batch.next_thinning
         flags = batch.flags
         warm = settings.start_last and (self._tracking or config.ascent == "constant")
+        restarted = warm and self._doubtful and bool(settings.cold_after_doubtful)
+        warm, judged, self._doubtful = warm and not restarted, not_judged(config), False
         if config.ascent == "sign":
             plan = settings.warm if warm else settings.cold
         else:
@@ -56,32 +62,41 @@ class FloatEngine(Engine):
         else:
             if not warm:
                 self._v = tuple(config.formats.v.real(axis) for axis in settings.v_start)
-            trace = self._ascend(batch, settings, plan)
+            trace, judged = self._ascend(batch, settings, plan)
+            if judged:
+                judged["restarted"] = int(restarted)
             self._v = tuple(trace.v[-1].tolist())
             self._tracking = True
             gain = config.formats.roi_gain.real(settings.roi_gain)
             step = tuple(gain * axis for axis in self._v)
         limited |= self._follower.move(step)
         flags |= Flag.ROI_CLAMPED if limited else Flag(0)
-        return BatchResult(
+        result = BatchResult(
             **batch.counts,
             roi=roi,
             roi_next=self._follower.next_corner,
             v=self._v,
             iterations=len(trace.sum_i),
             flags=flags,
+            **judged,
             trace=trace,
         )
+        self._doubtful = is_doubtful(config, result)
+        return dataclasses.replace(result, flags=flags | Flag.DOUBTFUL) if self._doubtful else result
 
     def _ascend(self, batch, settings, plan):
         config = self.config
         x, y, dt = float64(batch.x), float64(batch.y), scaled_times(batch.t, 0, batch.counts["span"])
         if config.dither_frac:
             x, y = (axis + offset for axis, offset in zip((x, y), dither(len(x)), strict=True))
-        start = {"width": config.roi_width, "height": config.roi_height, "v_start": self._v}
+        size = {"width": config.roi_width, "height": config.roi_height}
+        start = {**size, "v_start": self._v}
         if config.ascent == "sign":
             done = ascend_by_signs(x, y, dt, **start, schedule=plan)
         else:
             eta = config.formats.eta.real(settings.eta)
             done = ascend(x, y, dt, **start, eta=eta, iterations=len(plan))
-        return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
+        judged = {}
+        if config.confidence:
+            judged = probe(x, y, dt, *done.v[-2:].tolist(), settings, level=plan[-1].level, **size)
+        return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy()), judged

@@ -1,8 +1,8 @@
 """How sure a batch's v is: from raw sums to a confidence, a covariance, and the hardware's verdict.
 
-After the last iteration, which evaluated the image at v_p, the image is evaluated twice more: :data:`PROBE` px beside v_p
-along x and along y, towards v = 0. The gradient falls by so much as the contrast's peak is sharp. What all numbers mean,
-and what they do not see: docs/confidence.md.
+After the last iteration, which evaluated the image at v_p, it is evaluated twice more: :data:`PROBE` px beside v_p,
+along x and along y, towards v = 0. The sharper the contrast's peak, the more the gradient changes. What all numbers
+mean, and what they do not see: docs/confidence.md.
 
 Imports neither Amaranth nor NumPy.
 """
@@ -25,14 +25,14 @@ LIMIT_SCALE = 3
 class Curvature(NamedTuple):
     """How fast the gradient falls within a probe's distance, raw.
 
-    ``xx``, ``yy`` and ``cross``/2 are minus the Hessian of the contrast along x, along y, and mixed; ``a`` is the contrast
-    itself: P·ΣI² − (ΣI)².
+    ``xx``, ``yy`` and ``cross``/2 are minus the Hessian of the contrast along x, along y, and mixed; ``contrast`` is
+    the contrast itself: P·Σ I² − (ΣI)².
     """
 
     xx: int
     yy: int
     cross: int
-    a: int
+    contrast: int
 
 
 def probe_velocities(v, found, distance):
@@ -63,7 +63,7 @@ def curvature(pixels, found, sums, sum_squares, probe_x, probe_y):
         xx=sign_x * (gx - at_x[0]),
         yy=sign_y * (gy - at_y[1]),
         cross=sign_x * (gy - at_x[1]) + sign_y * (gx - at_y[0]),
-        a=pixels * sum_squares - sums[0] ** 2,
+        contrast=pixels * sum_squares - sums[0] ** 2,
     )
 
 
@@ -99,11 +99,11 @@ def _information(config, outcome):
     shape = curvature(
         config.geometry.pixels, outcome.v, outcome.sums, outcome.sum_squares, outcome.probe_x, outcome.probe_y
     )
-    if shape.a <= 0:  # all pixels alike: no contrast at all
+    if shape.contrast <= 0:  # all pixels alike: no contrast at all
         return 0.0, 0.0, 0.0
     # The float engine's sums are real numbers.
     raw = 1 if isinstance(outcome.sum_squares, float) else 2.0 ** (config.weight_frac - config.derivative_frac)
-    factor = 2 * outcome.roi_events * raw / (PROBE * shape.a)
+    factor = 2 * outcome.roi_events * raw / (PROBE * shape.contrast)
     return factor * shape.xx, factor * shape.yy, factor * shape.cross / 2
 
 

@@ -136,8 +136,8 @@ RESULTS = (
                         *_long(24, "RESULT_SX", "_sx", "Σ I·Dx"), *_long(26, "RESULT_SY", "_sy", "Σ I·Dy"))),
     ResultField(name="cycles", shape=lambda c: whole(CYCLE_BITS), scope="region", default=None, nothing=None,
                 doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
-    ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag, nothing=Flag.DEGENERATE,
-                doc="what was unusual", places=_FLAGS),
+    ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag,
+                nothing=Flag.DEGENERATE, doc="what was unusual", places=_FLAGS),
     ResultField(name="confidence_limit", shape=lambda c: whole(c.widths.limit_bits), **_JUDGED, unit="1/px²",
                 doc="the limit that v's confidence was compared with, as the setting of that name; 0: not compared",
                 places=(Place(word=28),)),
@@ -178,6 +178,11 @@ def fields_of(*scopes, config=None):
     With ``config``, only those that its hardware has.
     """
     return tuple(f for f in RESULTS if f.scope in scopes and (config is None or f.when(config)))
+
+
+def not_judged(config):
+    """Fields of a batch whose v was not probed, where the hardware has them."""
+    return {f.name: f.nothing for f in fields_of("region", config=config) if f.when is with_confidence}
 
 
 def decode(config, values, *more):

@@ -199,8 +199,8 @@ SETTINGS = (
     Setting(name="cold_after_doubtful", field="cold_after_doubtful", shape=lambda c: whole(1), default=1,
             when=with_confidence,
             places=(Place(word=17, register="CONFIDENCE", field="COLD_AFTER_DOUBTFUL", lsb=1, width=1),)),
-    Setting(name="confidence_limit", shape=lambda c: whole(c.widths.limit_bits), low=1, high=lambda c: (1 << c.widths.limit_bits) - 1,
-            asked=lambda c: round(LIMIT_SCALE * c.confidence_limit), default=90, when=with_confidence, reset=90,
+    Setting(name="confidence_limit", low=1, high=lambda c: (1 << c.widths.limit_bits) - 1, when=with_confidence,
+            asked=lambda c: round(LIMIT_SCALE * c.confidence_limit), default=90, reset=90,
             doc=f"{LIMIT_SCALE} times the smallest confidence that is not doubtful", unit="1/px²",
             places=(Place(word=18),)),
 )  # fmt: skip

@@ -46,8 +46,8 @@ class CycleFormula:
     def cycles(self, *, events, roi_events, iterations, judge=None):
         """Clock cycles of a batch: N + T·(n + sweep + L) + constant; more where the image is not ``exact_cycles``.
 
-        T is by two larger, and the constant by :attr:`judge_latency`, if v's confidence is measured: setting ``judge``, by
-        default the configuration's.
+        If v's confidence is measured (setting ``judge``, by default the configuration's), T is by two larger, and the
+        constant by :attr:`judge_latency`.
 
         From the cycle in which the first event is offered to the one in which the result is; events offered in every
         cycle, no other batch under way, batch not degenerate, at least :attr:`shortest_batch` events.

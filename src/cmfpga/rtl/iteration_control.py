@@ -71,8 +71,8 @@ class IterationControl(wiring.Component):
     probing : ``Out(2)``
         A probe is under way: along x, along y.
     probed, judged : ``In(1)``
-        A probe's gradient is known, as ``run.updated`` is for an iteration; it is known whether v is in doubt. These four
-        only where v's confidence is measured.
+        A probe is over, as ``run.updated`` says of an iteration; it is known whether v is in doubt. These four only
+        where v's confidence is measured.
     iterations, cycles : ``Out``
         Iterations done, clock cycles since the first event was offered.
     taken : ``In(1)``

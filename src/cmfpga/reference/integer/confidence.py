@@ -2,12 +2,7 @@
 
 from ...protocol.confidence import curvature, is_trusted, probe_velocities
 from ...protocol.flags import Flag
-from .gradient import Sums
-
-_NONE = Sums(0, 0, 0, 0, 0)
-
-#: Of a batch without iterations.
-NOTHING = {"sum_squares": 0, "probe_x": _NONE, "probe_y": _NONE, "confidence_limit": 0, "restarted": 0}
+from ...protocol.results import not_judged
 
 
 def confidence(config, evaluate, last, settings, n):
@@ -17,12 +12,12 @@ def confidence(config, evaluate, last, settings, n):
     ----------
     config : Config
     evaluate : callable
-        ``evaluate(v)``: :class:`~.core.IntegerIteration` of the batch's ``n`` events at a raw velocity, in pixels of the
-        last iteration.
+        ``evaluate(v)``: :class:`~.core.IntegerIteration` of the batch's ``n`` events at a raw velocity, at the level of
+        the last iteration.
     last : IntegerIteration
     settings : BatchSettings
     """
-    found = NOTHING | {"sum_squares": int((last.images.i**2).sum())}
+    found = not_judged(config) | {"sum_squares": int((last.images.i**2).sum())}
     if not settings.judge:
         return found, Flag(0)
     velocities = probe_velocities(last.v, last.v_next, 3 << (config.v_frac - 2))

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...protocol.flags import Flag
-from ...protocol.results import BatchResult
+from ...protocol.results import BatchResult, not_judged
 from ...protocol.trace import Trace
 from ..ingest import take_in
 from ..roi_follower import RoiFollower
 from .accumulator import Images, accumulator
-from .confidence import NOTHING, confidence
+from .confidence import confidence
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
 from .time_scaler import time_scaler
@@ -96,7 +96,7 @@ class IntegerCore:
         restarted = warm and self.doubtful and bool(settings.cold_after_doubtful)
         warm = warm and not restarted
         plan = self._plan(settings, warm)
-        judged = dict(NOTHING) if config.confidence else {}
+        judged = not_judged(config)
         self.iterations = []
         sums = []
         velocities = [self.v]

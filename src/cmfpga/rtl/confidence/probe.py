@@ -13,7 +13,8 @@ class Probe(wiring.Component):
 
     v itself stays. A probe never leaves v's format: v and the velocity before it differ by less than half the range.
 
-    The first probe's velocity is there :attr:`latency` cycles after ``begin``; the second's in the cycle after ``complete``.
+    The first probe's velocity is there :attr:`latency` cycles after ``begin``, the second's in the cycle after
+    ``complete``.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ class Probe(wiring.Component):
         distance = 3 << (self.config.v_frac - 2)
         first = delay(m, self.begin, self.latency - 1, name="begin", valid=True)
         m.d.comb += self.o.valid.eq(first | (self.complete & (self.probing != 0)))
-        for k, (name, other) in enumerate((("x", "y"), ("y", "x"))):
+        for k, name in enumerate(("x", "y")):
             v = self.v[name]
             before = Signal.like(v, name=f"before_{name}", reset_less=True)
             probe = Signal.like(v, name=f"probe_{name}", reset_less=True)
