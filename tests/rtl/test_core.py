@@ -19,6 +19,7 @@ from support.bench import (
     constant_cycles,
     drive_core,
     edge_integers,
+    judge_cycles,
     np,
     per_iteration,
     simulate,
@@ -46,7 +47,12 @@ CONFIGS = {
     "fast": preset("fast").replace(
         **SMALL, **LIMITS, tag_bits=3, iterations=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
     ),
-}
+    # Votes and derivatives of different fractions, one buffer, a P that is no power of two.
+    "one buffer, confidence": preset("fast").replace(
+        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, iterations=3, buffers=1, weight_frac=3,
+        derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
+    ),
+}  # fmt: skip
 
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
 
@@ -120,6 +126,9 @@ def random_batch(config, rng, *, bad_times=0.15):
             ),
             min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
             thinning=int(rng.choice([1, 1, 1, 2, 3, 7, 255])),
+            judge=int(rng.integers(5) > 0),
+            cold_after_doubtful=int(rng.integers(3) > 0),
+            confidence_limit=int(rng.choice([1, 5, 90, 1023])),
             thin_target=min(config.buffer_events, int(rng.choice([0, 0, 0, 1, 5, 20, 48]))),
             **plans,
         ),
@@ -171,7 +180,7 @@ def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name,
     _, outcomes = run(config, batches, rng)
     for before, outcome in itertools.pairwise(outcomes):
         assert outcome.opened < before.done
-    busy = 4 * (30 + per_iteration(config))
+    busy = (4 + 2 * config.confidence) * (30 + per_iteration(config)) + config.confidence * judge_cycles(config)
     assert all(busy < after.done - before.done < busy + 90 for before, after in itertools.pairwise(outcomes))
     for first, third in zip(outcomes, outcomes[2:], strict=False):
         assert third.opened > first.done

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from cmfpga.config import Config, preset
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.results import COUNTS
+from cmfpga.protocol.results import COUNTS, SUMS, not_judged
 from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import payloads
@@ -390,7 +390,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     table = schedules(batches)
     for batch in batches:
         chosen = batch.settings
-        iterations = max(chosen.iterations, len(chosen.cold), len(chosen.warm))
+        iterations = max(chosen.iterations, len(chosen.cold), len(chosen.warm)) + 6 * config.confidence
         busy = iterations * (len(batch.events) + config.geometry.bank_words + core.iteration_latency)
         limit += 2 * (len(batch.events) + busy + core.batch_latency) + 20
     limit = int(limit / (1 - min(0.9, max(gap, stall))))
@@ -482,6 +482,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             "roi_next": dict(zip("xy", wanted.roi_next, strict=True)),
             "iterations": wanted.iterations,
             "flags": int(wanted.flags),
+            **{name: _named(getattr(wanted, name)) for name in not_judged(config)},
         }, f"batch {number}"
         assert wanted.events == sum(result[name] for name in COUNTS)
         steps = [{"v": dict(zip("xy", i.v, strict=True)), "sums": i.sums._asdict()} for i in model.iterations]
@@ -491,16 +492,26 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             assert outcome.pixels == images, f"batch {number}: images"
         if not degenerate:
             assert sums == steps[-1]["sums"]
+        elif config.confidence:
+            assert not any(sums.values())
         assert cycles == outcome.done - outcome.opened
         if free and not degenerate:
             assert cycles == cycles_of(config, wanted), f"batch {number}"
     return results
 
 
+def _named(value):
+    """Sums by their names."""
+    return dict(zip(SUMS, value, strict=True)) if isinstance(value, tuple) else value
+
+
 def cycles_of(config, result):
     """:meth:`Core.cycles` without a core: N + T·(n + P/4 + L) + constant, its latencies as numbers."""
     events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
-    return events + result.iterations * (result.roi_events + per_iteration(config)) + constant_cycles(config)
+    judged = bool(result.confidence_limit)
+    iterations = result.iterations + 2 * judged
+    more = judge_cycles(config) if judged else 0
+    return events + iterations * (result.roi_events + per_iteration(config)) + constant_cycles(config) + more
 
 
 #: What a batch of fewer events takes with two buffers: the next ROI must be known.
@@ -512,6 +523,13 @@ def per_iteration(config):
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
     ascent = (3 if config.ascent == "constant" else 0) + (1 if config.max_level else 0)
     return division + ascent + (16 + config.geometry.bank_words if config.gradient == "sweep" else 15)
+
+
+def judge_cycles(config):
+    """Cycles of a batch whose v is probed, beside those of two iterations: a bit of the comparison takes one."""
+    more = config.weight_frac - config.derivative_frac
+    factors = max((8 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
+    return 3 + config.widths.curvature_bits - 17 + factors.bit_length() + config.widths.judge_bits
 
 
 def constant_cycles(config):

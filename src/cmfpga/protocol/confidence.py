@@ -86,7 +86,7 @@ def is_trusted(config, n, limit, shape):
     xx, yy, cross, contrast = (value >> drop for value in shape)
     by_n, by_limit = (scale * factor for scale, factor in zip(config.widths.judge_scales, (n, limit), strict=True))
     a, c, b = by_n * xx - by_limit * contrast, by_n * yy - by_limit * contrast, by_n * cross
-    return a > 0 and c > 0 and 4 * a * c > b * b
+    return a > 0 and 4 * a * c > b * b  # then c > 0, too
 
 
 def is_judged(outcome):

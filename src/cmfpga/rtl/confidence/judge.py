@@ -124,7 +124,7 @@ class Judge(wiring.Component):
                     m.next = "DONE"
             with m.State("DONE"):
                 m.d.comb += self.done.eq(1)
-                m.d.sync += self.doubtful.eq((a <= 0) | (c <= 0) | (difference <= 0))
+                m.d.sync += self.doubtful.eq((a <= 0) | (difference <= 0))
                 m.next = "COLLECT"
         with m.If(self.new_batch):
             m.d.sync += self.doubtful.eq(0)
