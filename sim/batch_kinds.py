@@ -26,7 +26,7 @@ class Batch:
 
 def schedule_table(config):
     """Iterations for the core's table of schedules: all levels, steps small and so large that v saturates."""
-    if config.ascent != "sign":
+    if not config.ascent_rule.has_table:
         return ()
     entries = (
         (2, 1),

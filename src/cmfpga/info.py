@@ -7,6 +7,7 @@ import math
 import shlex
 import statistics
 import sys
+from dataclasses import asdict
 
 import numpy as np
 from tqdm import tqdm
@@ -15,7 +16,8 @@ from . import cli
 from .engines import make_engine
 from .errors import ConfigError, RecordingError
 from .events import BatchCutter, open_recording
-from .survey import Survey, propose
+from .survey import Survey, propose, survey_all
+from .survey.pictures import draw, frame
 from .tracking.loop import track
 
 EXAMPLES = (
@@ -27,9 +29,6 @@ EXAMPLES = (
 )
 
 _BARS = " ▁▂▃▄▅▆▇█"
-_SHADES = " .:-=+*#%@"
-_FRAME_COLUMNS = 78
-_RATE_BINS = 60
 _HOT_SHOWN = 5
 
 
@@ -82,7 +81,7 @@ def main(arguments=None):
                 )
         checked = [check(recording, config, found, options.check) for found in proposals] if options.check else []
         if options.png is not None:
-            _draw(options.png, recording, survey, config, proposals)
+            draw(options.png, survey, config, proposals)
     if options.json:
         print(json.dumps(_report(options, recording, survey, config, proposals, checked), indent=2, ensure_ascii=False))
     else:
@@ -90,14 +89,6 @@ def main(arguments=None):
     if broken is not None:
         raise broken
     return 0
-
-
-def survey_all(recording, survey):
-    """Read the whole recording into ``survey``, with a bar."""
-    with tqdm(total=recording.num_events, unit="event", unit_scale=True, disable=None, leave=False) as bar:
-        for chunk in recording.chunks():
-            survey.add(chunk)
-            bar.update(len(chunk))
 
 
 def _config(options, recording, survey):
@@ -122,12 +113,8 @@ def check(recording, config, proposal, batches):
             raise
         raise ConfigError("--check: torch is not installed; pip install 'cmfpga[reference]'") from None
     with contextlib.closing(engine):
-        cutter = BatchCutter(
-            recording,
-            start_event=proposal.start_event,
-            events=proposal.batch_events,
-            max_events=engine.config.max_batch_events,
-        )
+        size = {"events": proposal.batch_events, "max_events": engine.config.max_batch_events}
+        cutter = BatchCutter(recording, start_event=proposal.start_event, **size)
         tracked = [*track(engine, cutter, roi=proposal.roi, batches=batches)]
     return [math.hypot(*batch.result.v) for batch in tracked if batch.v_px_per_s is not None]
 
@@ -152,7 +139,7 @@ def _command(options, proposal):
 
 
 def _report(options, recording, survey, config, proposals, checked):
-    bin_us, rate = survey.rate(_RATE_BINS)
+    bin_us, rate = survey.rate()
     return {
         "file": options.recording,
         "format": recording.format,
@@ -170,17 +157,8 @@ def _report(options, recording, survey, config, proposals, checked):
         "roi_size": [config.roi_width, config.roi_height],
         "proposals": [
             {
-                "roi": list(found.roi),
-                "start_event": found.start_event,
-                "batch_events": found.batch_events,
-                "batch_us": found.batch_us,
-                "roi_events": found.roi_events,
-                "v": list(found.v),
+                **asdict(found),
                 "px_per_half_batch": found.px,
-                "px_per_s": list(found.px_per_s),
-                "gain": found.gain,
-                "clarity": found.clarity,
-                "fields": found.fields,
                 "reason": found.reason,
                 "command": _command(options, found),
                 **({"checked_px_per_half_batch": checked[k]} if checked else {}),
@@ -203,7 +181,7 @@ def _text(options, recording, survey, config, proposals, checked):
     yield f"events      {survey.events:,}, {survey.on_events / survey.events:.0%} of them ON"
     yield f"span        {span:.6g} s, from {survey.t_first:,} µs to {survey.t_last:,} µs"
     yield f"time unit   {recording.time_unit} ({source[recording.time_unit_source]})"
-    bin_us, rate = survey.rate(_RATE_BINS)
+    bin_us, rate = survey.rate()
     if span:
         yield f"rate        {survey.events / span:,.0f} events/s on average; each sign is {bin_us / 1e3:,.6g} ms:"
         top = rate.max()
@@ -214,7 +192,7 @@ def _text(options, recording, survey, config, proposals, checked):
     yield f"hot pixels  {shown + more if hot else 'none'}"
     if not options.no_frame:
         yield ""
-        yield from _frame(survey, config, proposals)
+        yield from frame(survey, config, proposals)
     if options.no_proposal:
         return
     yield ""
@@ -249,79 +227,6 @@ def _text(options, recording, survey, config, proposals, checked):
         yield f"  {_command(options, found)}"
     if len(proposals) < options.objects:
         yield f"Only {len(proposals)} of {options.objects} objects move clearly at one time."
-
-
-def table_row(found):
-    """Cells of a line about a proposal (as in the JSON) in the documentation's table."""
-    px = found["checked_px_per_half_batch"]
-    return [
-        "{},{}".format(*found["roi"]),
-        f"{found['start_event']:,}",
-        f"{found['batch_events']:,}",
-        f"{found['batch_us'] / 1e3:,.3g}",
-        "{:,.0f}, {:,.0f}".format(*found["px_per_s"]),
-        f"{statistics.median(px):.1f} ({min(px):.1f} to {max(px):.1f}; {len(px)})",
-    ]
-
-
-def _levels(survey):
-    """Events per pixel on a scale of 0 to 1, on which hot pixels are no brighter than busy ones."""
-    counts = np.sqrt(survey.counts)
-    busy = counts[counts > 0]
-    return np.minimum(counts / max(np.percentile(busy, 99), 1), 1)
-
-
-def _frame(survey, config, proposals):
-    """All events as text, with the ROIs' corners."""
-    levels = _levels(survey)
-    rows, columns = levels.shape
-    width = min(_FRAME_COLUMNS, columns)
-    step = columns / width
-    height = max(round(rows / step / 2), 1)  # a sign is about twice as high as wide
-    at_y, at_x = np.arange(rows) * height // rows, np.arange(columns) * width // columns
-    sums, sizes = np.zeros((height, width)), np.zeros((height, width))
-    np.add.at(sums, (at_y[:, None], at_x[None, :]), levels)
-    np.add.at(sizes, (at_y[:, None], at_x[None, :]), 1)
-    mean = sums / sizes
-    mean /= max(mean.max(), 1e-12)
-    signs = [[_SHADES[int(value * (len(_SHADES) - 1) + 0.5)] for value in line] for line in mean]
-    for k, found in enumerate(proposals):
-        x0, y0 = found.roi
-        x1, y1 = min(x0 + config.roi_width, columns) - 1, min(y0 + config.roi_height, rows) - 1
-        for x, y, sign in ((x0, y0, "┌"), (x1, y0, "┐"), (x0, y1, "└"), (x1, y1, "┘")):
-            if x < columns and y < rows:
-                signs[at_y[y]][at_x[x]] = sign
-        if len(proposals) > 1:
-            signs[at_y[y0]][min(at_x[x0] + 1, width - 1)] = str(k)
-    yield f"events of the whole recording, {columns}×{rows} px" + ("; corners: ROI" if proposals else "")
-    for line in signs:
-        yield "|" + "".join(line) + "|"
-
-
-def _draw(path, recording, survey, config, proposals):
-    """The picture: events, hot pixels, ROIs; and the rate over time."""
-    from matplotlib.figure import Figure
-    from matplotlib.patches import Rectangle
-
-    figure = Figure(figsize=(10, 8), layout="constrained", dpi=110)
-    above, below = figure.subplots(2, 1, height_ratios=(4, 1))
-    above.imshow(_levels(survey), cmap="gray", interpolation="nearest")
-    hot = survey.hot_pixels()
-    if hot:
-        x, y, _ = zip(*hot, strict=True)
-        above.plot(x, y, "o", markerfacecolor="none", color="tab:orange", label="hot pixel")
-        figure.legend(loc="outside upper right")
-    for k, found in enumerate(proposals):
-        corner = np.subtract(found.roi, 0.5)
-        above.add_patch(
-            Rectangle(corner, config.roi_width, config.roi_height, fill=False, edgecolor="tab:red", linewidth=1.5)
-        )
-        above.annotate(f"ROI {k}", corner, color="tab:red", va="bottom")
-    above.set(title="events of the whole recording (square root)", xlabel="x [px]", ylabel="y [px]")
-    bin_us, rate = survey.rate(_RATE_BINS)
-    below.step(np.arange(len(rate)) * bin_us / 1e6, rate / 1e3, where="post")
-    below.set(xlabel="time [s]", ylabel="rate [1000 events/s]", ylim=(0, None))
-    figure.savefig(path, format="png")
 
 
 if __name__ == "__main__":

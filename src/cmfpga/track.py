@@ -1,30 +1,27 @@
 """``python -m cmfpga.track``: follow objects through a recording.
 
-The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.tracking.result.track`.
+The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.tracking.api.track`.
 """
 
 import argparse
 import contextlib
-import csv
 import inspect
 import json
-import math
 import re
-import statistics
 import sys
 import types
-from dataclasses import dataclass, field
 
 from tqdm import tqdm
 
-from . import cli, report
+from . import cli
+from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, check_roi
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
-from .imaging.gallery import Gallery
-from .tracking import result as tracking
-from .tracking.kept import Kept
-from .tracking.loop import COLUMNS, track
+from .tracking import api
+from .tracking.loop import in_turn, open_engine, track
+from .tracking.objects import TrackedObject
+from .tracking.source import sensor_fields
 
 EXAMPLES = (
     "python -m cmfpga.track        # a synthetic scene, with its true motion",
@@ -75,13 +72,7 @@ def _parser():
     made.add_argument(
         "--report", action="store_true", help="write report.html, and track.npz for python -m cmfpga.report"
     )
-    made.add_argument(
-        "--clock",
-        type=report.clock,
-        default=report.CLOCK_MHZ,
-        metavar="MHZ",
-        help=f"clock that you assume the hardware to reach, MHz (default: {report.CLOCK_MHZ:g})",
-    )
+    cli.add_clock_option(made)
     made.add_argument(
         "--wave",
         type=cli.natural,
@@ -91,64 +82,6 @@ def _parser():
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
     cli.add_config_options(made)
     return made
-
-
-@dataclass(kw_only=True)
-class _Object:
-    """One object to follow: what was asked for, what follows from it, and what was found.
-
-    Parameters
-    ----------
-    name : str
-        Of its files: ``track-NAME.csv``; empty: ``track.csv``.
-    roi : (int, int) or None
-        Left column and top row, px; None until it is chosen (``auto``).
-    proposal : Proposal or None
-        What was chosen.
-    """
-
-    name: str
-    roi: tuple | None
-    proposal: object = None
-    config: object = None
-    cutter: object = None
-    gallery: object = None
-    kept: object = None  # for the report
-    waves: object = None
-    batches: int = 0
-    flagged: int = 0
-    seen: int = 0  # ROI events of all batches
-    cycles: list = field(default_factory=list)
-    speeds: list = field(default_factory=list)  # |v| of each batch that measured one, px per half batch
-    truth: list = field(default_factory=list)  # times and velocity of each batch, where the true one is known
-    roi_next: tuple | None = None
-    files: list = field(default_factory=list)
-
-    @property
-    def stem(self):
-        """Of its files' names."""
-        return self.file("track")
-
-    def file(self, what):
-        """``what``, or ``what-NAME``."""
-        return f"{what}-{self.name}" if self.name else what
-
-    def add(self, batch, with_truth):
-        """Take a tracked batch; its arrays are not kept."""
-        result = batch.result
-        self.batches += 1
-        self.flagged += bool(result.flags)
-        self.seen += result.roi_events + result.overflow + result.thinned
-        self.roi_next = result.roi_next
-        if result.cycles is not None:
-            self.cycles.append(result.cycles)
-        if batch.v_px_per_s is not None:
-            self.speeds.append(math.hypot(*result.v))
-        if with_truth:
-            self.truth.append((batch.events.t[[0, -1]] if len(batch.events) else None, batch.v_px_per_s))
-        for collector in (self.gallery, self.kept, self.waves):
-            if collector:
-                collector.add(batch)
 
 
 def _roi_option(text):
@@ -169,14 +102,34 @@ def main(arguments=None):
         config = cli.make_config(options, **_sensor_fields(options, recording), **(DEMO_FIELDS if truth else {}))
         objects = _objects(options, truth, config)
         _choose(options, objects, recording, config)
+        found = []
         for one in objects:
             _prepare(options, one, config, recording)
+            if truth and not options.json:
+                found.append(_Truth(truth.motion))
+                one.consumers.append(found[-1])
         folder = cli.output_folder(options.out)
-        _track(options, config, objects, recording, folder, truth)
-    if not options.json and truth is not None:
-        for one in objects:
-            _print_truth(truth, one.truth)
+        name = _track(options, objects, recording, folder, truth.motion if truth else None)
+    _summarise(options, config, name, objects)
+    for lines in found:
+        print("\n".join(lines))
     return 0
+
+
+class _Truth(list):
+    """Lines that show the true motion beside the found one, batch by batch; a consumer."""
+
+    def __init__(self, motion):
+        super().__init__(["batch   true vx, vy [px/s]      found vx, vy [px/s]"])
+        self._motion = motion
+
+    def add(self, batch):
+        speed = batch.v_px_per_s
+        if speed is None:
+            self.append(f"{batch.index:5}   (degenerate)")
+            return
+        true = batch.true_px_per_s(self._motion)
+        self.append(f"{batch.index:5}   {true[0]:8.1f} {true[1]:8.1f}       {speed[0]:8.1f} {speed[1]:8.1f}")
 
 
 def _open(options):
@@ -192,28 +145,11 @@ def _open(options):
 
 def _sensor_fields(options, recording):
     """The recording's sensor, unless ``--set`` says otherwise; with an ROI that fits it."""
-    if recording.width is None:
-        if "sensor_width" not in cli.config_changes(options):
-            print(
-                f"note: {recording.name} does not say how large its sensor is: taking "
-                f"{cli.make_config(options).sensor_width}×{cli.make_config(options).sensor_height} px; "
-                "say it with --sensor W,H",
-                file=sys.stderr,
-            )
-        return {}
-    return {"sensor_width": recording.width, "sensor_height": recording.height}
-
-
-def _batch_events(options):
-    """Events of a batch, or None where another limit is given."""
-    if options.batch_us or options.batch_roi_events:
-        return None
-    return options.batch_events or (tracking.BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS)
-
-
-def _check_batch(option, size, config):
-    if size is not None and size > config.max_batch_events:
-        raise ConfigError(f"{option} {size}: at most {config.max_batch_events} is allowed (max_batch_events)")
+    changes = cli.config_changes(options)
+    fields, note = sensor_fields(recording, changes, lambda: cli.make_config(options), "--sensor W,H")
+    if note:
+        print(f"note: {note}", file=sys.stderr)
+    return fields
 
 
 def _objects(options, truth, config):
@@ -227,7 +163,7 @@ def _objects(options, truth, config):
     for k, (name, roi) in enumerate(asked):
         if roi is not None:
             check_roi(config, roi)  # before a simulator is compiled in vain
-        objects.append(_Object(name=name or ("" if len(asked) == 1 else str(k)), roi=roi))
+        objects.append(TrackedObject(name=name or ("" if len(asked) == 1 else str(k)), roi=roi))
     names = [one.name for one in objects]
     for name in names:
         if names.count(name) > 1:
@@ -240,8 +176,7 @@ def _choose(options, objects, recording, config):
     wanted = [one for one in objects if one.roi is None]
     if not wanted:
         return
-    from .info import survey_all
-    from .survey import Survey, propose, require
+    from .survey import Survey, propose, require, survey_all
 
     # Where the user or the other objects are; or else where something moves.
     start = options.start_event if options.start_event or len(wanted) < len(objects) else None
@@ -250,88 +185,55 @@ def _choose(options, objects, recording, config):
     proposals = propose(recording, survey, config, count=len(wanted), start_event=start)
     for one, found in zip(wanted, require(proposals, len(wanted), recording), strict=True):
         one.roi, one.proposal = found.roi, found
-        print(f"note: {one.stem}: {found.text}", file=sys.stderr)
+        print(f"note: {one.named('track')}: {found.text}", file=sys.stderr)
     options.start_event = proposals[0].start_event
 
 
 def _prepare(options, one, config, recording):
     """An object's configuration and cutter."""
-    events, changes = _batch_events(options), {}
+    size, changes = cli.batch_size(options, BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS), {}
     if one.proposal and not (options.batch_events or options.batch_us or options.batch_roi_events):
-        events = one.proposal.batch_events
+        size = {"events": one.proposal.batch_events}
         given = cli.config_changes(options)
         changes = {name: value for name, value in one.proposal.fields.items() if name not in given}
     one.config = config.replace(**changes)
-    _check_batch("--batch-events", events, one.config)
-    _check_batch("--batch-roi-events", options.batch_roi_events, one.config)
-    one.cutter = BatchCutter(
-        recording,
-        start_event=options.start_event,
-        events=events,
-        duration_us=options.batch_us,
-        roi_events=options.batch_roi_events,
-        max_events=one.config.max_batch_events,
-    )
+    limit = one.config.max_batch_events
+    for mode in ("events", "roi_events"):
+        if size.get(mode, 0) > limit:
+            option = f"--batch-{mode.replace('_', '-')}"
+            raise ConfigError(f"{option} {size[mode]}: at most {limit} is allowed (max_batch_events)")
+    one.cutter = BatchCutter(recording, start_event=options.start_event, max_events=limit, **size)
 
 
-def _track(options, config, objects, recording, folder, truth):
-    """Run all batches, those of several objects in turn; writes the files, prints the summary."""
+def _track(options, objects, recording, folder, motion):
+    """Run all batches, those of several objects in turn, and write the files; returns the engine's name."""
+    if options.wave is not None and options.batches and options.wave >= options.batches:
+        raise ConfigError(
+            f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
+        )
     with contextlib.ExitStack() as stack:
         running = []
         for one in objects:
-            engine = stack.enter_context(contextlib.closing(_engine(options, one.config)))
+            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, one.config, option="--engine")))
             if engine.note and not running:
                 print(f"note: {engine.note}", file=sys.stderr)
-            one.gallery = None if options.no_picture else _gallery(one.config, recording, truth)
-            one.kept = _kept(options, one.config, recording, truth) if options.report else None
-            one.waves = _waves(options, one.config) if options.wave is not None else None
-            one.files.append(folder / f"{one.stem}.csv")
-            file = stack.enter_context(one.files[0].open("w", newline=""))
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(COLUMNS)
-            running.append((one, writer, track(engine, one.cutter, roi=one.roi, batches=options.batches)))
+            one.collect(
+                stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
+                picture=not options.no_picture, report_mhz=options.clock if options.report else None,
+            )  # fmt: skip
+            consumers = (one, *one.consumers)
+            running.append(track(engine, one.cutter, roi=one.roi, batches=options.batches, consumers=consumers))
         total = None
         if _shows_bar():
             totals = [_total(options, recording, one.cutter) for one in objects]
             total = None if None in totals else sum(totals)
-        with tqdm(total=total, unit="batch", disable=None) as bar:
-            while running:
-                for step in [*running]:
-                    one, writer, batches = step
-                    batch = next(batches, None)
-                    if batch is None:
-                        running.remove(step)
-                        continue
-                    writer.writerow(batch.row())
-                    one.add(batch, truth is not None)
-                    bar.update()
+        for _ in tqdm(in_turn(running), total=total, unit="batch", disable=None):
+            pass
     for one in objects:
-        if not one.batches:
-            raise ConfigError(
-                f"{recording.name}: too few events for one batch after event {options.start_event} "
-                f"({one.cutter.leftover} left)"
-            )
-        if not one.seen:
-            raise ConfigError(
-                f"ROI at {one.roi[0]},{one.roi[1]}: none of the events is in it, in {one.batches} batches; an ROI with "
-                "an object is needed"
-            )
+        one.check()
     for one in objects:
-        _write_more(options, one, folder)
-    _summarise(options, config, engine.name, objects)
-
-
-def _write_more(options, one, folder):
-    """An object's files beside the CSV."""
-    if one.gallery:
-        one.files.append(folder / f"{one.stem}.png")
-        one.gallery.save(one.files[-1])
-    if one.kept:
-        one.files += [folder / f"{one.stem}.npz", folder / f"{one.file('report')}.html"]
-        one.kept.save(one.files[-2])
-        _write_page(one.kept, one.files[-1], options)
-    if one.waves:
-        one.files += _write_waves(one.waves, folder, one.file(f"batch-{one.waves.wanted}"))
+        one.finish()
+    return engine.name
 
 
 def _shows_bar():
@@ -351,48 +253,11 @@ def _total(options, recording, cutter):
     return min(whole, options.batches or whole)
 
 
-def _engine(options, config):
-    return tracking.open_engine(options.engine, config, option="--engine")
-
-
-def _gallery(config, recording, truth):
-    return Gallery(config, recording.name, truth.motion if truth else None)
-
-
-def _kept(options, config, recording, truth):
-    from .report.page import plotly_script
-
-    plotly_script()  # if it is missing, that is told before the work
-    return Kept(config, options.engine, recording.name, truth.motion if truth else None)
-
-
-def _write_page(kept, path, options):
-    from .report.page import write_page
-
-    write_page(kept, path, clock_mhz=options.clock)
-
-
-def _waves(options, config):
-    from .tracking.wave import WaveTaker
-
-    if options.batches and options.wave >= options.batches:
-        raise ConfigError(
-            f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
-        )
-    return WaveTaker(config, options.engine, options.wave)
-
-
-def _write_waves(waves, folder, stem):
-    from .tracking.wave import write_waves
-
-    return write_waves(waves.record(), folder, stem)
-
-
 def _summarise(options, config, engine, objects):
     alone = len(objects) == 1
     cycles = [count for one in objects for count in one.cycles]
     if options.json:
-        entries = [_entry(one) for one in objects]
+        entries = [one.summary() for one in objects]
         if alone:
             summary = {"engine": engine, **entries[0], "config": objects[0].config.to_dict()}
         else:
@@ -416,49 +281,17 @@ def _summarise(options, config, engine, objects):
             print(f"wrote {path}")
 
 
-def _entry(one):
-    """An object's part of the summary."""
-    entry = {
-        "batches": one.batches,
-        "events_left_over": one.cutter.leftover,
-        "flagged_batches": one.flagged,
-        "cycles": sum(one.cycles) if one.cycles else None,
-        "roi_next": list(one.roi_next),
-        "files": [str(path) for path in one.files],
-    }
-    if one.name:
-        entry = {"name": one.name, "roi": list(one.roi), **entry}
-    if one.proposal:
-        entry["roi"] = list(one.roi)
-        entry["batch_events"] = one.cutter.size if one.cutter.mode == "events" else None
-        entry["start_event"] = one.proposal.start_event
-        entry["fields"] = one.proposal.fields
-        entry["median_px_per_half_batch"] = statistics.median(one.speeds) if one.speeds else None
-    return entry
-
-
-def _print_truth(truth, tracked):
-    """The true motion beside the found one, batch by batch."""
-    print("batch   true vx, vy [px/s]      found vx, vy [px/s]")
-    for index, (times, speed) in enumerate(tracked):
-        if speed is None:
-            print(f"{index:5}   (degenerate)")
-            continue
-        true = truth.motion.mean_velocity(int(times[0]), int(times[1]))
-        print(f"{index:5}   {true[0]:8.1f} {true[1]:8.1f}       {speed[0]:8.1f} {speed[1]:8.1f}")
-
-
 class _Callable(types.ModuleType):
     """Makes ``cmfpga.track(…)`` the library's function, whether or not this module was imported before."""
 
     def __call__(self, recording, **options):
-        return tracking.track(recording, **options)
+        return api.track(recording, **options)
 
-    __call__.__doc__ = tracking.track.__doc__
+    __call__.__doc__ = api.track.__doc__
 
 
 sys.modules[__name__].__class__ = _Callable
-__signature__ = inspect.signature(tracking.track)
+__signature__ = inspect.signature(api.track)
 
 if __name__ == "__main__":
     sys.exit(cli.run(main))

@@ -11,7 +11,7 @@ from cmfpga.bench.opponents import Job, Unavailable, c_program, make_programs, t
 from cmfpga.bench.opponents.c_program import CProgram
 from cmfpga.bench.opponents.numba_program import NumbaProgram
 from cmfpga.bench.opponents.torch_program import TorchProgram
-from cmfpga.bench.opponents.workloads import MOTION_PX, make_workload
+from cmfpga.bench.workloads import MOTION_PX, make_workload
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.events import Events
@@ -142,7 +142,7 @@ def test_the_sign_ascent_ends_at_the_same_v(program, reference, batch, schedule)
 
 
 def test_once_more_is_the_same(program, batch):
-    entries = preset("fast").cold_schedule
+    entries = preset("fast").schedules.cold
     loaded = program.load(of(batch, iterations=len(entries), schedule=entries, dither=True))
     once = loaded.batch()
     assert loaded.batch(3) == loaded.ascent() == loaded.ascent(2) == once
@@ -231,7 +231,7 @@ def test_on_a_gpu_it_is_the_same(batch, reference):
 
     if not torch.cuda.is_available():
         pytest.skip("no CUDA device")
-    entries = preset("fast").cold_schedule
+    entries = preset("fast").schedules.cold
     job = of(batch, iterations=len(entries), schedule=entries, dither=True)
     assert run(TorchProgram("cuda"), job) == run(reference, job)
 

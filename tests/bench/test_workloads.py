@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.bench.opponents.workloads import make_workload
+from cmfpga.bench.workloads import make_workload
 
 SIZES = {
     "the article's": {"events": 5000, "roi_events": 800},

@@ -8,13 +8,13 @@ from support.board_files import REGISTERS, load, stand_in
 
 
 @pytest.fixture(scope="session")
-def generate():
-    return load("generate")
+def maker():
+    return load("facts")
 
 
 @pytest.fixture(scope="session")
-def facts(generate):
-    return generate.load()
+def facts(maker):
+    return maker.load()
 
 
 @pytest.fixture

@@ -100,8 +100,8 @@ def test_buffers(which, get, facts):
     "bits, registers", [((32, 128), {4: 0, 5: 0, 14: 0}), ((64, 64), {4: 1, 5: 1, 14: 0x100}),
                         ((128, 32), {4: 2, 5: 2, 14: 0x200})],
 )  # fmt: skip
-def test_afi_registers_follow_the_widths(bits, registers, generate, facts):
+def test_afi_registers_follow_the_widths(bits, registers, maker, facts):
     """As AMD's device-tree generator writes them: 0x500 is 64 bits for both HPM ports, 0xa00 128."""
     changed = {**facts, "control": {**facts["control"], "data_width": bits[0]},
                "memory": {**facts["memory"], "data_width": bits[1]}}  # fmt: skip
-    assert dict(generate.afi(changed)) == registers
+    assert dict(maker.afi(changed)) == registers

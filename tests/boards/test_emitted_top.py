@@ -22,8 +22,8 @@ def emitted(tmp_path_factory):
     return folder
 
 
-def test_ports_are_those_of_the_facts(emitted, generate, facts):
-    tcl = dict(line.split(maxsplit=2)[1:] for line in generate.facts_tcl(facts).splitlines() if line.startswith("set"))
+def test_ports_are_those_of_the_facts(emitted, maker, facts):
+    tcl = dict(line.split(maxsplit=2)[1:] for line in maker.facts_tcl(facts).splitlines() if line.startswith("set"))
     tcl = {name.removeprefix("fact(").removesuffix(")"): value.strip("{}") for name, value in tcl.items()}
     check_ports(infer((emitted / "cmfpga_kv260.v").read_text(encoding="utf-8"), facts["design"]["top"]), tcl)
 

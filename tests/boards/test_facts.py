@@ -7,8 +7,7 @@ import tomllib
 
 import pytest
 
-from cmfpga.boards import kv260
-from support.board_files import BOARD, ROOT, check_ports, stand_in
+from support.board_files import BOARD, KV260, ROOT, check_ports, stand_in
 from support.vivado.interfaces import infer
 
 
@@ -23,43 +22,43 @@ def tcl():
     return {name: value.strip("{}") for name, value in lines}
 
 
-def test_generated_files_are_current(generate, capsys):
-    assert generate.main(["--check"]) == 0, capsys.readouterr().err
+def test_generated_files_are_current(maker, capsys):
+    assert maker.main(["--check"]) == 0, capsys.readouterr().err
 
 
-def test_a_stale_file_is_named(generate, monkeypatch, tmp_path, capsys):
-    monkeypatch.setattr(generate, "ROOT", tmp_path)
-    for name in generate.FILES:
+def test_a_stale_file_is_named(maker, monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(maker, "ROOT", tmp_path)
+    for name in maker.FILES:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-    assert generate.main(["--check"]) == 1
-    assert capsys.readouterr().err.count("not current: ") == len(generate.FILES)
-    assert generate.main([]) == 0 and generate.main(["--check"]) == 0
+    assert maker.main(["--check"]) == 1
+    assert capsys.readouterr().err.count("not current: ") == len(maker.FILES)
+    assert maker.main([]) == 0 and maker.main(["--check"]) == 0
     path = tmp_path / "boards/kv260/vivado/facts.tcl"
     path.write_text(path.read_text(encoding="utf-8").replace("0xa0010000", "0xa0020000"), encoding="utf-8")
     capsys.readouterr()
-    assert generate.main(["--check"]) == 1
+    assert maker.main(["--check"]) == 1
     assert capsys.readouterr().err.startswith("not current: boards/kv260/vivado/facts.tcl;")
 
 
 def test_addresses(tcl, facts):
     dtso = text_of("sw/cmfpga.dtso")
     for name, block, module in (
-        ("cmfpga", "cmfpga", kv260.REGISTERS_ADDRESS),
-        ("dma", "cmfpga-dma", kv260.DMA_ADDRESS),
+        ("cmfpga", "cmfpga", KV260.registers_address),
+        ("dma", "cmfpga-dma", KV260.dma_address),
     ):
         (node, address, size) = re.search(rf"{block}@(\w+) {{.*?reg = <0x0 (\w+) 0x0 (\w+)>", dtso, re.DOTALL).groups()
         assert int(node, 16) == int(address, 16) == int(tcl[f"{name}_address"], 16) == module
         assert int(size, 16) == int(tcl[f"{name}_size"], 16)
         assert module == facts["control"][name]["address"]
-    assert kv260.REGISTERS_SIZE == 1 << facts["ip"]["control_address_width"]
+    assert KV260.registers_size == 1 << facts["ip"]["control_address_width"]
 
 
 def test_interrupt_clock_and_reset():
     dtso = text_of("sw/cmfpga.dtso")
-    assert re.findall(r"interrupts = <(.*?)>", dtso) == [f"0 {kv260.INTERRUPT_SPI} 4"]
-    assert kv260.INTERRUPT_SPI == 89  # pl_ps_irq0[0], to which design.tcl connects the IP
+    assert re.findall(r"interrupts = <(.*?)>", dtso) == [f"0 {KV260.interrupt_spi} 4"]
+    assert KV260.interrupt_spi == 89  # pl_ps_irq0[0], to which design.tcl connects the IP
     assert "connect_bd_net [get_bd_pins cmfpga/irq] [get_bd_pins ps/pl_ps_irq0]" in text_of("vivado/design.tcl")
-    assert set(re.findall(r"zynqmp_clk (\d+)", dtso)) == {"71"} and kv260.LINUX_CLOCK == "pl0_ref"
+    assert set(re.findall(r"zynqmp_clk (\d+)", dtso)) == {"71"} and KV260.linux_clock == "pl0_ref"
     assert "ps/pl_clk0" in text_of("vivado/design.tcl") and "pl_clk1" not in text_of("vivado/design.tcl")
     assert re.findall(r"zynqmp_reset (\d+)", dtso) == ["116"]
     assert "ps/pl_resetn0" in text_of("vivado/design.tcl")
@@ -69,8 +68,8 @@ def test_clock(tcl):
     (rate,) = re.findall(r"assigned-clock-rates = <(\d+)>", text_of("sw/cmfpga.dtso"))
     (period,) = re.findall(r"-period ([\d.]+)", text_of("vivado/cmfpga_ooc.xdc"))
     mhz = int(tcl["clock_mhz"])
-    assert int(rate) == kv260.CLOCK_HZ == int(tcl["clock_hertz"])
-    assert 0 <= mhz * 1_000_000 - kv260.CLOCK_HZ < 20 * mhz  # the PS stays below what is asked, never above
+    assert int(rate) == KV260.clock_hz == int(tcl["clock_hertz"])
+    assert 0 <= mhz * 1_000_000 - KV260.clock_hz < 20 * mhz  # the PS stays below what is asked, never above
     assert float(period) == 1000 / mhz
     assert f"CLOCK_MHZ := {mhz}\n" in text_of("facts.mk")
     assert "create_clock" not in text_of("vivado/kv260.xdc")
@@ -78,17 +77,17 @@ def test_clock(tcl):
 
 def test_names(tcl, facts):
     name = facts["design"]["name"]
-    assert kv260.APPLICATION == name == tcl["name"]
+    assert KV260.application == name == tcl["name"]
     assert (BOARD / "sw" / f"{name}.dtso").exists() and (BOARD / "sw" / f"{name}.bif").exists()
     assert f'firmware-name = "{name}.bit.bin"' in text_of(f"sw/{name}.dtso")
     assert f"{name}.bit" in text_of(f"sw/{name}.bif")
     assert f"APP := {name}\n" in text_of("facts.mk")
-    assert kv260.VLNV == tcl["vlnv"] == "cmfpga.org:ip:cmfpga:1.0"
-    assert kv260.PART == tcl["part"] == "xck26-sfvc784-2LV-c"
-    assert f"PART := {kv260.PART}\n" in text_of("facts.mk")
-    for label in (kv260.UIO_REGISTERS, kv260.UIO_DMA):
+    assert KV260.vlnv == tcl["vlnv"] == "cmfpga.org:ip:cmfpga:1.0"
+    assert KV260.part == tcl["part"] == "xck26-sfvc784-2LV-c"
+    assert f"PART := {KV260.part}\n" in text_of("facts.mk")
+    for label in (KV260.uio_registers, KV260.uio_dma):
         assert f'linux,uio-name = "{label}"' in text_of(f"sw/{name}.dtso")
-    for label in (kv260.BUFFER_EVENTS, kv260.BUFFER_RESULTS):
+    for label in (KV260.buffer_events, KV260.buffer_results):
         assert f'device-name = "{label}"' in text_of(f"sw/{name}.dtso")
     assert json.loads(text_of("sw/shell.json")) == {"shell_type": "XRT_FLAT", "num_slots": "1"}
 
@@ -101,12 +100,12 @@ def test_widths(tcl, facts):
 def test_the_guide_says_the_same(facts):
     guide = text_of("README.md")
     for text in (
-        kv260.PART, facts["board"]["board_part"], kv260.VLNV, f"0x{kv260.REGISTERS_ADDRESS:08X}",
-        f"{facts['clock']['mhz']} MHz (in fact {kv260.CLOCK_HZ / 1e6:.3f} MHz)", f"SPI {kv260.INTERRUPT_SPI}",
+        KV260.part, facts["board"]["board_part"], KV260.vlnv, f"0x{KV260.registers_address:08X}",
+        f"{facts['clock']['mhz']} MHz (in fact {KV260.clock_hz / 1e6:.3f} MHz)", f"SPI {KV260.interrupt_spi}",
         f"`{facts['control']['port']}` with {facts['control']['data_width']} bits",
         f"`{facts['memory']['port']}` with {facts['memory']['data_width']} bits",
-        f"`/dev/{kv260.BUFFER_EVENTS}`\n({kv260.BUFFER_EVENTS_SIZE >> 20} MiB)", f"`{kv260.UIO_DMA}`",
-        f"Vivado {facts['design']['vivado_minimum']} or newer", f"clk/{kv260.LINUX_CLOCK}/clk_enable_count",
+        f"`/dev/{KV260.buffer_events}`\n({KV260.buffer_events_size >> 20} MiB)", f"`{KV260.uio_dma}`",
+        f"Vivado {facts['design']['vivado_minimum']} or newer", f"clk/{KV260.linux_clock}/clk_enable_count",
     ):  # fmt: skip
         assert text in guide, text
 
@@ -141,11 +140,11 @@ def test_no_fact_is_written_down_again():
         (lambda f: f["clock"].update(mhz=250), "change both"),
     ],
 )
-def test_facts_that_contradict_each_other(change, text, generate, facts):
+def test_facts_that_contradict_each_other(change, text, maker, facts):
     changed = copy.deepcopy(facts)
     change(changed)
-    with pytest.raises(generate.FactError, match=re.escape(text)):
-        generate.check(changed)
+    with pytest.raises(maker.FactError, match=re.escape(text)):
+        maker.check(changed)
 
 
 def test_every_fact_has_a_source():

@@ -1,5 +1,6 @@
 """``python -m cmfpga.build --top kv260``: ports as Vivado infers them, the same bytes every time."""
 
+import dataclasses
 import json
 import os
 import re
@@ -9,13 +10,15 @@ from pathlib import Path
 import pytest
 
 from cmfpga import build
+from cmfpga.boards import BOARDS
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL
 from cmfpga.verilog.compile import verilator_root
-from cmfpga.verilog.emit import AXI_TOP, sha256
+from cmfpga.verilog.emit import sha256
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
+KV260 = BOARDS["kv260"]
 PRESETS = ("paper", "fast")
 WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
 
@@ -45,12 +48,12 @@ def test_the_core_beside_it_is_the_same(made, command, tmp_path):
 
 def test_the_same_bytes_again(made, command, tmp_path):
     folder, info = made
-    text = (folder / f"{AXI_TOP}.v").read_text()
+    text = (folder / f"{KV260.top}.v").read_text()
     assert info["sha256"] == sha256(text)
     config = Config(**info["configuration"])
     # Run-time values are registers: they change nothing.
     changed = config.replace(min_roi_events=3, start="zero", roi_gain=1.0)
-    again = next(p for p in build.build_axi(changed, tmp_path) if p.suffix == ".v")
+    again = next(p for p in build.build_axi(changed, KV260, tmp_path) if p.suffix == ".v")
     assert again.read_text() == text
     registers = register_map(config)
     assert {name: entry["offset"] for name, entry in info["registers"].items()} == {
@@ -58,9 +61,23 @@ def test_the_same_bytes_again(made, command, tmp_path):
     }
 
 
+def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
+    """That is all that the Verilog knows of a board."""
+    folder, info = made
+    other = dataclasses.replace(KV260, name="other", top="cmfpga_other")
+    monkeypatch.setitem(BOARDS, other.name, other)
+    preset = "fast" if "SCHEDULE" in info["registers"] else "paper"
+    assert command(build, "--preset", preset, "--top", "other", *sets(TINY), "--out", tmp_path).status == 0
+    assert json.loads((tmp_path / "other-info.json").read_text())["top"] == "cmfpga_other"
+    text = (tmp_path / "cmfpga_other.v").read_text()
+    assert sorted(text.replace("cmfpga_other", KV260.top).split()) == sorted(
+        (folder / f"{KV260.top}.v").read_text().split()
+    )
+
+
 def ports(text):
     """``{name: (direction, bits, attributes)}`` of the top module, in the order of its port list."""
-    module = re.search(rf"^module {AXI_TOP}\((.*?)\);(.*?)^endmodule", text, re.DOTALL | re.MULTILINE)
+    module = re.search(rf"^module {KV260.top}\((.*?)\);(.*?)^endmodule", text, re.DOTALL | re.MULTILINE)
     names = re.findall(r"\w+", module[1])
     found = {}
     declared = r"((?:^  \(\* .* \*\)\n)*)^  (input|output) (?:\[(\d+):0\] )?(\w+);"
@@ -96,7 +113,7 @@ def test_ports_and_their_attributes(made):
             info = f"xilinx.com:interface:axis:1.0 {interface} {name.upper()}"
             wanted[f"{interface}_{name}"] = (direction, bits, info)
     folder, info = made
-    found = ports((folder / f"{AXI_TOP}.v").read_text())
+    found = ports((folder / f"{KV260.top}.v").read_text())
     assert {name: (*port[:2], port[2].pop("X_INTERFACE_INFO")) for name, port in found.items()} == wanted
     parameters = {name: port[2].get("X_INTERFACE_PARAMETER", "") for name, port in found.items() if port[2]}
     assert "ASSOCIATED_BUSIF s_axi:s_axis:m_axis" in parameters["aclk"]
@@ -111,10 +128,10 @@ def test_lint(made):
     folder, _ = made
     root = verilator_root()
     waivers = folder / "verilator.vlt"
-    waivers.write_text(WAIVERS.read_text().replace("cmfpga_core.v", f"{AXI_TOP}.v"))
-    command = [root / "bin" / "verilator_bin", "--lint-only", "-Wall", "--top-module", AXI_TOP, waivers]
+    waivers.write_text(WAIVERS.read_text().replace("cmfpga_core.v", f"{KV260.top}.v"))
+    command = [root / "bin" / "verilator_bin", "--lint-only", "-Wall", "--top-module", KV260.top, waivers]
     done = subprocess.run(
-        [*command, folder / f"{AXI_TOP}.v"], capture_output=True, text=True, env=os.environ | {"VERILATOR_ROOT": root}
+        [*command, folder / f"{KV260.top}.v"], capture_output=True, text=True, env=os.environ | {"VERILATOR_ROOT": root}
     )
     assert (done.returncode, done.stderr) == (0, "")
 

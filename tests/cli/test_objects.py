@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from cmfpga import track
-from cmfpga.engines import rtl
 from cmfpga.events import Events, generate, write_hdf5
+from cmfpga.verilog.compiler import find_compiler
 
 OPTIONS = ["--preset", "fast", "--engine", "model", "--no-picture"]
 
@@ -33,7 +33,7 @@ def roi(place, name=""):
 @pytest.mark.parametrize("size", [["--batch-events", "4000"], ["--batch-us", "50000"], ["--batch-roi-events", "900"]])
 @pytest.mark.parametrize("engine", ["rtl", "model"])
 def test_each_is_tracked_as_if_alone(command, tmp_path, two, size, engine):
-    if engine == "rtl" and rtl.find_compiler() is None:
+    if engine == "rtl" and find_compiler() is None:
         pytest.skip("no C++ compiler")
     path, places = two
     options = [*OPTIONS, "--engine", engine, *size, "--batches", 4]

@@ -8,8 +8,8 @@ import pytest
 
 from cmfpga import report, track
 from cmfpga.errors import ConfigError
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.kept import FILE, Kept
-from cmfpga.tracking.loop import COLUMNS
 
 FAST = ["--preset", "fast", "--no-picture"]
 

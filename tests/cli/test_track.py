@@ -9,17 +9,18 @@ import pytest
 
 from cmfpga import build, cli, track
 from cmfpga.config import Config
-from cmfpga.engines import make_engine, rtl
+from cmfpga.engines import make_engine
 from cmfpga.events import BatchCutter, Events, open_recording, write_hdf5
 from cmfpga.protocol.flags import Flag
 from cmfpga.tracking import loop as tracker
+from cmfpga.verilog.compiler import find_compiler
 
 DOT = ["--roi", "8,9"]
 
 
 @pytest.fixture
 def compiler():
-    if rtl.find_compiler() is None:
+    if find_compiler() is None:
         pytest.skip("no C++ compiler")
 
 
@@ -358,7 +359,7 @@ def test_torch_is_asked_for_where_it_is_needed(process, dot, small, engine):
 
 
 def test_without_a_compiler_a_note_and_the_same_csv(command, rows, dot, small, tmp_path, monkeypatch):
-    monkeypatch.setattr(rtl, "find_compiler", lambda: None)
+    monkeypatch.setattr("cmfpga.engines.find_compiler", lambda: None)
     done = command(
         track, dot, *DOT, "--batch-events", 90, "--batches", 2, *small, "--out", tmp_path / "slow", "--no-picture"
     )
@@ -401,7 +402,7 @@ def test_list_fields(process):
 @pytest.fixture(scope="module")
 def star(data_dir, tmp_path_factory, command, rows):
     """The recording in which a star moves to the right, its track by the Verilog, and the folder."""
-    if rtl.find_compiler() is None:
+    if find_compiler() is None:
         pytest.skip("no C++ compiler")
     folder = tmp_path_factory.mktemp("star")
     recording = data_dir / "davis240c_shapes_rotation_0.0s.h5"
@@ -498,7 +499,7 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
     ],
 )  # fmt: skip
 def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, name, engine, options, vx, vy):
-    if engine == "rtl" and rtl.find_compiler() is None:
+    if engine == "rtl" and find_compiler() is None:
         pytest.skip("no C++ compiler")
     done = command(track, data_dir / name, *options, "--engine", engine, "--out", tmp_path, "--no-picture")
     assert (done.status, done.err) == (0, "")

@@ -40,16 +40,16 @@ def test_refusals(text, message):
 def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
     best = Config(ascent="sign", max_level=2)
     assert (best.cold, best.warm) == ("auto", "auto")
-    assert best.cold_schedule == parse_schedule(MEASURED["cold"], **LIMITS)
+    assert best.schedules.cold == parse_schedule(MEASURED["cold"], **LIMITS)
     flat = preset("paper").replace(ascent="sign")
-    steps = [step for _, step in best.cold_schedule]
-    assert flat.cold_schedule == tuple((0, step) for step in steps)
+    steps = [step for _, step in best.schedules.cold]
+    assert flat.schedules.cold == tuple((0, step) for step in steps)
     narrow = best.replace(max_level=1, v_int=1, v_frac=2)
-    assert narrow.cold_schedule == tuple((min(level, 1), max(-2, min(step, 0))) for level, step in best.cold_schedule)
+    assert narrow.schedules.cold == tuple((min(level, 1), max(-2, min(step, 0))) for level, step in best.schedules.cold)
 
 
 def test_the_fast_preset_has_fifteen_cold_and_eight_warm_iterations():
     config = preset("fast")
-    assert (len(config.cold_schedule), len(config.warm_schedule)) == (15, 8)
+    assert (len(config.schedules.cold), len(config.schedules.warm)) == (15, 8)
     with pytest.raises(ConfigError, match=r"^warm: "):
         config.replace(warm="0:9")

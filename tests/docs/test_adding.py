@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import cmfpga
-from cmfpga.engines.rtl import find_compiler
+from cmfpga.verilog.compiler import find_compiler
 
 ROOT = Path(__file__).parents[2]
 EDIT = re.compile(r'^```diff title="([^"]+)"\n(.*?)^```\n', re.MULTILINE | re.DOTALL)

@@ -1,5 +1,6 @@
 """The PYNQ back end: PyPI's pynq binds our class to a hand-made overlay, over the simulated board."""
 
+import dataclasses
 import sys
 import warnings
 import weakref
@@ -8,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cmfpga.boards.kv260 import MODULE_VLNV, VLNV
+from cmfpga.boards import DEFAULT
 from cmfpga.driver import DeviceError, DeviceTimeout, WrongHardware
 from cmfpga.engines.model import ModelEngine
 from support.board import Board, Interrupts
@@ -76,7 +77,7 @@ class Device:
 class Overlay:
     """An overlay of PYNQ's, as far as it is when the bitstream is there: its IPs by their names."""
 
-    def __init__(self, top, folder, *, vlnv=VLNV, overrides=(), **options):
+    def __init__(self, top, folder, *, vlnv=DEFAULT.vlnv, overrides=(), **options):
         self.board = Board(top, overrides=overrides)
         self.device = Device(self.board, **options)
         declared = [register for register in REGISTERS if register.count == 1]
@@ -99,7 +100,8 @@ def overlay(top, tmp_path):
 
 def small(overlay):
     """With buffers of a few pages."""
-    return PynqBackend(overlay.cmfpga, overlay.dma, events_size=0x4000, results_size=0x1000)
+    board = dataclasses.replace(DEFAULT, buffer_events_size=0x4000, buffer_results_size=0x1000)
+    return PynqBackend(overlay.cmfpga, overlay.dma, board=board)
 
 
 class Controller:
@@ -117,7 +119,7 @@ def with_interrupt(overlay, **options):
     return controller
 
 
-@pytest.mark.parametrize("vlnv", [VLNV, MODULE_VLNV])
+@pytest.mark.parametrize("vlnv", [DEFAULT.vlnv, DEFAULT.module_vlnv])
 def test_pynq_binds_the_class(top, tmp_path, vlnv):
     overlay = Overlay(top, tmp_path, vlnv=vlnv)
     assert overlay.description["ip"]["cmfpga"]["driver"] is CmfpgaIP

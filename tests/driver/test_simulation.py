@@ -1,4 +1,4 @@
-"""The driver on the emitted AXI top in Verilator."""
+"""The driver on the emitted AXI top in Verilator: batches and streams equal the integer model."""
 
 import dataclasses
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config, preset
-from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WireResult, WrongHardware
+from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WireResult
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
@@ -16,35 +16,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.simulation.axi_top import SimulationBackend
 from cmfpga.tracking.loop import track
-from support.driving import CONFIG, REGISTERS, SMALL, batch, differences, model_run, within, works
-
-
-class Wrapped(SimulationBackend):
-    """The simulation of the shared top, with registers that may be made to lie."""
-
-    def __init__(self, top):
-        self.config, self.top = CONFIG, top
-        self.overrides = {}
-
-    def override(self, register, **fields):
-        declared = REGISTERS[register]
-        word = self.top.read32(declared.offset)
-        for name, value in fields.items():
-            word = word & ~declared[name].mask | declared[name].pack(value)
-        self.overrides[declared.offset] = word
-
-    def read32(self, offset):
-        return self.overrides.get(offset, super().read32(offset))
-
-
-@pytest.fixture
-def backend(top):
-    return Wrapped(top)
-
-
-@pytest.fixture
-def accelerator(backend):
-    return Accelerator(backend)
+from support.driving import CONFIG, SMALL, batch, differences, model_run
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -182,9 +154,6 @@ def test_bad_events_are_refused_before_they_are_sent(accelerator):
     assert accelerator.counters()["beats_in"] == 0
 
 
-# ---------------------------------------------------------------- streams
-
-
 def test_stream_of_batches(accelerator, rng):
     model = ModelEngine(CONFIG)
     events = batch(rng, 1000)
@@ -242,231 +211,6 @@ def test_result_that_does_not_come(accelerator):
     accelerator.start(events=100)
     with pytest.raises(DeviceTimeout, match=r"no packet within 0\.05 s"):
         next(accelerator.results(1, timeout=0.05))
-
-
-# ---------------------------------------------------------------- identity
-
-
-@pytest.mark.parametrize(
-    "register, fields, message",
-    [
-        ("ID", {"MAGIC": 0xFFFFFFFF}, r"ID reads 0xffffffff, not 0x434d4158; is the bitstream loaded"),
-        ("ID", {"MAGIC": 0}, r"ID reads 0x00000000"),
-        ("VERSION", {"MAJOR": 9, "MINOR": 8, "PATCH": 7}, r"made by cmfpga 9\.8\.7, this .*install cmfpga 9\.8\.7"),
-        ("VERSION", {"PATCH": 9999}, r"made by cmfpga \d+\.\d+\.9999"),
-        ("CAPS", {"MAP": 77}, r"version 77 of the register map, this driver 1"),
-        ("BUILD", {"HASH": 0xDEADBEEF}, rf"configuration deadbeef, not {CONFIG.hardware_hash[:8]}"),
-    ],
-)  # fmt: skip
-def test_wrong_hardware_is_refused_by_name(backend, register, fields, message):
-    backend.override(register, **fields)
-    with pytest.raises(WrongHardware, match=message) as error:
-        Accelerator(backend)
-    assert "\n" not in str(error.value)
-    assert backend.top.read32(REGISTERS["COUNT_BATCHES"].offset) == 0
-
-
-def test_configuration_is_found_among_the_presets(backend):
-    for name in ("fast", "paper"):
-        config = preset(name)
-        backend.config = None
-        backend.override("BUILD", HASH=int(config.hardware_hash[:8], 16))
-        assert Accelerator(backend).config == config
-        with pytest.raises(WrongHardware, match=rf"{config.hardware_hash[:8]} \(preset {name}\), not"):
-            Accelerator(backend, CONFIG)
-    backend.overrides.clear()
-    with pytest.raises(WrongHardware, match="none of the presets paper, fast"):
-        Accelerator(backend)
-    other = CONFIG.replace(cold="0:0", start="zero")  # run-time fields are the user's
-    assert Accelerator(backend, other).config == other
-    with pytest.raises(ValueError, match="format 'EVT9'"):
-        Accelerator(backend, CONFIG, form="EVT9")
-    backend.has_interrupt = False
-    with pytest.raises(DeviceError, match="there is no interrupt to wait for"):
-        Accelerator(backend, CONFIG, interrupt=True)
-
-
-@pytest.mark.parametrize("timeout", [float("nan"), float("inf"), -0.1])
-def test_time_outs_that_never_end_are_refused(accelerator, backend, rng, timeout):
-    events = batch(rng, 10)
-    for wrong in (
-        lambda: Accelerator(backend, timeout=timeout),
-        lambda: accelerator.run(events, timeout=timeout),
-        lambda: accelerator.send(np.zeros(1, np.uint64), timeout=timeout),
-        lambda: next(accelerator.results(1, timeout=timeout)),
-        lambda: accelerator.stop(timeout=timeout),
-        lambda: accelerator.self_test(timeout=timeout),
-    ):
-        with pytest.raises(ConfigError, match=r"time-out .* s: 0 to 86400 s is allowed"):
-            wrong()
-
-
-# ---------------------------------------------------------------- what goes wrong
-
-
-@pytest.mark.parametrize("sent", [0, 1, 37, 99])
-def test_words_that_stop_in_the_middle_of_a_batch(accelerator, top, rng, sent):
-    top.limit(send=sent)
-    with within(5), pytest.raises(DeviceTimeout, match=rf"(?s)no result within 0\.1 s .*: {sent} words taken") as error:
-        accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
-    assert "\n" not in str(error.value) and accelerator.timeout == 10
-    top.limit()
-    assert accelerator.engine.v == (0, 0) and accelerator.engine.roi == (0, 0)
-    works(accelerator, rng)
-
-
-def test_interrupt_that_never_comes(accelerator, backend, rng, monkeypatch):
-    """The result is there, but the line is dead: said so; without the interrupt all works."""
-
-    def dead(timeout):
-        backend.top.run(20_000)
-        return False
-
-    monkeypatch.setattr(backend, "wait_interrupt", dead)
-    with (
-        within(5),
-        pytest.raises(DeviceTimeout, match=r"the result came, but no interrupt within 0\.1 s; interrupt=False"),
-    ):
-        accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
-    accelerator.interrupt = False
-    accelerator.reset()
-    works(accelerator, rng)
-
-
-def test_interrupts_that_nobody_asked_for(accelerator, backend, rng, monkeypatch):
-    """Wake-ups without a result are not results."""
-    usual, woken = backend.wait_interrupt, []
-
-    def early(timeout):
-        woken.append(timeout)
-        return True if len(woken) % 3 else usual(timeout)
-
-    monkeypatch.setattr(backend, "wait_interrupt", early)
-    works(accelerator, rng)
-    assert len(woken) >= 6
-
-
-def test_reset_in_between(accelerator, top, rng):
-    """Of the software in the middle of a batch, and of the hardware behind the driver's back."""
-    accelerator.start(roi=(8, 4), events=100)
-    accelerator.send(encode(batch(rng, 250), "PACKED"))
-    top.run(180)
-    accelerator.reset()
-    works(accelerator, rng)
-    top.reset()
-    with within(5), pytest.raises(DeviceError):
-        accelerator.run(batch(rng, 100), timeout=0.1)
-    works(accelerator, rng)
-
-
-def test_somebody_else_sends_words(accelerator, top, rng):
-    works(accelerator, rng)
-    top.send(encode(batch(rng, 5), "PACKED"))
-    top.run(100)
-    with pytest.raises(DeviceError, match="something else sends"):
-        accelerator.run(batch(rng, 100), roi=(8, 4))
-    works(accelerator, rng)
-
-
-def test_packets_of_another_length_and_lost_results(accelerator, backend, rng, monkeypatch):
-    usual = backend.receive
-    monkeypatch.setattr(backend, "receive", lambda timeout: usual(timeout)[:9])
-    with pytest.raises(DeviceError, match="a packet of 9 words; 14 make a result"):
-        accelerator.run(batch(rng, 100), roi=(8, 4))
-    monkeypatch.undo()
-    works(accelerator, rng)
-    accelerator.start(events=30)
-    accelerator.send(encode(batch(rng, 90), "PACKED"))
-    usual(1)
-    with pytest.raises(DeviceError, match="batch 4 came, not of 3"):
-        next(accelerator.results(1))
-    accelerator.stop()
-
-
-def test_words_that_get_lost(accelerator, backend, rng, monkeypatch):
-    usual = backend.send
-    monkeypatch.setattr(backend, "send", lambda words: usual(words[3:]))
-    with pytest.raises(DeviceError, match="the result is of 97 events; 100 were sent"):
-        accelerator.run(batch(rng, 100), roi=(8, 4))
-    monkeypatch.undo()
-    works(accelerator, rng)
-
-
-def test_input_that_does_not_change(accelerator, backend, rng):
-    backend.override("STATUS", INPUT_PENDING=1)
-    with (
-        within(5),
-        pytest.raises(DeviceTimeout, match=r"the kind of input does not change within 0\.1 s: 0 words taken"),
-    ):
-        accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
-    backend.overrides.clear()
-    works(accelerator, rng)
-
-
-def test_registers_that_do_not_answer(accelerator, top):
-    top._call("axi_reset", 0)  # then held in reset: nothing answers
-    top.read32 = lambda offset: (_ for _ in ()).throw(DeviceTimeout("no answer"))
-    with pytest.raises(DeviceTimeout):
-        accelerator.counters()
-    accelerator.close()  # says nothing, and does not hang
-    accelerator.close()
-    with pytest.raises(ValueError, match="closed"):
-        top.run(1)
-
-
-def test_memories_at_random(compiler, rng):
-    """Nothing depends on what memories hold at the begin."""
-    events = batch(rng, 150)
-    found = []
-    for seed in (2, 3):
-        with Accelerator(SimulationBackend(CONFIG, seed=seed)) as accelerator:
-            found.append(accelerator.run(events, roi=(8, 4)))
-    assert found[0] == found[1]
-
-
-# ---------------------------------------------------------------- the self-test
-
-
-def test_self_test(accelerator, rng):
-    found = accelerator.self_test()
-    assert list(found) == ["identity", "scratch", "interrupt", "golden batch", "counters"]
-    assert found["interrupt"].startswith("came") and found["golden batch"].endswith("as the integer model")
-    works(accelerator, rng)
-
-
-def test_self_test_without_the_interrupt(backend):
-    accelerator = Accelerator(backend, interrupt=False)
-    assert accelerator.self_test()["interrupt"] == "not used"
-
-
-def test_self_test_notices(accelerator, backend, monkeypatch):
-    backend.override("SCRATCH", VALUE=0)
-    with pytest.raises(DeviceError, match="SCRATCH reads 0x00000000 after 0xffffffff"):
-        accelerator.self_test()
-    backend.overrides.clear()
-    backend.override("BUILD", HASH=1)
-    with pytest.raises(WrongHardware, match="configuration 00000001"):
-        accelerator.self_test()
-    backend.overrides.clear()
-    monkeypatch.setattr(backend, "wait_interrupt", lambda timeout: True)
-    with pytest.raises(DeviceError, match="is the line stuck"):
-        accelerator.self_test()
-    monkeypatch.undo()
-    usual = backend.receive
-
-    def wrong(timeout):
-        words = usual(timeout)
-        words[-1] ^= np.uint64(1)
-        return words
-
-    monkeypatch.setattr(backend, "receive", wrong)
-    with pytest.raises(DeviceError, match=r"golden batch's sums is .*; the integer model says"):
-        accelerator.self_test()
-    monkeypatch.undo()
-    assert accelerator.self_test()["counters"] == "1200 events in, 1 result"
-
-
-# ---------------------------------------------------------------- a real recording
 
 
 def test_real_recording_with_preset_fast(compiler, data_dir):

@@ -41,7 +41,7 @@ def test_hazards_can_happen_in_the_proof(tmp_path):
 @pytest.mark.parametrize("name, bank", [("4 words", 0), ("4 words", 3), ("12 words", 2), ("1024 words", 1)])
 def test_no_vote_ever_sees_a_stale_word(name, bank, tmp_path):
     config, idle = SWEPT[name]
-    assert idle == config.fewest_idle_cycles
+    assert idle == config.one_pass.fewest_idle_cycles
     harness = TaggedAccumulatorHarness(TaggedAccumulator(config), idle, [bank])
     outcome = run_sby(harness, "prove", SHORT, tmp_path)
     assert outcome.by_induction, outcome.log

@@ -54,7 +54,8 @@ EDGES = [
         (1, 8, (1, 5, 0, 1)), (1, 8, (5, 1, 0, 1)), (1, 8, (2, 2, 2, 1)), (1, 8, (2, 2, 1, 1)), (1, 8, (2, 2, -2, 1)),
         (3, 1, (1, 1, 2, 0)), (3, 1, (1, 1, -2, 0)), (3, 1, (2, 2, 3, 0)), (3, 1, (-2, -2, 0, 0)),
         (1, 90, (0, 0, 0, 0)),
-        (3, 1, (-2, -2, 1, 9)), (9, 1, (-3, 5, 0, 0)), (9, 1, (5, -3, 0, 0)), (7, 1, (1, 0, 0, 0)), (7, 1, (0, 1, 0, 0)),
+        (3, 1, (-2, -2, 1, 9)), (9, 1, (-3, 5, 0, 0)), (9, 1, (5, -3, 0, 0)), (7, 1, (1, 0, 0, 0)),
+        (7, 1, (0, 1, 0, 0)),
         (2047, 1023, (65535, 65535, 0, 1)), (2047, 1, (65536, 65536, 1, 65535)), (1, 1, (-65536, 1, 0, 0)),
     )
 ]  # fmt: skip
@@ -85,10 +86,10 @@ def test_votes_and_derivatives_may_have_other_fractions(fractions):
 @pytest.mark.parametrize(
     "old, new",
     [
-        ("a > 0 and 4", "4"), ("> b * b", ">= b * b"), ("a > 0", "a >= 0"), ("4 * a * c", "a * c"),
+        ("a > 0 and 4", "4"), ("> b * b", ">= b * b"), ("4 * a * c", "a * c"),
         ("by_n * yy - by_limit", "by_n * yy + by_limit"), ("by_n * xx - by_limit", "by_n * yy - by_limit"),
         ("by_n * cross", "by_n * abs(cross) // 2"), ("value >> drop", "value >> (drop + 5) << 5"),
-        ("value >= 0", "value <= 0"), ("bit_length() + 1", "bit_length() + 8"), ("(n, limit)", "(n, limit + 1)"),
+        ("bit_length() + 1", "bit_length() + 8"), ("(n, limit)", "(n, limit + 1)"),
     ],
 )  # fmt: skip
 def test_another_comparison_would_be_noticed(old, new):

@@ -206,10 +206,10 @@ def test_ascent_by_signs_finds_the_motion(rng):
         x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(len(x)), strict=True))
         events = x, y, scaled_times(t, t[0], t[-1])
         size = {"width": 48, "height": 36}
-        cold = ascend_by_signs(*events, **size, v_start=(0.0, 0.0), schedule=config.cold_schedule)
+        cold = ascend_by_signs(*events, **size, v_start=(0.0, 0.0), schedule=config.schedules.cold)
         assert np.hypot(*(cold.v[-1].numpy() - v)) < 0.3
         start = np.add(v, (0.6, -0.7))
-        warm = ascend_by_signs(*events, **size, v_start=start, schedule=config.warm_schedule)
+        warm = ascend_by_signs(*events, **size, v_start=start, schedule=config.schedules.warm)
         assert np.hypot(*(warm.v[-1].numpy() - v)) < 0.3
 
 
@@ -320,7 +320,7 @@ def test_no_dither_is_not_the_exact_dither(rng):
 def test_images_agree_at_every_level(rng):
     """Also pixel by pixel: the pixels' places, not only the sums."""
     t, x, y = moving_object(rng, (3.0, -2.0))
-    schedule = [entry._replace(level=level) for level in (0, 1, 2) for entry in WIDE.warm_schedule[:1]]
+    schedule = [entry._replace(level=level) for level in (0, 1, 2) for entry in WIDE.schedules.warm[:1]]
     for step, exact in raw_iterations(WIDE, t, x, y, (2.5, -1.5), schedule):
         for raw, image, frac in (
             (step.images.i, exact.image, WIDE.weight_frac),

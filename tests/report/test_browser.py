@@ -8,17 +8,17 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
-from cmfpga.engines import rtl
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import image_of_warped_events
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking.columns import COLUMNS
+from cmfpga.verilog.compiler import find_compiler
 from support.reporting import keep
 
 
 @pytest.fixture(scope="module")
 def star(data_dir):
     """The star of `shapes_rotation` that moves to the right and turns, by the Verilog with preset ``fast``."""
-    if rtl.find_compiler() is None:
+    if find_compiler() is None:
         pytest.skip("no C++ compiler")
     with open_recording(data_dir / "davis240c_shapes_rotation_0.0s.h5") as recording:
         return keep(preset("fast"), recording, roi=(100, 30), size=5000, start_event=15000, batches=20, engine="rtl")

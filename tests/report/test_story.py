@@ -9,8 +9,8 @@ import pytest
 
 from cmfpga.report.story import Story, corners, direction, number
 from cmfpga.rtl.core import Core
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.kept import Kept
-from cmfpga.tracking.loop import COLUMNS
 
 
 def made_up(config, *, roi, speed, cycles=100_000, span=20_000, flags=""):
@@ -93,9 +93,8 @@ def test_a_hardware_that_does_not_keep_up(config):
 
 def test_nothing_measured(config):
     kept = made_up(config, roi=[(5, 5)] * 4, speed="", flags="degenerate", cycles="")
-    kept.rows = [
-        (*row[: COLUMNS.index("iterations")], "0", *row[COLUMNS.index("iterations") + 1 :]) for row in kept.rows
-    ]
+    at = list(COLUMNS).index("iterations")
+    kept.rows = [(*row[:at], "0", *row[at + 1 :]) for row in kept.rows]
     story = Story(kept, 210.0)
     assert story.lead.startswith("Nothing could be measured") and story.lead.endswith("the hardware's speed.")
     assert story.notes == ["3 of 3 batches have flags: degenerate in 3."]
@@ -137,7 +136,7 @@ def test_velocities_that_do_not_fit(turning):
 
 def test_an_object_that_is_lost(config):
     kept = made_up(config, roi=[(10 * k, 30) for k in range(6)], speed=(500, 0))
-    at = COLUMNS.index("vx_px_per_s")
+    at = list(COLUMNS).index("vx_px_per_s")
     for k in (3, 4):
         kept.rows[k] = (*kept.rows[k][:at], "", "", *kept.rows[k][at + 2 :])
     assert "within 0.06 s, at about 500 px/s, until it was lost after batch 2; the hardware" in Story(kept, 210.0).lead

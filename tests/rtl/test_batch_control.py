@@ -7,6 +7,7 @@ The bench plays the blocks around it, with delays of any length, and every outpu
 import itertools
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 from amaranth.hdl import Elaboratable, Module, ResetInserter, Signal
 from amaranth.lib.wiring import connect
@@ -17,7 +18,8 @@ from cmfpga.config import Config
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ingest.ingest_control import IngestControl
 from cmfpga.rtl.iteration_control import IterationControl
-from support.bench import Codec, Port, corners, np, random_values, simulate
+from support.bench import simulate
+from support.values import Codec, Port, corners, random_values
 
 CONFIG = Config(max_batch_events=12, buffer_events=9, max_iterations=5, iterations=1)
 PULSES = ("open", "take", "divide", "start", "replay", "move", "sweep")

@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 from amaranth.hdl import Module, ResetInserter, Signal
 
@@ -11,19 +12,10 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
-from support.bench import (
-    NARROW,
-    TINY,
-    Batch,
-    check_core,
-    constant_cycles,
-    drive_core,
-    edge_integers,
-    judge_cycles,
-    np,
-    per_iteration,
-    simulate,
-)
+from support.bench import simulate
+from support.configs import NARROW, TINY
+from support.core import Batch, check_core, constant_cycles, drive_core, judge_cycles, per_iteration
+from support.values import edge_integers
 
 SMALL = {"sensor_width": 40, "sensor_height": 30, "roi_width": 16, "roi_height": 12}
 LIMITS = {"buffer_events": 48, "max_batch_events": 90, "max_iterations": 7}
@@ -235,7 +227,7 @@ def test_the_configuration_knows_the_latency_of_one_pass(max_level, roi_height, 
     """The rule on ``tag_bits`` relies on it."""
     changes = {"gradient": "one_pass", "roi_width": 16, "roi_height": roi_height}
     config = Config(**changes, max_level=max_level, ascent=ascent)
-    assert Core(config).iteration_latency == config.one_pass_latency
+    assert Core(config).iteration_latency == config.one_pass.latency
 
 
 # ---------------------------------------------------------------- degenerate batches

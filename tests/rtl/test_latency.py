@@ -27,7 +27,9 @@ from cmfpga.rtl.ingest.event_buffer import EventBuffer
 from cmfpga.rtl.ingest.reciprocal import Reciprocal
 from cmfpga.rtl.ingest.roi_filter import RoiFilter
 from cmfpga.rtl.ingest.thinner import Thinner
-from support.bench import CONFIGS, member, play, random_value
+from support.bench import member, play
+from support.configs import CONFIGS
+from support.values import random_value
 
 DEFAULT, ODD, FAST = CONFIGS["default"], CONFIGS["odd"], preset("fast")
 CELL = {"valid": 1, "address": 0, "i": 1, "dx": 0, "dy": 0}

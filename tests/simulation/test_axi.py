@@ -22,8 +22,9 @@ CONFIGS = {
 #: Which configuration each simulator runs.
 RUNS = {"verilator": "small fast", "icarus": "tiny paper"}
 REGISTERS, BATCHES, RECORDINGS = "cocotb_registers", "cocotb_batches", "cocotb_recordings"
+CONTROL, BAD_INPUT = "cocotb_control", "cocotb_bad_input"
 #: Of the batches; all of them would take many minutes.
-ON_ICARUS = ["all_formats_under_back_pressure", "ten_batches_back_to_back", "reset_in_traffic"]
+ON_ICARUS = {BATCHES: ["all_formats_under_back_pressure", "ten_batches_back_to_back"], CONTROL: ["reset_in_traffic"]}
 
 
 def names_in(module):
@@ -34,7 +35,8 @@ def names_in(module):
 
 def check(simulation, module, tests, **environment):
     """All of ``tests`` ran and passed. One pytest item runs many, because each process would compile anew."""
-    assert len(tests) >= 3 and set(tests) <= set(names_in(module))
+    known = names_in(module)
+    assert len(known) >= 3 and tests and set(tests) <= set(known)
     found, said = simulation.run(module, tests, **environment)
     wrong = {test: found.get(test, "did not run") for test in tests if found.get(test, "did not run") is not None}
     assert not wrong, f"{', '.join(wrong)}\n{said[-20000:]}"
@@ -43,18 +45,20 @@ def check(simulation, module, tests, **environment):
 def test_in_verilator(tmp_path):
     require("verilator")
     simulation = Simulation("verilator", CONFIGS[RUNS["verilator"]], tmp_path)
-    check(simulation, REGISTERS, names_in(REGISTERS))
-    check(simulation, BATCHES, names_in(BATCHES))
+    for module in (REGISTERS, BATCHES, CONTROL, BAD_INPUT):
+        check(simulation, module, names_in(module))
 
 
 @pytest.mark.parametrize(
-    "module, tests",
-    [(REGISTERS, names_in(REGISTERS)), pytest.param(BATCHES, ON_ICARUS, marks=pytest.mark.slow)],
+    "runs",
+    [{REGISTERS: names_in(REGISTERS)}, pytest.param(ON_ICARUS, marks=pytest.mark.slow)],
     ids=[REGISTERS, BATCHES],
 )
-def test_in_icarus(module, tests, tmp_path):
+def test_in_icarus(runs, tmp_path):
     require("icarus")
-    check(Simulation("icarus", CONFIGS[RUNS["icarus"]], tmp_path), module, tests)
+    simulation = Simulation("icarus", CONFIGS[RUNS["icarus"]], tmp_path)
+    for module, tests in runs.items():
+        check(simulation, module, tests)
 
 
 @pytest.mark.slow

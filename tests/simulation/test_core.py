@@ -8,14 +8,15 @@ import torch
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry
-from cmfpga.crosscheck.batches import PATTERNS, random_schedules, random_settings, times
+from cmfpga.crosscheck.batches import PATTERNS, random_events, random_schedules, random_settings
+from cmfpga.crosscheck.compare import compare_stream
 from cmfpga.engines.rtl import to_batch_result
-from cmfpga.engines.verilated import VerilatedCore
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
 from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.simulation.core import VerilatedCore
 
 NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
 CONFIGS = {
@@ -77,8 +78,8 @@ def test_adversarial_batches_back_to_back(pair, rng):
     for number in range(batches):
         name = names[number % len(names)]
         settings, roi = random_settings(config, rng, roi)
-        x, y = PATTERNS[name](config, rng, roi)
-        t = times(config, rng, len(x))
+        events = random_events(config, rng, roi, name)[1]
+        t, x, y = events.t, events.x, events.y
         gaps = rng.integers(0, 4, len(x)) * (rng.random(len(x)) < 0.3) if number % 3 == 0 else None
         values, rtl, expected, _ = run_both(core, model, t, x, y, settings, gaps=gaps, result_stall=int(number % 5))
         assert_same(rtl, expected)
@@ -157,34 +158,9 @@ def test_a_batch_ends_by_count_and_at_the_counter_s_limit(rng):
 def test_batches_back_to_back_without_a_pause(pair, rng):
     """The next batch is offered while the one before is optimised; gaps and stalls change nothing but the time."""
     core, _, batches = pair
-    config = core.config
-    names = list(PATTERNS)
-    for gaps, stalls in ((False, False), (True, False), (False, True), (True, True)):
+    for gaps, stalls in ((0, 0), (0.2, 0), (0, 1), (0.2, 1)):
         core.reset()
-        model, roi = IntegerCore(config), (0, 0)
-        events, settings, expected = [], [], []
-        schedules = random_schedules(config, rng) if config.ascent == "sign" else {}
-        for number in range(batches // 4):
-            setting, roi = random_settings(config, rng, roi)
-            if number == 0 or rng.random() < 0.7:
-                setting = replace(setting, roi=None)
-            setting = replace(setting, **schedules)
-            x, y = PATTERNS[names[number % len(names)]](config, rng, roi)
-            t = times(config, rng, len(x))
-            events.append((t, x, y))
-            settings.append(settings_values(config, setting))
-            expected.append(model.run(t, x, y, setting))
-            roi = expected[-1].roi_next
-        count = sum(len(t) for t, _, _ in events)
-        core.write_schedule(schedule_table(config, setting))
-        results, traces = core.stream(
-            events,
-            settings,
-            gaps=rng.integers(0, 40, count) * (rng.random(count) < 0.2) if gaps else None,
-            stalls=rng.integers(0, 3000, len(events)) if stalls else None,
-        )
-        for values, trace, wanted in zip(results, traces, expected, strict=True):
-            assert_same(to_batch_result(config, values, trace), wanted)
+        assert compare_stream(core, rng, batches // 4, gaps=gaps, stalls=stalls)[0] == batches // 4
 
 
 def test_sustained_rate_of_the_article_s_workload(rng):

@@ -10,7 +10,6 @@ import pytest
 from cmfpga import crosscheck
 from cmfpga.config import ASCENTS, GRADIENTS, Config
 from cmfpga.crosscheck.configs import assignments, random_config
-from cmfpga.engines import rtl
 from cmfpga.reference.integer import core as model
 
 
@@ -43,8 +42,8 @@ def test_all_of_a_configuration_is_drawn():
 
 @pytest.fixture
 def no_compiler(monkeypatch):
-    monkeypatch.setattr(rtl, "find_compiler", lambda: None)
-    monkeypatch.setattr("cmfpga.crosscheck.compare.find_compiler", lambda: None)
+    for module in ("cmfpga.verilog.compiler", "cmfpga.engines", "cmfpga.crosscheck.compare"):
+        monkeypatch.setattr(f"{module}.find_compiler", lambda: None)
 
 
 def test_without_a_compiler(no_compiler, capsys):

@@ -2,9 +2,10 @@
 
 from dataclasses import dataclass, field
 
-from amaranth.hdl import Module, Signal, Value
+from amaranth.hdl import ClockDomain, Module, Signal, Value
 
-from support.bench import Port, member, random_values, simulate
+from support.bench import member, simulate
+from support.values import Port, random_values
 
 #: Probabilities of (an idle cycle at the input, an unready one at the output).
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.5, 0.0), "stalls": (0.0, 0.5), "both": (0.4, 0.4)}
@@ -85,6 +86,7 @@ def pass_through(block, items, flow, rng, *, expect, pulses=(), inputs=None, con
         )
 
     top = Module()
+    top.domains += getattr(block, "sync", ClockDomain("sync"))  # a block that needs the clock itself brings the domain
     top.submodules.block = block
     top.d.sync += Signal().eq(1)  # a block without a register has no clock
     simulate(top, bench)

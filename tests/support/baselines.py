@@ -1,19 +1,20 @@
 """Measures again what ``baselines.json`` keeps (minutes). The tests compare with it, the documentation shows it:
 
 PYTHONPATH=tests python -m support.baselines
-python docs/generate.py
+python docs/tables.py
 """
 
 import json
 import sys
 from pathlib import Path
 
-from cmfpga.accuracy import WIDTH_FIELDS, WIDTHS
+from cmfpga.accuracy.studies import WIDTH_FIELDS, WIDTHS
+from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
-from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import resources
-from cmfpga.verilog.emit import AXI_TOP, emit_verilog
+from cmfpga.verilog.emit import emit_verilog
 
 PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
@@ -32,7 +33,7 @@ def measure_preset(name, report=None):
 
 def measure_axi(name):
     """Of the AXI top."""
-    return resources.core(emit_verilog(KV260Top(preset(name)), AXI_TOP), top=AXI_TOP)
+    return resources.core(emit_verilog(AxiTop(preset(name)), BOARD.top), top=BOARD.top)
 
 
 def measure_widths(widths):

@@ -5,10 +5,11 @@ import struct
 import sys
 from pathlib import Path
 
-from cmfpga.boards import kv260
+from cmfpga.boards import BOARDS
 
 ROOT = Path(__file__).parents[2]
-BOARD = ROOT / "boards" / "kv260"
+KV260 = BOARDS["kv260"]
+BOARD = ROOT / "boards" / KV260.name
 
 
 def load(name):
@@ -46,7 +47,7 @@ def stand_in(bytes_=8, user=1, address=16):
             direction = "output" if (signal != "TREADY") == master else "input"
             info = f"xilinx.com:interface:axis:1.0 {name} {signal}"
             lines.append((f"{name}_{signal.lower()}", direction, width, info, None))
-    text = f"module cmfpga_kv260({', '.join(line[0] for line in lines)});\n"
+    text = f"module {KV260.top}({', '.join(line[0] for line in lines)});\n"
     for name, direction, width, info, parameter in lines:
         text += f'  (* X_INTERFACE_INFO = "{info}" *)\n'
         text += f'  (* X_INTERFACE_PARAMETER = "{parameter}" *)\n' if parameter else ""
@@ -90,12 +91,12 @@ def check_ports(interfaces, tcl):
     width = {(name, signal): bits for name, i in interfaces.items() for signal, (_, _, bits) in i["ports"].items()}
     for stream in ("s_axis", "m_axis"):
         assert (
-            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == kv260.STREAM_WIDTH == 8 * int(tcl["stream_bytes"])
+            width[stream, "TDATA"] == 8 * width[stream, "TKEEP"] == KV260.stream_width == 8 * int(tcl["stream_bytes"])
         )
         assert width[stream, "TUSER"] == int(tcl["stream_user_width"])
         assert (stream, "TLAST") in width
-    assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == kv260.REGISTERS_WIDTH
-    assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == kv260.REGISTERS_SIZE
-    assert int(tcl["dma_data_width"]) == kv260.STREAM_WIDTH
-    assert int(tcl["dma_length_width"]) == kv260.DMA_LENGTH_BITS
-    assert int(tcl["dma_address_width"]) == kv260.DMA_ADDRESS_BITS
+    assert width["s_axi", "WDATA"] == width["s_axi", "RDATA"] == KV260.registers_width
+    assert 1 << width["s_axi", "AWADDR"] == 1 << width["s_axi", "ARADDR"] == KV260.registers_size
+    assert int(tcl["dma_data_width"]) == KV260.stream_width
+    assert int(tcl["dma_length_width"]) == KV260.dma_length_bits
+    assert int(tcl["dma_address_width"]) == KV260.dma_address_bits

@@ -11,10 +11,11 @@ import json
 from pathlib import Path
 from unittest import mock
 
+from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import PRESETS, Config, preset
 from cmfpga.protocol.registers import declaration
-from cmfpga.rtl.axi.top import KV260Top
-from cmfpga.verilog.emit import AXI_TOP, TOP, emit_verilog, sha256
+from cmfpga.rtl.axi.top import AxiTop
+from cmfpga.verilog.emit import TOP, emit_verilog, sha256
 from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "verilog" / "emitted_hashes.json"
@@ -34,13 +35,13 @@ def axi_top(config):
         mock.patch.object(Config, "hardware_hash", "0123456789abcdef" * 4),
     ):
         # A copy, for a configuration may know its hash already.
-        return emit_verilog(KV260Top(config.replace()), AXI_TOP)
+        return emit_verilog(AxiTop(config.replace()), BOARD.top)
 
 
 #: What is hashed: a function that emits it.
 EMITTED = {
     **{f"{TOP} {name}": lambda name=name: emitted(preset(name))[1] for name in PRESETS},
-    f"{AXI_TOP} fast": lambda: axi_top(preset("fast")),
+    f"{BOARD.top} fast": lambda: axi_top(preset("fast")),
 }
 
 

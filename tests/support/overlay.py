@@ -5,7 +5,7 @@ What Vivado really writes was never seen by us; the structure is that of the fil
 
 from xml.etree import ElementTree
 
-from cmfpga.boards.kv260 import DMA_LENGTH_BITS
+from cmfpga.boards import DEFAULT
 
 
 def _module(parent, name, vlnv, module, *, parameters=(), buses=(), registers=()):
@@ -89,7 +89,7 @@ def write_hwh(path, *, vlnv, registers_address, dma_address, registers):
         modules, "dma", "xilinx.com:ip:axi_dma:7.1", "axi_dma",
         buses=[("S_AXI_LITE", "aximm", "SLAVE", "control")],
         parameters={
-            "c_include_sg": 0, "c_sg_length_width": DMA_LENGTH_BITS, "c_include_mm2s": 1, "c_include_s2mm": 1,
+            "c_include_sg": 0, "c_sg_length_width": DEFAULT.dma_length_bits, "c_include_mm2s": 1, "c_include_s2mm": 1,
             "c_m_axi_mm2s_data_width": 64, "c_m_axi_s2mm_data_width": 64, "c_micro_dma": 0,
         },
     )  # fmt: skip

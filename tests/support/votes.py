@@ -1,7 +1,9 @@
 """Votes for the accumulators, and the ways in which they can follow one another."""
 
+import numpy as np
+
 from cmfpga.reference.integer.voter import Votes
-from support.bench import np, tensor
+from support.values import tensor
 
 
 def cell_votes(config, cells, rng):
@@ -50,3 +52,40 @@ def patterns(config, rng):
                       for k in range(count)]  # fmt: skip
     cells["outside"] = [(-2, 0), (0, -2), (width, 0), (0, height), (-2, -2), (width, height)] * 2
     return cells
+
+
+def vote_payloads(config, votes):
+    """Model votes as payloads of :func:`cmfpga.rtl.payloads.votes`: sorted by bank, None where there is no vote."""
+    names = ("inside", "column", "row", "w", "dx", "dy")
+    payloads = []
+    for event in zip(*(getattr(votes, name).tolist() for name in names), strict=True):
+        banks = [None] * 4
+        for inside, column, row, w, dx, dy in zip(*event, strict=True):
+            number = 2 * (row & 1) + (column & 1)
+            address = ((row >> 1) << config.geometry.bank_column_bits) | (column >> 1)
+            if inside:
+                banks[number] = {"valid": 1, "address": address, "i": w, "dx": dx, "dy": dy}
+        payloads.append(banks)
+    return payloads
+
+
+def sweep_addresses(config):
+    """Addresses of a bank in the order of a sweep, as (address, row, column) of the bank."""
+    return [
+        ((row << config.geometry.bank_column_bits) | column, row, column)
+        for row in range(config.geometry.bank_rows)
+        for column in range(config.geometry.bank_columns)
+    ]
+
+
+def bank_pixels(config, images):
+    """The images as a sweep reads them: for each address the four banks' words."""
+    i, dx, dy = (image.tolist() for image in images)
+    pixels = []
+    for _, bank_row, bank_column in sweep_addresses(config):
+        words = []
+        for number in range(4):
+            row, column = 2 * bank_row + (number >> 1), 2 * bank_column + (number & 1)
+            words.append({"i": i[row][column], "dx": dx[row][column], "dy": dy[row][column]})
+        pixels.append(words)
+    return pixels

@@ -7,7 +7,7 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError
-from cmfpga.events import Events, MemoryRecording, generate
+from cmfpga.events import Events, MemoryRecording, generate, open_recording
 from cmfpga.survey import ALLOWED_PX, Survey, estimate, propose, require
 
 FAST = preset("fast")
@@ -77,8 +77,6 @@ def test_two_hot_pixels_side_by_side():
 
 def test_a_real_hot_pixel(data_dir):
     """Named in the README of the recordings."""
-    from cmfpga.events import open_recording
-
     with open_recording(data_dir / "davis240b_evbench_seq0002.h5") as recording:
         assert (27, 70) in [(x, y) for x, y, _ in surveyed(recording).hot_pixels()]
 

@@ -16,8 +16,8 @@ import psutil
 import pytest
 
 from cmfpga import sweep
-from cmfpga.engines.rtl import find_compiler
 from cmfpga.sweep import plan, task, workers
+from cmfpga.verilog.compiler import find_compiler
 from support.sweeping import FILES, OPTIONS, finish, make_recording, run_here, small, started
 
 MODEL = ["--engine", "model"]

@@ -12,7 +12,7 @@ from cmfpga.sweep import tables
 from cmfpga.sweep.page import page
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
 from cmfpga.sweep.truth import Truth
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking.columns import COLUMNS
 from cmfpga.verilog import resources
 
 TRUTH = Truth("recording", (0,), ((1.0, 0.0),), (0.0, 0.0))

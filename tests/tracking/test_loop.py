@@ -16,7 +16,8 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.trace import Trace
-from cmfpga.tracking.loop import COLUMNS, TrackedBatch, track
+from cmfpga.tracking.columns import COLUMNS
+from cmfpga.tracking.loop import CsvConsumer, TrackedBatch, in_turn, track
 
 CONFIG = Config(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8, start="given", v_start_x=1.0)
 NO_TRACE = Trace(v=np.zeros((1, 2)), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
@@ -108,6 +109,23 @@ def test_a_batch_that_was_cut_short_says_so():
     assert batches[0].row()[-1] == "cut|saturated"
 
 
+class List(list):
+    add = list.append
+
+
+def test_consumers_take_each_batch_before_it_is_yielded():
+    file, taken = io.StringIO(), List()
+    cutter = BatchCutter(recording(range(0, 1000, 10)), events=30, max_events=1000)
+    for count, batch in enumerate(track(Recorder(), cutter, roi=(4, 5), consumers=[taken, CsvConsumer(file)]), 1):
+        assert len(taken) == count and taken[-1] is batch
+    lines = file.getvalue().split("\n")
+    assert lines == [",".join(COLUMNS), *(",".join(batch.row()) for batch in taken), ""] and len(taken) == 3
+
+
+def test_tracks_in_turn():
+    assert list(in_turn(map(iter, ([1, 2, 3], [], [10, 20])))) == [1, 10, 2, 20, 3]
+
+
 # ---------------------------------------------------------------- a row
 
 
@@ -120,6 +138,16 @@ def test_columns_are_those_that_users_read():
     assert ",".join(COLUMNS) == (
         "batch,t_ref_us,events,roi_events,roi_x,roi_y,vx,vy,vx_px_per_s,vy_px_per_s,iterations,cycles,contrast,flags"
     )
+
+
+def test_columns_show_what_they_declare():
+    batch = one(Recorder(cycles=4711))
+    for column in COLUMNS.values():
+        assert (column.field is None) != (column.value is None)
+        assert isinstance(column.of(batch), column.dtype) and column.title and column.doc
+    missing = one(Recorder(flags=Flag.DEGENERATE, span=0)).values
+    for name, column in COLUMNS.items():
+        assert missing[name] is not None or (column.may_be_missing and np.isnan(column.array([None, 1]))[0])
 
 
 def test_a_row():
@@ -201,4 +229,4 @@ def test_the_model_gives_the_same_track_twice(scene):
     config = SCENE_CONFIG.replace(iterations=3)
     rows = [[batch.row() for batch in follow(make_engine("model", config), scene)] for _ in range(2)]
     assert rows[0] == rows[1] and len(rows[0]) == 9
-    assert all(row[COLUMNS.index("cycles")] == "" for row in rows[0])
+    assert all(row[list(COLUMNS).index("cycles")] == "" for row in rows[0])

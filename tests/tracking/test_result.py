@@ -13,15 +13,17 @@ import torch
 import cmfpga
 from cmfpga import track as command_module
 from cmfpga.config import DEFAULT_PRESET
-from cmfpga.engines import rtl
 from cmfpga.errors import ConfigError, RecordingError, UserError
 from cmfpga.events import Events, MemoryRecording, generate, open_recording, write_hdf5
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.reference import floating
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.tracking.loop import COLUMNS
+from cmfpga.tracking import api, loop
+from cmfpga.tracking.columns import COLUMNS
+from cmfpga.tracking.result import Tracking
 from cmfpga.tracking.trace import BatchTrace
+from cmfpga.verilog.compiler import find_compiler
 
 # The hardware of tests/cli/conftest.py, with both ascents.
 PAPER = {
@@ -37,7 +39,7 @@ ENGINES = ["rtl", "model", "float"]
 
 
 def follow(recording, engine="model", config=PAPER, **options):
-    if engine == "rtl" and rtl.find_compiler() is None:
+    if engine == "rtl" and find_compiler() is None:
         pytest.skip("no C++ compiler")
     return cmfpga.track(recording, roi=(8, 9), batch_events=90, engine=engine, **{**config, **options})
 
@@ -131,6 +133,31 @@ def test_what_can_be_tracked(dot, dot_events):
     np.testing.assert_allclose(tracking.vx_px_per_s, 150, atol=25)
 
 
+def test_a_live_source_is_tracked_but_not_read_again(dot, dot_events):
+    class Live:
+        name, width, height, seekable = "camera", 32, 24, False
+
+        def __init__(self):
+            self._events = iter([dot_events[:100], dot_events[100:101], dot_events[101:]])
+
+        def chunks(self, start, size):
+            assert start == 0
+            return self._events
+
+    tracking, expected = follow(Live()), follow(dot)
+    assert len(tracking) == 6 and tracking.source.name == "camera"
+    assert tracking.vx.tolist() == expected.vx.tolist() and tracking.t_ref_us.tolist() == expected.t_ref_us.tolist()
+    with pytest.raises(RecordingError, match="camera: its events cannot be read again; a recording is needed"):
+        tracking.trace(0)
+
+
+def test_names_of_the_package():
+    assert cmfpga.tracking.track is api.track and cmfpga.tracking.Tracking is Tracking
+    assert cmfpga.tracking.open_engine is loop.open_engine
+    with pytest.raises(AttributeError, match="no attribute 'tracker'"):
+        _ = cmfpga.tracking.tracker
+
+
 @pytest.mark.parametrize(
     "options, message",
     [
@@ -203,7 +230,7 @@ def test_every_intermediate_is_that_of_the_model(dot, engine, config):
 def test_images_are_those_that_the_verilog_sweeps(dot):
     """The emitted Verilog's own memories, word by word."""
     tracking = follow(dot, "rtl")
-    from cmfpga.engines.verilated import VerilatedCore
+    from cmfpga.simulation.core import VerilatedCore
 
     core = VerilatedCore(tracking.config)
     start = (8, 9)
@@ -308,7 +335,7 @@ def test_other_settings_than_the_engines_are_noticed(dot):
     tracking = follow(dot, config=FAST)
     with open_recording(dot) as recording:
         events = next(recording.chunks(0, 90))
-    result, (plan, thinning) = tracking.results[0], tracking._runs[0]
+    result, (_, plan, thinning) = tracking.results[0], tracking._runs[0]
     for config, steps in (
         (tracking.config.replace(dither_frac=3), plan),
         (tracking.config.replace(weight_frac=5), plan),

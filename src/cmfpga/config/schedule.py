@@ -68,3 +68,43 @@ def parse_schedule(text, *, name, max_level, v, entries):
     if not 1 <= len(iterations) <= entries:
         raise ConfigError(f"{name}: {len(iterations)} iterations: 1 to {entries} are needed (schedule_entries)")
     return tuple(iterations)
+
+
+class Schedules:
+    """The schedules that a configuration asks for.
+
+    Parameters
+    ----------
+    config : Config
+    """
+
+    def __init__(self, config):
+        self._c = config
+
+    def _parse(self, name):
+        limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}
+        return parse_schedule(getattr(self._c, name), name=name, **limits)
+
+    @property
+    def cold(self):
+        """Iterations of a batch without a last v: tuple of :class:`ScheduleEntry`."""
+        return self._parse("cold")
+
+    @property
+    def warm(self):
+        """Iterations of a batch that starts from the last v."""
+        return self._parse("warm")
+
+    def check(self):
+        """Raise :exc:`ConfigError` unless the hardware can hold them and count to their lengths."""
+        lengths = {"cold": len(self.cold), "warm": len(self.warm)}
+        if sum(lengths.values()) > self._c.schedule_entries:
+            raise ConfigError(
+                f"cold and warm: {lengths['cold']} + {lengths['warm']} iterations; "
+                f"at most {self._c.schedule_entries} are allowed in all (schedule_entries)"
+            )
+        for name, iterations in lengths.items():
+            if iterations > self._c.max_iterations:
+                raise ConfigError(
+                    f"{name}: {iterations} iterations; at most {self._c.max_iterations} are allowed (max_iterations)"
+                )

@@ -143,6 +143,12 @@ class Widths:
         return self._c.gradient_frac + self._c.formats.gain.f - self._c.v_frac
 
     @property
+    def iteration_bits(self):
+        """Width of a count of iterations; a driver may write a schedule as long as the table."""
+        longest = self._c.schedule_entries if self._c.ascent_rule.has_table else 0
+        return bits_for(max(self._c.max_iterations, longest))
+
+    @property
     def exact(self):
         """Every intermediate that the integer model computes in 64 bits, with its width."""
         return {

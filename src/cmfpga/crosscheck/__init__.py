@@ -6,6 +6,7 @@ import os
 import tempfile
 import time
 import traceback
+from pathlib import Path
 
 import numpy as np
 from tqdm import tqdm
@@ -39,21 +40,22 @@ def _parser():
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
-    from ..engines.rtl import find_compiler
+    from ..verilog.compiler import find_compiler
     from .compare import check  # loads torch, or says what to install
 
     count = options.configs or (None if options.seconds else 5)
     begin = time.monotonic()
     totals, refused, findings, seed = np.zeros(2, int), 0, [], options.seed
-    with tqdm(total=count, unit="configuration", disable=None) as bar:
+    with _own_cache() as cache, tqdm(total=count, unit="configuration", disable=None) as bar:
         while seed - options.seed < count if count else time.monotonic() - begin < options.seconds:
             config, skipped = random_config(np.random.default_rng(seed))
             refused += skipped
-            with _own_cache():
-                try:
-                    totals += check(config, seed)
-                except Exception as error:
-                    findings.append(_finding(seed, config, error))
+            try:
+                totals += check(config, seed)
+            except Exception as error:
+                findings.append(_finding(seed, config, error))
+            for library in cache.glob("*.so"):
+                library.unlink()
             bar.set_postfix(found=len(findings), refresh=False)
             bar.update()
             seed += 1
@@ -96,12 +98,12 @@ def _text(outcome):
 
 @contextlib.contextmanager
 def _own_cache():
-    """A folder for the compiled library that goes with it: the user's cache is for what is used again."""
+    """A folder for what is compiled, which goes with it: the user's cache is for what is used again."""
     before = os.environ.get("CMFPGA_CACHE")
     with tempfile.TemporaryDirectory(prefix="cmfpga-crosscheck-") as folder:
         os.environ["CMFPGA_CACHE"] = folder
         try:
-            yield
+            yield Path(folder)
         finally:
             if before is None:
                 del os.environ["CMFPGA_CACHE"]

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..config.schedule import ScheduleEntry
+from ..events import Events
 from ..protocol.settings import BatchSettings, clamp_roi
 
 PATTERNS = {}
@@ -131,6 +132,14 @@ def times(config, rng, n):
     return t
 
 
+def random_events(config, rng, roi, name=None):
+    """``(name, events)`` of a pattern, by default a random one; no longer than a batch may be."""
+    name = name or str(rng.choice(list(PATTERNS)))
+    x, y = PATTERNS[name](config, rng, roi)
+    columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
+    return name, Events(*(column[: config.max_batch_events] for column in columns))
+
+
 def random_settings(config, rng, previous_roi):
     """Settings that change from batch to batch, and the ROI that the patterns are made for."""
     roi = None
@@ -151,7 +160,7 @@ def random_settings(config, rng, previous_roi):
         judge=int(rng.random() < 0.8),
         cold_after_doubtful=int(rng.random() < 0.8),
         confidence_limit=int(rng.choice([1, 20, 90, 90, 1023])),
-        **(random_schedules(config, rng) if config.ascent == "sign" else {}),
+        **(random_schedules(config, rng) if config.ascent_rule.has_table else {}),
     )
     return settings, clamp_roi(config, roi or previous_roi)[0]
 

@@ -5,11 +5,12 @@ import dataclasses
 import numpy as np
 
 from ..engines import make_engine
-from ..engines.rtl import find_compiler, to_batch_result
+from ..engines.rtl import to_batch_result
 from ..events import Events
 from ..protocol.results import fields_of
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
-from .batches import PATTERNS, random_schedules, random_settings, times
+from ..verilog.compiler import find_compiler
+from .batches import PATTERNS, random_events, random_schedules, random_settings
 
 BATCHES = 3 * len(PATTERNS)
 #: Clock cycles after which no further batch begins: seconds of Verilator, and of Amaranth's simulator.
@@ -43,7 +44,7 @@ def _one_by_one(config, rng):
         settings, roi = random_settings(config, rng, model.roi)
         if number == 0:
             settings = BatchSettings.from_config(config, roi)
-        name, events = _events(config, rng, roi)
+        name, events = random_events(config, rng, roi)
         if rng.random() < 0.05:
             name, events = "nothing", Events.empty()
         expected, found = model.run(events, settings), rtl.run(events, settings)
@@ -62,18 +63,45 @@ def _one_by_one(config, rng):
 
 
 def _back_to_back(config, rng):
-    """The next batch is offered while the one before is optimised, with gaps, and results that have to wait."""
-    from ..engines.verilated import VerilatedCore
+    from ..simulation.core import VerilatedCore
 
-    core, model = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30))), make_engine("model", config)
-    schedules = random_schedules(config, rng) if config.ascent == "sign" else {}
+    core = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30)))
+    counts = compare_stream(core, rng, BATCHES, gaps=0.1, stalls=0.3)
+    core.close()
+    return counts
+
+
+def compare_stream(core, rng, most, *, gaps, stalls):
+    """Random batches without a pause between them: the next one is offered while the one before is optimised.
+
+    Parameters
+    ----------
+    core : VerilatedCore
+        After a reset.
+    rng : numpy.random.Generator
+    most : int
+        So many batches, or fewer if they take long.
+    gaps, stalls : float
+        How often an event comes late, and a result has to wait.
+
+    Returns
+    -------
+    int array [2]
+        Batches and iterations that were equal.
+
+    Raises
+    ------
+    MismatchError
+    """
+    config, model = core.config, make_engine("model", core.config)
+    schedules = random_schedules(config, rng) if config.ascent_rule.has_table else {}
     batches, rows, expected, cycles = [], [], [], 0
-    while len(batches) < BATCHES and cycles < CYCLES:
+    while len(batches) < most and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.roi)
         settings = dataclasses.replace(settings, **schedules)
         if batches and rng.random() < 0.7:
             settings, roi = dataclasses.replace(settings, roi=None), model.roi
-        _, events = _events(config, rng, roi)
+        _, events = random_events(config, rng, roi)
         batches.append((events.t, events.x, events.y))
         rows.append(settings_values(config, settings))
         expected.append(model.run(events, settings))
@@ -81,20 +109,12 @@ def _back_to_back(config, rng):
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=done.iterations)
     core.write_schedule(schedule_table(config, settings))
     count = sum(len(t) for t, _, _ in batches)
-    gaps, stalls = rng.integers(0, 40, count) * (rng.random(count) < 0.1), rng.integers(0, 3000, len(batches))
-    results, traces = core.stream(batches, rows, gaps=gaps, stalls=stalls * (rng.random(len(batches)) < 0.3))
+    late = rng.integers(0, 40, count) * (rng.random(count) < gaps)
+    waits = rng.integers(0, 3000, len(batches)) * (rng.random(len(batches)) < stalls)
+    results, traces = core.stream(batches, rows, gaps=late, stalls=waits)
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
         _same(f"batch {number} (back to back)", to_batch_result(config, ports, trace), expected[number])
-    core.close()
     return np.array([len(batches), sum(result.iterations for result in expected)])
-
-
-def _events(config, rng, roi):
-    """``(name, events)`` of a random pattern, no longer than a batch may be."""
-    name = str(rng.choice(list(PATTERNS)))
-    x, y = PATTERNS[name](config, rng, roi)
-    columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
-    return name, Events(*(column[: config.max_batch_events] for column in columns))
 
 
 def _same(where, found, expected):

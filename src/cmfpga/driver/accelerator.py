@@ -103,18 +103,21 @@ class Accelerator:
         with self._other_timeout(timeout):
             return self.engine.run(events, settings)
 
-    def track(self, recording, *, roi, batches=None, start_event=0, **size):
+    def track(self, recording, *, roi, batches=None, start_event=0, consumers=(), **size):
         """Follow an object through a recording.
 
         Parameters
         ----------
-        recording : Recording, or path
+        recording : EventSource, or path
+            A recording, or another :class:`cmfpga.events.EventSource`.
         roi : pair of int
             Left column and top row of the first batch's ROI, px.
         batches : int, optional
             Stop after these; by default at the end of the recording.
         start_event : int
             First event.
+        consumers : sequence of cmfpga.tracking.loop.Consumer
+            Each takes every batch, such as a :class:`cmfpga.tracking.loop.CsvConsumer`.
         events, duration_us, roi_events : int
             One of them: what makes a batch complete, as :class:`cmfpga.events.BatchCutter` has it.
 
@@ -122,15 +125,14 @@ class Accelerator:
         ------
         cmfpga.tracking.loop.TrackedBatch
         """
-        from ..events import BatchCutter, Recording, open_recording
+        from ..events import BatchCutter
         from ..tracking.loop import track
+        from ..tracking.source import Source
 
-        with contextlib.ExitStack() as opened:
-            if not isinstance(recording, Recording):
-                recording = opened.enter_context(open_recording(recording))
-            limit = self.config.max_batch_events
-            cutter = BatchCutter(recording, start_event=start_event, max_events=limit, **size)
-            yield from track(self.engine, cutter, roi=roi, batches=batches)
+        with contextlib.ExitStack() as stack:
+            source, limit = Source(recording).open(stack), self.config.max_batch_events
+            cutter = BatchCutter(source, start_event=start_event, max_events=limit, **size)
+            yield from track(self.engine, cutter, roi=roi, batches=batches, consumers=consumers)
 
     # ---------------------------------------------------------------- streams
 

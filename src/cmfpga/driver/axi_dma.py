@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..boards.kv260 import DMA_LENGTH_BITS
+from ..boards import DEFAULT
 from .backend import Backend
 from .errors import DeviceError, DeviceTimeout
 
@@ -61,11 +61,14 @@ class Channel:
         ``read32(offset)`` and ``write32(offset, value)`` of the DMA.
     base : int
         :data:`TO_STREAM` or :data:`FROM_STREAM`.
+    length_bits : int
+        Of the register that has a transfer's length.
     """
 
-    def __init__(self, registers, base):
+    def __init__(self, registers, base, length_bits):
         self._registers = registers
         self._base = base
+        self.longest = (1 << length_bits) - 1
         self.busy = False
 
     def _read(self, register):
@@ -110,7 +113,7 @@ class Channel:
     @property
     def transferred(self):
         """Bytes of the last transfer."""
-        return self._read(LENGTH) & ((1 << DMA_LENGTH_BITS) - 1)
+        return self._read(LENGTH) & self.longest
 
 
 class DmaBackend(Backend):
@@ -122,17 +125,20 @@ class DmaBackend(Backend):
         ``read32(offset)`` and ``write32(offset, value)`` of the accelerator, and of the DMA.
     events, results : Buffer
         For words to, and packets from, the accelerator.
+    board : Board
     """
 
     #: Seconds that the DMA may take for its reset.
     RESET_SECONDS = 1.0
 
-    def __init__(self, registers, dma, events, results):
+    def __init__(self, registers, dma, events, results, *, board=DEFAULT):
         self._registers = registers
         self._dma = dma
         self._events, self._results = events, results
-        self._sending, self._receiving = Channel(dma, TO_STREAM), Channel(dma, FROM_STREAM)
-        self.max_words = min(events.size, (1 << DMA_LENGTH_BITS) - 1) // 8
+        self._sending, self._receiving = (
+            Channel(dma, base, board.dma_length_bits) for base in (TO_STREAM, FROM_STREAM)
+        )
+        self.max_words = min(events.size, self._sending.longest) // 8
 
     def read32(self, offset):
         return self._registers.read32(offset)
@@ -153,7 +159,7 @@ class DmaBackend(Backend):
 
     def receive(self, timeout):
         if not self._receiving.busy:
-            length = min(self._results.size, (1 << DMA_LENGTH_BITS) - 8)
+            length = min(self._results.size, self._receiving.longest // 8 * 8)
             self._receiving.begin(self._results.address, length)
         if not self._receiving.wait(timeout):
             raise DeviceTimeout(f"{self.name}: no packet within {timeout:g} s")

@@ -15,7 +15,7 @@ import select
 import numpy as np
 from pynq import DefaultIP, UnsupportedConfiguration, allocate
 
-from ..boards.kv260 import BUFFER_EVENTS_SIZE, BUFFER_RESULTS_SIZE, MODULE_VLNV, VLNV
+from ..boards import BOARDS, DEFAULT
 from .accelerator import Accelerator
 from .axi_dma import DmaBackend
 from .errors import WrongHardware
@@ -44,7 +44,7 @@ class CmfpgaIP(DefaultIP):
     which, and gives the IP its default class.
     """
 
-    bindto = [VLNV, MODULE_VLNV]  # noqa: RUF012 - what PYNQ's metaclass reads
+    bindto = [name for board in BOARDS.values() for name in (board.vlnv, board.module_vlnv)]  # noqa: RUF012 - what PYNQ's metaclass reads
 
     def __init__(self, description):
         super().__init__(description=description)
@@ -103,16 +103,17 @@ class PynqBackend(DmaBackend):
     ----------
     ip : CmfpgaIP
     dma : pynq.lib.dma.DMA
-    events_size, results_size : int
-        Bytes of the buffers.
+    board : Board
+        It has the sizes of the buffers.
     """
 
     name = "PYNQ"
 
-    def __init__(self, ip, dma, *, events_size=BUFFER_EVENTS_SIZE, results_size=BUFFER_RESULTS_SIZE):
+    def __init__(self, ip, dma, *, board=DEFAULT):
         limit = dma.buffer_max_size
-        buffers = [PynqBuffer(min(size, limit), ip.device) for size in (events_size, results_size)]
-        super().__init__(Registers(ip.mmio), Registers(dma.mmio), *buffers)
+        sizes = board.buffer_events_size, board.buffer_results_size
+        buffers = [PynqBuffer(min(size, limit), ip.device) for size in sizes]
+        super().__init__(Registers(ip.mmio), Registers(dma.mmio), *buffers, board=board)
         self._file = _interrupt_file(ip)
         self.has_interrupt = self._file is not None
 

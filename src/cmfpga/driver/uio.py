@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..boards.kv260 import BUFFER_EVENTS, BUFFER_RESULTS, LINUX_CLOCK, UIO_DMA, UIO_REGISTERS
+from ..boards import DEFAULT
 from .axi_dma import DmaBackend
 from .errors import DeviceError
 
@@ -166,14 +166,12 @@ class UdmaBuffer:
 
 
 class UioBackend(DmaBackend):
-    """The accelerator behind plain Linux, with the names of our overlay.
+    """The accelerator behind plain Linux.
 
     Parameters
     ----------
-    registers, dma : str
-        Names of the UIO devices.
-    events, results : str
-        Names of the buffers.
+    board : Board
+        It has the names of the UIO devices, the buffers and the clock.
     root : path
         ``/``; another folder for tests.
 
@@ -185,22 +183,17 @@ class UioBackend(DmaBackend):
 
     name = "UIO"
 
-    def __init__(
-        self,
-        *,
-        registers=UIO_REGISTERS,
-        dma=UIO_DMA,
-        events=BUFFER_EVENTS,
-        results=BUFFER_RESULTS,
-        root="/",
-    ):
-        self._root = Path(root)
+    def __init__(self, *, board=DEFAULT, root="/"):
+        self._board, self._root = board, Path(root)
         self._check_clock()
-        makers = ((UioDevice, registers), (UioDevice, dma), (UdmaBuffer, events), (UdmaBuffer, results))
+        makers = (
+            *((UioDevice, name) for name in (board.uio_registers, board.uio_dma)),
+            *((UdmaBuffer, name) for name in (board.buffer_events, board.buffer_results)),
+        )
         with contextlib.ExitStack() as opened:  # all of them, or none
             parts = [opened.enter_context(contextlib.closing(make(part, root=root))) for make, part in makers]
             opened.pop_all()
-        super().__init__(*parts)
+        super().__init__(*parts, board=board)
 
     def wait_interrupt(self, timeout):
         return self._registers.wait_interrupt(timeout)
@@ -208,19 +201,19 @@ class UioBackend(DmaBackend):
     def _clock_users(self):
         """How many keep the clock running; None where that cannot be read (it needs root, and debugfs)."""
         with contextlib.suppress(OSError, ValueError):
-            return int((self._root / "sys/kernel/debug/clk" / LINUX_CLOCK / "clk_enable_count").read_text())
+            return int((self._root / "sys/kernel/debug/clk" / self._board.linux_clock / "clk_enable_count").read_text())
         return None
 
     def _check_clock(self):
         """Without its clock the first access to a register never ends, and no time-out helps against that."""
         if self._clock_users() == 0:
             raise DeviceError(
-                f"the clock {LINUX_CLOCK} is off, and an access to a register would hang the processor; "
+                f"the clock {self._board.linux_clock} is off, and an access to a register would hang the processor; "
                 "is the overlay with its clocking0 node loaded?"
             )
 
     def hint(self):
-        return f"To look at: grep {UIO_REGISTERS} /proc/interrupts"
+        return f"To look at: grep {self._board.uio_registers} /proc/interrupts"
 
     def close(self):
         super().close()

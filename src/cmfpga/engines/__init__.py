@@ -1,6 +1,7 @@
 """Engines: the same batches through the emitted Verilog, the integer model, or the float reference."""
 
 from ..errors import ConfigError
+from ..verilog.compiler import CompilerError, find_compiler
 from .base import Engine, check_roi
 
 ENGINES = ("rtl", "model", "float")
@@ -18,9 +19,7 @@ def make_engine(name, config):
     ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
     """
     if name == "rtl":
-        from .rtl import make_rtl_engine
-
-        return make_rtl_engine(config)
+        return _make_rtl_engine(config)
     if name == AXI:
         from ..driver import Accelerator
         from ..simulation.axi_top import SimulationBackend
@@ -35,3 +34,18 @@ def make_engine(name, config):
 
         return FloatEngine(config)
     raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
+
+
+def _make_rtl_engine(config):
+    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where there is no C++ compiler that works."""
+    why = "no C++ compiler found"
+    if find_compiler():
+        from .verilated import VerilatedEngine
+
+        try:
+            return VerilatedEngine(config)
+        except CompilerError as error:
+            why = str(error)
+    from .amaranth_sim import AmaranthEngine
+
+    return AmaranthEngine(config, why)

@@ -62,7 +62,7 @@ class AmaranthEngine(RtlEngine):
 
     @staticmethod
     async def _batch(ctx, core, events, values):
-        ctx.set(core.settings, _nested(core.settings.shape(), values))
+        ctx.set(core.settings, nested(core.settings.shape(), values))
         rows = list(zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), strict=True))
         wrap = (1 << core.config.time_bits) - 1
         sent, trace = 0, []
@@ -86,10 +86,10 @@ class AmaranthEngine(RtlEngine):
                 return _flat(result), np.array(rows, np.int64).reshape(-1, len(names))
 
 
-def _nested(layout, values, prefix=""):
+def nested(layout, values, prefix=""):
     """Values by their Verilog port names, in the shape of a layout."""
     return {
-        name: _nested(shape, values, f"{prefix}{name}_") if isinstance(shape, data.Layout) else values[prefix + name]
+        name: nested(shape, values, f"{prefix}{name}_") if isinstance(shape, data.Layout) else values[prefix + name]
         for name, shape in layout.members.items()
     }
 

@@ -1,40 +1,10 @@
 """The hardware itself, cycle by cycle, as an engine."""
 
-import os
-import shlex
-import shutil
 from abc import abstractmethod
 
 from ..protocol.results import BatchResult, decode
 from ..protocol.trace import Trace
 from .base import Engine
-
-COMPILERS = ("c++", "g++", "clang++")
-
-
-def find_compiler():
-    """The command of a C++ compiler, as a shell takes it: ``$CXX``, or the first of :data:`COMPILERS`; None without.
-
-    Whether it works is found out by using it.
-    """
-    given = os.environ.get("CXX", "").strip()
-    return given or next((shlex.quote(path) for path in map(shutil.which, COMPILERS) if path), None)
-
-
-def make_rtl_engine(config):
-    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where there is no C++ compiler that works."""
-    why = "no C++ compiler found"
-    if find_compiler():
-        from ..verilog.compile import CompilerError
-        from .verilated import VerilatedEngine
-
-        try:
-            return VerilatedEngine(config)
-        except CompilerError as error:
-            why = str(error)
-    from .amaranth_sim import AmaranthEngine
-
-    return AmaranthEngine(config, why)
 
 
 class RtlEngine(Engine):

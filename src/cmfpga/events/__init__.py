@@ -7,6 +7,7 @@ from .columns import MemoryRecording
 from .hdf5 import Hdf5Writer, write_hdf5
 from .motion import Motion
 from .recording import Format, Recording, formats, open_recording, register_format
+from .source import EventSource
 from .synthetic import Scene, Synthetic, generate
 
 # Text is registered first: it matches loosely, so it must be asked last.
@@ -16,6 +17,7 @@ for _format in (*text.FORMATS, *aedat2.FORMATS, *cameras.FORMATS, *hdf5.FORMATS,
 __all__ = [
     "Batch",
     "BatchCutter",
+    "EventSource",
     "Events",
     "Format",
     "Hdf5Writer",

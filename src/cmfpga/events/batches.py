@@ -1,4 +1,4 @@
-"""Cutting a recording into batches, the same for every engine."""
+"""Cutting a recording, or another source of events, into batches, the same for every engine."""
 
 import operator
 from dataclasses import dataclass
@@ -52,7 +52,8 @@ class BatchCutter:
 
     Parameters
     ----------
-    recording : Recording
+    source : EventSource
+        Such as a :class:`~cmfpga.events.Recording`.
     start_event : int
         Index of the first event to cut.
     events, duration_us, roi_events : int, optional
@@ -65,10 +66,10 @@ class BatchCutter:
     ConfigError
         Not exactly one mode, or a value that is not allowed.
     RecordingError
-        From the recording, here or in :meth:`next`.
+        From the source, here or in :meth:`next`.
     """
 
-    def __init__(self, recording, *, start_event=0, events=None, duration_us=None, roi_events=None, max_events):
+    def __init__(self, source, *, start_event=0, events=None, duration_us=None, roi_events=None, max_events):
         modes = {"events": events, "duration_us": duration_us, "roi_events": roi_events}
         given = {name: value for name, value in modes.items() if value is not None}
         if len(given) != 1:
@@ -80,7 +81,8 @@ class BatchCutter:
         self.size = _positive(self.mode, size)
         if self.mode != "duration_us" and self.size > self.max_events:
             raise ConfigError(f"{self.mode} = {self.size}: at most {self.max_events} is allowed (max_events)")
-        self._chunks = recording.chunks(start_event, CHUNK_EVENTS)
+        self._source, self._start = source, start_event
+        self._chunks = source.chunks(start_event, CHUNK_EVENTS)
         self._chunk = Events.empty()
         self._at = 0  # first event of the chunk that is in no batch yet
         self._position = operator.index(start_event)
@@ -96,6 +98,11 @@ class BatchCutter:
     def leftover(self):
         """Events after the last batch; 0 until :meth:`next` has returned None."""
         return self._leftover or 0
+
+    def too_few(self):
+        """The :exc:`ConfigError` of a track without any batch."""
+        left = f"({self.leftover} left)"
+        return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
     def next(self, roi=None):
         """The next :class:`Batch`, or None at the end.

@@ -36,7 +36,11 @@ class Recording(abc.ABC):
         Unit of the stored time stamps: ``"s"``, ``"ms"``, ``"us"`` or ``"ns"``. Events always come in µs.
     time_unit_source : str
         ``"given"``, ``"file"`` (an attribute, or a format that defines it) or ``"assumed"`` (see ``events.units``).
+    seekable : bool
+        True: a recording is an :class:`~cmfpga.events.source.EventSource` that can be read again.
     """
+
+    seekable = True
 
     def __init__(self, *, path, name, format, sensor, num_events, time_unit, time_unit_source):
         self.path = path

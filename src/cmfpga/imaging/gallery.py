@@ -30,7 +30,7 @@ class Gallery:
         self._frames = []  # (batch, event frame) of every stride-th batch
         self._stride = 1
         self._sharpest = None  # of the batch whose contrast grew most: growth, index, v, images before and after
-        self._times, self._speeds, self._corners, self._spans = [], [], [], []
+        self._times, self._speeds, self._truths, self._corners = [], [], [], []
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
@@ -38,7 +38,7 @@ class Gallery:
         if batch.v_px_per_s is not None:
             self._times.append(batch.t_ref)
             self._speeds.append(batch.v_px_per_s)
-            self._spans.append((int(batch.events.t[0]), int(batch.events.t[-1])))
+            self._truths.append(batch.true_px_per_s(self.motion))
             self._keep_sharpest(batch)
         if batch.index % self._stride == 0 and len(batch.events):
             self._frames.append((batch.index, batch.result.roi, self._frame(batch.events)))
@@ -108,8 +108,7 @@ class Gallery:
         for k, (name, colour) in enumerate((("vx", "tab:blue"), ("vy", "tab:orange"))):
             axis.plot(seconds, np.array(self._speeds)[:, k], "o-", color=colour, markersize=4, label=f"{name} found")
             if self.motion:
-                true = [self.motion.mean_velocity(*span)[k] for span in self._spans]
-                axis.plot(seconds, true, "--", color=colour, label=f"{name} true")
+                axis.plot(seconds, np.array(self._truths)[:, k], "--", color=colour, label=f"{name} true")
         axis.axhline(0, color="gray", linewidth=0.5)
         axis.set(title="velocity of the object", xlabel="time [s]", ylabel="velocity [px/s]")
         axis.legend()

@@ -5,6 +5,17 @@ The same equations as :mod:`cmfpga.reference.floating`, which the tests compare 
 
 import numpy as np
 
+from ..config.dither import DITHER_BITS, FACTORS
+
+_RIM = 3  # pixels on each side of the image; they take the votes that fall outside
+
+
+def events_in_roi(events, roi, width, height):
+    """Which events lie in an ROI, and their columns and rows in it: three int64 [n]."""
+    x, y = events.x.astype(np.int64) - roi[0], events.y.astype(np.int64) - roi[1]
+    index = np.flatnonzero((x >= 0) & (x < width) & (y >= 0) & (y < height))
+    return index, x[index], y[index]
+
 
 def scaled_roi_events(config, events, roi, *, thinned=False):
     """ROI events of a batch as the engines use them: columns and rows in the ROI, and dt in −1 … 1, float64 [n].
@@ -17,24 +28,60 @@ def scaled_roi_events(config, events, roi, *, thinned=False):
     span = int(since[kept][-1]) if len(events) else 0
     if not span:
         return np.zeros((3, 0))
-    x, y = events.x.astype(np.int64) - roi[0], events.y.astype(np.int64) - roi[1]
-    kept &= (x >= 0) & (x < config.roi_width) & (y >= 0) & (y < config.roi_height)
-    index = np.flatnonzero(kept)[: None if thinned else config.buffer_events]
-    return np.stack([x[index], y[index], (2 * since[index] - span) / span])
+    inside = np.stack(events_in_roi(events, roi, config.roi_width, config.roi_height))
+    index, x, y = inside[:, kept[inside[0]]][:, : None if thinned else config.buffer_events]
+    return np.stack([x, y, (2 * since[index] - span) / span])
 
 
-def image_of_warped_events(x, y, dt, v, *, width, height):
-    """I (Eq. I_w of the article), float64 [height, width], for events at ``x``, ``y`` and v in px per half batch."""
-    wx, wy = x - dt * v[0], y - dt * v[1]
-    column, row = np.floor(wx).astype(np.int64), np.floor(wy).astype(np.int64)
-    fx, fy = wx - column, wy - row
-    image = np.zeros((height, width))
-    for right, down in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        weight = (fx if right else 1 - fx) * (fy if down else 1 - fy)
-        c, r = column + right, row + down
-        inside = (c >= 0) & (c < width) & (r >= 0) & (r < height)
-        np.add.at(image, (r[inside], c[inside]), weight[inside])
-    return image
+def dithered(x, y):
+    """``x`` and ``y`` with the sub-pixel offsets of the R2 sequence, −½ … ½ px, in the order of the events."""
+    k = np.arange(len(x)) + 0.5
+    return tuple(at + k * factor * 2.0**-DITHER_BITS % 1 - 0.5 for at, factor in zip((x, y), FACTORS, strict=True))
+
+
+def _bilinear(position):
+    """First pixel along one axis, and the weights of two pixels."""
+    first = np.floor(position)
+    after = position - first
+    return first.astype(np.int64), (1 - after, after)
+
+
+def _spread(position):
+    """First pixel along one axis, and the weights of three: :func:`_bilinear`, averaged over the width of a pixel."""
+    middle = np.floor(position + 0.5)
+    u = position - middle
+    return middle.astype(np.int64) - 1, (0.5 * (0.5 - u) ** 2, 0.75 - u**2, 0.5 * (0.5 + u) ** 2)
+
+
+def image_of_warped_events(x, y, dt, v, *, width, height, level=0, spread=False):
+    """I (Eq. I_w of the article), float64 [height, width], for events at ``x``, ``y`` and v in px per half batch.
+
+    Parameters
+    ----------
+    x, y, dt : float64 or int [n]
+        Columns and rows in the ROI, px; scaled times, −1 … 1.
+    v : (float, float)
+    width, height : int
+        Of the ROI, px.
+    level : int
+        The image's pixels are 2^level px wide, so it has ⌈height/2^level⌉ rows and ⌈width/2^level⌉ columns.
+    spread : bool
+        Each event votes from everywhere in its pixel, evenly: the mean of the images over all dithers.
+    """
+    scale, kernel = 2.0**-level, _spread if spread else _bilinear
+    columns, rows = -(-width >> level), -(-height >> level)
+    (left, across), (top, down) = (
+        kernel(np.minimum(np.maximum((at - dt * axis) * scale + (0.5 * scale - 0.5), -2.0), size + 0.5))
+        for at, axis, size in zip((x, y), v, (columns, rows), strict=True)
+    )
+    stride = columns + 2 * _RIM
+    first = (top + _RIM) * stride + left + _RIM
+    image = np.zeros((rows + 2 * _RIM) * stride)
+    for j, wy in enumerate(down):
+        for i, wx in enumerate(across):
+            image += np.bincount(first + (j * stride + i), wy * wx, len(image))
+    image = image.reshape(-1, stride)
+    return image[_RIM:-_RIM, _RIM:-_RIM]
 
 
 def contrast(config, events, roi, v, *, thinned=False):

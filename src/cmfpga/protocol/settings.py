@@ -15,8 +15,9 @@ from ..fixed import saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, leaves, pair, up_to, whole
 
-#: Width of the thinning's factor.
+#: Width of the thinning's factor, and its largest value.
 THINNING_BITS = 8
+MAX_THINNING = (1 << THINNING_BITS) - 1
 
 
 def always(config):
@@ -26,12 +27,12 @@ def always(config):
 
 def by_signs(config):
     """Only with ``ascent="sign"``."""
-    return config.ascent == "sign"
+    return "cold" in config.ascent_rule.settings
 
 
 def by_gradient(config):
     """Only with ``ascent="constant"``."""
-    return config.ascent == "constant"
+    return "eta" in config.ascent_rule.settings
 
 
 def with_confidence(config):
@@ -134,7 +135,7 @@ def _plan(name, word, without, first):
     doc = f"schedule of a batch {without} a last v"
     return Setting(
         name=name, shape=_plan_shape, high=_plan_high, when=by_signs, default=(), doc=doc,
-        asked=lambda config: getattr(config, f"{name}_schedule") if by_signs(config) else (),
+        asked=lambda config: getattr(config.schedules, name) if by_signs(config) else (),
         raw=lambda config, settings: (first(config, settings), len(getattr(settings, name))),
         places=(
             Place(word=word, part="_first", field="FIRST", width=16, doc="first entry",
@@ -172,7 +173,7 @@ SETTINGS = (
             places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
                           register_doc="batches and TLAST"),)),
     Setting(name="thinning", field="thinning", shape=lambda c: whole(THINNING_BITS), low=1, default=1,
-            high=lambda c: (1 << THINNING_BITS) - 1, places=(Place(word=11),)),
+            high=lambda c: MAX_THINNING, places=(Place(word=11),)),
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0,
             places=(Place(word=12),)),
     Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,

@@ -1,7 +1,5 @@
 """``python -m cmfpga.report``: a track as one HTML page that needs no network."""
 
-import argparse
-import math
 from pathlib import Path
 
 from .. import cli
@@ -13,21 +11,7 @@ EXAMPLES = (
     "python -m cmfpga.report star --clock 150 --out slow.html",
 )
 
-#: The clock that the article reports for its design on the KV260, MHz. Which one this core reaches is not known.
-CLOCK_MHZ = 210.0
-
 PAGE = "report.html"
-
-
-def clock(text):
-    """A parser of a clock in MHz for argparse."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not 0 < value <= 10_000:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number of MHz, more than 0, at most 10000, is needed")
-    return value
 
 
 def page_name(file):
@@ -38,13 +22,7 @@ def page_name(file):
 def _parser():
     made = cli.parser("report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
-    made.add_argument(
-        "--clock",
-        type=clock,
-        default=CLOCK_MHZ,
-        metavar="MHZ",
-        help=f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})",
-    )
+    cli.add_clock_option(made)
     made.add_argument("--out", metavar="FILE", help=f"the page (default: {PAGE} in DIR)")
     return made
 

@@ -16,26 +16,8 @@ from .. import __version__
 from ..config import PRESETS, Config
 from ..config.dither import DITHER_BITS, FACTORS
 from ..errors import ConfigError
-from ..tracking.loop import COLUMNS
+from ..tracking.columns import COLUMNS
 from .story import Story
-
-#: What the columns of ``track.csv`` are called on the page, and their units.
-LABELS = {
-    "batch": ("batch", ""),
-    "t_ref_us": ("middle of the batch", "µs"),
-    "events": ("events of the sensor", ""),
-    "roi_events": ("events in the ROI", ""),
-    "roi_x": ("ROI, left column", "px"),
-    "roi_y": ("ROI, top row", "px"),
-    "vx": ("velocity to the right", "px/half batch"),
-    "vy": ("velocity downwards", "px/half batch"),
-    "vx_px_per_s": ("velocity to the right", "px/s"),
-    "vy_px_per_s": ("velocity downwards", "px/s"),
-    "iterations": ("iterations", ""),
-    "cycles": ("clock cycles", ""),
-    "contrast": ("contrast", "(events/px)²"),
-    "flags": ("flags", ""),
-}
 
 #: What a reader of the page needs to know about a flag.
 FLAGS = {
@@ -126,7 +108,7 @@ def _data(kept, story):
     reach = max((float(np.abs(detail.v).max()) for detail in details if detail.v.size), default=0.0)
     head = {
         "columns": {name: kept.column(name) for name in COLUMNS},
-        "labels": LABELS,
+        "labels": {name: (column.title, column.unit) for name, column in COLUMNS.items()},
         "flags": FLAGS,
         "spans": kept.spans,
         "truths": [plain(pair) for pair in kept.truths],

@@ -97,7 +97,7 @@ class IterationControl(wiring.Component):
                 **dict.fromkeys(("divided", "complete"), In(1)),
                 "iterating": Out(1),
                 **(probes if config.confidence else {}),
-                "iterations": Out(config.iteration_bits),
+                "iterations": Out(config.widths.iteration_bits),
                 "cycles": Out(CYCLE_BITS),
                 "taken": In(1),
             }

@@ -30,7 +30,7 @@ struct Simulation {
         // Memories and registers without a reset start with random contents, as after a reset in mid-flight.
         context->randReset(2);
         context->randSeed(seed);
-        top.reset(new Vcore{context.get(), "cmfpga_kv260"});
+        top.reset(new Vcore{context.get(), "top"});
     }
 
     // Outputs as they are in this cycle; inputs may still change.

@@ -57,25 +57,26 @@ struct Simulation {
 
 extern "C" {
 
-// What a run needs and returns; the layout is repeated in verilated.py.
+// Batches and what comes of them; the layout is repeated in core.py.
 struct Run {
-    const int64_t *settings;   // in the order of the settings ports
-    const int64_t *t, *x, *y;  // events; the last one ends the batch, unless `open_end`
-    const int64_t *gaps;       // idle cycles before each event, or null
-    int64_t events;
-    int64_t open_end;          // do not mark the last event
-    int64_t result_stall;      // cycles for which the result is left waiting
-    int64_t max_cycles;        // give up after these
-    int64_t *result;           // [RESULT_VALUES]
-    int64_t *trace;            // [trace_rows][TRACE_VALUES]
-    int64_t trace_rows;
-    int64_t *pixels;           // [pixel_rows][PIXEL_VALUES], or null
-    int64_t pixel_rows;
+    const int64_t *settings;       // [batches][SETTINGS_VALUES]: from its batch's first offer on
+    const int64_t *t, *x, *y;      // events of all batches; the last one of each ends it, unless `open_end`
+    const int64_t *ends;           // [batches]: index behind each batch's last event
+    const int64_t *gaps;           // idle cycles before each event, or null
+    const int64_t *stalls;         // [batches]: cycles for which each result is left waiting
+    int64_t *results;              // [batches][RESULT_VALUES]
+    int64_t *offered, *valid;      // [batches]: cycle of the first offer, and of the result
+    int64_t *trace;                // [trace_rows][TRACE_VALUES], of all batches
+    int64_t *pixels;               // [pixel_rows][PIXEL_VALUES], of all batches, or null
+    int64_t batches;
+    int64_t open_end;              // do not mark the last event of a batch
+    int64_t max_cycles;            // give up after these
+    int64_t trace_rows, pixel_rows;
     // Returned:
-    int64_t accepted;          // events that the core took
-    int64_t trace_count;       // iterations seen
-    int64_t pixel_count;       // sweep addresses seen
-    int64_t cycles;            // from the first event offered to the result
+    int64_t accepted;              // events that the core took
+    int64_t trace_count;           // iterations seen
+    int64_t pixel_count;           // sweep addresses seen
+    int64_t results_count;
 };
 
 enum Status { DONE = 0, TIMED_OUT = 1, RESULT_CHANGED = 2 };
@@ -123,22 +124,26 @@ void core_write_schedule(void *simulation, const int64_t *levels, const int64_t 
     }
 }
 
+// Offer batches without a pause between them, and take results at once or after a stall.
 int core_run(void *simulation, Run *run) {
     Simulation &s = *static_cast<Simulation *>(simulation);
     Vcore &top = *s.top;
-    int64_t event = 0, gap = run->gaps && run->events ? run->gaps[0] : 0, waited = -1;
-    int64_t first_offered = -1;
-    run->trace_count = run->pixel_count = 0;
-    set_settings(top, run->settings);
+    int64_t event = 0, batch = 0, waited = -1;
+    int64_t gap = run->gaps ? run->gaps[0] : 0;
+    for (int64_t b = 0; b < run->batches; ++b) run->offered[b] = -1;
     for (int64_t cycle = 0; cycle < run->max_cycles; ++cycle) {
-        const bool offer = event < run->events && gap == 0;
+        const bool offer = batch < run->batches && gap == 0;
         top.event_valid = offer;
         if (offer) {
+            if (run->offered[batch] < 0) {
+                set_settings(top, run->settings + SETTINGS_VALUES * batch);
+                run->offered[batch] = cycle;
+            }
             set_event(top, run->t[event], run->x[event], run->y[event],
-                      event + 1 == run->events && !run->open_end);
-            if (first_offered < 0) first_offered = cycle;
+                      event + 1 == run->ends[batch] && !run->open_end);
         }
-        top.result_ready = waited >= run->result_stall;
+        const int64_t number = run->results_count;
+        top.result_ready = waited >= run->stalls[number];
         s.settle();
 
         const bool pixels = pixels_valid(top);
@@ -148,78 +153,6 @@ int core_run(void *simulation, Run *run) {
         if (run->pixels && pixels && run->pixel_count < run->pixel_rows)
             get_pixels(top, run->pixels + PIXEL_VALUES * run->pixel_count);
         run->pixel_count += pixels;
-
-        const bool accepted = offer && top.event_ready;
-        bool taken = false;
-        if (top.result_valid) {
-            int64_t now[RESULT_VALUES];
-            get_result(top, now);
-            if (waited < 0) {
-                waited = 0;
-                run->cycles = cycle - first_offered;
-                for (int k = 0; k < RESULT_VALUES; ++k) run->result[k] = now[k];
-            } else {
-                ++waited;
-                for (int k = 0; k < RESULT_VALUES; ++k)
-                    if (run->result[k] != now[k]) return RESULT_CHANGED;
-            }
-            taken = top.result_ready;
-        } else if (waited >= 0) {
-            return RESULT_CHANGED;
-        }
-        s.edge();
-        if (taken) {
-            run->accepted = event;
-            return DONE;
-        }
-        if (accepted) {
-            ++event;
-            gap = run->gaps && event < run->events ? run->gaps[event] : 0;
-        } else if (gap > 0) {
-            --gap;
-        }
-    }
-    run->accepted = event;
-    return TIMED_OUT;
-}
-
-// Batches offered without a pause between them, and results taken at once or after a stall.
-struct Stream {
-    const int64_t *settings;             // [batches][SETTINGS_VALUES], each from its batch's first offer on
-    const int64_t *t, *x, *y;            // events of all batches
-    const int64_t *ends;                 // [batches]: index behind each batch's last event
-    const int64_t *gaps;                 // idle cycles before each event, or null
-    const int64_t *stalls;               // [batches]: cycles for which each result is left waiting
-    int64_t batches, max_cycles;
-    int64_t *results;                    // [batches][RESULT_VALUES]
-    int64_t *offered, *valid;            // [batches]: cycle of the first offer, and of the result
-    int64_t *trace;                      // [trace_rows][TRACE_VALUES], of all batches
-    int64_t trace_rows;
-    int64_t trace_count, results_count;  // returned
-};
-
-int core_stream(void *simulation, Stream *run) {
-    Simulation &s = *static_cast<Simulation *>(simulation);
-    Vcore &top = *s.top;
-    int64_t event = 0, batch = 0, waited = -1;
-    int64_t gap = run->gaps ? run->gaps[0] : 0;
-    for (int64_t b = 0; b < run->batches; ++b) run->offered[b] = -1;
-    run->trace_count = run->results_count = 0;
-    for (int64_t cycle = 0; cycle < run->max_cycles; ++cycle) {
-        const bool offer = batch < run->batches && gap == 0;
-        top.event_valid = offer;
-        if (offer) {
-            set_settings(top, run->settings + SETTINGS_VALUES * batch);
-            set_event(top, run->t[event], run->x[event], run->y[event], event + 1 == run->ends[batch]);
-            if (run->offered[batch] < 0) run->offered[batch] = cycle;
-        }
-        const int64_t number = run->results_count;
-        top.result_ready = waited >= run->stalls[number];
-        s.settle();
-
-        if (top.trace_valid && run->trace_count < run->trace_rows)
-            get_trace(top, run->trace + TRACE_VALUES * run->trace_count);
-        run->trace_count += top.trace_valid;
 
         const bool accepted = offer && top.event_ready;
         bool taken = false;
@@ -236,16 +169,16 @@ int core_stream(void *simulation, Stream *run) {
             return RESULT_CHANGED;
         }
         s.edge();
-        if (taken) {
-            waited = -1;
-            if (++run->results_count == run->batches) return DONE;
-        }
         if (accepted) {
-            ++event;
+            run->accepted = ++event;
             if (event == run->ends[batch]) ++batch;
             gap = run->gaps && batch < run->batches ? run->gaps[event] : 0;
         } else if (gap > 0) {
             --gap;
+        }
+        if (taken) {
+            waited = -1;
+            if (++run->results_count == run->batches) return DONE;
         }
     }
     return TIMED_OUT;

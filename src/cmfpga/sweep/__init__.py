@@ -69,7 +69,7 @@ def main(arguments=None):
         resources.require_yosys()
     run = plan.Run(
         engine=options.engine,
-        size=_size(options),
+        size=cli.batch_size(options),
         start_event=options.start_event,
         batches=options.batches,
         sensor=options.sensor,
@@ -95,14 +95,6 @@ def _require(*packages):
     missing = [name for name in packages if importlib.util.find_spec(name) is None]
     if missing:
         raise ConfigError(f"sweep: {missing[0]} is not installed; pip install 'cmfpga[sweep]'")
-
-
-def _size(options):
-    if options.batch_us:
-        return {"duration_us": options.batch_us}
-    if options.batch_roi_events:
-        return {"roi_events": options.batch_roi_events}
-    return {"events": options.batch_events or 5000}
 
 
 def _sweep(options, run, rows, folder):

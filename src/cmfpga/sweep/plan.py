@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..config import Config, preset
+from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
@@ -64,13 +65,9 @@ class Subject:
         if self.roi is not None:
             return self.roi
         centre = self.truth.motion.position(self.first_us)
-        sizes = zip(
-            centre,
-            (config.roi_width, config.roi_height),
-            (config.geometry.roi_x_max, config.geometry.roi_y_max),
-            strict=True,
-        )
-        return tuple(min(max(round(at - (size - 1) / 2), 0), most) for at, size, most in sizes)
+        sizes, most = (config.roi_width, config.roi_height), (config.geometry.roi_x_max, config.geometry.roi_y_max)
+        axes = zip(centre, sizes, most, strict=True)
+        return tuple(min(max(round(at - (size - 1) / 2), 0), last) for at, size, last in axes)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +117,7 @@ class Run:
     """What all rows have in common; fields as of :class:`~cmfpga.sweep.task.Task`."""
 
     engine: str = "rtl"
-    size: dict = field(default_factory=lambda: {"events": 5000})
+    size: dict = field(default_factory=lambda: {"events": BATCH_EVENTS})
     start_event: int = 0
     batches: int | None = None
     sensor: tuple[int, int] | None = None
@@ -201,14 +198,9 @@ def _subject(name, roi, run):
     except (UserError, OSError) as error:
         return Subject(name=name, path=path, roi=roi, problem=" ".join(str(error).splitlines()))
     return Subject(
-        name=name,
-        path=path.resolve(),
-        roi=roi,
-        digest=digest,
-        sensor=sensor,
-        first_us=int(first.t[0]) if first else 0,
-        truth=truth,
-    )
+        name=name, path=path.resolve(), roi=roi, digest=digest, sensor=sensor,
+        first_us=int(first.t[0]) if first else 0, truth=truth,
+    )  # fmt: skip
 
 
 def rows(subjects, choices, run):
@@ -232,17 +224,8 @@ def _row(subject, choice, run):
     except ConfigError as error:
         return Row(subject=subject, choice=choice, roi=roi, problem=str(error))
     task = Task(
-        path=str(subject.path),
-        digest=subject.digest,
-        config=config,
-        roi=roi,
-        engine=run.engine,
-        size=run.size,
-        start_event=run.start_event,
-        batches=run.batches,
-        sensor=run.sensor,
-        time_unit=run.time_unit,
-        truth=subject.truth,
-        version=version(),
-    )
+        path=str(subject.path), digest=subject.digest, config=config, roi=roi, engine=run.engine, size=run.size,
+        start_event=run.start_event, batches=run.batches, sensor=run.sensor, time_unit=run.time_unit,
+        truth=subject.truth, version=version(),
+    )  # fmt: skip
     return Row(subject=subject, choice=choice, roi=roi, task=task)

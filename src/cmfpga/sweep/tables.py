@@ -7,10 +7,10 @@ import statistics
 import pandas
 
 from ..config import Config
-from ..tracking.loop import COLUMNS
+from ..tracking.columns import COLUMNS
 from ..verilog import resources
 from .store import write_atomically
-from .task import version
+from .task import TRUTH_COLUMNS, version
 
 #: An error below this counts as found, px per half batch; the bound of ``cmfpga.accuracy``.
 FOUND_PX = 0.6
@@ -57,14 +57,7 @@ RESULTS = {
     "preset": ("string", "the configuration that was begun with"),
 }
 
-#: Columns of ``batches`` behind those of ``track.csv``.
-TRUTH_COLUMNS = ("true_vx", "true_vy", "error_px")
-
 _TYPES = {int: "Int64", float: "Float64", str: "string"}
-_BATCH_TYPES = {
-    **dict.fromkeys(("batch", "events", "roi_events", "roi_x", "roi_y", "iterations", "cycles"), "Int64"),
-    "flags": "string",
-}
 
 
 def config_types():
@@ -192,7 +185,7 @@ def batches(rows, outcomes):
     ]
     types = {"recording": "string", "first_roi": "string", "configuration": "Int64"}
     types |= {f"config.{name}": config_types().get(name, "string") for name in varied}
-    types |= {name: _BATCH_TYPES.get(name, "Float64") for name in (*COLUMNS, *TRUTH_COLUMNS)}
+    types |= {name: _TYPES[column.dtype] for name, column in COLUMNS.items()} | dict.fromkeys(TRUTH_COLUMNS, "Float64")
     return _frame(lines, types)
 
 

@@ -18,6 +18,9 @@ from .truth import Truth
 #: Contrasts are kept with so many digits, so that another order of summation on another machine does not show.
 DIGITS = 9
 
+#: Columns of a batch behind those of ``track.csv``: the true motion, and the distance from it, px per half batch.
+TRUTH_COLUMNS = ("true_vx", "true_vy", "error_px")
+
 
 @functools.cache
 def version():
@@ -110,8 +113,7 @@ def _track(task):
     from amaranth.hdl import UnusedElaboratable
 
     from ..events import BatchCutter, open_recording
-    from ..tracking.loop import track
-    from ..tracking.result import open_engine
+    from ..tracking.loop import open_engine, track
 
     # A core whose library is in the cache is asked for its ports, and not elaborated again.
     warnings.filterwarnings("ignore", category=UnusedElaboratable)
@@ -124,41 +126,19 @@ def _track(task):
         tracked = track(engine, cutter, roi=task.roi, batches=task.batches)
         batches = [_batch(batch, motion) for batch in tracked]
         if not batches:
-            raise ConfigError(
-                f"{recording.name}: too few events for one batch after event {task.start_event} "
-                f"({cutter.leftover} left)"
-            )
+            raise cutter.too_few()
         return {"batches": batches, "events_left_over": cutter.leftover, "note": engine.note}
 
 
 def _batch(batch, motion):
-    """The columns of track.csv as numbers, and the true motion and the distance from it, px per half batch."""
-    result, speed = batch.result, batch.v_px_per_s or (None, None)
-    row = {
-        "batch": batch.index,
-        "t_ref_us": batch.t_ref,
-        "events": result.events,
-        "roi_events": result.roi_events,
-        "roi_x": result.roi[0],
-        "roi_y": result.roi[1],
-        "vx": result.v[0],
-        "vy": result.v[1],
-        "vx_px_per_s": speed[0],
-        "vy_px_per_s": speed[1],
-        "iterations": result.iterations,
-        "cycles": result.cycles,
-        "contrast": float(f"{batch.contrast:.{DIGITS}g}"),
-        "flags": batch.flags.text,
-        "true_vx": None,
-        "true_vy": None,
-        "error_px": None,
-    }
+    """The columns of track.csv as numbers, and :data:`TRUTH_COLUMNS`."""
+    row = {**batch.values, "contrast": float(f"{batch.contrast:.{DIGITS}g}"), **dict.fromkeys(TRUTH_COLUMNS)}
     if motion is not None and len(batch.events):
         first = int(batch.events.t[0])
-        true = motion.per_half_batch(first, first + result.span).tolist()
+        true = motion.per_half_batch(first, first + batch.result.span).tolist()
         row["true_vx"], row["true_vy"] = true
-        if speed[0] is not None:  # a degenerate batch measures nothing
-            row["error_px"] = math.dist(result.v, true)
+        if batch.v_px_per_s:  # a degenerate batch measures nothing
+            row["error_px"] = math.dist(batch.result.v, true)
     return row
 
 

@@ -1,1 +1,14 @@
-"""Following objects through a recording: batches in order, and what is kept of them."""
+"""Following objects through a recording: batches in order, and what is kept of them.
+
+``track``, ``Tracking``, ``Source`` and ``open_engine`` are loaded when they are asked for.
+"""
+
+import importlib
+
+_HOMES = {"track": "api", "Tracking": "result", "Source": "source", "open_engine": "loop"}
+
+
+def __getattr__(name):
+    if name in _HOMES:
+        return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

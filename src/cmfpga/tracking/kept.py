@@ -10,8 +10,7 @@ import numpy as np
 from ..config import Config
 from ..errors import ConfigError
 from ..imaging.iwe import scaled_roi_events
-from .loop import COLUMNS
-from .replay import Replay
+from .columns import COLUMNS
 
 #: Name of the file in the folder of a track.
 FILE = "track.npz"
@@ -96,7 +95,6 @@ class Kept:
         self.rows, self.spans, self.truths, self.details = [], [], [], []
         self.roi_next = (0, 0)
         self._motion = motion
-        self._replay = Replay(config)
         self._stride = 1
         self._sizes = {}
 
@@ -107,7 +105,8 @@ class Kept:
 
     def column(self, name):
         """Text of a column of ``track.csv``, one per batch."""
-        return [row[COLUMNS.index(name)] for row in self.rows]
+        at = list(COLUMNS).index(name)
+        return [row[at] for row in self.rows]
 
     def numbers(self, name):
         """The same as float64; NaN where it is empty."""
@@ -115,17 +114,13 @@ class Kept:
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
-        result, events = batch.result, batch.events
-        plan, _ = self._replay.settings_of(result)
         self.rows.append(batch.row())
-        self.spans.append(result.span)
-        self.roi_next = result.roi_next
-        known = self._motion is not None and len(events) > 0
-        truth = self._motion.mean_velocity(int(events.t[0]), int(events.t[-1])) if known else (np.nan, np.nan)
-        self.truths.append(tuple(float(axis) for axis in truth))
+        self.spans.append(batch.result.span)
+        self.roi_next = batch.result.roi_next
+        self.truths.append(batch.true_px_per_s(self._motion) or (np.nan, np.nan))
         if batch.index % self._stride:
             return
-        detail = self._detail(batch, plan)
+        detail = self._detail(batch)
         self.details.append(detail)
         self._sizes[detail.batch] = detail.size
         while len(self.details) > 1 and sum(self._sizes.values()) > BUDGET:
@@ -133,7 +128,7 @@ class Kept:
             self.details = [detail for detail in self.details if detail.batch % self._stride == 0]
             self._sizes = {detail.batch: self._sizes[detail.batch] for detail in self.details}
 
-    def _detail(self, batch, plan):
+    def _detail(self, batch):
         config, result, events = self.config, batch.result, batch.events
         side = self.frame_bin
         frame = np.zeros((-(-config.sensor_height // side), -(-config.sensor_width // side)), np.int64)
@@ -150,7 +145,7 @@ class Kept:
             y.astype(np.uint16),
             since.astype(np.uint32),
             np.array(path, np.float64),
-            np.array([entry.level if entry else 0 for entry in plan], np.uint8),
+            np.array([entry.level for entry in batch.plan], np.uint8),
         )
 
     def save(self, path):

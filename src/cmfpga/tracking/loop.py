@@ -1,29 +1,23 @@
-"""Tracking: batches in order, each cut with the ROI that the one before it left. The same for every engine."""
+"""The track loop: batches in order, each cut with the ROI that the one before it left.
 
+It is the only one: the command, the Python API, a sweep and the driver of a board run it, with whatever engine they
+have. What is kept of the batches is up to the consumers that the caller chooses.
+"""
+
+import functools
+import itertools
 from dataclasses import dataclass
+from typing import Protocol
 
+from ..engines import make_engine
+from ..errors import ConfigError
 from ..events import Events
 from ..imaging.iwe import contrast
 from ..protocol.flags import Flag
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings
-
-COLUMNS = (
-    "batch",
-    "t_ref_us",
-    "events",
-    "roi_events",
-    "roi_x",
-    "roi_y",
-    "vx",
-    "vy",
-    "vx_px_per_s",
-    "vy_px_per_s",
-    "iterations",
-    "cycles",
-    "contrast",
-    "flags",
-)
+from .columns import COLUMNS, csv_writer, row
+from .replay import Replay
 
 
 @dataclass(frozen=True)
@@ -44,6 +38,10 @@ class TrackedBatch:
         Of the image of warped events at the found v, computed in float64 for every engine.
     flags : Flag
         The engine's, and ``CUT`` where the batch reached ``max_batch_events`` before it was complete.
+    plan : tuple
+        A ``ScheduleEntry`` per iteration, None for a constant η.
+    thinning : int
+        The engine stored one ROI event in so many.
     """
 
     index: int
@@ -52,6 +50,8 @@ class TrackedBatch:
     t_ref: float | None
     contrast: float
     flags: Flag
+    plan: tuple = ()
+    thinning: int = 1
 
     @property
     def v_px_per_s(self):
@@ -61,28 +61,51 @@ class TrackedBatch:
         half_range = self.result.span / 2e6
         return self.result.v[0] / half_range, self.result.v[1] / half_range
 
+    def true_px_per_s(self, motion):
+        """The true mean (vx, vy) of the batch in px/s; None without a ``motion`` or events."""
+        if motion is None or not len(self.events):
+            return None
+        return tuple(motion.mean_velocity(int(self.events.t[0]), int(self.events.t[-1])).tolist())
+
+    @functools.cached_property
+    def values(self):
+        """``{name: value}`` of the :data:`~cmfpga.tracking.columns.COLUMNS`; None where there is no value."""
+        return {name: column.of(self) for name, column in COLUMNS.items()}
+
     def row(self):
-        """Text of the :data:`COLUMNS`; empty where there is no value. Equal results give equal text."""
-        result = self.result
-        speed = self.v_px_per_s
-        return (
-            str(self.index),
-            "" if self.t_ref is None else f"{self.t_ref:.1f}",
-            str(result.events),
-            str(result.roi_events),
-            str(result.roi[0]),
-            str(result.roi[1]),
-            repr(result.v[0]),
-            repr(result.v[1]),
-            *(("", "") if speed is None else (f"{axis:.3f}" for axis in speed)),
-            str(result.iterations),
-            "" if result.cycles is None else str(result.cycles),
-            f"{self.contrast:.6f}",
-            self.flags.text,
-        )
+        """The same as text, as in ``track.csv``."""
+        return row(self.values)
 
 
-def track(engine, cutter, *, roi, batches=None):
+class Consumer(Protocol):
+    """Takes the batches of one track, in order."""
+
+    def add(self, batch: TrackedBatch):
+        """Take the next one."""
+
+
+class CsvConsumer:
+    """Writes ``track.csv`` into an open file as the batches come."""
+
+    def __init__(self, file):
+        self._writer = csv_writer(file)
+
+    def add(self, batch):
+        """Write a batch's line."""
+        self._writer.writerow(batch.row())
+
+
+def open_engine(name, config, *, option="engine"):
+    """:func:`~cmfpga.engines.make_engine`, where a missing torch is the user's to mend; ``option`` is what chose it."""
+    try:
+        return make_engine(name, config)
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ConfigError(f"{option} {name}: torch is not installed; pip install 'cmfpga[reference]'") from None
+
+
+def track(engine, cutter, *, roi, batches=None, consumers=()):
     """Follow one object.
 
     Parameters
@@ -90,32 +113,50 @@ def track(engine, cutter, *, roi, batches=None):
     engine : Engine
         Runs the batches; its configuration gives the run-time settings.
     cutter : BatchCutter
-        Cuts the recording.
+        Cuts the events.
     roi : pair of int
         Left column and top row of the first batch's ROI, px.
     batches : int, optional
-        Stop after these; by default at the end of the recording.
+        Stop after these; by default at the end of the events.
+    consumers : sequence of Consumer
+        Each takes every batch, before it is yielded.
 
     Yields
     ------
     TrackedBatch
     """
-    config = engine.config
+    config, replay = engine.config, Replay(engine.config)
     start = roi
-    index = 0
-    while batches is None or index < batches:
+    for index in itertools.count() if batches is None else range(batches):
         at = engine.roi if index else roi
-        batch = cutter.next((*at, config.roi_width, config.roi_height))
-        if batch is None:
+        events = cutter.next((*at, config.roi_width, config.roi_height))
+        if events is None:
             return
-        result = engine.run(batch, BatchSettings.from_config(config, start))
+        result = engine.run(events, BatchSettings.from_config(config, start))
         start = None
-        yield TrackedBatch(
+        plan, thinning = replay.settings_of(result)
+        batch = TrackedBatch(
             index,
-            batch,
+            events,
             result,
-            t_ref=float(batch.t[0]) + result.span / 2 if len(batch) else None,
-            contrast=contrast(config, batch, result.roi, result.v, thinned=bool(result.thinned)),
-            flags=result.flags | (Flag.CUT if batch.cut_short else Flag(0)),
+            t_ref=float(events.t[0]) + result.span / 2 if len(events) else None,
+            contrast=contrast(config, events, result.roi, result.v, thinned=bool(result.thinned)),
+            flags=result.flags | (Flag.CUT if events.cut_short else Flag(0)),
+            plan=plan,
+            thinning=thinning,
         )
-        index += 1
+        for consumer in consumers:
+            consumer.add(batch)
+        yield batch
+
+
+def in_turn(tracks):
+    """Yields one batch of each track after the other, until the last track ends."""
+    running = [*tracks]
+    while running:
+        for one in [*running]:
+            batch = next(one, None)
+            if batch is None:
+                running.remove(one)
+            else:
+                yield batch

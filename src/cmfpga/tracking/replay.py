@@ -1,6 +1,7 @@
 """Which settings an engine used for each batch of a track, found from the results of the batches before it."""
 
 from ..protocol.flags import Flag
+from ..protocol.settings import BatchSettings
 from ..reference.integer.thinner import next_thinning
 
 
@@ -20,14 +21,12 @@ class Replay:
     def settings_of(self, result):
         """``(plan, thinning)`` of the next batch, whose :class:`BatchResult` this is.
 
-        ``plan`` has a ``ScheduleEntry`` per iteration, None for a constant η; the engine stored one ROI event in
+        ``plan`` has a ``ScheduleEntry`` per iteration; the engine stored one ROI event in
         ``thinning``.
         """
-        config = self._config
-        plan = (None,) * result.iterations
-        if config.ascent == "sign":
-            warm = config.start == "last" and self._following
-            plan = (config.warm_schedule if warm else config.cold_schedule)[: result.iterations]
+        config, rule = self._config, self._config.ascent_rule
+        settings = BatchSettings.from_config(config)
+        plan = rule.plan(settings, rule.warm(settings, self._following))[: result.iterations]
         thinning = self._thinning if config.thin_target and self._thinning else config.thinning
         if result.events:
             self._following = Flag.DEGENERATE not in result.flags

@@ -8,11 +8,11 @@ import torch
 from ..errors import ConfigError, RecordingError
 from ..protocol.settings import BatchSettings
 from ..reference import floating
+from ..reference.float_core import FloatCore
 from ..reference.ingest import take_in
 from ..reference.integer.core import IntegerCore
 from ..reference.integer.dither import dither
 from ..reference.integer.time_scaler import time_scaler
-from ..reference.integer.updater import gain
 from ..reference.integer.warp import warp
 
 
@@ -70,7 +70,7 @@ class BatchTrace:
     result : BatchResult
         What the engine returned.
     plan : tuple
-        A ``ScheduleEntry`` per iteration, None for a constant η.
+        A ``ScheduleEntry`` per iteration.
     thinning : int
         The engine stored one ROI event in so many.
     name : str
@@ -108,7 +108,7 @@ class BatchTrace:
         if batch.counts != {key: getattr(result, key) for key in batch.counts}:
             raise self._changed()
         self.t, self.x, self.y = (axis.numpy() for axis in (batch.t, batch.x, batch.y))
-        self.levels = np.array([entry.level if entry else 0 for entry in self.plan], np.int64)
+        self.levels = np.array([entry.level for entry in self.plan], np.int64)
         self.v = np.array(result.trace.v, np.float64) * (1 if self._real else config.formats.v.step)
         self._settings = settings
         if self._real:
@@ -117,10 +117,7 @@ class BatchTrace:
             self._place_raw(batch)
 
     def _place_real(self, batch):
-        x, y = floating.float64(batch.x), floating.float64(batch.y)
-        if self.config.dither_frac:
-            x, y = (axis + offset for axis, offset in zip((x, y), floating.dither(len(x)), strict=True))
-        self._events = (x, y, floating.scaled_times(batch.t, 0, self.result.span))
+        self._events = FloatCore(self.config).place(batch)
         self.x_dithered, self.y_dithered, self.dt = (axis.numpy() for axis in self._events)
 
     def _place_raw(self, batch):
@@ -160,11 +157,11 @@ class BatchTrace:
 
     def _raw_iteration(self, k):
         config, entry = self.config, self.plan[k]
-        level = entry.level if entry else 0
+        level = entry.level
         columns, rows = config.geometry.level_size(level)
         x, y, dt = self._events
         v = tuple(int(axis) for axis in self.result.trace.v[k])
-        done, _ = IntegerCore(config).iterate(x, y, dt, v, gain=gain(config, self._settings.eta), entry=entry)
+        done, _ = IntegerCore(config).iterate(x, y, dt, v, eta=self._settings.eta, entry=entry)
         warped_x, warped_y = warp(config, x, y, dt, v, level)
         raw = {
             "v": np.array(done.v, np.int64),
@@ -188,11 +185,11 @@ class BatchTrace:
             **dict.fromkeys(("s", "g"), weight * derivative),
         }
         real = {name: value * steps[name] for name, value in raw.items()}
-        return IterationTrace(**real, level=level, log2_step=entry.log2_step if entry else None, raw=raw)
+        return IterationTrace(**real, level=level, log2_step=entry.log2_step, raw=raw)
 
     def _real_iteration(self, k):
         config, entry = self.config, self.plan[k]
-        level = entry.level if entry else 0
+        level = entry.level
         columns, rows = config.geometry.level_size(level)
         x, y, dt = self._events
         now = floating.evaluate(x, y, dt, self.v[k], width=config.roi_width, height=config.roi_height, level=level)
@@ -203,7 +200,7 @@ class BatchTrace:
             self.v[k],
             self.v[k + 1],
             level,
-            entry.log2_step if entry else None,
+            entry.log2_step,
             *warped,
             *images,
             float(now.sum_i),

@@ -16,12 +16,12 @@ from vcd import VCDWriter
 from vcd.gtkw import GTKWSave
 
 from ..engines import AXI
-from ..engines.rtl import find_compiler, to_batch_result
+from ..engines.rtl import to_batch_result
 from ..errors import ConfigError
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
 from ..rtl.payloads import Fixed
 from ..rtl.top import VerilogCore, flatten
-from .replay import Replay
+from ..verilog.compiler import find_compiler
 
 #: Top scope of the file.
 SCOPE = "cmfpga"
@@ -111,7 +111,7 @@ class Waves:
     ----------
     probes : list of Probe
     cycles, ports, values : int arrays
-        See :meth:`cmfpga.engines.verilated.VerilatedCore.take_waves`. Cycle 0 is that of the batch's first event.
+        See :meth:`cmfpga.simulation.core.VerilatedCore.take_waves`. Cycle 0 is that of the batch's first event.
     result : BatchResult
         Of this run; its trace equals that of the track, its ROI moves from whole pixels.
     """
@@ -148,55 +148,41 @@ class WaveTaker:
         if not find_compiler():
             raise ConfigError("--wave: a C++ compiler is needed; install g++ or clang++")
         self.config, self.wanted = config, wanted
-        self._replay = Replay(config)
         self._found = None
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
-        plan, thinning = self._replay.settings_of(batch.result)
         if batch.index == self.wanted:
-            self._found = (batch.events, batch.result, plan, thinning)
+            self._found = batch
 
     def record(self):
         """The :class:`Waves`. Raises :exc:`ConfigError` if the batch never came, or has no events."""
         if self._found is None:
             raise ConfigError(f"--wave {self.wanted}: the track has no such batch")
-        events, result, plan, thinning = self._found
-        if not len(events):
+        if not len(self._found.events):
             raise ConfigError(f"--wave {self.wanted}: the batch has no events, so the hardware never saw it")
-        return record(self.config, events, result, plan=plan, thinning=thinning)
+        return record(self.config, self._found)
 
 
-def record(config, events, result, *, plan, thinning):
-    """Run a batch by itself as it ran in a track: :class:`Waves`.
-
-    Parameters
-    ----------
-    config : Config
-    events : Events
-        All events of the batch.
-    result : BatchResult
-        What the track's engine returned, raw.
-    plan, thinning
-        Of :meth:`cmfpga.tracking.replay.Replay.settings_of`.
-    """
-    from ..engines.verilated import VerilatedCore
+def record(config, batch):
+    """Run a :class:`~cmfpga.tracking.loop.TrackedBatch` by itself as it ran in the track: :class:`Waves`."""
+    from ..simulation.core import VerilatedCore
 
     settings = dataclasses.replace(
-        BatchSettings.from_config(config.replace(thinning=thinning, thin_target=0), result.roi),
+        BatchSettings.from_config(config.replace(thinning=batch.thinning, thin_target=0), batch.result.roi),
         start_last=False,
-        v_start=tuple(int(axis) for axis in result.trace.v[0]),
-        cold=tuple(plan) if config.ascent == "sign" else (),
+        v_start=tuple(int(axis) for axis in batch.result.trace.v[0]),
+        cold=tuple(batch.plan) if config.ascent_rule.has_table else (),
         warm=(),
     )
-    core = WaveCore(config)
+    core, events = WaveCore(config), batch.events
     with contextlib.closing(VerilatedCore(config, core=core)) as running:
         running.write_schedule(schedule_table(config, settings))
         running.start_waves()
         ports, trace, _ = running.run(events.t, events.x, events.y, settings_values(config, settings))
         waves = running.take_waves()
     again = to_batch_result(config, ports, trace)
-    if again.trace != result.trace:
+    if again.trace != batch.result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
     opened = _cycles_of(core.probes, waves, "core", "opened")[0]
     return Waves(core.probes, *_from_cycle(opened, *waves), again)

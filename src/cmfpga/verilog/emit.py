@@ -22,7 +22,8 @@ from .. import __version__
 from ..errors import ConfigError
 
 TOP = "cmfpga_core"
-AXI_TOP = "cmfpga_kv260"
+#: The AXI top where no board gives it a name.
+AXI_TOP = "cmfpga_axi"
 
 
 def emit_verilog(core, name=TOP):
@@ -30,15 +31,14 @@ def emit_verilog(core, name=TOP):
 
     Parameters
     ----------
-    core : VerilogCore or KV260Top
+    core : VerilogCore or AxiTop
         Only the hardware fields of its configuration matter.
     name : str
         Of the top module; the names of the others begin with it.
     """
-    # The Yosys that comes with Amaranth: another one orders and names things differently.
-    os.environ["AMARANTH_USE_YOSYS"] = "builtin"
     ports = [*core.inputs.values(), *core.outputs.values()]
-    with _environment(cache_environment("wasmtime")):
+    # The Yosys that comes with Amaranth: another one orders and names things differently.
+    with _environment({"AMARANTH_USE_YOSYS": "builtin", **cache_environment("wasmtime")}):
         text = verilog.convert(core, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
     text = re.sub(r" *\(\* init = .*? \*\)\n", "", text)

@@ -2,7 +2,7 @@
 
 Not what Vivado reports: Yosys only maps, and knows less of the devices. Two families are asked, for what each is right:
 
-``xcup`` (UltraScale+, the KV260's)
+``xcup`` (UltraScale+)
     DSPs and RAMs. It packs no registers into DSPs, so its LUTs and flip-flops are far too many.
 ``xc7`` (7 series)
     LUTs, flip-flops and carry chains: it packs the registers and adders that a DSP has inside.
@@ -21,7 +21,9 @@ import time
 from collections import Counter
 from pathlib import Path
 
+from ..boards import DEFAULT as BOARD
 from ..errors import UserError
+from . import article
 from .emit import TOP, cache_environment, sha256
 
 #: What is counted, in the order of tables: name and title.
@@ -41,11 +43,6 @@ KINDS = {
 #: The family that each kind is counted for.
 FAMILY = {kind: "xcup" if kind in ("bram36", "uram", "dsp") else "xc7" for kind in KINDS}
 
-#: The article's core on the same board, 64×64 px, without AXI: Vivado's figures.
-ARTICLE = {"lut": 3655, "ff": 7857, "carry8": 274, "bram36": 25.5, "uram": 0, "dsp": 151}
-
-#: The chip of the KV260, XCK26.
-KV260 = {"lut": 117_120, "ff": 234_240, "carry8": 14_640, "bram36": 144, "uram": 64, "dsp": 1248}
 
 LABEL = "yosys estimate; never run in Vivado, no place-and-route"
 
@@ -110,8 +107,8 @@ def estimate(verilog, *, report=lambda doing: None):
         "total": total,
         "sum_of_blocks": {kind: sum(row[kind] for row in counted.values()) for kind in KINDS},
         "blocks": {name.removeprefix(f"{TOP}_"): row for name, row in counted.items()},
-        "article": ARTICLE,
-        "kv260": KV260,
+        "article": article.RESOURCES,
+        BOARD.name: BOARD.resources,
     }
 
 
@@ -276,15 +273,15 @@ def rows(estimated):
         return what, *(form(values[kind]) if kind in values else "" for kind in KINDS)
 
     total = estimated["total"]
-    share = {kind: 100 * total[kind] / KV260[kind] for kind in KV260}
+    share = {kind: 100 * total[kind] / has for kind, has in BOARD.resources.items()}
     return [
         *(line(name, row) for name, row in estimated["blocks"].items()),
         line("sum of the blocks", estimated["sum_of_blocks"]),
         line("the core, flattened", total),
-        line("the article's core (Vivado)", ARTICLE),
-        line("KV260 has", KV260),
+        line("the article's core (Vivado)", article.RESOURCES),
+        line(f"{BOARD.title} has", BOARD.resources),
         line("the core in % of it", share, "{:.1f}".format),
-        *([line("cmfpga_kv260: the core with AXI", estimated["axi"])] if "axi" in estimated else []),
+        *([line(f"{BOARD.top}: the core with AXI", estimated["axi"])] if "axi" in estimated else []),
     ]
 
 

@@ -1,13 +1,16 @@
 """Constant ascent against its model: v + η·∂C/∂v, saturation both ways, a flag that sticks until the next batch."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.config import Config
-from cmfpga.reference.integer.updater import gain, updater
+from cmfpga.reference.integer.constant import gain, updater
 from cmfpga.rtl.ascent.constant import ConstantAscent
-from support.bench import CONFIGS, ODD, corners, edge_integers, held, integers_at_edges, np, play, random_value
+from support.bench import held, play
+from support.configs import CONFIGS, ODD
+from support.values import corners, edge_integers, integers_at_edges, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},

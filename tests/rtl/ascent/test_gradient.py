@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +10,9 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.reference.integer.gradient import Sums, gradient
 from cmfpga.rtl.ascent.gradient import Gradient
-from support.bench import CONFIGS, corners, edge_integers, integers_at_edges, np, play, random_value
+from support.bench import play
+from support.configs import CONFIGS
+from support.values import corners, edge_integers, integers_at_edges, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},

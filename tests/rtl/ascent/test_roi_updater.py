@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +12,9 @@ from cmfpga.protocol.settings import clamp_roi
 from cmfpga.reference.integer.roi_updater import roi_updater
 from cmfpga.reference.roi_follower import RoiFollower
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
-from support.bench import CONFIGS, ODD, TINY, corners, edge_integers, held, integers_at_edges, np, play, random_value
+from support.bench import held, play
+from support.configs import CONFIGS, ODD, TINY
+from support.values import corners, edge_integers, integers_at_edges, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny")},

@@ -1,12 +1,15 @@
 """Schedule: parts of the table in any order, entries out of range limited and flagged only where they are used."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ascent.schedule import Schedule
-from support.bench import LEVELS, corners, held, np, play, random_value, shape_range
+from support.bench import held, play
+from support.configs import LEVELS
+from support.values import corners, random_value, shape_range
 
 SHAPES = {
     "fast": LEVELS["fast"],

@@ -1,12 +1,15 @@
 """Sign ascent against its model: a step of the schedule by the sign of G, each axis by itself."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cmfpga.reference.integer.updater import sign_updater
+from cmfpga.reference.integer.sign import sign_updater
 from cmfpga.rtl.ascent.sign import SignAscent
-from support.bench import LEVELS, corners, edge_integers, held, integers_at_edges, np, play, random_value
+from support.bench import held, play
+from support.configs import LEVELS
+from support.values import corners, edge_integers, integers_at_edges, random_value
 
 SHAPES = {
     **{name: LEVELS[name] for name in ("fast", "fast tiny", "fast wide")},

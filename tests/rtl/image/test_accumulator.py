@@ -1,5 +1,6 @@
 """Accumulator against its model: no vote is lost however close two of them come, and a sweep leaves zeros."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,21 +9,10 @@ from cmfpga.config import Config
 from cmfpga.reference.integer.accumulator import accumulator
 from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl.image.accumulator import Accumulator, ReadAddWrite
-from support.bench import (
-    CONFIGS,
-    NARROW,
-    bank_pixels,
-    corners,
-    np,
-    play,
-    random_gaps,
-    random_value,
-    random_values,
-    sweep_addresses,
-    tensor,
-    vote_payloads,
-)
-from support.votes import cell_votes, patterns
+from support.bench import play
+from support.configs import CONFIGS, NARROW
+from support.values import corners, random_gaps, random_value, random_values, tensor
+from support.votes import bank_pixels, cell_votes, patterns, sweep_addresses, vote_payloads
 
 CONFIGS = {name: CONFIGS[name] for name in ("narrow", "odd", "tiny", "sensor")} | {
     # Odd numbers of columns and rows in a bank.

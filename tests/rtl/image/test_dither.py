@@ -2,23 +2,16 @@
 
 from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.reference.integer.dither import dither
 from cmfpga.rtl.image.dither import Dither
-from support.bench import (
-    GAPS,
-    LEVELS,
-    check_flow,
-    corners,
-    edge_integers,
-    integers_at_edges,
-    np,
-    random_gaps,
-    tensor,
-)
+from support.bench import GAPS, check_flow
+from support.configs import LEVELS
+from support.values import corners, edge_integers, integers_at_edges, random_gaps, tensor
 
 SHAPES = LEVELS | {
     "one bit": LEVELS["fast"].replace(dither_frac=1),

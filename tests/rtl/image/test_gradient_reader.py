@@ -2,6 +2,7 @@
 
 import itertools
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,17 +12,10 @@ from cmfpga.reference.integer.accumulator import Images, accumulator
 from cmfpga.reference.integer.gradient import gradient_reader
 from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl.image.gradient_reader import GradientReader
-from support.bench import (
-    CONFIGS,
-    bank_pixels,
-    corners,
-    integers_at_edges,
-    np,
-    play,
-    random_values,
-    sweep_addresses,
-    tensor,
-)
+from support.bench import play
+from support.configs import CONFIGS
+from support.values import corners, integers_at_edges, random_values, tensor
+from support.votes import bank_pixels, sweep_addresses
 
 CONFIGS = {name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny")} | {
     "uneven": Config(roi_width=6, roi_height=10, buffer_events=40),

@@ -18,7 +18,9 @@ from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import IMAGES
 from cmfpga.rtl.image.image_sums import ImageSums
 from rtl.test_core import moving_points, settings
-from support.bench import Batch, check_core, drive_core, simulate, sweep_addresses
+from support.bench import simulate
+from support.core import Batch, check_core, drive_core
+from support.votes import sweep_addresses
 
 #: The ascent is the article's, and its batches have no schedule.
 CONFIG = Config(

@@ -1,5 +1,6 @@
 """One-pass gradient: sums kept up to date vote by vote equal those over the finished images, bit for bit."""
 
+import numpy as np
 import pytest
 from amaranth.hdl import Elaboratable, Module
 from hypothesis import given
@@ -12,9 +13,11 @@ from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image.one_pass_gradient import OnePassGradient
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator
-from support.bench import LEVELS, NARROW, AnyContent, corners, np, play, random_values, tensor, vote_payloads
+from support.bench import AnyContent, play
+from support.configs import LEVELS, NARROW
+from support.values import corners, random_values, tensor
 from support.votes import cell_votes as any_votes
-from support.votes import patterns
+from support.votes import patterns, vote_payloads
 
 SHAPES = {
     **{name: LEVELS[name] for name in ("fast odd", "fast tiny", "fast wide")},
@@ -217,7 +220,7 @@ def test_behind_the_accumulator(name, rng):
     config = SHAPES[name].replace(tag_bits=4)
     wide = roomy(config)
     pair = Pair(wide)
-    idle = max(pair.latency, config.fewest_idle_cycles)
+    idle = max(pair.latency, config.one_pass.fewest_idle_cycles)
     noise = random_values(pair.i.payload.shape(), rng)
     script = [{"i.payload": next(noise)} for _ in range(config.geometry.bank_depth)]
     expected = []

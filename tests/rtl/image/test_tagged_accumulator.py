@@ -3,6 +3,7 @@
 The RAMs start with random words in every test, as they may after a reset.
 """
 
+import numpy as np
 import pytest
 from amaranth.hdl import Elaboratable, Module, ResetInserter, Signal
 from hypothesis import given
@@ -13,8 +14,10 @@ from cmfpga.reference.integer.accumulator import accumulator
 from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator
-from support.bench import LEVELS, AnyContent, corners, np, play, random_values, tensor, vote_payloads
-from support.votes import cell_votes, patterns
+from support.bench import AnyContent, play
+from support.configs import LEVELS
+from support.values import corners, random_values, tensor
+from support.votes import cell_votes, patterns, vote_payloads
 
 
 def small(width, height, tag_bits):
@@ -139,7 +142,7 @@ def check_phases(config, phases, idle, seed=0):
 def test_hazards(name, idle, rng):
     """All patterns back to back; iterations without any event among them."""
     config = SHAPES[name]
-    fewest = config.fewest_idle_cycles
+    fewest = config.one_pass.fewest_idle_cycles
     phases = {name: cell_votes(config, cells, rng) for name, cells in patterns(config, rng).items()}
     check_phases(config, phases, (lambda: fewest) if idle == "fewest" else lambda: fewest + int(rng.integers(9)))
 
@@ -156,7 +159,7 @@ def test_votes_of_the_voter_at_every_level(name, rng):
         x, y = (rng.integers(-2 << frac, (size + 1) << frac, events) for size in config.geometry.level_size(level))
         dt = rng.integers(-1 << config.dt_frac, 1 << config.dt_frac, events, endpoint=True)
         phases[number] = voter(config, tensor(x), tensor(y), tensor(dt), level)
-    check_phases(config, phases, lambda: config.fewest_idle_cycles)
+    check_phases(config, phases, lambda: config.one_pass.fewest_idle_cycles)
 
 
 @pytest.mark.parametrize("sign", [-1, 1])
@@ -168,7 +171,7 @@ def test_words_hold_every_event_on_one_pixel(sign):
     top = sign * config.widths.derivative_max
     votes = votes._replace(w=votes.w * 0 + config.widths.weight_max, dx=votes.dx * 0 + top, dy=votes.dy * 0 - top)
     again = cell_votes(config, [(1, 1)], rng)
-    check_phases(config, {"full": votes, "one": again, "full again": votes}, lambda: config.fewest_idle_cycles)
+    check_phases(config, {"full": votes, "one": again, "full again": votes}, lambda: config.one_pass.fewest_idle_cycles)
     largest = accumulator(config, votes)
     assert int(largest.i.max()) == config.widths.image_max
     assert int((sign * largest.dx).max()) == int((-sign * largest.dy).max()) == config.widths.derivative_image_max
@@ -182,7 +185,7 @@ def test_any_order_of_few_addresses(data):
     cell = st.tuples(st.sampled_from([-1, 0, 1, 2]), st.sampled_from([0, 2]))
     script = Script(config, rng)
     script.idle(data.draw(st.integers(config.geometry.bank_depth, 2 * config.geometry.bank_depth)))
-    fewest = config.fewest_idle_cycles
+    fewest = config.one_pass.fewest_idle_cycles
     for _ in range(5):
         cells = data.draw(st.lists(cell, max_size=12))
         idle = data.draw(st.integers(fewest, fewest + 3))
@@ -224,14 +227,14 @@ RETURNING = {
 @pytest.mark.parametrize("name", RETURNING)
 def test_tags_come_back_after_the_fewest_idle_cycles(name, rng):
     config = RETURNING[name]
-    script = every_word_when_its_tag_is_back(config, config.fewest_idle_cycles, rng)
+    script = every_word_when_its_tag_is_back(config, config.one_pass.fewest_idle_cycles, rng)
     script.check(script.play())
 
 
 @pytest.mark.parametrize("name", RETURNING)
 def test_one_idle_cycle_fewer_is_refused_and_goes_wrong(name, rng):
     config = RETURNING[name]
-    idle = config.fewest_idle_cycles - 1
+    idle = config.one_pass.fewest_idle_cycles - 1
     script = every_word_when_its_tag_is_back(config, idle, rng)
     wrong = script.differences(script.play())
     assert wrong and wrong[0] >= ((1 << config.tag_bits) - 1) * idle, "goes wrong for another reason"
@@ -242,14 +245,16 @@ def test_the_rule_is_exact():
     for config in RETURNING.values():
         tags = (1 << config.tag_bits) - 1
         for idle in range(1, 20):
-            assert (idle >= config.fewest_idle_cycles) == (tags * idle >= config.geometry.bank_depth)
-    assert RETURNING["exactly enough"].fewest_idle_cycles * 3 == RETURNING["exactly enough"].geometry.bank_depth
+            assert (idle >= config.one_pass.fewest_idle_cycles) == (tags * idle >= config.geometry.bank_depth)
+    assert (
+        RETURNING["exactly enough"].one_pass.fewest_idle_cycles * 3 == RETURNING["exactly enough"].geometry.bank_depth
+    )
 
 
 def test_one_word_that_the_sweep_has_not_reached(rng):
     """The shortest story of a broken rule: a word comes back with its number, just before the sweep gets there."""
     config = RETURNING["exactly enough"]
-    fewest = config.fewest_idle_cycles
+    fewest = config.one_pass.fewest_idle_cycles
     for idle in (fewest, fewest - 1):
         # The sweep has just left the last word when the story begins; it ends with 12, or 9, words swept.
         word = words_of(config, [config.geometry.bank_words - 1], rng)
@@ -276,7 +281,7 @@ def test_without_the_first_pass_there_is_garbage(rng):
 def test_reset_at_any_moment(name, rng):
     """Whatever is under way: after one more pass everything is as new, though the RAMs keep what they had."""
     config = SHAPES[name]
-    idle = config.fewest_idle_cycles
+    idle = config.one_pass.fewest_idle_cycles
     for _ in range(6):
         top = Resettable(TaggedAccumulator(config))
         before, after = Script(config, rng), Script(config, rng)

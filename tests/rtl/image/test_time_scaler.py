@@ -1,5 +1,6 @@
 """Time scaler against its model: dt is −1 … 1, x, y and last pass through."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,18 +8,9 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.reference.integer.time_scaler import reciprocal, time_scaler
 from cmfpga.rtl.image.time_scaler import TimeScaler
-from support.bench import (
-    CONFIGS,
-    GAPS,
-    check_flow,
-    corners,
-    edge_integers,
-    integers_at_edges,
-    np,
-    random_gaps,
-    random_value,
-    tensor,
-)
+from support.bench import GAPS, check_flow
+from support.configs import CONFIGS
+from support.values import corners, edge_integers, integers_at_edges, random_gaps, random_value, tensor
 
 SHAPES = {
     "default": CONFIGS["default"],

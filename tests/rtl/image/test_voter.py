@@ -1,26 +1,16 @@
 """Bilinear voter against its model: weights, derivatives, bank and address of each corner, corners outside dropped."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl.image.voter import BilinearVoter
-from support.bench import (
-    CONFIGS,
-    GAPS,
-    LEVELS,
-    corners,
-    edge_integers,
-    flow_script,
-    integers_at_edges,
-    np,
-    play,
-    random_gaps,
-    shape_range,
-    tensor,
-    vote_payloads,
-)
+from support.bench import GAPS, flow_script, play
+from support.configs import CONFIGS, LEVELS
+from support.values import corners, edge_integers, integers_at_edges, random_gaps, shape_range, tensor
+from support.votes import vote_payloads
 
 
 def limits(config):

@@ -1,5 +1,6 @@
 """Warp against its model: positions floored and clamped, v used in the cycle in which an event enters, level later."""
 
+import numpy as np
 import pytest
 import torch
 from hypothesis import given
@@ -7,21 +8,9 @@ from hypothesis import strategies as st
 
 from cmfpga.reference.integer.warp import warp
 from cmfpga.rtl.image.warp import Warp
-from support.bench import (
-    CONFIGS,
-    GAPS,
-    LEVELS,
-    check_flow,
-    corners,
-    edge_integers,
-    flow_script,
-    integers_at_edges,
-    np,
-    play,
-    random_gaps,
-    shape_range,
-    tensor,
-)
+from support.bench import GAPS, check_flow, flow_script, play
+from support.configs import CONFIGS, LEVELS
+from support.values import corners, edge_integers, integers_at_edges, random_gaps, shape_range, tensor
 
 
 def check(config, dt, x, y, vx, vy, gaps, last=None):

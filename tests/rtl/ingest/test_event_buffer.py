@@ -2,11 +2,13 @@
 
 import itertools
 
+import numpy as np
 import pytest
 
 from cmfpga.config import Config
 from cmfpga.rtl.ingest.event_buffer import EventBuffer
-from support.bench import GAPS, np, play, random_gaps, random_value, random_values
+from support.bench import GAPS, play
+from support.values import random_gaps, random_value, random_values
 
 DEPTHS = [1, 2, 3, 64, 100]
 

@@ -1,5 +1,6 @@
 """Reciprocal against its model: shift and mantissa, exact latency, results that stay."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,7 +8,9 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.reference.integer.time_scaler import reciprocal
 from cmfpga.rtl.ingest.reciprocal import Reciprocal
-from support.bench import CONFIGS, corners, integers_at_edges, np, play
+from support.bench import play
+from support.configs import CONFIGS
+from support.values import corners, integers_at_edges
 
 SHAPES = {
     "default": CONFIGS["default"],

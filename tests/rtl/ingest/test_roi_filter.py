@@ -1,5 +1,6 @@
 """ROI filter against its model: cropping, time range, counters, time stamps that wrap, step back or run too far."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -7,19 +8,9 @@ from hypothesis import strategies as st
 from cmfpga.config import Config
 from cmfpga.reference.integer.roi_filter import roi_filter
 from cmfpga.rtl.ingest.roi_filter import RoiFilter
-from support.bench import (
-    CONFIGS,
-    GAPS,
-    NARROW,
-    ODD,
-    TINY,
-    corners,
-    flow_script,
-    integers_at_edges,
-    np,
-    play,
-    random_gaps,
-)
+from support.bench import GAPS, flow_script, play
+from support.configs import CONFIGS, NARROW, ODD, TINY
+from support.values import corners, integers_at_edges, random_gaps
 
 SHAPES = {
     "default": CONFIGS["default"],

@@ -1,5 +1,6 @@
 """Thinner against its model: which events pass, how many are left out, and the factor that a batch leaves behind."""
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,18 +9,8 @@ from cmfpga.config import Config
 from cmfpga.reference.integer.thinner import next_thinning, thinner
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ingest.thinner import Thinner
-from support.bench import (
-    GAPS,
-    corners,
-    flow_script,
-    integers_at_edges,
-    np,
-    play,
-    random_gaps,
-    random_value,
-    random_values,
-    tensor,
-)
+from support.bench import GAPS, flow_script, play
+from support.values import corners, integers_at_edges, random_gaps, random_value, random_values, tensor
 
 CONFIG = Config(buffer_events=300, max_batch_events=5000)
 

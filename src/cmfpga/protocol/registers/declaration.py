@@ -41,7 +41,7 @@ def check(config):
         ("max_batch_events", (1 << 31) - 1, "counters have 32 bits"),
     ):
         if getattr(config, name) > limit:
-            raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the KV260 top ({why})")
+            raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the AXI top ({why})")
 
 
 def register_map(config):
@@ -97,6 +97,7 @@ def _control():
 
 def _discovery(config):
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
+    table = config.ascent_rule.has_table
     formats = [(name, 1, 1, f"INPUT.FORMAT {name}") for name in FORMATS]
     return [
         ("ID", "what this is", constants(("MAGIC", 32, ID, "the letters CMAX"))),
@@ -116,7 +117,7 @@ def _discovery(config):
             constants(
                 ("LANES", 4, 1, "events a cycle"),
                 ("ONE_PASS", 1, config.gradient == "one_pass", "gradient: 0 sweep, 1 one_pass"),
-                ("SIGN", 1, config.ascent == "sign", "ascent: 0 constant, 1 sign"),
+                ("SIGN", 1, table, "ascent: 0 constant, 1 sign"),
                 ("BUFFERS", 2, config.buffers, "event buffers"),
                 *formats,
                 ("BYPASS", 1, 1, "INPUT.BYPASS"),
@@ -161,8 +162,8 @@ def _discovery(config):
             "limits of the ascent",
             constants(
                 ("ITERATIONS", 16, config.max_iterations, "largest number of iterations"),
-                ("SCHEDULE_ENTRIES", 12, config.schedule_entries if config.ascent == "sign" else 0, "of the table"),
-                ("MAX_LEVEL", 4, config.max_level if config.ascent == "sign" else 0, "coarsest level"),
+                ("SCHEDULE_ENTRIES", 12, config.schedule_entries if table else 0, "of the table"),
+                ("MAX_LEVEL", 4, config.max_level if table else 0, "coarsest level"),
             ),
         ),
         ("RESULT_SIZE", "results", constants(("BEATS", 32, PACKET_BEATS, "64-bit words of a result packet"))),
@@ -215,7 +216,7 @@ def _operation():
 
 
 def _schedule(config):
-    if config.ascent != "sign":
+    if not config.ascent_rule.has_table:
         return []
     fields = (
         stored("LEVEL", 0, 8, "pixels are 2^LEVEL px wide", high=config.max_level, link="level"),

@@ -5,16 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...protocol.flags import Flag
-from ...protocol.results import BatchResult, not_judged
 from ...protocol.trace import Trace
-from ..ingest import take_in
-from ..roi_follower import RoiFollower
+from ..sequence import Sequence
 from .accumulator import Images, accumulator
 from .confidence import confidence
+from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
+from .sign import sign_updater
 from .time_scaler import time_scaler
-from .updater import gain, sign_updater, updater
 from .voter import voter
 from .warp import warp
 
@@ -30,27 +29,20 @@ class IntegerIteration:
     v_next: tuple[int, int]
 
 
-class IntegerCore:
-    """The core's state between batches, and how a batch changes it.
+#: By the value of ``ascent``: the step of one axis from raw v, ``(next v, saturated)``.
+STEPS = {
+    "constant": lambda config, v, g, eta, entry: updater(config, v, g, gain=gain(config, eta)),
+    "sign": lambda config, v, g, eta, entry: sign_updater(config, v, g, log2_step=entry.log2_step),
+}
 
-    Parameters
-    ----------
-    config : Config
-        Formats and sizes.
+
+class IntegerCore(Sequence):
+    """The core's state between batches, and how a batch changes it, in raw integers.
+
+    See :class:`~cmfpga.reference.sequence.Sequence` for parameters and the other attributes.
 
     Attributes
     ----------
-    v : pair of int
-        Raw velocity of the last batch; zero after a reset.
-    tracking : bool
-        Whether ``v`` is that of an object that is being followed: the sign ascent's warm schedule applies. A new ROI,
-        a degenerate batch or a reset ends it.
-    doubtful : bool
-        Whether the last batch was flagged so.
-    follower : RoiFollower
-        Raw ROI position; the origin after a reset.
-    thinning : int or None
-        What would have brought the last batch down to its target.
     dt : int64 tensor
         Scaled times of the last batch's ROI events.
     iterations : list of IntegerIteration
@@ -58,112 +50,60 @@ class IntegerCore:
     """
 
     def __init__(self, config):
-        self.config = config
-        self.v = (0, 0)
-        self.tracking = self.doubtful = False
-        self.follower = RoiFollower(config, 1 << config.formats.roi_x.f)
-        self.thinning = None
+        super().__init__(config, 1 << config.formats.roi_x.f)
         self.dt = None
         self.iterations = []
+        self._keep = False
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
-        """Process one batch.
+        """Process one batch; ``keep`` every iteration's images in ``iterations`` (memory: T images)."""
+        self._keep, self.iterations = keep, []
+        return super().run(t, x, y, settings, cut=cut)
 
-        Parameters
-        ----------
-        t, x, y : integer arrays
-            All N events of the batch.
-        settings : BatchSettings
-            Run-time inputs.
-        cut : bool
-            Whether the batch ended because it reached ``max_batch_events``.
-        keep : bool
-            Keep every iteration's images in ``iterations`` (memory: T images).
+    @property
+    def velocity(self):
+        return tuple(self.config.formats.v.real(axis) for axis in self.v)
 
-        Returns
-        -------
-        BatchResult
-        """
+    def number(self, fmt, raw):
+        return raw
+
+    def ascend(self, batch, settings, plan):
         config = self.config
-        roi, limited = self.follower.crop(settings.roi)
-        if settings.roi is not None:
-            self.tracking = False
-        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning)
-        self.thinning = batch.next_thinning
-        flags = batch.flags | (Flag.CUT if cut else Flag(0))
+        self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
+        x, y = dither(config, batch.x, batch.y)
+        velocities, sums, flags = [self.v], [], Flag(0)
+        for entry in plan:
+            done, saturated = self.iterate(x, y, self.dt, velocities[-1], entry=entry, eta=settings.eta)
+            flags |= Flag.SATURATED if saturated else Flag(0)
+            velocities.append(done.v_next)
+            sums.append(done.sums)
+            if self._keep:
+                self.iterations.append(done)
+        judged = {}
+        if config.confidence:
+            judged, doubt = confidence(
+                config,
+                lambda v: self.iterate(x, y, self.dt, v, entry=entry)[0],
+                done,
+                settings,
+                batch.counts["roi_events"],
+            )
+            flags |= doubt
+        table = np.array(sums, np.int64)
+        v = np.array(velocities, np.int64)
+        return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]), flags, judged
 
-        warm = settings.start_last and (self.tracking or config.ascent == "constant")
-        restarted = warm and self.doubtful and bool(settings.cold_after_doubtful)
-        warm = warm and not restarted
-        plan = self._plan(settings, warm)
-        judged = not_judged(config)
-        self.iterations = []
-        sums = []
-        velocities = [self.v]
-        step = None
-        if not batch.enough(settings) or not plan:
-            flags |= Flag.DEGENERATE
-            self.tracking = False
-        else:
-            if not warm:
-                self.v = settings.v_start
-            velocities = [self.v]
-            self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
-            positions = dither(config, batch.x, batch.y)
-            batch_gain = gain(config, settings.eta)
-            for entry in plan:
-                done, saturated = self.iterate(*positions, self.dt, self.v, gain=batch_gain, entry=entry)
-                flags |= Flag.SATURATED if saturated else Flag(0)
-                self.v = done.v_next
-                velocities.append(done.v_next)
-                sums.append(done.sums)
-                if keep:
-                    self.iterations.append(done)
-            if config.confidence:
-                again = lambda v: self.iterate(*positions, self.dt, v, entry=entry)[0]  # noqa: E731
-                judged, doubt = confidence(config, again, done, settings, batch.counts["roi_events"])
-                judged["restarted"] = int(restarted)
-                flags |= doubt
-            self.tracking = True
-            step = tuple(axis * settings.roi_gain for axis in self.v)
-        self.doubtful = Flag.DOUBTFUL in flags
-        limited |= self.follower.move(step)
-        flags |= Flag.ROI_CLAMPED if limited else Flag(0)
-
-        table = np.array(sums, np.int64).reshape(-1, 5)
-        return BatchResult(
-            **batch.counts,
-            roi=roi,
-            roi_next=self.follower.next_corner,
-            v=(config.formats.v.real(self.v[0]), config.formats.v.real(self.v[1])),
-            iterations=len(sums),
-            flags=flags,
-            **judged,
-            trace=Trace(v=np.array(velocities, np.int64), sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]),
-        )
-
-    def _plan(self, settings, warm):
-        """One :class:`ScheduleEntry` per iteration; None for a constant η."""
-        if self.config.ascent == "sign":
-            return settings.warm if warm else settings.cold
-        return (None,) * settings.iterations
-
-    def iterate(self, x, y, dt, v, *, gain=0, entry=None):
+    def iterate(self, x, y, dt, v, *, entry, eta=0):
         """One iteration from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
 
-        ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, None
-        for a constant η, whose ``gain`` then counts.
+        ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
+        ``eta`` raw.
         """
-        config = self.config
-        level = entry.level if entry else 0
+        config, level = self.config, entry.level
         images = accumulator(config, voter(config, *warp(config, x, y, dt, v, level), dt, level))
         sums = gradient_reader(images)
         g = gradient(config, sums)
-        steps = [
-            sign_updater(config, axis_v, axis_g, log2_step=entry.log2_step)
-            if entry
-            else updater(config, axis_v, axis_g, gain=gain)
-            for axis_v, axis_g in zip(v, g, strict=True)
-        ]
+        step = STEPS[config.ascent]
+        steps = [step(config, axis_v, axis_g, eta, entry) for axis_v, axis_g in zip(v, g, strict=True)]
         (vx, saturated_x), (vy, saturated_y) = steps
         return IntegerIteration(tuple(v), images, sums, g, (vx, vy)), saturated_x or saturated_y

@@ -1,9 +1,11 @@
 """Model of :mod:`cmfpga.rtl.ingest.thinner`."""
 
+from ...protocol.settings import MAX_THINNING
+
 
 def next_thinning(count, target):
-    """The factor that would have brought ``count`` events down to ``target``, 1 to 255; None without a target."""
-    return min(255, max(1, -(-count // target))) if target else None
+    """The factor that would have brought ``count`` events down to ``target``, at least 1; None without a target."""
+    return min(MAX_THINNING, max(1, -(-count // target))) if target else None
 
 
 def thinner(events, factor):

@@ -34,7 +34,7 @@ def ascent_run(config):
         {
             "settings": Out(payloads.settings(config)),
             **dict.fromkeys(signals, Out(1)),
-            "planned": In(config.iteration_bits),
+            "planned": In(config.widths.iteration_bits),
             "updated": In(1),
         }
     )

@@ -1,11 +1,23 @@
 """AXI4-Lite slave: one write and one read at a time, both answered with OKAY."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.registers.declaration import ADDRESS_BITS
-from ..shell import payloads
+from ..shell.payloads import register_bus
+
+#: Payloads of the channels. The third member of the address channels, ``prot``, is of no use here.
+CHANNELS = {
+    name: data.StructLayout(members)
+    for name, members in {
+        "aw": {"addr": ADDRESS_BITS},
+        "w": {"data": 32, "strb": 4},
+        "b": {"resp": 2},
+        "ar": {"addr": ADDRESS_BITS},
+        "r": {"data": 32, "resp": 2},
+    }.items()
+}
 
 
 class LiteSlave(wiring.Component):
@@ -21,17 +33,13 @@ class LiteSlave(wiring.Component):
     size : int
         Bytes of the map, a power of two.
     read_latency : int
-        Cycles from ``read_address`` to ``read_data``.
+        Cycles from ``bus.read_address`` to ``bus.read_data``.
 
     Members
     -------
-    aw, ar : ``In``, streams of addresses
-    w : ``In``, stream of ``data`` and ``strb``
-    b, r : ``Out``, streams of ``resp``, and of ``data`` and ``resp``
-    write : ``Out``, flow of :func:`payloads.write`
-    read_address : ``Out``
-        Word address.
-    read_data : ``In``
+    aw, w, ar : ``In``, streams of :data:`CHANNELS`
+    b, r : ``Out``, streams of the same
+    bus : ``Out``, :func:`cmfpga.rtl.shell.payloads.register_bus`
     """
 
     def __init__(self, size, *, read_latency):
@@ -39,14 +47,9 @@ class LiteSlave(wiring.Component):
         self._read_latency = read_latency
         super().__init__(
             {
-                "aw": In(stream.Signature(ADDRESS_BITS)),
-                "w": In(stream.Signature(payloads.write_data())),
-                "b": Out(stream.Signature(2)),
-                "ar": In(stream.Signature(ADDRESS_BITS)),
-                "r": Out(stream.Signature(payloads.read_answer())),
-                "write": Out(stream.Signature(payloads.write(), always_ready=True)),
-                "read_address": Out(payloads.write()["address"].shape),
-                "read_data": In(32),
+                **{name: In(stream.Signature(CHANNELS[name])) for name in ("aw", "w", "ar")},
+                **{name: Out(stream.Signature(CHANNELS[name])) for name in ("b", "r")},
+                "bus": Out(register_bus()),
             }
         )
 
@@ -58,18 +61,19 @@ class LiteSlave(wiring.Component):
 
     def _writes(self, m):
         """``ready`` falls when an address, or data, was taken, and rises with the answer."""
-        address, written = Signal(ADDRESS_BITS), Signal(payloads.write_data())
+        target, written = Signal(CHANNELS["aw"]), Signal(CHANNELS["w"])
+        address = target.addr
         have_address, have_data, both = Signal(), Signal(), Signal()
         m.d.comb += [
             both.eq(have_address & have_data),
-            self.write.valid.eq(both & ((address & (self._size - 1)) == address)),
-            self.write.payload.address.eq(address[2:]),
-            self.write.payload.data.eq(written.data),
-            self.write.payload.strobe.eq(written.strb),
+            self.bus.write.valid.eq(both & ((address & (self._size - 1)) == address)),
+            self.bus.write.payload.address.eq(address[2:]),
+            self.bus.write.payload.data.eq(written.data),
+            self.bus.write.payload.strobe.eq(written.strb),
         ]
         free = Signal()  # no answer waits
         m.d.comb += free.eq(~self.b.valid | self.b.ready)
-        for channel, have, kept in ((self.aw, have_address, address), (self.w, have_data, written)):
+        for channel, have, kept in ((self.aw, have_address, target), (self.w, have_data, written)):
             with m.If(channel.valid & channel.ready):
                 m.d.sync += [have.eq(1), kept.eq(channel.payload), channel.ready.eq(0)]
             with m.Elif(~have & free & ~both):
@@ -80,21 +84,22 @@ class LiteSlave(wiring.Component):
             m.d.sync += self.b.valid.eq(0)
 
     def _reads(self, m):
+        address = self.ar.payload.addr
         beyond = Signal()
         stage = Signal(self._read_latency + 1)  # one-hot: how long ago the address was taken
         busy = Signal()
         m.d.comb += busy.eq(stage.any() | (self.r.valid & ~self.r.ready))
         with m.If(self.ar.valid & self.ar.ready):
             m.d.sync += [
-                self.read_address.eq(self.ar.payload[2:]),
-                beyond.eq((self.ar.payload & (self._size - 1)) != self.ar.payload),
+                self.bus.read_address.eq(address[2:]),
+                beyond.eq((address & (self._size - 1)) != address),
                 self.ar.ready.eq(0),
                 stage.eq(1),
             ]
         with m.Else():
             m.d.sync += [self.ar.ready.eq(~busy), stage.eq(stage << 1)]
         with m.If(stage[-1]):
-            m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(self.read_data)]
+            m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(self.bus.read_data)]
             with m.If(beyond):
                 m.d.sync += self.r.payload.data.eq(0)
         with m.Elif(self.r.ready):

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
+from ..arithmetic import delay, select
 
 
 class Judge(wiring.Component):
@@ -14,9 +15,9 @@ class Judge(wiring.Component):
     With G of the last iteration and of the two probes, it
 
     1. squares ΣI while the probes are summed, for A = P·Σ I² − (ΣI)²;
-    2. subtracts: the curvatures xx, yy, cross (two cycles);
+    2. subtracts, along x and then along y: the curvatures xx, yy, cross;
     3. shifts all four left until one fills its register, and keeps the highest bits;
-    4. makes a = 8·n·xx − R·A, c = 8·n·yy − R·A and b = 8·n·cross, a bit of 8·n and R a cycle;
+    4. makes a = 8·n·xx − R·A, c = 8·n·yy − R·A and b = 8·n·cross, one after the other, a bit of 8·n and R a cycle;
     5. makes 4·a·c − b², a bit of a and b a cycle.
 
     ``done`` is high :attr:`latency` cycles after the gradient of the second probe, and ``doubtful`` right from then on.
@@ -47,7 +48,7 @@ class Judge(wiring.Component):
         by_n, by_limit = widths.judge_scales
         self._drop = widths.curvature_bits - widths.kept_bits  # steps of 3
         self._factor_bits = max(bits_for(by_n * config.buffer_events), widths.limit_bits + by_limit.bit_length() - 1)
-        self.latency = 2 + self._drop + self._factor_bits + widths.judge_bits
+        self.latency = 3 + self._drop + 3 * self._factor_bits + widths.judge_bits
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "iterating", "begin"), In(1)),
@@ -84,16 +85,15 @@ class Judge(wiring.Component):
             factor.eq(value * scale)
             for factor, value, scale in zip(factors, (self.events, self.limit), widths.judge_scales, strict=True)
         ]
-        sides = {name: Signal(signed(widths.judge_bits), name=name, reset_less=True) for name in ("a", "c", "b")}
-        limit = Mux(bits[1], kept["contrast"], 0)
-        terms = {
-            "a": Mux(bits[0], kept["xx"], 0) - limit,
-            "c": Mux(bits[0], kept["yy"], 0) - limit,
-            "b": Mux(bits[0], kept["cross"], 0),
-        }
+        a, c, b = (Signal(signed(widths.judge_bits), name=name, reset_less=True) for name in "acb")
+        side = Signal.like(b, name="side")
+        turn = Signal(2)
+        curvature = select(turn, [kept[name] for name in ("xx", "yy", "cross")])
+        limit = Mux(bits[1] & (turn != 2), kept["contrast"], 0)
+        scaled = Signal.like(b, name="scaled")
+        m.d.comb += scaled.eq((side << 1) + Mux(bits[0], curvature, 0) - limit)
         # 5
         difference = Signal(signed(2 * widths.judge_bits + 3), reset_less=True)
-        a, c, b = sides.values()
         growth = Mux(a.bit_select(timer, 1), c << 2, 0) - Mux(b.bit_select(timer, 1), b, 0)
 
         with m.FSM(name="judge"):
@@ -105,15 +105,18 @@ class Judge(wiring.Component):
             with m.State("SHIFT"):
                 with m.If(~full):
                     m.d.sync += [value.eq(value << 1) for value in wide.values()]
-                m.d.sync += [value.eq(0) for value in sides.values()]
+                m.d.sync += [side.eq(0), turn.eq(0)]
                 with m.If(timer == 0):
                     m.d.sync += timer.eq(self._factor_bits - 1)
                     m.next = "SCALE"
             with m.State("SCALE"):
-                m.d.sync += [sides[name].eq((sides[name] << 1) + terms[name]) for name in sides]
+                m.d.sync += side.eq(scaled)
                 with m.If(timer == 0):
-                    m.d.sync += timer.eq(widths.judge_bits - 1)
-                    m.next = "COMPARE"
+                    m.d.sync += [a.eq(c), c.eq(b), b.eq(scaled), side.eq(0), turn.eq(turn + 1)]
+                    m.d.sync += timer.eq(self._factor_bits - 1)
+                    with m.If(turn == 2):
+                        m.d.sync += timer.eq(widths.judge_bits - 1)
+                        m.next = "COMPARE"
             with m.State("COMPARE"):
                 # The sign's bit of b counts negative, and that of a is 0 where it matters.
                 with m.If(timer == widths.judge_bits - 1):
@@ -132,26 +135,27 @@ class Judge(wiring.Component):
 
     def _curvature(self, m, wide):
         """Subtract gradients as they come; returns a pulse: all but ``contrast`` is there a cycle later."""
-        g = self.i.payload
-        last = Signal.like(g, reset_less=True)
-        mixed = Signal.like(wide["cross"], name="mixed", reset_less=True)
-
-        def fall(axis, probe):
-            """G of the last iteration less that of the probe; the other way round where the probe has a smaller v."""
-            turn = self.away[probe].replicate(len(mixed)).as_signed()
-            return (last[axis] ^ turn) + (g[axis] ^ ~turn) + 1
-
+        g, last = self.i.payload, Signal.like(self.i.payload, reset_less=True)
         with m.If(self.i.valid & self.iterating):
             m.d.sync += last.eq(g)
-        with m.If(self.i.valid & self.probing[0]):
-            m.d.sync += [wide["xx"].eq(fall("x", 0)), mixed.eq(fall("y", 0))]
-        subtracted = Signal()
-        m.d.sync += subtracted.eq(self.i.valid & self.probing[1])
-        with m.If(self.i.valid & self.probing[1]):
-            m.d.sync += [wide["yy"].eq(fall("y", 1)), wide["cross"].eq(fall("x", 1))]
-        with m.If(subtracted):
-            m.d.sync += wide["cross"].eq(wide["cross"] + mixed)
-        return subtracted
+        # G of the last iteration less that of the probe; the other way round where the probe has a smaller v. Along x
+        # when it comes, along y a cycle later: it stays.
+        came = [self.i.valid & self.probing[k] for k in range(2)]
+        fell = [[delay(m, one, cycles, name=f"fell_{k}_{cycles}", valid=True) for cycles in (1, 2)]
+                for k, one in enumerate(came)]  # fmt: skip
+        y, turn = fell[0][0] | fell[1][0], (self.away & self.probing).any()
+        bits = self.config.widths.g_bits
+        before, now = (Mux(y, value.y, value.x) ^ turn.replicate(bits).as_signed() for value in (last, g))
+        fall = delay(m, before - now, 1, name="fall")
+        with m.If(fell[0][0]):
+            m.d.sync += wide["xx"].eq(fall)
+        with m.If(fell[1][1]):
+            m.d.sync += wide["yy"].eq(fall)
+        with m.If(fell[0][1]):
+            m.d.sync += wide["cross"].eq(fall)
+        with m.Elif(fell[1][0]):
+            m.d.sync += wide["cross"].eq(wide["cross"] + fall)
+        return fell[1][1]
 
     def _square(self, m):
         """(ΣI)²: as many cycles as ΣI has bits, which the probes take anyway."""

@@ -28,10 +28,10 @@ class OnePassImage(ImageSums):
         return {"tagged_accumulator": self.tagged_accumulator, "one_pass_gradient": self.one_pass_gradient}
 
     def check(self, idle_cycles):
-        if idle_cycles < self.config.fewest_idle_cycles:
+        if idle_cycles < self.config.one_pass.fewest_idle_cycles:
             raise ConfigError(
                 f"tag_bits = {self.config.tag_bits}: {idle_cycles} idle cycles an iteration; "
-                f"at least {self.config.fewest_idle_cycles} are needed"
+                f"at least {self.config.one_pass.fewest_idle_cycles} are needed"
             )
 
     def elaborate(self, platform):

@@ -5,12 +5,12 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from ...protocol.registers.declaration import FORMATS
-from ..axi.skid_buffer import SkidBuffer
 from . import payloads
 from .evt20_decoder import Evt20Decoder
 from .evt21_decoder import Evt21Decoder
 from .packed_decoder import PackedDecoder
 from .sensor_gate import SensorGate
+from .skid_buffer import SkidBuffer
 
 
 class InputPath(wiring.Component):

@@ -1,6 +1,7 @@
-"""Named layouts of what travels between the blocks of the AXI top."""
+"""Named layouts of what travels between the blocks of the shell, and in and out of it."""
 
-from amaranth.lib import data
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
 
 from ...protocol.settings import settings_of
 from .. import payloads as core
@@ -41,16 +42,17 @@ def end_settings(config):
     )
 
 
-def write_data():
-    """The write data channel of AXI4-Lite."""
-    return data.StructLayout({"data": 32, "strb": 4})
-
-
-def read_answer():
-    """The read data channel of AXI4-Lite."""
-    return data.StructLayout({"data": 32, "resp": 2})
-
-
 def write():
     """A write to a register: word address in the map, data, and which bytes count."""
     return data.StructLayout({"address": 10, "data": 32, "strobe": 4})
+
+
+def register_bus():
+    """Signature of the register bus, for who asks; ``read_data`` follow ``read_address`` after a fixed latency."""
+    return wiring.Signature(
+        {
+            "write": Out(stream.Signature(write(), always_ready=True)),
+            "read_address": Out(write()["address"].shape),
+            "read_data": In(32),
+        }
+    )

@@ -1,7 +1,7 @@
 """Register bank: the words of the register map, made from its declaration."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal
-from amaranth.lib import data, stream, wiring
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from . import payloads
@@ -42,11 +42,8 @@ class RegisterBank(wiring.Component):
 
     Members
     -------
-    write : ``In``, flow of :func:`payloads.write`
-    read_address : ``In``
-        Word address.
-    read_data : ``Out``
-        :attr:`latency` cycles later; 0 where there is no register.
+    bus : ``In``, :func:`payloads.register_bus`
+        Data that are read come :attr:`latency` cycles after their address; 0 where there is no register.
     values : ``Out``
         Fields that are stored, flags and sticky bits.
     status : ``In``
@@ -63,9 +60,7 @@ class RegisterBank(wiring.Component):
         self.registers = registers
         super().__init__(
             {
-                "write": In(stream.Signature(payloads.write(), always_ready=True)),
-                "read_address": In(payloads.write()["address"].shape),
-                "read_data": Out(32),
+                "bus": In(payloads.register_bus()),
                 "values": Out(layout_of(registers, "stored", "flag", "sticky")),
                 "status": In(layout_of(registers, "status")),
                 "set": In(layout_of(registers, "sticky", width=1)),
@@ -85,10 +80,10 @@ class RegisterBank(wiring.Component):
 
     def _word(self, m, register):
         """Make a register; the word that is read of it."""
-        write = self.write.payload
+        write = self.bus.write.payload
         written = Signal(name=f"write_{register.name.lower()}")
         if any(f.writable for f in register.fields):
-            m.d.comb += written.eq(self.write.valid & (write.address == register.offset // 4))
+            m.d.comb += written.eq(self.bus.write.valid & (write.address == register.offset // 4))
         mask = Cat(*(bit.replicate(8) for bit in write.strobe))
         parts, position = [], 0
         for f in register.fields:
@@ -132,18 +127,18 @@ class RegisterBank(wiring.Component):
         blocks = {}
         for address, word in words.items():
             blocks.setdefault(address // BLOCK, {})[address % BLOCK] = word
-        block_s1 = Signal.like(self.read_address)
-        m.d.sync += block_s1.eq(self.read_address // BLOCK)
+        block_s1 = Signal.like(self.bus.read_address)
+        m.d.sync += block_s1.eq(self.bus.read_address // BLOCK)
         chosen = {}
         for block, members in blocks.items():
             word_s1 = chosen[block] = Signal(32, name=f"block{block}_s1")
             m.d.sync += word_s1.eq(0)
-            with m.Switch(self.read_address % BLOCK):
+            with m.Switch(self.bus.read_address % BLOCK):
                 for address, word in members.items():
                     with m.Case(address):
                         m.d.sync += word_s1.eq(word)
-        m.d.sync += self.read_data.eq(0)
+        m.d.sync += self.bus.read_data.eq(0)
         with m.Switch(block_s1):
             for block, word_s1 in chosen.items():
                 with m.Case(block):
-                    m.d.sync += self.read_data.eq(word_s1)
+                    m.d.sync += self.bus.read_data.eq(word_s1)

@@ -1,7 +1,7 @@
 """Schedule store: the table of schedules as software writes it, copied into the core between batches."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
@@ -23,11 +23,8 @@ class ScheduleStore(wiring.Component):
 
     Members
     -------
-    write : ``In``, flow of :func:`payloads.write`
-        All writes; those to the table count.
-    read_address : ``In``
-    read_data : ``Out``
-        ``latency`` cycles later; 0 for other addresses.
+    bus : ``In``, :func:`payloads.register_bus`
+        Data that are read come ``latency`` cycles after their address; 0 for addresses outside the table.
     lock, quiet : ``In(1)``
         Do not copy now; no batch is under way.
     o : ``Out``, flow of :func:`cmfpga.rtl.payloads.schedule_write`
@@ -43,9 +40,7 @@ class ScheduleStore(wiring.Component):
         self._latency = latency
         super().__init__(
             {
-                "write": In(stream.Signature(payloads.write(), always_ready=True)),
-                "read_address": In(payloads.write()["address"].shape),
-                "read_data": Out(32),
+                "bus": In(payloads.register_bus()),
                 "lock": In(1),
                 "quiet": In(1),
                 "o": Out(core.flow(core.schedule_write(config))),
@@ -64,22 +59,22 @@ class ScheduleStore(wiring.Component):
         show, copy = table.read_port(domain="comb"), table.read_port(domain="comb")
 
         # Software.
-        write = self.write.payload
+        write = self.bus.write.payload
         bits = bits_for(count - 1)
         mine = Signal()
         m.d.comb += [
             mine.eq((write.address >= first) & (write.address < first + count)),
             put.addr.eq((write.address - first)[:bits]),
             put.data.eq(write.data),
-            put.en.eq(Mux(self.write.valid & mine, write.strobe[: len(put.en)], 0)),
-            show.addr.eq((self.read_address - first)[:bits]),
+            put.en.eq(Mux(self.bus.write.valid & mine, write.strobe[: len(put.en)], 0)),
+            show.addr.eq((self.bus.read_address - first)[:bits]),
         ]
-        shown = Mux((self.read_address >= first) & (self.read_address < first + count), show.data, 0)
+        shown = Mux((self.bus.read_address >= first) & (self.bus.read_address < first + count), show.data, 0)
         for k in range(self._latency - 1):
             stage = Signal(entry.size, name=f"read_s{k + 1}")
             m.d.sync += stage.eq(shown)
             shown = stage
-        m.d.sync += self.read_data.eq(shown)
+        m.d.sync += self.bus.read_data.eq(shown)
 
         # The core.
         position, copying = Signal(range(count)), Signal()

@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.ascent.updater`."""
+"""Model of :mod:`cmfpga.rtl.ascent.constant`."""
 
 from ...fixed import floor_shift, round_half_up, saturate
 
@@ -6,14 +6,6 @@ from ...fixed import floor_shift, round_half_up, saturate
 def gain(config, eta):
     """Raw ``config.formats.gain``: η times the mantissa of 2/P², once per batch."""
     return round_half_up(eta * config.widths.gradient_scale[1], 8)
-
-
-def sign_updater(config, v, g, *, log2_step):
-    """One step v + 2^log2_step · sign(G) along one axis: (next raw v, whether it was limited to its format)."""
-    step = 1 << (log2_step + config.formats.v.f)
-    target = v + step * ((g > 0) - (g < 0))
-    limited = saturate(target, config.formats.v.min, config.formats.v.max)
-    return limited, limited != target
 
 
 def updater(config, v, g, *, gain):

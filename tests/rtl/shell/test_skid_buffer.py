@@ -2,9 +2,10 @@
 
 import pytest
 
-from cmfpga.rtl.axi.skid_buffer import SkidBuffer
+from cmfpga.rtl.shell.skid_buffer import SkidBuffer
 from support.axi_streams import FLOWS, pass_through
-from support.bench import Port, simulate
+from support.bench import simulate
+from support.values import Port
 
 
 @pytest.mark.parametrize("flow", FLOWS)

@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Makes the files of this folder that hold facts, from ``board.toml``.
 
-    python boards/kv260/generate.py            # write them, print what changed
-    python boards/kv260/generate.py --check    # exit status 1 and their names, if some are not current
+    python boards/kv260/facts.py            # write them, print what changed
+    python boards/kv260/facts.py --check    # exit status 1 and their names, if some are not current
 
 Needs Python 3.11 and nothing else.
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
-NOTE = "Generated from boards/kv260/board.toml by boards/kv260/generate.py; do not edit."
+NOTE = "Generated from boards/kv260/board.toml by boards/kv260/facts.py; do not edit."
 
 #: What a field of an AFI register means (device-tree-xlnx: common_proc.tcl); the two directions count differently.
 AFI_SLAVE = {128: 0, 64: 1, 32: 2}
@@ -244,34 +244,36 @@ def make_variables(facts):
 
 
 def python_module(facts):
-    """Constants for the driver, which is installed without this folder."""
-    control, linux, dma = facts["control"], facts["linux"], facts["dma"]
-    lines = [
-        ("APPLICATION", f'"{facts["design"]["name"]}"', "name for ``xmutil loadapp``"),
-        ("BOARD", '"KV260"', None),
-        ("PART", f'"{part(facts)}"', None),
-        ("VLNV", f'"{vlnv(facts)}"', "of the packaged IP; PYNQ binds by it"),
-        ("MODULE_VLNV", f'"xilinx.com:module_ref:{facts["design"]["top"]}:1.0"', "if added as a module reference"),
-        ("CLOCK_HZ", f"{facts['clock']['hertz']:_}", "of ``pl_clk0``"),
-        ("LINUX_CLOCK", '"pl0_ref"', "below /sys/kernel/debug/clk"),
-        ("REGISTERS_ADDRESS", f"0x{control['cmfpga']['address']:08X}", None),
-        ("REGISTERS_SIZE", f"{control['cmfpga']['size']:#x}", "bytes"),
-        ("REGISTERS_WIDTH", f"{facts['ip']['control_data_width']}", "bits"),
-        ("DMA_ADDRESS", f"0x{control['dma']['address']:08X}", None),
-        ("DMA_SIZE", f"{control['dma']['size']:#x}", "bytes"),
-        ("DMA_LENGTH_BITS", f"{dma['length_width']}", "a transfer has less than 2**26 bytes"),
-        ("DMA_ADDRESS_BITS", f"{dma['address_width']}", None),
-        ("STREAM_WIDTH", f"{facts['ip']['stream_data_width']}", "bits; buffers are aligned to it"),
-        ("INTERRUPT_SPI", f"{facts['interrupt']['gic_spi'] + facts['interrupt']['line']}", "number at the GIC"),
-        ("UIO_REGISTERS", f'"{linux["uio_cmfpga"]}"', "in /sys/class/uio/uio*/name"),
-        ("UIO_DMA", f'"{linux["uio_dma"]}"', "the same"),
-        ("BUFFER_EVENTS", f'"{linux["buffer_events"]}"', "/dev/… and /sys/class/u-dma-buf/…"),
-        ("BUFFER_EVENTS_SIZE", f"{linux['buffer_events_size']:#x}", "bytes"),
-        ("BUFFER_RESULTS", f'"{linux["buffer_results"]}"', "the same"),
-        ("BUFFER_RESULTS_SIZE", f"{linux['buffer_results_size']:#x}", "bytes"),
-    ]
-    names = "".join(f"{name} = {value}{'  # ' + comment if comment else ''}\n" for name, value, comment in lines)
-    return f'"""Facts of the KV260 design that software needs.\n\n{NOTE}\n"""\n\n{names}'
+    """The :class:`cmfpga.boards.Board`, for the package, which is installed without this folder."""
+    design, board, control, linux, dma = (facts[name] for name in ("design", "board", "control", "linux", "dma"))
+    numbers = ", ".join(f'"{kind}": {number:_}' for kind, number in board["resources"].items())
+    fields = {
+        "name": f'"{FOLDER.name}"',
+        "title": '"KV260"',
+        "top": f'"{design["top"]}"',
+        **{name: f'"{board[name]}"' for name in ("device", "package", "speed")},
+        "resources": f"{{{numbers}}}",
+        "clock_hz": f"{facts['clock']['hertz']:_}",
+        "linux_clock": '"pl0_ref"',
+        "application": f'"{design["name"]}"',
+        "vlnv": f'"{vlnv(facts)}"',
+        "registers_address": f"0x{control['cmfpga']['address']:08X}",
+        "registers_size": f"{control['cmfpga']['size']:#x}",
+        "registers_width": facts["ip"]["control_data_width"],
+        "dma_address": f"0x{control['dma']['address']:08X}",
+        "dma_size": f"{control['dma']['size']:#x}",
+        "dma_length_bits": dma["length_width"],
+        "dma_address_bits": dma["address_width"],
+        "stream_width": facts["ip"]["stream_data_width"],
+        "interrupt_spi": facts["interrupt"]["gic_spi"] + facts["interrupt"]["line"],
+        "uio_registers": f'"{linux["uio_cmfpga"]}"',
+        "uio_dma": f'"{linux["uio_dma"]}"',
+        **{f"buffer_{which}{size}": form.format(linux[f"buffer_{which}{size}"])
+           for which in ("events", "results") for size, form in (("", '"{}"'), ("_size", "{:#x}"))},
+    }  # fmt: skip
+    lines = "".join(f"    {name}={value},\n" for name, value in fields.items())
+    head = f'"""Facts of the KV260 design that software needs.\n\n{NOTE}\n"""\n\nfrom .board import Board\n\n'
+    return f"{head}KV260 = Board(\n{lines})\n"
 
 
 #: File, relative to the repository, and what makes its text.
@@ -301,7 +303,7 @@ def main(arguments=None):
     stale = [path for path, text in texts.items() if not path.exists() or path.read_text(encoding="utf-8") != text]
     for path in stale:
         if options.check:
-            print(f"not current: {path.relative_to(ROOT)}; run python boards/kv260/generate.py", file=sys.stderr)
+            print(f"not current: {path.relative_to(ROOT)}; run python boards/kv260/facts.py", file=sys.stderr)
         else:
             path.write_text(texts[path], encoding="utf-8")
             print(path.relative_to(ROOT))

@@ -2,40 +2,33 @@
 
 They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and ``<!-- end -->``.
 
-    python docs/generate.py            rewrite them
-    python docs/generate.py --check    change nothing; exit status 1 if a table is out of date
+    python docs/tables.py            rewrite them
+    python docs/tables.py --check    change nothing; exit status 1 if a table is out of date
 
-The resource estimates are those that ``PYTHONPATH=tests python -m support.baselines`` measured last.
+``declared.py`` beside this has the tables that are not of the core.
 """
 
 import argparse
-import dataclasses
-import inspect
-import json
 import re
 import sys
 from pathlib import Path
 
 from amaranth.hdl import Fragment, Shape
 from amaranth.lib import data, wiring
+from declared import DECLARED, table
 
-from cmfpga.build import formats, ports
-from cmfpga.config import PRESETS, Config, preset
-from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.registers import register_map
-from cmfpga.protocol.registers.documents import markdown
+from cmfpga.config import PRESETS, preset
 from cmfpga.protocol.results import RESULTS, trace_shape
 from cmfpga.protocol.settings import SETTINGS
 from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.tracking.loop import COLUMNS
-from cmfpga.verilog import resources
+from cmfpga.verilog import article
+from cmfpga.verilog.description import formats, ports
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]
 BLOCK = re.compile(r"(<!-- generated: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-RESOURCES = ROOT / "tests" / "verilog" / "baselines.json"
 
 #: The two architectures, the default one first.
 BOTH = ("fast", "paper")
@@ -62,27 +55,6 @@ THROUGHPUT = {
     "iteration_control": "one batch at a time",
 }
 
-# The CSV of `track`: unit and meaning.
-CSV = {
-    "batch": ("", "number of the batch, from 0"),
-    "t_ref_us": ("µs", "middle of the batch's time range, on the recording's clock; empty for a batch without events"),
-    "events": ("events", "N, events of the batch, of the whole sensor"),
-    "roi_events": ("events", "n, events in the ROI that the buffer holds; these are what v is found from"),
-    "roi_x": ("px", "left column of the ROI that the batch was cut with"),
-    "roi_y": ("px", "top row of that ROI"),
-    "vx": ("px per half batch", "velocity along x, positive to the right; of a degenerate batch, the one before it"),
-    "vy": ("px per half batch", "velocity along y, positive downwards"),
-    "vx_px_per_s": ("px/s", "the same in px/s; empty for a degenerate batch"),
-    "vy_px_per_s": ("px/s", "the same in px/s; empty for a degenerate batch"),
-    "iterations": ("", "iterations done; 0 for a degenerate batch"),
-    "cycles": ("clock cycles", "from the offer of the first event to the result; empty for engines without a clock"),
-    "contrast": (
-        "(events/px)²",
-        "population variance of the image of warped events at (vx, vy), computed in float64 for every engine",
-    ),
-    "flags": ("", "names of the flags that are set, joined by `\\|`; empty where nothing was unusual"),
-}
-
 # Ports of the emitted Verilog, beside those that the tables of settings and results tell.
 PORTS = {
     "clk": "the only clock; rising edge",
@@ -106,12 +78,6 @@ PORTS = {
     "trace_pixels_dx": "Dx of that pixel",
     "trace_pixels_dy": "Dy of that pixel",
 }
-
-
-def table(head, rows, right=()):
-    """Markdown of a table; ``right`` are the columns that hold numbers."""
-    rule = ["---:" if k in right else "---" for k in range(len(head))]
-    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (head, rule, *rows))
 
 
 def elaborated(config):
@@ -177,7 +143,6 @@ def constants_table():
 
 def cycles_table():
     """Formula of each preset, and of `paper` in other sizes, beside the article's."""
-    events, roi_events = 5000, 800
     rows = []
     sizes = [("paper", size) for size in (32, 48, 128)]
     for name, size in [*((name, None) for name in PRESETS), *sizes]:
@@ -186,14 +151,20 @@ def cycles_table():
         core = elaborated(config)
         schedules = (range(config.iterations),)
         if hasattr(core, "schedule_write"):
-            schedules = (config.cold_schedule, config.warm_schedule)
-        ours = [core.cycles(events=events, roi_events=roi_events, iterations=len(one)) for one in schedules]
+            schedules = (config.schedules.cold, config.schedules.warm)
+        ours = [core.cycles(**article.BATCH, iterations=len(one)) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
-        article = events + 100 * (roi_events + 32 + config.geometry.pixels // 4 + 35)
+        theirs = article.cycles(**article.BATCH, pixels=config.geometry.pixels, iterations=100)
         what = f"`{name}`" if size is None else f"`{name}`, other size"
         size = f"{config.roi_width}×{config.roi_height}"
-        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{article:,}"))
-    head = ("preset", "ROI, px", "cycles of a batch", f"N = {events}, n = {roi_events}", "article's formula, T = 100")
+        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
+    head = (
+        "preset",
+        "ROI, px",
+        "cycles of a batch",
+        "N = {events}, n = {roi_events}".format(**article.BATCH),
+        "article's formula, T = 100",
+    )
     return table(head, rows, right=(3, 4))
 
 
@@ -216,25 +187,6 @@ def memories_table():
             ]
     rows = [(*row, f"{row[1] * row[2] * row[3]:,}") for row in rows]
     return table(("memory", "number", "words", "bits a word", "bits in all"), rows, right=(1, 2, 3, 4))
-
-
-def flags_table():
-    """From the comments beside the flags."""
-    meanings = dict(re.findall(r"^    (\w+) = \d+  # (.+)$", inspect.getsource(Flag), re.MULTILINE))
-    rows = [(f"`{flag.text}`", flag.bit_length() - 1, meanings[flag.name]) for flag in Flag]
-    return table(("flag", "bit", "meaning"), rows, right=(1,))
-
-
-def csv_table():
-    return table(("column", "unit", "meaning"), [(f"`{name}`", *CSV[name]) for name in COLUMNS])
-
-
-def sweep_table():
-    """Columns of a sweep's results; pandas need not be installed for the other tables."""
-    from cmfpga.sweep.tables import RESULTS
-
-    rows = [(f"`{name}`", meaning) for name, (_, meaning) in RESULTS.items()]
-    return table(("column of `results`", "meaning"), rows)
 
 
 def meanings(config):
@@ -271,19 +223,6 @@ def ports_table():
     head = ("port", "direction", *(f"bits, `{name}`" for name in BOTH), "meaning")
     lines = [[row.get(part, "–") for part in ("port", "direction", *BOTH, "meaning")] for row in rows.values()]
     return table(head, lines, right=(2, 3))
-
-
-def fields_table():
-    rows = []
-    for field in dataclasses.fields(Config):
-        meta = field.metadata
-        if meta["choices"]:
-            allowed = ", ".join(meta["choices"])
-        else:
-            low, high = meta["low"], meta["high"]
-            allowed = "" if low is None else f"{low:g} …" if high is None else f"{low:,} … {high:,}"
-        rows.append((f"`{field.name}`", field.default, allowed, meta["unit"], meta["doc"], "yes" * meta["runtime"]))
-    return table(("field", "default", "allowed", "unit", "meaning", "run-time"), rows)
 
 
 def blocks_table():
@@ -326,46 +265,15 @@ def _fields(shape):
     return ""
 
 
-def resources_table(name):
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"][name]
-    head, families = (f"preset `{name}`", *resources.KINDS.values()), ("Yosys family", *resources.FAMILY.values())
-    made = table(head, [families, *resources.rows(stored)], right=range(1, len(head)))
-    return f"{made}\nYosys {stored['yosys']}.\n"
-
-
-def widths_table():
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["widths"]
-    kinds = ("lut", "ff", "bram36", "dsp")
-    rows = [(name, *(f"{row[kind]:,}".removesuffix(".0") for kind in kinds)) for name, row in stored.items()]
-    head = ("fraction bits: dt, v, position, weight, derivative, dither", *(resources.KINDS[kind] for kind in kinds))
-    return table(head, rows, right=range(1, len(head)))
-
-
-def registers_table():
-    """All registers of the default preset, and what the other ascent has in their place."""
-    shared, others = register_map(preset("fast")), register_map(preset("paper"))
-    only = [register for register in others if register.name not in shared]
-    text = markdown(shared)
-    rows = "\n".join(line for line in markdown(only).split("\n\n| access")[0].splitlines()[2:])
-    return f"{text}\nWith `ascent=constant` (preset `paper`), in place of `COLD`, `WARM` and `SCHEDULE`:\n\n{rows}\n"
-
-
 TABLES = {
-    "registers": registers_table,
+    **DECLARED,
     "formats": formats_table,
     "latencies": latencies_table,
     "constants": constants_table,
     "cycles": cycles_table,
     "memories": memories_table,
-    "flags": flags_table,
-    "csv": csv_table,
-    "sweep": sweep_table,
     "ports": ports_table,
-    "fields": fields_table,
     "blocks": blocks_table,
-    "resources_fast": lambda: resources_table("fast"),
-    "resources_paper": lambda: resources_table("paper"),
-    "resources_of_widths": widths_table,
 }
 
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...events import Events, generate
+from ..events import Events, generate
+from ..imaging.iwe import events_in_roi
 
 #: How far the object moves in half a batch, px; the middle of where batches are measured best.
 MOTION_PX = (3.0, -2.0)
@@ -52,21 +53,17 @@ def make_workload(name, *, events, roi_events, width=64, height=64, sensor=(240,
     rng = np.random.default_rng(seed)
     half = DURATION_US / 2e6
     scene = generate(
-        seed=seed,
-        width=sensor[0],
-        height=sensor[1],
-        size=(round(0.6 * width), round(0.6 * height)),
+        seed=seed, width=sensor[0], height=sensor[1], size=(round(0.6 * width), round(0.6 * height)),
         velocity=tuple(axis / half for axis in MOTION_PX),
         position=tuple(
             corner + (size - 1) / 2 - move for corner, size, move in zip(roi, (width, height), MOTION_PX, strict=True)
         ),
-        duration_us=DURATION_US,
-        noise=NOISE,
-    )
-    inside = _in_roi(scene.events, roi, width, height)
+        duration_us=DURATION_US, noise=NOISE,
+    )  # fmt: skip
+    inside = scene.events[events_in_roi(scene.events, roi, width, height)[0]]
     while len(inside) < roi_events:  # too sparse: the same object with more events a pixel
         scene = generate(**{**vars(scene.scene), "contrast": 2 * scene.scene.contrast})
-        inside = _in_roi(scene.events, roi, width, height)
+        inside = scene.events[events_in_roi(scene.events, roi, width, height)[0]]
     inside = inside[np.sort(rng.choice(len(inside), roi_events, replace=False))]
     outside = _outside(events - roi_events, roi, width, height, sensor, rng)
     batch = Events.concatenate([inside, outside])
@@ -74,16 +71,11 @@ def make_workload(name, *, events, roi_events, width=64, height=64, sensor=(240,
     return Workload(name=name, events=batch, roi=roi, width=width, height=height, roi_events=roi_events, v=MOTION_PX)
 
 
-def _in_roi(events, roi, width, height):
-    x, y = events.x.astype(int) - roi[0], events.y.astype(int) - roi[1]
-    return events[(x >= 0) & (x < width) & (y >= 0) & (y < height)]
-
-
 def _outside(count, roi, width, height, sensor, rng):
     parts = []
     while (missing := count - sum(map(len, parts))) > 0:
         t = rng.integers(DURATION_US, size=2 * missing)
         x, y = (rng.integers(size, size=2 * missing) for size in sensor)
-        outside = (x < roi[0]) | (x >= roi[0] + width) | (y < roi[1]) | (y >= roi[1] + height)
-        parts.append(Events(t, x, y, np.zeros(len(t)))[outside][:missing])
+        made = Events(t, x, y, np.zeros(len(t)))
+        parts.append(made[np.delete(np.arange(len(t)), events_in_roi(made, roi, width, height)[0])][:missing])
     return Events.concatenate(parts)

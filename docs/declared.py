@@ -1,0 +1,94 @@
+"""Tables of what the package declares beside the core, and of the resources that were measured last.
+
+Those are of the last run of ``PYTHONPATH=tests python -m support.baselines``.
+"""
+
+import dataclasses
+import inspect
+import json
+import re
+from pathlib import Path
+
+from cmfpga.config import Config, preset
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.registers.documents import markdown
+from cmfpga.tracking.columns import COLUMNS
+from cmfpga.verilog import resources
+
+RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "verilog" / "baselines.json"
+
+
+def table(head, rows, right=()):
+    """Markdown of a table; ``right`` are the columns that hold numbers."""
+    rule = ["---:" if k in right else "---" for k in range(len(head))]
+    return "".join(f"| {' | '.join(map(str, row))} |\n" for row in (head, rule, *rows))
+
+
+def flags_table():
+    """From the comments beside the flags."""
+    meanings = dict(re.findall(r"^    (\w+) = \d+  # (.+)$", inspect.getsource(Flag), re.MULTILINE))
+    rows = [(f"`{flag.text}`", flag.bit_length() - 1, meanings[flag.name]) for flag in Flag]
+    return table(("flag", "bit", "meaning"), rows, right=(1,))
+
+
+def csv_table():
+    rows = [(f"`{column.name}`", column.unit, column.doc.replace("|", "\\|")) for column in COLUMNS.values()]
+    return table(("column", "unit", "meaning"), rows)
+
+
+def sweep_table():
+    """Columns of a sweep's results; pandas need not be installed for the other tables."""
+    from cmfpga.sweep.tables import RESULTS
+
+    rows = [(f"`{name}`", meaning) for name, (_, meaning) in RESULTS.items()]
+    return table(("column of `results`", "meaning"), rows)
+
+
+def fields_table():
+    rows = []
+    for field in dataclasses.fields(Config):
+        meta = field.metadata
+        if meta["choices"]:
+            allowed = ", ".join(meta["choices"])
+        else:
+            low, high = meta["low"], meta["high"]
+            allowed = "" if low is None else f"{low:g} …" if high is None else f"{low:,} … {high:,}"
+        rows.append((f"`{field.name}`", field.default, allowed, meta["unit"], meta["doc"], "yes" * meta["runtime"]))
+    return table(("field", "default", "allowed", "unit", "meaning", "run-time"), rows)
+
+
+def resources_table(name):
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"][name]
+    head, families = (f"preset `{name}`", *resources.KINDS.values()), ("Yosys family", *resources.FAMILY.values())
+    made = table(head, [families, *resources.rows(stored)], right=range(1, len(head)))
+    return f"{made}\nYosys {stored['yosys']}.\n"
+
+
+def widths_table():
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["widths"]
+    kinds = ("lut", "ff", "bram36", "dsp")
+    rows = [(name, *(f"{row[kind]:,}".removesuffix(".0") for kind in kinds)) for name, row in stored.items()]
+    head = ("fraction bits: dt, v, position, weight, derivative, dither", *(resources.KINDS[kind] for kind in kinds))
+    return table(head, rows, right=range(1, len(head)))
+
+
+def registers_table():
+    """All registers of the default preset, and what the other ascent has in their place."""
+    shared, others = register_map(preset("fast")), register_map(preset("paper"))
+    only = [register for register in others if register.name not in shared]
+    text = markdown(shared)
+    rows = "\n".join(line for line in markdown(only).split("\n\n| access")[0].splitlines()[2:])
+    return f"{text}\nWith `ascent=constant` (preset `paper`), in place of `COLD`, `WARM` and `SCHEDULE`:\n\n{rows}\n"
+
+
+DECLARED = {
+    "registers": registers_table,
+    "flags": flags_table,
+    "csv": csv_table,
+    "sweep": sweep_table,
+    "fields": fields_table,
+    "resources_fast": lambda: resources_table("fast"),
+    "resources_paper": lambda: resources_table("paper"),
+    "resources_of_widths": widths_table,
+}

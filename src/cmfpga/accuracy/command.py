@@ -1,0 +1,73 @@
+"""The command ``python -m cmfpga.accuracy``."""
+
+import json
+import os
+import sys
+from pathlib import Path
+
+from .. import cli
+from ..engines import ENGINES
+from ..errors import ConfigError, RecordingError
+from .studies import STUDIES, run_study
+from .suites import run_suites
+from .synthetic import BATCHES
+from .table import Report
+from .yardstick import ROI
+
+EXAMPLES = (
+    "python -m cmfpga.accuracy                                # 300 synthetic batches, by the integer model",
+    "python -m cmfpga.accuracy --data recordings --engine all # all suites, by Verilog, model and float",
+    "python -m cmfpga.accuracy --set weight_frac=3 --batches 100 --json scores.json",
+    "python -m cmfpga.accuracy --set thinning=2 --data recordings  # real batches that fit the buffer",
+    "python -m cmfpga.accuracy --study widths --data recordings",
+)
+
+
+def _parser():
+    made = cli.parser("accuracy", "How well the motion is found: suites of batches, and studies.", EXAMPLES)
+    made.add_argument("--batches", type=cli.positive, default=BATCHES, metavar="N", help="synthetic batches (300)")
+    made.add_argument(
+        "--engine", default="model", choices=(*ENGINES, "all"),
+        help="model: the hardware's arithmetic in integers; rtl: the emitted Verilog; float: nothing rounded "
+        "(default: model)",
+    )  # fmt: skip
+    made.add_argument(
+        "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
+        help="folder of the real recordings (default: $CMFPGA_DATA); without one those suites are left out",
+    )  # fmt: skip
+    made.add_argument(
+        "--study", choices=STUDIES,
+        help="instead of the suites: plain, the article's ascent; peaks, where the objective's own peak lies; "
+        "edges, edges of other strengths; schedules; widths of words",
+    )  # fmt: skip
+    made.add_argument("--json", metavar="FILE", help="write all scores, and those of each batch")
+    cli.add_config_options(made)
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    config = cli.make_config(options)
+    if (config.roi_width, config.roi_height) != (ROI, ROI):
+        raise ConfigError(f"ROI of {config.roi_width}×{config.roi_height} px: the suites are for {ROI}×{ROI} px")
+    if options.data is not None and not Path(options.data).is_dir():
+        raise RecordingError(f"--data {options.data}: no such folder")
+    if options.json:
+        Path(options.json).touch()  # say that it cannot be written before the work, not after it
+    report = Report()
+    if options.data is None:
+        print("note: no folder of recordings (--data, $CMFPGA_DATA): synthetic batches only", file=sys.stderr)
+    try:
+        (run_study if options.study else run_suites)(options, config, report)
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ConfigError(
+            "torch is not installed, which all but --engine rtl need; pip install 'cmfpga[reference]'"
+        ) from None
+    if options.json:
+        text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)
+        Path(options.json).write_text(text + "\n", encoding="utf-8")
+        print(f"wrote {options.json}")
+    return 0

@@ -1,0 +1,93 @@
+"""The suites: synthetic batches, real batches, and the tracked checkerboard."""
+
+import numpy as np
+
+from ..config import preset
+from ..engines import ENGINES
+from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
+from .real import real_cases
+from .scores import contrast_shares, error_scores, errors, measure, share_scores
+from .synthetic import BATCHES, synthetic_cases
+from .table import ERROR_HEADS, SHARE_HEADS, binned, percent
+
+STARTS = (("cold", False), ("warm", True))
+
+
+def run_suites(options, config, report):
+    """Print the tables of all suites; of the synthetic batches only, without a folder of recordings."""
+    names = ENGINES if options.engine == "all" else (options.engine,)
+    cases = synthetic_cases(options.batches)
+    rows, found = [], {}
+    for name in names:
+        for start, warm in STARTS:
+            values = found[name, start] = measure(name, config, errors, cases, warm=warm, progress=report.progress)
+            rows.append((name, start, *report.errors(f"synthetic, {start}, {name}", values)))
+    report.table("Synthetic batches: error of v, px per half batch", ("engine", "start", *ERROR_HEADS), rows)
+    rows = binned(cases, found[names[0], "cold"])
+    report.table(f"The same by kind of batch (cold start, {names[0]})", ("batches with", *ERROR_HEADS), rows)
+    if options.data is not None:
+        _run_real(names, options, config, report, found)
+        _run_checkerboard(names, options, config, report, found)
+    compare_with_model(found)
+
+
+def _run_real(names, options, config, report, found):
+    real, rows = real_cases(options.data), []
+    for name in names:
+        values = found[name, "real"] = measure(name, config, contrast_shares, real, progress=report.progress)
+        rows.append((name, *report.shares(f"real, {name}", values)))
+    report.table("Real batches: contrast at the v found, cold start", ("engine", *SHARE_HEADS), rows)
+
+
+def _run_checkerboard(names, options, config, report, found):
+    rows = []
+    for thinned, what in ((False, "track"), (True, "thinned track")):
+        bounds = ", ".join(f"{low:.0f} … {high:.0f}" for low, high in TRACK_BOUNDS[thinned]).replace("-", "−")
+        changed = track_config(config, thinned=thinned)
+        for name in names:
+            speeds = found[name, what] = measure(name, changed, track_checkerboard, options.data)
+            scores = report.keep(f"{what}, {name}", speeds, track_scores(speeds, thinned=thinned))
+            spans = ("{:.1f} to {:.1f}".format(*scores[axis]) for axis in ("vx_px_per_s", "vy_px_per_s"))
+            rows.append((what, name, str(scores["batches"]), bounds, str(scores["within_bounds"]), *spans))
+    heads = ("", "engine", "batches", "bounds of vx, vy, px/s", "within", "vx, px/s", "vy, px/s")
+    report.table("Checkerboard, tracked", heads, rows)
+
+
+def compare_with_model(found):
+    """Say whether Verilog and model, which must not differ, did the same."""
+    for (name, suite), values in found.items():
+        model = found.get(("model", suite))
+        if name == "rtl" and model is not None:
+            same = np.all(np.asarray(values) == model, axis=tuple(range(1, np.ndim(values))))
+            print(f"{suite}: rtl and model agree exactly in {same.sum()} of {len(same)} batches")
+
+
+def brief(engine, *, data=None, batches=BATCHES):
+    """The suites' scores for preset ``fast``, and a line of text on each: ``{"scores": …, "text": […]}``, JSON-ready.
+
+    Parameters
+    ----------
+    engine : str
+        Name of the engine.
+    data : path or None
+        Folder of the real recordings; None leaves them out.
+    batches : int
+        Of the synthetic suite, the first so many.
+    """
+    config, cases, scores, text = preset("fast"), synthetic_cases(batches), {}, []
+    for start, warm in STARTS:
+        found = scores[f"synthetic, {start}"] = error_scores(measure(engine, config, errors, cases, warm=warm))
+        shares = (percent(found[f"below_{limit}_px"]) for limit in ("0.6", "0.3"))
+        text.append(
+            "preset fast, {}, {} synthetic batches, {}: {} % within 0.6 px, {} % within 0.3 px".format(
+                engine, found["batches"], start, *shares
+            )
+        )
+    if data is not None:
+        found = scores["real, cold"] = share_scores(measure(engine, config, contrast_shares, real_cases(data)))
+        shares = (percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
+        text.append(
+            "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %; "
+            "{} drop events".format(engine, found["batches"], *shares, found["batches_that_drop_events"])
+        )
+    return {"scores": scores, "text": text}

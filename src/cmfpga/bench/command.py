@@ -1,0 +1,140 @@
+"""The command ``python -m cmfpga.bench``."""
+
+import argparse
+import json
+import os
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from tqdm import tqdm
+
+from .. import __version__, cli
+from ..errors import ConfigError
+from ..verilog import article
+from ..verilog.compiler import find_compiler
+from .cases import WARM, make_cases
+from .cycles import measure
+from .opponents import make_programs
+from .programs import processor, time_programs
+from .table import ARTICLE_MHZ, ASCENTS, table
+
+EXAMPLES = (
+    "python -m cmfpga.bench",
+    "python -m cmfpga.bench --quick --json bench.json",
+    "python -m cmfpga.bench --clock 150        # MHz that you assume the core to reach",
+)
+
+
+def _parser():
+    made = cli.parser(
+        "bench",
+        "The core's clock cycles, counted in the simulated Verilog, beside the article's formula and the time that "
+        "programs on this machine need for the same work.",
+        EXAMPLES,
+    )
+    made.add_argument("--quick", action="store_true", help="the article's batch only, fewer and shorter runs")
+    made.add_argument(
+        "--runs", type=cli.positive, metavar="R", help="timed runs of each program (default: 15; quick: 5)"
+    )
+    made.add_argument(
+        "--clock", type=_megahertz, default=ARTICLE_MHZ, metavar="MHZ",
+        help=f"clock assumed for the core, MHz (default: {ARTICLE_MHZ:g}, the article's)",
+    )  # fmt: skip
+    made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
+    made.add_argument(
+        "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
+        help="folder of real recordings, for the accuracy (default: $CMFPGA_DATA); none: only synthetic batches",
+    )  # fmt: skip
+    return made
+
+
+def _megahertz(text):
+    try:
+        clock = float(text)
+    except ValueError:
+        clock = 0.0
+    if not 1 <= clock <= 10000:
+        raise argparse.ArgumentTypeError(f"{text!r}: 1 to 10000 MHz is needed")
+    return clock
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    if options.json is not None and not Path(options.json).absolute().parent.is_dir():
+        raise ConfigError(f"--json {options.json}: its folder does not exist")
+    runs = options.runs or (5 if options.quick else 15)
+    seconds = 0.003 if options.quick else 0.02
+    started = time.perf_counter()
+    programs, missing = make_programs()
+    if find_compiler() is None:
+        missing.append("no C++ compiler was found: the core's cycles are computed by its formula, not measured")
+    cases = make_cases(options.quick)
+    measured = []
+    steps = sum(len(case.designs) for case in cases) + 2 * runs * len(cases) * len(programs)
+    with tqdm(total=steps, unit="step", disable=None, leave=False) as bar:
+        for case in cases:
+            bar.set_description(f"{case.workload.name}, {ASCENTS[case.ascent]}")
+            before = measured[-1] if measured else None
+            measured.append(_measured(case, programs, before, runs=runs, seconds=seconds, step=bar.update))
+    scores = _accuracy(options, missing)
+    report = {
+        "version": __version__,
+        "clock_mhz_assumed": options.clock,
+        "processor": processor(),
+        "runs": runs,
+        "quick": options.quick,
+        "seconds": time.perf_counter() - started,
+        "missing": missing,
+        "programs": {program.name: program.how for program in programs},
+        "cases": measured,
+        "accuracy": scores,
+    }
+    lines, report["limits"], report["speed_ups"] = table(report)
+    print("\n".join(lines))
+    if options.json is not None:
+        Path(options.json).write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        print(f"wrote {options.json}")
+    return 0
+
+
+def _accuracy(options, missing):
+    """How often preset ``fast`` finds the motion: scores and lines of text; None where that cannot be measured here."""
+    try:
+        from .. import accuracy
+
+        engine = "model" if find_compiler() is None else "rtl"
+        return accuracy.brief(engine, **({"batches": 30} if options.quick else {"data": options.data}))
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        missing.append("accuracy: torch is not installed; pip install 'cmfpga[reference]'")
+        return None
+
+
+def _measured(case, programs, before, *, step, **options):
+    """A case and its rows, JSON-ready; ``before`` is what this gave for the case before."""
+    batch, cores = case.workload, []
+    size = {"events": len(batch.events), "roi_events": batch.roi_events}
+    for name in case.designs:
+        cores.append(asdict(measure(case, name)))
+        step()
+    # A warm batch starts where the cold one before it ended, as it does in the core.
+    v_start = (0.0, 0.0)
+    if case.ascent == WARM:
+        ended = [row["v"] for row in (*before["cores"], *before["programs"]) if row["v"] is not None]
+        v_start = ended[0] if ended else batch.v
+    pixels = batch.width * batch.height
+    return {
+        "workload": batch.name,
+        "ascent": case.ascent,
+        **size,
+        "width": batch.width,
+        "height": batch.height,
+        "iterations": case.iterations,
+        "true_v": list(batch.v),
+        "article_cycles": article.cycles(**size, pixels=pixels, iterations=case.iterations),
+        "cores": cores,
+        "programs": [asdict(row) for row in time_programs(case, programs, v_start=v_start, step=step, **options)],
+    }

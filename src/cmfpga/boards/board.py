@@ -1,0 +1,61 @@
+"""What the package knows of a board."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Board:
+    """A board, the design for it, and the names and sizes that its software finds.
+
+    Sizes are in bytes, addresses those of the processor.
+    """
+
+    #: What ``build --top`` takes; the board's files are in ``boards/<name>``.
+    name: str
+    #: As people write it.
+    title: str
+    #: Name of the top module that is emitted for it.
+    top: str
+    device: str
+    package: str
+    speed: str
+    #: What the device has, by the names of :data:`cmfpga.verilog.resources.KINDS`.
+    resources: dict[str, int]
+    #: Of the design, in Hz: what the board makes of the frequency that is asked.
+    clock_hz: int
+    #: The clock's name below ``/sys/kernel/debug/clk``.
+    linux_clock: str
+    #: Name for ``xmutil loadapp``.
+    application: str
+    #: Vendor, library, name and version of the packaged IP; PYNQ binds by it.
+    vlnv: str
+    registers_address: int
+    registers_size: int
+    registers_width: int
+    dma_address: int
+    dma_size: int
+    #: A transfer has less than 2 to the power of this many bytes.
+    dma_length_bits: int
+    dma_address_bits: int
+    #: Bits of a word of the streams; buffers are aligned to it.
+    stream_width: int
+    #: Number at the GIC.
+    interrupt_spi: int
+    #: In ``/sys/class/uio/uio*/name``.
+    uio_registers: str
+    uio_dma: str
+    #: In ``/dev`` and ``/sys/class/u-dma-buf``.
+    buffer_events: str
+    buffer_events_size: int
+    buffer_results: str
+    buffer_results_size: int
+
+    @property
+    def part(self):
+        """What Vivado calls the device."""
+        return f"{self.device}-{self.package}-{self.speed}"
+
+    @property
+    def module_vlnv(self):
+        """:attr:`vlnv` of the top where it was added to a block design as a module."""
+        return f"xilinx.com:module_ref:{self.top}:1.0"

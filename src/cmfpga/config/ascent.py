@@ -1,0 +1,50 @@
+"""The ways in which v ascends, by the value of ``Config.ascent``: what models and tools must know of them.
+
+The hardware's blocks are in :mod:`cmfpga.rtl.ascent`, the models' steps in :mod:`cmfpga.reference`. ``settings`` below
+is a :class:`~cmfpga.protocol.settings.BatchSettings`.
+"""
+
+from .schedule import ScheduleEntry
+
+
+class ConstantAscent:
+    """v ← v + η·∂C/∂v, as in the article: at full resolution, T times.
+
+    Attributes
+    ----------
+    settings : tuple of str
+        The settings of a batch that only this ascent reads.
+    has_table : bool
+        Whether a table of schedules says what each iteration does.
+    latency : int
+        Clock cycles from a gradient to the new v.
+    """
+
+    settings = ("iterations", "eta")
+    has_table = False
+    latency = 5
+
+    def warm(self, settings, followed):
+        """Whether a batch starts from the last v; ``followed``: the last batch measured it, and the ROI was not set."""
+        return settings.start_last
+
+    def plan(self, settings, warm):
+        """One :class:`~cmfpga.config.schedule.ScheduleEntry` an iteration; ``log2_step`` is None without schedules."""
+        return (ScheduleEntry(0, None),) * settings.iterations
+
+
+class SignAscent:
+    """v ← v ± a step of a schedule, coarse to fine; see :class:`ConstantAscent` for attributes and methods."""
+
+    settings = ("cold", "warm")
+    has_table = True
+    latency = 2
+
+    def warm(self, settings, followed):
+        return settings.start_last and followed
+
+    def plan(self, settings, warm):
+        return settings.warm if warm else settings.cold
+
+
+ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent()}

@@ -1,0 +1,40 @@
+"""The gradient in one pass: how long an iteration takes, and how many tags it needs."""
+
+from ..errors import ConfigError
+
+
+class OnePass:
+    """What follows from ``gradient="one_pass"``.
+
+    Parameters
+    ----------
+    config : Config
+    """
+
+    def __init__(self, config):
+        self._c = config
+
+    @property
+    def latency(self):
+        """Cycles of an iteration beside its n events, in which no vote enters the banks.
+
+        The latencies of warp, voter, banks, sums, gradient and ascent, less one: a test holds them to those of the
+        blocks.
+        """
+        warp = 4 if self._c.max_level else 3
+        gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
+        return warp + 3 + 3 + 4 + gradient + self._c.ascent_rule.latency - 1
+
+    @property
+    def fewest_idle_cycles(self):
+        """So many an iteration, or the sweep of the banks doesn't pass every word before its tag comes back."""
+        return -(-self._c.geometry.bank_depth // ((1 << self._c.tag_bits) - 1))
+
+    def check(self):
+        """Raise :exc:`ConfigError` if there are too few tags."""
+        idle, tags = self.latency, (1 << self._c.tag_bits) - 1
+        if idle < self.fewest_idle_cycles:
+            raise ConfigError(
+                f"tag_bits = {self._c.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
+                f"= {tags * idle}, at least the {self._c.geometry.bank_depth} words of a bank are needed"
+            )

@@ -1,0 +1,55 @@
+"""The float reference's batches in a row: cropped, started and followed as in the integer model."""
+
+from types import SimpleNamespace
+
+from ..protocol.flags import Flag
+from ..protocol.trace import Trace
+from .confidence import is_doubtful, probe
+from .floating import ascend, ascend_by_signs, dither, float64, scaled_times
+from .sequence import Sequence
+
+
+def _constant(events, settings, plan, *, config, **start):
+    eta = config.formats.eta.real(settings.eta)
+    return ascend(*events, **start, eta=eta, iterations=len(plan))
+
+
+def _sign(events, settings, plan, *, config, **start):
+    return ascend_by_signs(*events, **start, schedule=plan)
+
+
+#: By the value of ``ascent``.
+ASCENTS = {"constant": _constant, "sign": _sign}
+
+
+class FloatCore(Sequence):
+    """The equations in float64; see :class:`~.sequence.Sequence` for parameters and attributes."""
+
+    def __init__(self, config):
+        super().__init__(config, 1.0)
+
+    @property
+    def velocity(self):
+        return self.v
+
+    def number(self, fmt, raw):
+        return fmt.real(raw)
+
+    def place(self, batch):
+        """``(x, y, dt)`` of the events of a :class:`~.ingest.TakenIn`, dithered and scaled: three float64 [n]."""
+        x, y = float64(batch.x), float64(batch.y)
+        if self.config.dither_frac:
+            x, y = (axis + offset for axis, offset in zip((x, y), dither(len(x)), strict=True))
+        return x, y, scaled_times(batch.t, 0, batch.counts["span"])
+
+    def ascend(self, batch, settings, plan):
+        config = self.config
+        events, size = self.place(batch), {"width": config.roi_width, "height": config.roi_height}
+        done = ASCENTS[config.ascent](events, settings, plan, config=config, **size, v_start=self.v)
+        trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
+        if not config.confidence:
+            return trace, Flag(0), {}
+        judged = probe(*events, *done.v[-2:].tolist(), settings, level=plan[-1].level, **size)
+        kept = {"sums": trace.last_sums, "roi_events": batch.counts["roi_events"], "flags": Flag(0)}
+        doubtful = is_doubtful(config, SimpleNamespace(**judged, **kept, v=trace.v[-1].tolist()))
+        return trace, Flag.DOUBTFUL if doubtful else Flag(0), judged

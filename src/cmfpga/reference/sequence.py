@@ -1,0 +1,110 @@
+"""What happens to a batch, and what is kept between batches: the same in raw integers and in real numbers."""
+
+from abc import ABC, abstractmethod
+
+from ..protocol.flags import Flag
+from ..protocol.results import BatchResult, not_judged
+from ..protocol.trace import Trace
+from .ingest import take_in
+from .roi_follower import RoiFollower
+
+
+class Sequence(ABC):
+    """Batches in, velocities and a moving ROI out: crop, take in, plan, ascend, follow.
+
+    Parameters
+    ----------
+    config : Config
+        Formats and sizes.
+    pixel : int or float
+        One pixel in the numbers of the ROI's position.
+
+    Attributes
+    ----------
+    v : pair of numbers
+        Velocity of the last batch; zero after a reset.
+    followed : bool
+        Whether ``v`` is that of an object that is being followed. A new ROI, a degenerate batch or a reset ends it.
+    doubtful : bool
+        Whether the last batch was flagged so.
+    follower : RoiFollower
+        Position of the ROI; the origin after a reset.
+    thinning : int or None
+        What would have brought the last batch down to its target.
+    """
+
+    def __init__(self, config, pixel):
+        self.config = config
+        self.v = (self.number(config.formats.v, 0),) * 2
+        self.followed = self.doubtful = False
+        self.follower = RoiFollower(config, pixel)
+        self.thinning = None
+
+    def run(self, t, x, y, settings, *, cut=False):
+        """Process one batch.
+
+        Parameters
+        ----------
+        t, x, y : integer arrays
+            All N events of the batch.
+        settings : BatchSettings
+            Run-time inputs.
+        cut : bool
+            Whether the batch ended because it reached ``max_batch_events``.
+
+        Returns
+        -------
+        BatchResult
+        """
+        config, rule = self.config, self.config.ascent_rule
+        roi, limited = self.follower.crop(settings.roi)
+        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning)
+        self.thinning = batch.next_thinning
+        flags = batch.flags | (Flag.CUT if cut else Flag(0))
+        warm = rule.warm(settings, self.followed and settings.roi is None)
+        restarted = bool(warm and self.doubtful and settings.cold_after_doubtful)
+        warm, judged = warm and not restarted, not_judged(config)
+        plan = rule.plan(settings, warm)
+        self.followed = batch.enough(settings) and bool(plan)
+        step = None
+        if self.followed:
+            if not warm:
+                self.v = tuple(self.number(config.formats.v, axis) for axis in settings.v_start)
+            trace, found, fields = self.ascend(batch, settings, plan)
+            flags |= found
+            judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
+            self.v = tuple(trace.v[-1].tolist())
+            gain = self.number(config.formats.roi_gain, settings.roi_gain)
+            step = tuple(gain * axis for axis in self.v)
+        else:
+            trace = Trace.without_iterations(self.v)
+            flags |= Flag.DEGENERATE
+        self.doubtful = Flag.DOUBTFUL in flags
+        limited |= self.follower.move(step)
+        flags |= Flag.ROI_CLAMPED if limited else Flag(0)
+        return BatchResult(
+            **batch.counts,
+            roi=roi,
+            roi_next=self.follower.next_corner,
+            v=self.velocity,
+            iterations=len(trace.sum_i),
+            flags=flags,
+            **judged,
+            trace=trace,
+        )
+
+    @property
+    @abstractmethod
+    def velocity(self):
+        """``v`` in px per half batch."""
+
+    @abstractmethod
+    def number(self, fmt, raw):
+        """A raw value of a format, as this model computes with it."""
+
+    @abstractmethod
+    def ascend(self, batch, settings, plan):
+        """``(Trace, flags, fields)`` of the iterations over a :class:`~.ingest.TakenIn`, from ``v`` on.
+
+        ``fields`` of the result tell how sure v is, where the hardware can.
+        """

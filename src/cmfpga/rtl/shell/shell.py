@@ -1,0 +1,317 @@
+"""The shell: the core with a register bus, a stream of words in and one out, and an interrupt; of no board."""
+
+import functools
+import operator
+
+from amaranth.hdl import ClockDomain, DomainRenamer, Module, Mux, ResetInserter, ResetSignal, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from ...protocol.flags import Flag
+from ...protocol.registers.declaration import register_map
+from ..core import Core
+from . import payloads
+from .batch_end import BatchEnd
+from .counters import Counters
+from .input_path import InputPath
+from .register_bank import RegisterBank
+from .result_packet import ResultPacket
+from .schedule_store import ScheduleStore
+from .settings import Settings
+from .skid_buffer import SkidBuffer
+
+
+class Shell(wiring.Component):
+    """Everything around the core that every board needs::
+
+        i ─► skid buffer ─┬─► input path ─► batch end ─► core ─► result packet ─┬─► o
+                          └───────────────────── bypass ───────────────────────┘
+        bus ─► register bank ─► settings, schedule store ─► core
+                     ▲ status, results, counters, interrupt ─► irq
+
+    Events: one per cycle. From the core's result to the packet's last word: :attr:`result_latency` cycles.
+
+    Parameters
+    ----------
+    config : Config
+        Raises :exc:`ConfigError` where :func:`cmfpga.protocol.registers.declaration.check` does.
+    clock : Signal
+        That of the domain ``sync``. The core is in a domain of its own with the same clock, which software resets too.
+
+    Attributes
+    ----------
+    registers : RegisterMap
+
+    Members
+    -------
+    bus : ``In``, :func:`payloads.register_bus`
+        Data that are read come :attr:`read_latency` cycles after their address.
+    i : ``In``, stream of :func:`payloads.beat`
+        Words of events.
+    o : ``Out``, stream of :func:`payloads.beat`
+        Packets of results, or the words of ``i`` where the registers ask for that.
+    irq : ``Out(1)``
+        High as long as an enabled event stands in the register ISR.
+    """
+
+    #: Cycles from ``bus.read_address`` to ``bus.read_data``.
+    read_latency = RegisterBank.latency
+
+    def __init__(self, config, *, clock):
+        self.config = config
+        self.clock = clock
+        self.registers = register_map(config)
+        self.core = Core(config)
+        self.input = SkidBuffer(payloads.beat())
+        self.input_path = InputPath(config)
+        self.batch_end = BatchEnd(config)
+        self.result_packet = ResultPacket(config, self.registers)
+        self.bank = RegisterBank(self.registers)
+        self.settings = Settings(config, self.registers)
+        self.counters = Counters(config)
+        self.schedule_store = None
+        if "SCHEDULE" in self.registers:
+            self.schedule_store = ScheduleStore(config, self.registers["SCHEDULE"], latency=self.read_latency)
+        self.soft_reset = Signal()
+        # What the input is taken for: the registers' values, once the words that came before have left.
+        self.bypassing, self.form, self.swap = Signal(), Signal(2), Signal()
+        self.input_pending = Signal()
+        self.opened = Signal()
+        self.outstanding = Signal(2)  # batches that were begun and whose result was not taken
+        self.quiet = Signal()  # there are none
+        super().__init__(
+            {
+                "bus": In(payloads.register_bus()),
+                "i": In(stream.Signature(payloads.beat())),
+                "o": Out(stream.Signature(payloads.beat())),
+                "irq": Out(1),
+            }
+        )
+
+    @property
+    def event_latency(self):
+        """Cycles from the cycle in which a word with one event is taken to that in which the core is offered it."""
+        return self.input.latency + self.input_path.latency + self.batch_end.latency
+
+    @property
+    def result_latency(self):
+        """Cycles from the core's result to the last word of its packet, if nothing stalls."""
+        return self.result_packet.latency + self.result_packet.beats - 1
+
+    def elaborate(self, platform):
+        m = Module()
+        soft = ClockDomain("soft", local=True)
+        soft.clk = self.clock
+        m.domains += soft
+        m.d.comb += [
+            self.soft_reset.eq(self.bank.commands.ctrl_soft_reset),
+            soft.rst.eq(ResetSignal() | self.soft_reset),
+        ]
+        # Words that are passed on may already be offered on o.
+        m.submodules.input = ResetInserter(self.soft_reset & ~self.bypassing)(self.input)
+        for name in ("input_path", "batch_end", "core"):
+            m.submodules[name] = DomainRenamer("soft")(getattr(self, name))
+        m.submodules.result_packet = self.result_packet
+        m.submodules.bank = self.bank
+        m.submodules.next_settings = self.settings
+        m.submodules.counters = self.counters
+        if self.schedule_store:
+            m.submodules.schedule_store = self.schedule_store
+
+        connect(m, flipped(self.i), self.input.i)
+        self._events(m)
+        self._batches(m)
+        self._results(m)
+        self._bus(m)
+        self._registers(m)
+        return m
+
+    # ---------------------------------------------------------------- words to events
+
+    def _events(self, m):
+        path, end, values = self.input_path, self.batch_end, self.bank.values
+        connect(m, path.o, end.i)
+        connect(m, end.o, self.core.i)
+        m.d.comb += [
+            path.i.valid.eq(self.input.o.valid & ~self.bypassing),
+            path.i.payload.eq(self.input.o.payload),
+            path.format.eq(self.form),
+            path.swap.eq(self.swap),
+        ]
+        # Another kind of input begins when the last one has left.
+        m.d.comb += [
+            self.quiet.eq((self.outstanding == 0) & ~end.taking_in),
+            self.input_pending.eq(
+                (self.bypassing != values.input_bypass)
+                | (self.form != values.input_format)
+                | (self.swap != values.input_swap)
+            ),
+        ]
+        drained = self.input.empty & path.empty & ~end.holding & self.quiet & ~self.result_packet.sending
+        m.d.comb += path.restart.eq(self.input_pending & drained)
+        with m.If(path.restart):
+            m.d.sync += [
+                self.bypassing.eq(values.input_bypass),
+                self.form.eq(values.input_format),
+                self.swap.eq(values.input_swap),
+            ]
+
+    # ---------------------------------------------------------------- batches
+
+    def _batches(self, m):
+        end, values, settings = self.batch_end, self.bank.values, self.settings
+        taken = self.result_packet.taken
+        m.d.comb += [
+            self.opened.eq(self.core.opened),
+            settings.written.eq(values),
+            settings.lock.eq(values.settings_lock_lock),
+            settings.opened.eq(self.opened),
+            self.core.settings.eq(settings.o.core),
+            end.settings.eq(settings.o.end),
+            end.opened.eq(self.opened),
+            end.taken.eq(self.core.take),
+            end.idle.eq(self.input.empty & self.input_path.empty),
+            end.end_batch.eq(self.bank.commands.ctrl_end_batch),
+            self.bank.clear.ctrl_start.eq(self.opened & ~values.ctrl_auto_restart),
+            self.bank.clear.roi_load_load.eq(settings.used_roi),
+        ]
+        may_begin = values.ctrl_start
+        if store := self.schedule_store:
+            m.d.comb += [
+                store.lock.eq(values.settings_lock_lock),
+                store.quiet.eq(self.quiet),
+                self.core.schedule_write.valid.eq(store.o.valid),
+                self.core.schedule_write.payload.eq(store.o.payload),
+            ]
+            may_begin &= ~store.blocking
+        m.d.comb += end.go.eq(may_begin)
+        with m.If(self.soft_reset):
+            m.d.sync += self.outstanding.eq(0)
+        with m.Else():
+            m.d.sync += self.outstanding.eq(self.outstanding + self.opened - taken)
+
+    # ---------------------------------------------------------------- results
+
+    def _results(self, m):
+        packet, values = self.result_packet, self.bank.values
+        connect(m, self.core.o, packet.i)
+        wire = Signal()  # something was dropped since the last result
+        with m.If(packet.taken | self.soft_reset):
+            m.d.sync += wire.eq(self._dropped & ~self.soft_reset)
+        with m.Elif(self._dropped):
+            m.d.sync += wire.eq(1)
+        # A batch's flag waits until its result comes; the next batch may have been opened by then.
+        opened_limited, taken_limited = Signal(), Signal()
+        with m.If(self.opened):
+            m.d.sync += opened_limited.eq(self._limited)
+        with m.If(self.core.take):
+            m.d.sync += taken_limited.eq(opened_limited)
+        m.d.comb += [
+            packet.wire.eq(wire),
+            packet.config_range.eq(taken_limited),
+            packet.stream_results.eq(values.output_stream_results),
+            packet.hold.eq(values.result_hold_hold),
+            packet.forget.eq(self.soft_reset),
+        ]
+        passed = self.input.o
+        m.d.comb += [
+            self.o.valid.eq(Mux(self.bypassing, passed.valid, packet.o.valid)),
+            self.o.payload.eq(Mux(self.bypassing, passed.payload, packet.o.payload)),
+            passed.ready.eq(Mux(self.bypassing, self.o.ready, self.input_path.i.ready)),
+            packet.o.ready.eq(self.o.ready & ~self.bypassing),
+        ]
+
+    @property
+    def _dropped(self):
+        """Something on the wire became no event of a batch."""
+        counted = self.input_path.counted
+        return counted.format_errors | counted.before_time | counted.out_of_sensor
+
+    @property
+    def _limited(self):
+        """A setting of the batch that is opened is not as it was written."""
+        return self.settings.limited | (self.schedule_store.limited if self.schedule_store else 0)
+
+    # ---------------------------------------------------------------- registers
+
+    def _bus(self, m):
+        """All hear the bus; whoever is not asked answers 0."""
+        heard = [block.bus for block in (self.bank, self.schedule_store) if block]
+        for bus in heard:
+            m.d.comb += [
+                bus.write.valid.eq(self.bus.write.valid),
+                bus.write.payload.eq(self.bus.write.payload),
+                bus.read_address.eq(self.bus.read_address),
+            ]
+        m.d.comb += self.bus.read_data.eq(functools.reduce(operator.or_, (bus.read_data for bus in heard)))
+
+    def _registers(self, m):
+        bank, counters, packet = self.bank, self.counters, self.result_packet
+        m.d.comb += [
+            counters.clear.eq(bank.commands.ctrl_clear_counters | self.soft_reset),
+            counters.taken.eq(packet.taken),
+            counters.result.eq(self.core.o.payload),
+        ]
+        entering, leaving = self.i, self.o
+        counted = self.input_path.counted
+        pulses = {
+            "busy_cycles": ~self.quiet,
+            "input_stalls": entering.valid & ~entering.ready,
+            "output_stalls": leaving.valid & ~leaving.ready,
+            "result_stalls": packet.stalled,
+            "beats_in": entering.valid & entering.ready,
+            "beats_bypassed": self.bypassing & leaving.valid & leaving.ready,
+            "events_taken": self.core.i.valid & self.core.i.ready,
+            "empty_ends": self.batch_end.empty_end,
+            "results_held_back": packet.held_back,
+            **{name: counted[name] for name in counted.shape().members},
+        }
+        assert set(pulses) == set(counters.pulses.shape().members)
+        m.d.comb += [counters.pulses[name].eq(pulse) for name, pulse in pulses.items()]
+
+        states = {
+            "idle": ~bank.values.ctrl_start & self.quiet,
+            "ready": ~bank.values.ctrl_start,
+            "taking_in": self.batch_end.taking_in,
+            "computing": self.outstanding != 0,
+            "result_waiting": packet.sending,
+            "events_waiting": ~self.input.empty | ~self.input_path.empty | self.batch_end.holding,
+            "time_known": self.input_path.time_known,
+            "config_range": self.settings.out_of_range | (self.schedule_store.limited if self.schedule_store else 0),
+            "input_pending": self.input_pending,
+            "schedule_pending": self.schedule_store.pending if self.schedule_store else 0,
+            "bypassing": self.bypassing,
+        }
+        for group in ("Control", "Operation", "Counters", "Result"):
+            for k, register in enumerate(self.registers.group(group)):
+                for f in register.fields:
+                    if f.access != "status":
+                        continue
+                    target = bank.status[f"{register.name}_{f.name}".lower()]
+                    if group == "Result":
+                        m.d.comb += target.eq(packet.words[k][f.lsb : f.lsb + f.width])
+                    else:
+                        m.d.comb += target.eq(counters.values[f.link] if group == "Counters" else states[f.link])
+
+        flags = self.core.o.payload.flags
+
+        def flagged(*wanted):
+            found = [flags[flag.bit_length() - 1] for flag in wanted]
+            return packet.taken & (sum(found[1:], found[0]) != 0)
+
+        events = {
+            "done": packet.taken,
+            "ready": self.opened,
+            "overflow": flagged(Flag.OVERFLOW),
+            "wire": self._dropped,
+            "time": counted.time_high_back | flagged(Flag.TIME_BACK, Flag.TIME_SPAN),
+            "config_range": self.opened & self._limited,
+        }
+        enabled = 0
+        for name, event in events.items():
+            m.d.comb += bank.set[f"isr_{name}"].eq(event)
+            enabled |= bank.values[f"isr_{name}"] & bank.values[f"ier_{name}"]
+        m.d.comb += [
+            bank.set.ctrl_done.eq(packet.taken),
+            self.irq.eq(bank.values.gie_enable & enabled),
+        ]

@@ -1,0 +1,99 @@
+"""Tracking from Python: ``cmfpga.track(recording, …)``."""
+
+import contextlib
+import warnings
+
+from ..config import DEFAULT_PRESET, preset
+from ..config.defaults import BATCH_EVENTS
+from ..engines import check_roi
+from ..errors import ConfigError
+from ..events import BatchCutter
+from . import loop
+from .result import Tracking
+from .source import Source, sensor_fields
+
+
+def track(
+    recording,
+    *,
+    roi=None,
+    preset=DEFAULT_PRESET,
+    engine="rtl",
+    batch_events=None,
+    batch_us=None,
+    batch_roi_events=None,
+    start_event=0,
+    batches=None,
+    sensor=None,
+    time_unit=None,
+    **fields,
+):
+    """Follow an object through a recording.
+
+    Parameters
+    ----------
+    recording : str, Path, EventSource, Events or Synthetic
+        What to track: a file of any known format, an opened recording or another
+        :class:`~cmfpga.events.source.EventSource`, or events in memory (:class:`Events` need ``sensor``).
+    roi : (int, int), optional
+        Left column and top row of the first batch's ROI, px. Of a :class:`Synthetic` recording by default the place
+        where the object is in its middle.
+    preset : str
+        Configuration to begin with.
+    engine : {"rtl", "axi", "model", "float"}
+        As ``--engine`` of the command.
+    batch_events, batch_us, batch_roi_events : int, optional
+        One of them: events of the whole sensor (default: 5000), µs, or events in the ROI.
+    start_event, batches : int
+        First event; stop after so many batches (default: at the end).
+    sensor : (int, int), optional
+        Width and height of the sensor, px; goes before what the file says.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Of the time stamps; goes before what the file says, and before the µs of events in memory.
+    **fields
+        Fields of the configuration to change, such as ``eta=0.5``.
+
+    Returns
+    -------
+    Tracking
+
+    Raises
+    ------
+    UserError
+        An argument, a field or the recording cannot be used; one line.
+    """
+    with contextlib.ExitStack() as stack:
+        source = Source(recording, sensor=sensor, time_unit=time_unit)
+        opened = source.open(stack)
+        config = _config(opened, preset, fields)
+        if roi is None:
+            if source.motion is None:
+                raise ConfigError("roi: the ROI's left column and top row are needed")
+            roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
+        check_roi(config, roi)
+        if batch_events is batch_us is batch_roi_events is None:
+            batch_events = BATCH_EVENTS
+        cutter = BatchCutter(
+            opened,
+            start_event=start_event,
+            events=batch_events,
+            duration_us=batch_us,
+            roi_events=batch_roi_events,
+            max_events=config.max_batch_events,
+        )
+        running = stack.enter_context(contextlib.closing(loop.open_engine(engine, config)))
+        if running.note:
+            warnings.warn(running.note, stacklevel=2)
+        tracking = Tracking(config, engine, source)
+        for _ in loop.track(running, cutter, roi=tuple(roi), batches=batches, consumers=[tracking]):
+            pass
+    if not len(tracking):
+        raise cutter.too_few()
+    return tracking
+
+
+def _config(source, name, fields):
+    given, note = sensor_fields(source, fields, lambda: preset(name), "sensor=(width, height)")
+    if note:
+        warnings.warn(note, stacklevel=3)
+    return preset(name).replace(**{**given, **fields})

@@ -1,0 +1,119 @@
+"""The columns of a track, each declared once in :data:`COLUMNS`.
+
+``track.csv``, the arrays of :class:`~cmfpga.tracking.result.Tracking`, the tables of a sweep, the report and the
+documentation follow from that table.
+"""
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+_ARRAYS = {int: np.int64, float: np.float64, str: str}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """One column.
+
+    Parameters
+    ----------
+    name : str
+    dtype : {int, float, str}
+    title : str
+        Its name for people.
+    unit : str
+        Empty for a number of things.
+    doc : str
+        What it means.
+    field : str, optional
+        The field of :data:`cmfpga.protocol.results.RESULTS` that it shows.
+    part : int, optional
+        Which part of that field, where it has several.
+    value : callable, optional
+        Instead of ``field``: ``value(batch)`` of a :class:`~cmfpga.tracking.loop.TrackedBatch`.
+    text : str
+        Format of the value in the CSV.
+    may_be_missing : bool
+        The value may be None: empty in the CSV, NaN in an array.
+    """
+
+    name: str
+    dtype: type
+    title: str
+    unit: str = ""
+    doc: str
+    field: str | None = None
+    part: int | None = None
+    value: Callable | None = None
+    text: str = "{}"
+    may_be_missing: bool = False
+
+    def of(self, batch):
+        """The value of a tracked batch."""
+        if self.value:
+            return self.value(batch)
+        value = getattr(batch.result, self.field)
+        return value if self.part is None else value[self.part]
+
+    def array(self, values):
+        """One value per batch as an array: int64, float64 or str."""
+        if self.may_be_missing:
+            return np.array([np.nan if value is None else value for value in values], np.float64)
+        return np.array(values, _ARRAYS[self.dtype])
+
+
+def _speed(axis):
+    return lambda batch: batch.v_px_per_s and batch.v_px_per_s[axis]
+
+
+_HALF_BATCH, _PER_SECOND = "px/half batch", "the same in px/s; empty for a degenerate batch"
+
+#: ``{name: Column}``, in the order of the CSV.
+COLUMNS = {
+    column.name: column
+    for column in (
+        Column(name="batch", dtype=int, title="batch", doc="number of the batch, from 0", value=lambda b: b.index),
+        Column(name="t_ref_us", dtype=float, title="middle of the batch", unit="µs", value=lambda b: b.t_ref,
+               doc="middle of the batch's time range, on the recording's clock; empty for a batch without events",
+               text="{:.1f}", may_be_missing=True),
+        Column(name="events", dtype=int, title="events of the sensor", field="events",
+               doc="N, events of the batch, of the whole sensor"),
+        Column(name="roi_events", dtype=int, title="events in the ROI", field="roi_events",
+               doc="n, events in the ROI that the buffer holds; these are what v is found from"),
+        Column(name="roi_x", dtype=int, title="ROI, left column", unit="px", field="roi", part=0,
+               doc="left column of the ROI that the batch was cut with"),
+        Column(name="roi_y", dtype=int, title="ROI, top row", unit="px", field="roi", part=1,
+               doc="top row of that ROI"),
+        Column(name="vx", dtype=float, title="velocity to the right", unit=_HALF_BATCH, field="v", part=0,
+               doc="velocity along x, positive to the right; of a degenerate batch, the one before it", text="{!r}"),
+        Column(name="vy", dtype=float, title="velocity downwards", unit=_HALF_BATCH, field="v", part=1,
+               doc="velocity along y, positive downwards", text="{!r}"),
+        Column(name="vx_px_per_s", dtype=float, title="velocity to the right", unit="px/s", value=_speed(0),
+               doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
+        Column(name="vy_px_per_s", dtype=float, title="velocity downwards", unit="px/s", value=_speed(1),
+               doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
+        Column(name="iterations", dtype=int, title="iterations", field="iterations",
+               doc="iterations done; 0 for a degenerate batch"),
+        Column(name="cycles", dtype=int, title="clock cycles", field="cycles", may_be_missing=True,
+               doc="clock cycles from the offer of the first event to the result; empty for engines without a clock"),
+        Column(name="contrast", dtype=float, title="contrast", unit="(events/px)²", value=lambda b: b.contrast,
+               doc="population variance of the image of warped events at (vx, vy), computed in float64 for every "
+               "engine", text="{:.6f}"),
+        Column(name="flags", dtype=str, title="flags", value=lambda b: b.flags.text,
+               doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
+    )
+}  # fmt: skip
+
+
+def row(values):
+    """Text of a batch's values, ``{name: value}``. Equal results give equal text."""
+    return tuple("" if values[name] is None else column.text.format(values[name]) for name, column in COLUMNS.items())
+
+
+def csv_writer(file):
+    """A writer of rows into ``track.csv``, which has its head already."""
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    return writer

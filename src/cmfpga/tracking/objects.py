@@ -1,0 +1,148 @@
+"""One of the objects that the command ``track`` follows: its files, and its part of the summary."""
+
+import math
+import statistics
+from dataclasses import dataclass, field
+
+from ..errors import ConfigError
+from ..imaging.gallery import Gallery
+from .kept import Kept
+from .loop import CsvConsumer
+
+
+@dataclass(kw_only=True)
+class TrackedObject:
+    """What was asked for, what follows from it, and what was found; a consumer of the object's batches.
+
+    Parameters
+    ----------
+    name : str
+        Of its files: ``track-NAME.csv``; empty: ``track.csv``.
+    roi : (int, int) or None
+        Left column and top row, px; None until it is chosen (``auto``).
+    proposal : Proposal or None
+        What was chosen.
+    config : Config
+    cutter : BatchCutter
+
+    Attributes
+    ----------
+    consumers : list of Consumer
+        Take its batches beside the object itself: what makes its files.
+    files : list of Path
+        The CSV from the begin; the others once :meth:`finish` has written them.
+    """
+
+    name: str
+    roi: tuple | None
+    proposal: object = None
+    config: object = None
+    cutter: object = None
+    batches: int = 0
+    flagged: int = 0
+    seen: int = 0  # ROI events of all batches
+    cycles: list = field(default_factory=list)
+    speeds: list = field(default_factory=list)  # |v| of each batch that measured one, px per half batch
+    roi_next: tuple | None = None
+    consumers: list = field(default_factory=list)
+    files: list = field(default_factory=list)
+    _writers: list = field(default_factory=list)  # take the object: a reference to it would be a circle
+
+    def named(self, what):
+        """``what``, or ``what-NAME``."""
+        return f"{what}-{self.name}" if self.name else what
+
+    def add(self, batch):
+        """Take a tracked batch; its arrays are not kept."""
+        result = batch.result
+        self.batches += 1
+        self.flagged += bool(result.flags)
+        self.seen += result.roi_events + result.overflow + result.thinned
+        self.roi_next = result.roi_next
+        if result.cycles is not None:
+            self.cycles.append(result.cycles)
+        if batch.v_px_per_s is not None:
+            self.speeds.append(math.hypot(*result.v))
+
+    def collect(self, stack, folder, *, recording, motion, engine, picture, report_mhz, wave):
+        """Begin to collect what the object's files show.
+
+        Parameters
+        ----------
+        stack : ExitStack
+            Closes the CSV.
+        folder : Path
+        recording : str
+            Its name.
+        motion : Motion or None
+            The true motion, where it is known.
+        engine : str
+        picture : bool
+        report_mhz : float or None
+            Assumed clock of the hardware in the report, MHz; None: no report.
+        wave : int or None
+            Number of the batch whose waveforms are written.
+        """
+        if picture:
+            gallery = Gallery(self.config, recording, motion)
+            self._later(gallery, lambda one: gallery.save(one._file(folder, "track", ".png")))
+        if report_mhz is not None:
+            from ..report.page import plotly_script, write_page
+
+            plotly_script()  # if it is missing, that is told before the work
+            kept = Kept(self.config, engine, recording, motion)
+            self._later(kept, lambda one: kept.save(one._file(folder, "track", ".npz")))
+            self._writers.append(
+                lambda one: write_page(kept, one._file(folder, "report", ".html"), clock_mhz=report_mhz)
+            )
+        if wave is not None:
+            from .wave import WaveTaker, write_waves
+
+            taker = WaveTaker(self.config, engine, wave)
+            name = self.named(f"batch-{wave}")
+            self._later(taker, lambda one: one.files.extend(write_waves(taker.record(), folder, name)))
+        file = self._file(folder, "track", ".csv").open("w", newline="")
+        self.consumers.append(CsvConsumer(stack.enter_context(file)))
+
+    def _later(self, consumer, write):
+        self.consumers.append(consumer)
+        self._writers.append(write)
+
+    def _file(self, folder, what, suffix):
+        self.files.append(folder / f"{self.named(what)}{suffix}")
+        return self.files[-1]
+
+    def check(self):
+        """Raises :exc:`ConfigError` where there was no batch, or never an event in the ROI."""
+        if not self.batches:
+            raise self.cutter.too_few()
+        if not self.seen:
+            raise ConfigError(
+                f"ROI at {self.roi[0]},{self.roi[1]}: none of the events is in it, in {self.batches} batches; an ROI "
+                "with an object is needed"
+            )
+
+    def finish(self):
+        """Write the files beside the CSV."""
+        for write in self._writers:
+            write(self)
+
+    def summary(self):
+        """The object's part of the command's summary, JSON-ready."""
+        entry = {
+            "batches": self.batches,
+            "events_left_over": self.cutter.leftover,
+            "flagged_batches": self.flagged,
+            "cycles": sum(self.cycles) if self.cycles else None,
+            "roi_next": list(self.roi_next),
+            "files": [str(path) for path in self.files],
+        }
+        if self.name:
+            entry = {"name": self.name, "roi": list(self.roi), **entry}
+        if self.proposal:
+            entry["roi"] = list(self.roi)
+            entry["batch_events"] = self.cutter.size if self.cutter.mode == "events" else None
+            entry["start_event"] = self.proposal.start_event
+            entry["fields"] = self.proposal.fields
+            entry["median_px_per_half_batch"] = statistics.median(self.speeds) if self.speeds else None
+        return entry

@@ -1,0 +1,87 @@
+"""What can be tracked: files, opened recordings and other sources of events, events in memory, synthetic scenes."""
+
+import contextlib
+import os
+
+from ..errors import ConfigError, RecordingError
+from ..events import Events, EventSource, MemoryRecording, Synthetic, open_recording
+from ..events.recording import CHUNK_EVENTS
+
+
+class Source:
+    """Where a track's events come from, and can be read again.
+
+    Parameters
+    ----------
+    recording, sensor, time_unit
+        As of :func:`~cmfpga.tracking.api.track`.
+
+    Attributes
+    ----------
+    name : str
+        For people.
+    synthetic : Synthetic or None
+    motion : Motion or None
+        The true motion, where it is known.
+    """
+
+    def __init__(self, recording, *, sensor=None, time_unit=None):
+        self._options = {"sensor": sensor, "time_unit": time_unit}
+        self.synthetic = recording if isinstance(recording, Synthetic) else None
+        if self.synthetic:
+            recording = recording.recording("synthetic scene")
+        elif isinstance(recording, Events):
+            if sensor is None:
+                raise ConfigError("sensor: (width, height) in px is needed with events in memory")
+            recording = MemoryRecording(recording, *sensor, time_unit=time_unit)
+        elif not isinstance(recording, (EventSource, str, os.PathLike)):
+            raise RecordingError(f"{type(recording).__name__}: a path, a Recording, Events or Synthetic is needed")
+        self._recording = recording
+        self.name = recording.name if isinstance(recording, EventSource) else os.fspath(recording)
+        self.motion = self.synthetic.motion if self.synthetic else None
+
+    def open(self, stack):
+        """The :class:`EventSource`; a file that is opened here is closed by ``stack``, an ``ExitStack``."""
+        if isinstance(self._recording, EventSource):
+            return self._recording
+        return stack.enter_context(open_recording(self._recording, **self._options))
+
+    def read(self, first, count):
+        """Events ``first … first + count − 1``. Raises :exc:`RecordingError` where the source is not seekable."""
+        parts = []
+        with contextlib.ExitStack() as stack:
+            opened = self.open(stack)
+            if not opened.seekable:
+                raise RecordingError(f"{self.name}: its events cannot be read again; a recording is needed")
+            for chunk in opened.chunks(first, CHUNK_EVENTS):
+                parts.append(chunk[: count - sum(map(len, parts))])
+                if sum(map(len, parts)) == count:
+                    break
+        return Events.concatenate(parts)
+
+
+def sensor_fields(source, given, usual, how):
+    """The configuration's fields that the size of a source's sensor determines.
+
+    Parameters
+    ----------
+    source : EventSource
+    given : dict
+        Fields that the user gives.
+    usual : callable
+        ``usual()``: the :class:`Config` whose sensor is taken where nobody tells the size.
+    how : str
+        How a user says the size.
+
+    Returns
+    -------
+    dict, str or None
+        The fields, and a note for the user where the size is a guess.
+    """
+    if source.width is not None:
+        return {"sensor_width": source.width, "sensor_height": source.height}, None
+    if "sensor_width" in given:
+        return {}, None
+    config = usual()
+    size = f"{config.sensor_width}×{config.sensor_height} px"
+    return {}, f"{source.name} does not say how large its sensor is: taking {size}; say it with {how}"

@@ -1,0 +1,37 @@
+"""Configurations of blocks under test."""
+
+from cmfpga.config import Config, preset
+
+NARROW = {
+    "dt_frac": 8, "v_frac": 6, "position_frac": 4, "weight_frac": 4, "derivative_frac": 4,
+    "sensor_width": 100, "sensor_height": 50, "roi_width": 32, "roi_height": 16, "buffer_events": 100,
+}  # fmt: skip
+ODD = {"sensor_width": 40, "sensor_height": 30, "roi_width": 24, "roi_height": 10, "buffer_events": 96}
+TINY = {"sensor_width": 9, "sensor_height": 7, "roi_width": 2, "roi_height": 2, "buffer_events": 33}
+SENSOR = {"roi_width": 240, "roi_height": 180}
+
+CONFIGS = {
+    "default": Config(),
+    "narrow": Config(**NARROW),
+    "odd": Config(**ODD),
+    "tiny": Config(**TINY),
+    # Weights and derivatives finer than the products they are rounded from: nothing to round.
+    "fine": Config(**ODD, dt_frac=2, v_frac=1, position_frac=4, weight_frac=10, derivative_frac=9),
+    "sensor": Config(**SENSOR),
+}
+
+#: With coarse levels and dither, sizes that are odd or no power of two among them.
+LEVELS = {
+    "fast": preset("fast"),
+    "fast odd": preset("fast").replace(
+        sensor_width=40, sensor_height=30, roi_width=23, roi_height=13, buffer_events=96, max_level=3
+    ),
+    "fast tiny": preset("fast").replace(
+        sensor_width=9, sensor_height=7, roi_width=3, roi_height=2, buffer_events=33, dither_frac=1
+    ),
+    # As the article's formats, with one coarse level, and a dither finer than a warped position.
+    "fast wide": Config(
+        **ODD | {"roi_width": 21, "roi_height": 10}, gradient="one_pass", ascent="sign", max_level=1, dither_frac=8,
+        position_frac=5, cold="1:0 0:-1", warm="0:-1",
+    ),
+}  # fmt: skip

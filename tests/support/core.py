@@ -1,0 +1,236 @@
+"""The core under test: batches that are offered to it, results that are taken, and the model that it must equal."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cmfpga.engines.amaranth_sim import nested
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import COUNTS, SUMS, not_judged
+from cmfpga.protocol.settings import BatchSettings, settings_values
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.rtl import payloads
+from support.values import Port, random_values
+from support.votes import bank_pixels
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """A batch, and how the core learns where it ends."""
+
+    events: list  # (t, x, y)
+    settings: BatchSettings
+    #: "last" marks the last event, "count" sets ``batch_events``; "cut" does neither, nor does "roi".
+    end: str = "last"
+    #: The batch ends with as many stored events, where "roi" is its end.
+    batch_roi_events: int = 0
+
+    def raw_settings(self, config, table):
+        """The core's ``settings``; ``table`` holds the schedules."""
+        values = settings_values(config, self.settings) | {"batch_roi_events": self.batch_roi_events}
+        if config.ascent_rule.has_table:
+            values |= {f"{name}_first": place(table, getattr(self.settings, name)) for name in ("cold", "warm")}
+        if self.end == "count":
+            values["batch_events"] = len(self.events)
+        return nested(payloads.settings(config), values)
+
+
+def place(table, plan):
+    """Where a schedule begins in a table of schedules; None if it is not there."""
+    return next((k for k in range(len(table) + 1) if table[k : k + len(plan)] == plan), None)
+
+
+def schedules(batches):
+    """A table of all batches' schedules: tuple of :class:`ScheduleEntry`."""
+    table = ()
+    for plan in (plan for batch in batches for plan in (batch.settings.cold, batch.settings.warm)):
+        table += plan if place(table, plan) is None else ()
+    return table
+
+
+@dataclass
+class Outcome:
+    """What the core gave for a batch."""
+
+    result: dict = None
+    trace: list = field(default_factory=list)
+    pixels: list = field(default_factory=list)
+    opened: int = None  # cycle before the first event was accepted: the one in which it was offered to an idle core
+    done: int = None  # first cycle of the result
+
+
+def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tick=None):
+    """Offer batches, take results: a test bench, and the list of :class:`Outcome` that it fills.
+
+    ``gap`` and ``stall`` are the probabilities of an idle cycle at the input and of an unready one at the output.
+    An ``eager`` source offers a batch's first event while the core is still busy with the batch before; another one
+    waits until that result is taken. The settings are right only while a first event is offered; at all other
+    times they are random. All schedules are written before the first batch. ``before_tick(ctx, cycle)`` may
+    interfere; the bench ends early where it returns True.
+
+    Streams keep their rules, and the core must: what is offered stays until it is taken.
+    """
+    config = core.config
+    event, i_valid, i_ready = Port(core.i.payload), Port(core.i.valid), Port(core.i.ready)
+    result, o_valid, o_ready = Port(core.o.payload), Port(core.o.valid), Port(core.o.ready)
+    settings = Port(core.settings)
+    trace, trace_valid = Port(core.trace.payload), Port(core.trace.valid)
+    shown = hasattr(core, "pixels")
+    if shown:
+        pixels, pixels_valid = Port(core.pixels.payload), Port(core.pixels.valid)
+    if hasattr(core, "schedule_write"):
+        write, write_valid = Port(core.schedule_write.payload), Port(core.schedule_write.valid)
+    noise = random_values(core.i.payload.shape(), rng)
+    settings_noise = random_values(core.settings.shape(), rng)
+    outcomes = [Outcome() for _ in batches]
+    # Twice what all batches take one after the other, and as much again for idle cycles.
+    limit = 500 + 2 * config.geometry.bank_words
+    table = schedules(batches)
+    for batch in batches:
+        chosen = batch.settings
+        iterations = max(chosen.iterations, len(chosen.cold), len(chosen.warm)) + 6 * config.confidence
+        busy = iterations * (len(batch.events) + config.geometry.bank_words + core.iteration_latency)
+        limit += 2 * (len(batch.events) + busy + core.batch_latency) + 20
+    limit = int(limit / (1 - min(0.9, max(gap, stall))))
+
+    async def bench(ctx):
+        queue = [
+            (number, k, {"t": t, "x": x, "y": y, "last": int(batch.end == "last" and k == len(batch.events) - 1)})
+            for number, batch in enumerate(batches)
+            for k, (t, x, y) in enumerate(batch.events)
+        ]
+        position, offering, held, finished = 0, False, None, 0
+        for address, (level, log2_step) in enumerate(table):
+            entry = {"level": level, "shift": log2_step + config.formats.v.f}
+            write.set(ctx, {"address": address, "entry": entry})
+            write_valid.set(ctx, 1)
+            await ctx.tick()
+            write_valid.set(ctx, 0)
+        for cycle in range(limit):
+            # Input.
+            number, k, payload = queue[position] if position < len(queue) else (len(batches), 0, None)
+            if not offering:
+                wanted = payload is not None and (eager or k > 0 or number == finished)
+                offering = wanted and rng.random() >= gap
+            i_valid.set(ctx, int(offering))
+            event.set(ctx, payload if offering else next(noise))
+            settings.set(
+                ctx, batches[number].raw_settings(config, table) if offering and k == 0 else next(settings_noise)
+            )
+            # Output.
+            ready = rng.random() >= stall
+            o_ready.set(ctx, int(ready))
+            current = outcomes[finished]
+            if trace_valid.get(ctx):
+                current.trace.append(trace.get(ctx))
+            if shown and pixels_valid.get(ctx):
+                current.pixels.append(pixels.get(ctx))
+            if o_valid.get(ctx):
+                bits = result.get(ctx)
+                assert held is None or bits == held, f"cycle {cycle}: the result changed while it waited"
+                current.done = cycle if current.done is None else current.done
+                held = None if ready else bits
+                if ready:
+                    current.result = bits
+                    finished += 1
+            else:
+                assert held is None, f"cycle {cycle}: the result went away before it was taken"
+            if offering and i_ready.get(ctx):
+                if k == 0:
+                    outcomes[number].opened = cycle - 1
+                position, offering = position + 1, False
+            if before_tick and before_tick(ctx, cycle):
+                return
+            await ctx.tick()
+            if finished == len(batches):
+                # Nothing may follow the last result.
+                i_valid.set(ctx, 0)
+                for _ in range(30):
+                    assert not (o_valid.get(ctx) or trace_valid.get(ctx) or i_ready.get(ctx))
+                    await ctx.tick()
+                return
+        raise AssertionError(
+            f"no result of batch {finished} of {len(batches)} after {limit} cycles: {position} of {len(queue)} events "
+            f"accepted, {len(current.trace)} iterations traced, {len(current.pixels)} words of images"
+        )
+
+    return bench, outcomes
+
+
+def check_core(config, batches, outcomes, *, model=None, free=False):
+    """Compare with the model, everything that leaves the core; returns the model's results.
+
+    ``free``: the source had no gap, and no batch was offered while another was under way, unless the core has one
+    buffer: the closed formula holds.
+    """
+    model = model or IntegerCore(config)
+    results = []
+    for number, (batch, outcome) in enumerate(zip(batches, outcomes, strict=True)):
+        t, x, y = (np.array(column, np.int64) for column in zip(*batch.events, strict=True))
+        wanted = model.run(t, x, y, batch.settings, cut=batch.end == "cut", keep=True)
+        results.append(wanted)
+        degenerate = Flag.DEGENERATE in wanted.flags
+        result = dict(outcome.result)
+        sums, cycles = result.pop("sums"), result.pop("cycles")
+        assert result == {
+            "v": {"x": model.v[0], "y": model.v[1]},
+            "t_first": int(t[0]),
+            **{name: getattr(wanted, name) for name in ("span", "events", *COUNTS)},
+            "roi": dict(zip("xy", wanted.roi, strict=True)),
+            "roi_next": dict(zip("xy", wanted.roi_next, strict=True)),
+            "iterations": wanted.iterations,
+            "flags": int(wanted.flags),
+            **{name: _named(getattr(wanted, name)) for name in not_judged(config)},
+        }, f"batch {number}"
+        assert wanted.events == sum(result[name] for name in COUNTS)
+        steps = [{"v": dict(zip("xy", i.v, strict=True)), "sums": i.sums._asdict()} for i in model.iterations]
+        assert outcome.trace == steps, f"batch {number}"
+        if config.gradient == "sweep":
+            images = [words for iteration in model.iterations for words in bank_pixels(config, iteration.images)]
+            assert outcome.pixels == images, f"batch {number}: images"
+        if not degenerate:
+            assert sums == steps[-1]["sums"]
+        elif config.confidence:
+            assert not any(sums.values())
+        assert cycles == outcome.done - outcome.opened
+        if free and not degenerate:
+            assert cycles == cycles_of(config, wanted), f"batch {number}"
+    return results
+
+
+def _named(value):
+    """Sums by their names."""
+    return dict(zip(SUMS, value, strict=True)) if isinstance(value, tuple) else value
+
+
+def cycles_of(config, result):
+    """:meth:`Core.cycles` without a core: N + T·(n + P/4 + L) + constant, its latencies as numbers."""
+    events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
+    judged = bool(result.confidence_limit)
+    iterations = result.iterations + 2 * judged
+    more = judge_cycles(config) if judged else 0
+    return events + iterations * (result.roi_events + per_iteration(config)) + constant_cycles(config) + more
+
+
+#: What a batch of fewer events takes with two buffers: the next ROI must be known.
+SHORTEST = 3
+
+
+def per_iteration(config):
+    """P/4 + L as a number, L in one pass."""
+    division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
+    ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
+    return division + ascent + (16 + config.geometry.bank_words if config.gradient == "sweep" else 15)
+
+
+def judge_cycles(config):
+    """Cycles of a batch whose v is probed, beside those of two iterations: a bit of the comparison takes one."""
+    more = config.weight_frac - config.derivative_frac
+    factors = max((8 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
+    return 3 + config.widths.curvature_bits - 17 + factors.bit_length() + config.widths.judge_bits
+
+
+def constant_cycles(config):
+    """Cycles of a batch that depend on neither N, n nor T, as a number."""
+    dither = 1 if config.dither_frac else 0
+    return config.span_bits + config.reciprocal_bits + dither + (18 if config.buffers == 1 else 16)
