@@ -15,11 +15,11 @@ from tqdm import tqdm
 
 from . import cli
 from .config.defaults import BATCH_EVENTS
-from .engines import AXI, ENGINES, check_roi
+from .engines import AXI, ENGINES, check_roi, open_engine
 from .errors import ConfigError
 from .events import BatchCutter, generate, open_recording
 from .tracking import api
-from .tracking.loop import in_turn, open_engine, track
+from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
 from .tracking.source import sensor_fields
 

@@ -19,7 +19,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.reference import floating
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.tracking import api, loop
+from cmfpga.tracking import api
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.result import Tracking
 from cmfpga.tracking.trace import BatchTrace
@@ -153,7 +153,7 @@ def test_a_live_source_is_tracked_but_not_read_again(dot, dot_events):
 
 def test_names_of_the_package():
     assert cmfpga.tracking.track is api.track and cmfpga.tracking.Tracking is Tracking
-    assert cmfpga.tracking.open_engine is loop.open_engine
+    assert cmfpga.tracking.open_engine is cmfpga.engines.open_engine
     with pytest.raises(AttributeError, match="no attribute 'tracker'"):
         _ = cmfpga.tracking.tracker
 

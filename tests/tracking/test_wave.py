@@ -113,9 +113,9 @@ def test_what_goes_between_the_blocks_is_the_trace(waves, dot, config, batch):
     np.testing.assert_array_equal(replayed[0], np.stack([trace.t, trace.x, trace.y], axis=1))
     scaled = vcd.sent("warp.i", "dt", "x", "y").reshape(-1, n, 3)
     np.testing.assert_array_equal(scaled[0], np.stack([trace.dt, trace.x_dithered, trace.y_dithered], axis=1))
-    gradients = vcd.sent("updater.i", "x", "y")
+    gradients = vcd.sent("ascent.i", "x", "y")
     sums = vcd.sent("gradient.i", "i", "dx", "dy", "sx", "sy")
-    speed = np.stack([vcd["updater.v_x"], vcd["updater.v_y"]], axis=1)
+    speed = np.stack([vcd["ascent.v_x"], vcd["ascent.v_y"]], axis=1)
     used = speed[vcd["gradient.i_valid"] == 1]
     votes = vcd.sent("voter.o", *(f"banks_{bank}_{name}" for bank in range(4) for name in ("valid", "i")))
     votes = votes.reshape(iterations, n, 4, 2)

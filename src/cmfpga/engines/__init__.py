@@ -9,7 +9,7 @@ ENGINES = ("rtl", "model", "float")
 #: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
 AXI = "axi"
 
-__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine"]
+__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine", "open_engine"]
 
 
 def make_engine(name, config):
@@ -49,3 +49,13 @@ def _make_rtl_engine(config):
     from .amaranth_sim import AmaranthEngine
 
     return AmaranthEngine(config, why)
+
+
+def open_engine(name, config, *, option="engine"):
+    """:func:`make_engine`, where a missing torch is the user's to mend; ``option`` is what chose it."""
+    try:
+        return make_engine(name, config)
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ConfigError(f"{option} {name}: torch is not installed; pip install 'cmfpga[reference]'") from None

@@ -112,8 +112,9 @@ def _track(task):
     # Here and not above: where a sweep is only looked up, none of this is needed.
     from amaranth.hdl import UnusedElaboratable
 
+    from ..engines import open_engine
     from ..events import BatchCutter, open_recording
-    from ..tracking.loop import open_engine, track
+    from ..tracking.loop import track
 
     # A core whose library is in the cache is asked for its ports, and not elaborated again.
     warnings.filterwarnings("ignore", category=UnusedElaboratable)

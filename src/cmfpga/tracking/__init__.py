@@ -5,7 +5,7 @@
 
 import importlib
 
-_HOMES = {"track": "api", "Tracking": "result", "Source": "source", "open_engine": "loop"}
+_HOMES = {"track": "api", "Tracking": "result", "Source": "source", "open_engine": "api"}
 
 
 def __getattr__(name):

@@ -5,7 +5,7 @@ import warnings
 
 from ..config import DEFAULT_PRESET, preset
 from ..config.defaults import BATCH_EVENTS
-from ..engines import check_roi
+from ..engines import check_roi, open_engine
 from ..errors import ConfigError
 from ..events import BatchCutter
 from . import loop
@@ -81,7 +81,7 @@ def track(
             roi_events=batch_roi_events,
             max_events=config.max_batch_events,
         )
-        running = stack.enter_context(contextlib.closing(loop.open_engine(engine, config)))
+        running = stack.enter_context(contextlib.closing(open_engine(engine, config)))
         if running.note:
             warnings.warn(running.note, stacklevel=2)
         tracking = Tracking(config, engine, source)

@@ -9,8 +9,6 @@ import itertools
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..engines import make_engine
-from ..errors import ConfigError
 from ..events import Events
 from ..imaging.iwe import contrast
 from ..protocol.flags import Flag
@@ -93,16 +91,6 @@ class CsvConsumer:
     def add(self, batch):
         """Write a batch's line."""
         self._writer.writerow(batch.row())
-
-
-def open_engine(name, config, *, option="engine"):
-    """:func:`~cmfpga.engines.make_engine`, where a missing torch is the user's to mend; ``option`` is what chose it."""
-    try:
-        return make_engine(name, config)
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError(f"{option} {name}: torch is not installed; pip install 'cmfpga[reference]'") from None
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=()):
