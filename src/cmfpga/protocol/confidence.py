@@ -94,6 +94,11 @@ def is_judged(outcome):
     return bool(outcome.confidence_limit) and Flag.DEGENERATE not in outcome.flags
 
 
+def is_sure(outcome):
+    """Whether a batch was judged, and its v is to be trusted."""
+    return is_judged(outcome) and Flag.DOUBTFUL not in outcome.flags
+
+
 def _information(config, outcome):
     """Fisher information of v, per px²: (xx, yy, xy)."""
     shape = curvature(
@@ -131,7 +136,7 @@ def covariance(config, outcome):
 
     That in (px/s)² is (2/span)² times as large, where span is the batch's t_N − t_1 in s.
     """
-    if not is_judged(outcome) or Flag.DOUBTFUL in outcome.flags:
+    if not is_sure(outcome):
         return None
     xx, yy, xy = _information(config, outcome)
     determinant = xx * yy - xy * xy
