@@ -45,7 +45,8 @@ def test_every_bit_of_a_result_has_its_place(name):
     """No leaf is wider than the registers that show it, and none is left out."""
     config = preset(name)
     linked = register_map(config).linked("Result")
-    wanted = {leaf: q.width for f in RESULTS for leaf, q in leaves(f.name, f.shape(config)).items()}
+    fields = [f for f in RESULTS if f.when(config)]
+    wanted = {leaf: q.width for f in fields for leaf, q in leaves(f.name, f.shape(config)).items()}
     assert set(linked) == set(wanted)
     for leaf, width in wanted.items():
         ends = [f.link_lsb + f.width for _, f in linked[leaf]]
@@ -67,7 +68,7 @@ def test_names_are_used_once():
 def test_the_hardware_has_what_the_tables_say(name):
     config = preset(name)
     core = VerilogCore(config)
-    results = [leaf for f in fields_of("batch", "region") for leaf in leaves(f.name, f.shape(config))]
+    results = [leaf for f in fields_of("batch", "region", config=config) for leaf in leaves(f.name, f.shape(config))]
     assert [port.removeprefix("result_") for port in core.outputs if port.startswith("result_")] == ["valid", *results]
     settings = settings_values(config, BatchSettings.from_config(config))
     assert [port.removeprefix("settings_") for port in core.inputs if port.startswith("settings_")] == list(settings)
@@ -85,7 +86,7 @@ def test_payloads_know_their_formats():
 
 def test_a_raw_result_is_read():
     config = preset("paper")
-    values = {leaf: 3 for f in fields_of("batch", "region") for leaf in leaves(f.name, f.shape(config))}
+    values = {leaf: 3 for f in fields_of("batch", "region", config=config) for leaf in leaves(f.name, f.shape(config))}
     found = decode(config, values | {"v_x": -(3 << 11), "flags": int(Flag.CUT)})
     assert found["v"] == (-1.5, 3 / 4096) and found["roi"] == (3, 3) and found["flags"] is Flag.CUT
     assert found["sums"] == (3,) * 5
@@ -158,7 +159,7 @@ def test_traces_are_compared_by_all_their_values():
 def test_flags_have_the_bits_of_the_hardware():
     assert {flag.name: flag.value for flag in Flag} == {
         "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
-        "SCHEDULE": 128, "THINNED": 256,
+        "SCHEDULE": 128, "THINNED": 256, "DOUBTFUL": 512,
     }  # fmt: skip
 
 

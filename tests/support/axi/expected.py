@@ -36,7 +36,7 @@ class Expected:
         self.core = IntegerCore(config)
         self.batches = 0
         self.totals = dict.fromkeys(
-            (*COUNTS, "batches", "degenerate", "cut", "events_taken", "events_in", "before_time", "out_of_sensor",
+            (*COUNTS, "batches", "degenerate", "cut", "doubtful", "restarted", "events_taken", "events_in", "before_time", "out_of_sensor",
              "format_errors", "other_words", "time_high_back", "empty_ends"), 0
         )  # fmt: skip
 
@@ -57,6 +57,8 @@ class Expected:
         found = self.core.run(t, x, y, settings, cut=cut)
         self.batches += 1
         self.totals["batches"] += 1
+        self.totals["doubtful"] += Flag.DOUBTFUL in found.flags
+        self.totals["restarted"] += found.restarted or 0
         self.totals["degenerate"] += Flag.DEGENERATE in found.flags
         self.totals["cut"] += cut
         for name in COUNTS:
@@ -74,7 +76,7 @@ class Expected:
 def raw_values(config, outcome):
     """``{leaf: raw value}`` of an outcome, less ``cycles``."""
     values = {}
-    for field in fields_of("batch", "region"):
+    for field in fields_of("batch", "region", config=config):
         if field.name != "cycles":
             value = getattr(outcome, field.name)
             parts = value if isinstance(value, tuple) else (value,)

@@ -62,7 +62,13 @@ def _registers(group, prefix, fields):
         first = (place.register or f"{prefix}{name.upper()}", place.register_doc or own, [])
         words.setdefault(place.word, first)[2].append(field)
     return [
-        Register(name=name, offset=BASE[group] + 4 * word, group=group, doc=doc, fields=tuple(parts))
+        Register(
+            name=name,
+            offset=BASE[group] + 4 * word,
+            group=group,
+            doc=doc,
+            fields=tuple(sorted(parts, key=lambda f: f.lsb)),
+        )
         for word, (name, doc, parts) in sorted(words.items())
     ]
 
