@@ -93,9 +93,13 @@ def test_results_are_read_back(registers, rng):
     assert values["v_x"] == signed(at["RESULT_V_X"], 32) and values["roi_next_y"] == at["RESULT_ROI_NEXT"] >> 16
     assert values["sums_i"] == at["RESULT_SUM_I_HIGH"] << 32 | at["RESULT_SUM_I_LOW"]
     assert values["sums_sy"] == signed(at["RESULT_SY_HIGH"] << 32 | at["RESULT_SY_LOW"], 64)
-    assert values["flags"] == at["RESULT_FLAGS"] & int(sum(Flag))
+    assert values["flags"] == at["RESULT_FLAGS"] & (int(sum(Flag)) if "confidence_limit" in values else 511)
     assert values["wire"] == at["RESULT_FLAGS"] >> 16 & 1
-    with pytest.raises(ValueError, match="27 words of a result: 28"):
+    if "confidence_limit" in values:
+        assert values["sum_squares"] == at["RESULT_SQUARES_HIGH"] << 32 | at["RESULT_SQUARES_LOW"]
+        probed = at["RESULT_PROBE_Y_SX_HIGH"] << 32 | at["RESULT_PROBE_Y_SX_LOW"]
+        assert values["probe_y_sx"] == signed(probed, 64)
+    with pytest.raises(ValueError, match=f"27 words of a result: {len(names)}"):
         result_values(registers, row[:27].tolist())
 
 

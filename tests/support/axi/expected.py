@@ -36,7 +36,8 @@ class Expected:
         self.core = IntegerCore(config)
         self.batches = 0
         self.totals = dict.fromkeys(
-            (*COUNTS, "batches", "degenerate", "cut", "doubtful", "restarted", "events_taken", "events_in", "before_time", "out_of_sensor",
+            (*COUNTS, "batches", "degenerate", "cut", "doubtful", "restarted", "events_taken",
+             "events_in", "before_time", "out_of_sensor",
              "format_errors", "other_words", "time_high_back", "empty_ends"), 0
         )  # fmt: skip
 
