@@ -19,7 +19,7 @@ from declared import DECLARED, table
 
 from cmfpga.config import PRESETS, preset
 from cmfpga.protocol.results import RESULTS, trace_shape
-from cmfpga.protocol.settings import SETTINGS
+from cmfpga.protocol.settings import SETTINGS, BatchSettings
 from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import VerilogCore
@@ -69,6 +69,7 @@ PORTS = {
     "schedule_address": "which entry",
     "schedule_entry_level": "pixels 2^level px wide",
     "schedule_entry_shift": "v moves by 2^shift units of its last bit",
+    "schedule_entry_stride": "every 2^stride-th of the stored events",
     "result_valid": "a result is offered, and stays as it is until it is taken",
     "result_ready": "take it",
     "result_sums_i": "ΣI of the last iteration, raw; no sum means anything in a degenerate batch",
@@ -149,10 +150,10 @@ def cycles_table():
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
-        schedules = (range(config.iterations),)
+        schedules = (config.ascent_rule.plan(BatchSettings.from_config(config), warm=False),)
         if hasattr(core, "schedule_write"):
             schedules = (config.schedules.cold, config.schedules.warm)
-        ours = [core.cycles(**article.BATCH, iterations=len(one)) for one in schedules]
+        ours = [core.cycles(**article.BATCH, iterations=one) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
         theirs = article.cycles(**article.BATCH, pixels=config.geometry.pixels, iterations=100)
         what = f"`{name}`" if size is None else f"`{name}`, other size"
@@ -193,7 +194,7 @@ def meanings(config):
     """What each port is for, by its name."""
     found = {}
     declared = [("settings", s.name, s.shape_of(config), s.places, *s.doc_of(config)) for s in SETTINGS]
-    declared += [("result", f.name, f.shape(config), f.places, f.doc, f.unit) for f in RESULTS]
+    declared += [("result", f.name, f.shape(config), f.places, f.doc, f.unit) for f in RESULTS if f.when(config)]
     for group, name, shape, places, doc, unit in declared:
         for leaf in leaves(name, shape):
             place = next((place for place in places if name + place.part == leaf), None)

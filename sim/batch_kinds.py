@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmfpga.config.schedule import ScheduleEntry
+from cmfpga.config.schedule import FEWEST, ScheduleEntry
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
 
 
@@ -25,22 +25,22 @@ class Batch:
 
 
 def schedule_table(config):
-    """Iterations for the core's table of schedules: all levels, steps small and so large that v saturates."""
+    """Iterations for the core's table of schedules: all levels, strides; steps small and so large that v saturates."""
     if not config.ascent_rule.has_table:
         return ()
     entries = (
-        (2, 1),
-        (1, 0),
-        (0, -2),
-        (1, config.formats.v.i - 1),
-        (2, -1),
-        (0, -4),
-        (0, -config.formats.v.f),
-        (1, -2),
+        (2, 1, 4),
+        (1, 0, 2),
+        (0, -2, 1),
+        (1, config.formats.v.i - 1, 4),
+        (2, -1, 4),
+        (0, -4, 2),
+        (0, -config.formats.v.f, 1),
+        (1, -2, 2),
     )
     return tuple(
-        ScheduleEntry(min(level, config.max_level), max(-config.formats.v.f, min(config.formats.v.i - 1, step)))
-        for level, step in entries[: config.schedule_entries]
+        ScheduleEntry(min(level, config.max_level), max(-config.formats.v.f, min(config.formats.v.i - 1, step)), stride)
+        for level, step, stride in entries[: config.schedule_entries]
     )
 
 
@@ -59,7 +59,7 @@ class Maker:
     def __init__(self, config, rng):
         self.config = config
         self.rng = rng
-        # Events that a batch may have in the ROI, so that only the batch that shall overflow the buffer does.
+        # Events that a batch may have in the ROI, so that only the batch that shall overfill the buffer does.
         self.n = min(160, max(1, 3 * config.buffer_events // 4))
         self.table = schedule_table(config)
 
@@ -203,6 +203,12 @@ def overfull(make, roi):
     """More ROI events than the buffer holds."""
     x, y = make.inside(make.config.buffer_events + 10, roi)
     return {"pixels": (x, y), "settings": {"iterations": 1}}
+
+
+@kind
+def strided(make, roi):
+    """As many events as the largest stride needs, where the buffer holds them."""
+    return {"pixels": make.inside(min(4 * FEWEST, make.config.buffer_events), roi)}
 
 
 @kind

@@ -16,7 +16,7 @@ from batch_kinds import KINDS, Maker
 from cmfpga import __version__, cli
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.settings import settings_values
+from cmfpga.protocol.settings import settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.gradient import Sums
 from cmfpga.rtl.top import VerilogCore
@@ -84,8 +84,8 @@ class Vectors:
     def write_schedule(self, table):
         """Have the bench fill the core's table of schedules."""
         self.table = table
-        for address, (level, step) in enumerate(table):
-            entry = {"level": level, "shift": step + self.config.formats.v.f}
+        for address, values in enumerate(table):
+            entry = dict(zip(("level", "shift", "stride"), table_entry(self.config, values), strict=True))
             self._put("schedule", leaves({"address": address, "entry": entry}, "schedule"))
 
     def settings(self, batch):
@@ -111,7 +111,7 @@ class Vectors:
         sums = dict.fromkeys(Sums._fields)  # they mean nothing in a degenerate batch
         if Flag.DEGENERATE not in result.flags:
             sums = self.model.iterations[-1].sums._asdict()
-            work = {"roi_events": result.roi_events, "iterations": result.iterations}
+            work = {"roi_events": result.roi_events, "iterations": self.model.plan}
             # The formula holds for a batch that finds the core idle.
             if batch.alone or config.buffers == 1:
                 cycles = self.core.cycles(events=n + int(batch.gaps[1:].sum()), **work)

@@ -4,6 +4,8 @@ Everything that a person can get wrong (a file, an option, a value) raises one o
 line: what is wrong, where, and what is allowed. The command lines print it and exit with status 2.
 """
 
+import contextlib
+
 
 class UserError(ValueError):
     """Base of all errors that a command line reports in one line, without a traceback."""
@@ -15,3 +17,30 @@ class ConfigError(UserError):
 
 class RecordingError(UserError):
     """A recording is missing, unreadable, or holds events that cannot be used."""
+
+
+class MissingPackage(ConfigError):
+    """What was asked for needs a package that is not installed."""
+
+
+class DeviceError(UserError):
+    """The hardware, or what leads to it, does not do what it should. One line: what, and what to look at."""
+
+
+class WrongHardware(DeviceError):
+    """What answers is not the accelerator, of another version, or of another configuration."""
+
+
+class DeviceTimeout(DeviceError, TimeoutError):
+    """Something did not come in time."""
+
+
+@contextlib.contextmanager
+def needs(package, extra, what):
+    """Where ``package`` is missing, :exc:`MissingPackage` says that ``what`` needs it and which extra installs it."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if error.name.partition(".")[0] != package:
+            raise
+        raise MissingPackage(f"{what}: {package} is not installed; pip install 'cmfpga[{extra}]'") from None

@@ -14,7 +14,7 @@ from tqdm import tqdm
 
 from . import cli
 from .engines import make_engine
-from .errors import ConfigError, RecordingError
+from .errors import RecordingError, needs
 from .events import BatchCutter, open_recording
 from .survey import Survey, propose, survey_all
 from .survey.pictures import draw, frame
@@ -106,12 +106,8 @@ def _config(options, recording, survey):
 
 def check(recording, config, proposal, batches):
     """|v| in px per half batch of each of so many batches at most, as the integer model tracks them; needs torch."""
-    try:
+    with needs("torch", "reference", "--check"):
         engine = make_engine("model", config.replace(**proposal.fields))
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError("--check: torch is not installed; pip install 'cmfpga[reference]'") from None
     with contextlib.closing(engine):
         size = {"events": proposal.batch_events, "max_events": engine.config.max_batch_events}
         cutter = BatchCutter(recording, start_event=proposal.start_event, **size)

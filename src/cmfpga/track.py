@@ -267,7 +267,7 @@ def _summarise(options, config, engine, objects):
     for one in objects:
         who = "" if alone and not one.name else f"{one.name}: "
         print(
-            f"{who}{one.batches} batches tracked ({engine} engine), {one.flagged} with flags, "
+            f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
         if one.judged:

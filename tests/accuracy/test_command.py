@@ -22,7 +22,7 @@ def test_command(capsys, tmp_path, monkeypatch):
     monkeypatch.delenv("CMFPGA_DATA", raising=False)
     assert run("--batches", 4, "--json", tmp_path / "scores.json") == 0
     shown = capsys.readouterr()
-    assert "Synthetic batches: error of v, px per half batch" in shown.out and "| model  | cold " in shown.out
+    assert "Synthetic batches: error of v, px per half batch" in shown.out and "| model  " in shown.out
     assert "synthetic batches only" in shown.err
     written = json.loads((tmp_path / "scores.json").read_text())
     assert written["config"] == FAST.to_dict()
@@ -57,19 +57,31 @@ def test_real_batches_run_with_the_configuration_as_it_is(capsys, data_dir, monk
     cases = real.real_cases(data_dir)
     events = [case.facts["roi_events"] for case in cases]
     assert max(events) > FAST.buffer_events
-    assert run("--batches", 1, "--data", data_dir, "--json", tmp_path / "a.json") == 0
+    drop = ("--set", "when_full=drop")
+    assert run("--batches", 1, "--data", data_dir, "--json", tmp_path / "a.json", *drop) == 0
     found = json.loads((tmp_path / "a.json").read_text())["results"]["real, model"]
     dropped = [max(0, n - FAST.buffer_events) for n in events]
     assert [int(row[2]) for row in found["values"]] == dropped
     assert found["scores"]["batches_that_drop_events"] == np.count_nonzero(dropped)
     assert "batches that drop events" in capsys.readouterr().out
     monkeypatch.setattr(studies, "WIDTHS", studies.WIDTHS[2:3])  # those of the preset
-    assert run("--study", "widths", "--batches", 1, "--data", data_dir, "--json", tmp_path / "b.json") == 0
+    assert run("--study", "widths", "--batches", 1, "--data", data_dir, "--json", tmp_path / "b.json", *drop) == 0
     studied = json.loads((tmp_path / "b.json").read_text())["results"]
     assert studied["real, widths 8, 6, 4, 4, 4, 4"] == found
+    monkeypatch.setattr(suites, "preset", lambda name: preset(name).replace(when_full="drop"))
     told = accuracy.brief("model", data=data_dir, batches=1)
     assert told["scores"]["real, cold"] == found["scores"]
     assert told["text"][-1].endswith(f"; {np.count_nonzero(dropped)} drop events")
+
+
+def test_seeds_make_other_batches(capsys, tmp_path, monkeypatch):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    found = []
+    for seeds in ("1", "2", "1-2"):
+        assert run("--batches", 2, "--seeds", seeds, "--json", tmp_path / "scores.json") == 0
+        found.append(json.loads((tmp_path / "scores.json").read_text())["results"]["synthetic, cold, model"]["values"])
+    assert found[0] + found[1] == found[2] and found[0] != found[1]
+    assert "model, without strides" in capsys.readouterr().out
 
 
 def test_a_difference_between_rtl_and_model_is_said(capsys):
@@ -81,6 +93,8 @@ def test_a_difference_between_rtl_and_model_is_said(capsys):
     ("arguments", "message"),
     [
         (["--data", "nowhere"], "--data nowhere: no such folder"),
+        (["--seeds", "3-1"], "argument --seeds: '3-1': one seed, or the first and the last as in 1-3, is needed"),
+        (["--seeds", "x"], "argument --seeds: 'x': one seed, or the first and the last as in 1-3, is needed"),
         (["--batches", "0"], "argument --batches: '0': a whole number of 1 or more is needed"),
         (["--set", "roi_width=32"], "ROI of 32×64 px: the suites are for 64×64 px"),
         (["--study", "magic"], "argument --study: invalid choice: 'magic'"),

@@ -133,7 +133,7 @@ def test_the_articles_ascent_in_one_go(program, reference, batch):
 
 @pytest.mark.parametrize("schedule", ["cold", "warm"])
 def test_the_sign_ascent_ends_at_the_same_v(program, reference, batch, schedule):
-    entries = getattr(preset("fast"), f"{schedule}_schedule")
+    entries = getattr(preset("fast").schedules, schedule)
     start = (0.0, 0.0) if schedule == "cold" else (3.5, -2.5)
     job = of(batch, iterations=len(entries), schedule=entries, dither=True, v_start=start)
     want = run(reference, job)

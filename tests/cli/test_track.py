@@ -145,8 +145,9 @@ def test_a_summary_as_json(command, dot, small, tmp_path):
     assert Config(**config).sensor_width == 32 and config["roi_width"] == 8 and config["iterations"] == 15
     assert re.fullmatch(r"\[\d+, \d+\]", str(summary.pop("roi_next")))
     assert summary == {
-        "engine": "model", "batches": 6, "events_left_over": 60, "flagged_batches": summary["flagged_batches"],
-        "cycles": None, "files": [str(tmp_path / "track.csv"), str(tmp_path / "track.png")],
+        "engine": "model", "batches": 6, "events_left_over": 60,
+        "batches_with_warnings": summary["batches_with_warnings"], "cycles": None,
+        "files": [str(tmp_path / "track.csv"), str(tmp_path / "track.png")],
     }  # fmt: skip
 
 
@@ -273,7 +274,7 @@ def test_a_full_buffer(command, rows, dot_events, small, tmp_path):
         command, rows, tmp_path, dot_events, *DOT, "--batch-events", "90", *small, "--set", "buffer_events=16"
     )
     assert flags(found)[:3] == ["overflow"] * 3 and {row["roi_events"] for row in found[:3]} == {"16"}
-    assert f"{sum(map(bool, flags(found)))} with flags" in done.out
+    assert f"{sum(map(bool, flags(found)))} with warnings" in done.out
 
 
 def test_all_events_at_one_moment(command, rows, dot_events, small, tmp_path):
@@ -409,7 +410,7 @@ def star(data_dir, tmp_path_factory, command, rows):
     options = ["--start-event", 15000, "--roi", "100,30", "--batches", 20, "--batch-events", 5000]
     done = command(track, recording, *options, "--preset", "paper", "--out", folder)
     assert (done.status, done.err) == (0, "")
-    assert done.out.startswith("20 batches tracked (rtl engine), 0 with flags, 0 events left over\n")
+    assert done.out.startswith("20 batches tracked (rtl engine), 0 with warnings, 0 events left over\n")
     return recording, options, rows(folder), folder
 
 
@@ -527,7 +528,7 @@ def test_a_real_overflow(data_dir, command, rows, tmp_path):
         "--set", "iterations=2", "--out", tmp_path, "--json",
     )  # fmt: skip
     assert done.status == 0 and done.err == ""
-    assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["flagged_batches"] == 2
+    assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["batches_with_warnings"] == 2
     assert flags(rows(tmp_path)) == ["overflow"] * 2
     looks_like_a_track(tmp_path / "track.png", moves=False)
 

@@ -3,8 +3,8 @@
 import pytest
 
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
+from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.protocol.words import encode
-from cmfpga.simulation.axi_top import SimulationBackend
 from support.driving import CONFIG, batch, within, works
 
 

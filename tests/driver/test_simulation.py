@@ -7,6 +7,7 @@ import pytest
 
 from cmfpga.config import Config, preset
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WireResult
+from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
@@ -14,7 +15,6 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import FORMATS
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
-from cmfpga.simulation.axi_top import SimulationBackend
 from cmfpga.tracking.loop import track
 from support.driving import CONFIG, SMALL, batch, differences, model_run
 

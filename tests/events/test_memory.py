@@ -141,7 +141,8 @@ def test_whole_process(name, request):
 
 PEAK = """
 import resource, sys
-from cmfpga import cli, command
+from cmfpga import cli
+from cmfpga.cli import command
 status = cli.run(command.main, sys.argv[1:])
 print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, file=sys.stderr)
 sys.exit(status)

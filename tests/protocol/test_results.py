@@ -45,8 +45,7 @@ def test_every_bit_of_a_result_has_its_place(name):
     """No leaf is wider than the registers that show it, and none is left out."""
     config = preset(name)
     linked = register_map(config).linked("Result")
-    fields = [f for f in RESULTS if f.when(config)]
-    wanted = {leaf: q.width for f in fields for leaf, q in leaves(f.name, f.shape(config)).items()}
+    wanted = {leaf: q.width for f in RESULTS for leaf, q in leaves(f.name, f.shape(config)).items() if f.when(config)}
     assert set(linked) == set(wanted)
     for leaf, width in wanted.items():
         ends = [f.link_lsb + f.width for _, f in linked[leaf]]

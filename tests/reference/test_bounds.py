@@ -8,8 +8,8 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.errors import ConfigError
-from cmfpga.reference.bounds import dt_error, gain_error, gradient_bound, position_error
 from cmfpga.reference.floating import evaluate, scaled_times, warp
+from support.bounds import dt_error, gain_error, gradient_bound, position_error
 
 # -------------------------------------------------------------------- the integer arithmetic, in Python integers
 

@@ -8,9 +8,9 @@ from cmfpga.config import Config
 from cmfpga.events import BatchCutter, generate, open_recording
 from cmfpga.imaging.iwe import scaled_roi_events
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.reference.bounds import gradient_bound
 from cmfpga.reference.floating import evaluate
 from cmfpga.reference.integer.core import IntegerCore
+from support.bounds import gradient_bound
 
 CONFIG = Config(iterations=12)
 

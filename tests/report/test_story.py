@@ -97,7 +97,7 @@ def test_nothing_measured(config):
     kept.rows = [(*row[:at], "0", *row[at + 1 :]) for row in kept.rows]
     story = Story(kept, 210.0)
     assert story.lead.startswith("Nothing could be measured") and story.lead.endswith("the hardware's speed.")
-    assert story.notes == ["3 of 3 batches have flags: degenerate in 3."]
+    assert story.notes == ["3 of 3 batches have warnings: degenerate in 3."]
 
 
 def test_of_a_synthetic_track(turning):
@@ -108,17 +108,18 @@ def test_of_a_synthetic_track(turning):
     assert " px up and to the right within 0.48 s, at about 1" in story.lead
     assert "keep up" in story.lead and "not keep up" not in story.lead
     assert story.notes[0].endswith("the velocities fit.") and "px/s off in the median" in story.notes[1]
-    assert story.notes[2] == f"None of the {len(turning.rows)} batches has a flag: nothing unusual happened."
+    assert story.notes[2] == f"None of the {len(turning.rows)} batches has a warning: nothing unusual happened."
 
 
 def test_cycles_by_the_formula(turning):
     """The model has no clock."""
     story = Story(turning, 100.0)
-    core = Core(turning.config)
+    config, core = turning.config, Core(turning.config)
     assert story.by_formula
     for k, cycles in enumerate(story.cycles):
         n, inside, iterations = (int(turning.numbers(name)[k]) for name in ("events", "roi_events", "iterations"))
-        assert cycles == core.cycles(events=n, roi_events=inside, iterations=iterations)
+        plan = config.schedules.warm if k else config.schedules.cold
+        assert cycles == core.cycles(events=n, roi_events=inside, iterations=plan) and iterations == len(plan)
         assert story.margin[k] == pytest.approx(turning.spans[k] / (cycles / 100))
 
 

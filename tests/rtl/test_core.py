@@ -44,6 +44,9 @@ CONFIGS = {
         **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, iterations=3, buffers=1, weight_frac=3,
         derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
     ),
+    # A full buffer thins out; of a depth that is odd and no power of two.
+    "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
+    "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
 }  # fmt: skip
 
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
@@ -75,7 +78,7 @@ def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
 #: Schedules of random batches, some of them part of another; steps so large that v saturates, and v's unit.
 PLANS = tuple(
     parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4)
-    for text in ("0:-2", "2:2 0:-6", "1:0*2 0:4", "2:1 1:-1 0:-3 0:-5", "0:-3 0:-5", "1:4*2")
+    for text in ("0:-2", "2:2/4 0:-6", "1:0*2 0:4/2", "2:1 1:-1/2 0:-3/4 0:-5", "0:-3 0:-5", "1:4*2")
 )
 
 
@@ -327,6 +330,20 @@ def test_overflow_is_counted(rng):
     ]
     results, _ = run(config, batches, rng)
     assert [result.overflow for result in results] == [0, 1, 0, config.max_batch_events - full]
+
+
+@pytest.mark.parametrize("buffers", [1, 2])
+def test_strides_and_thinning(buffers, rng):
+    """As many events as a stride needs, one less, one more; and twice to four times the buffer."""
+    config = CONFIGS["fast"].replace(buffer_events=520, max_batch_events=2100, buffers=buffers)
+    plan = parse_schedule("2:1/4 0:-1/2 1:0/4*2", name="plan", max_level=2, v=config.formats.v, entries=4)
+    batches = [
+        spread(config, rng, count, cold=plan, warm=plan[:2], roi_gain=0, **({"roi": None} if number % 2 else {}))
+        for number, count in enumerate((511, 513, 256, 2079, 255, 1041, 700))
+    ]
+    results, _ = run(config, batches, rng, eager=buffers == 1)
+    assert [result.roi_events for result in results] == [511, 513, 256, 520, 255, 261, 350]
+    assert [result.thinning_used for result in results] == [1, 1, 1, 4, 1, 4, 2]
 
 
 @pytest.mark.parametrize("name", ["small", "two"])

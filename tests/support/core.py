@@ -4,10 +4,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cmfpga.config.schedule import used_events
 from cmfpga.engines.amaranth_sim import nested
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, SUMS, not_judged
-from cmfpga.protocol.settings import BatchSettings, settings_values
+from cmfpga.protocol.settings import BatchSettings, settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import payloads
 from support.values import Port, random_values
@@ -100,8 +101,8 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             for k, (t, x, y) in enumerate(batch.events)
         ]
         position, offering, held, finished = 0, False, None, 0
-        for address, (level, log2_step) in enumerate(table):
-            entry = {"level": level, "shift": log2_step + config.formats.v.f}
+        for address, values in enumerate(table):
+            entry = dict(zip(("level", "shift", "stride"), table_entry(config, values), strict=True))
             write.set(ctx, {"address": address, "entry": entry})
             write_valid.set(ctx, 1)
             await ctx.tick()
@@ -176,6 +177,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             "v": {"x": model.v[0], "y": model.v[1]},
             "t_first": int(t[0]),
             **{name: getattr(wanted, name) for name in ("span", "events", *COUNTS)},
+            **({"thinning_used": wanted.thinning_used} if config.when_full == "thin" else {}),
             "roi": dict(zip("xy", wanted.roi, strict=True)),
             "roi_next": dict(zip("xy", wanted.roi_next, strict=True)),
             "iterations": wanted.iterations,
@@ -194,7 +196,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             assert not any(sums.values())
         assert cycles == outcome.done - outcome.opened
         if free and not degenerate:
-            assert cycles == cycles_of(config, wanted), f"batch {number}"
+            assert cycles == cycles_of(config, wanted, model.plan), f"batch {number}"
     return results
 
 
@@ -203,13 +205,13 @@ def _named(value):
     return dict(zip(SUMS, value, strict=True)) if isinstance(value, tuple) else value
 
 
-def cycles_of(config, result):
-    """:meth:`Core.cycles` without a core: N + T·(n + P/4 + L) + constant, its latencies as numbers."""
+def cycles_of(config, result, plan):
+    """:meth:`Core.cycles` without a core: N + Σ n_k + T·(P/4 + L) + constant, its latencies as numbers."""
     events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
-    judged = bool(result.confidence_limit)
-    iterations = result.iterations + 2 * judged
-    more = judge_cycles(config) if judged else 0
-    return events + iterations * (result.roi_events + per_iteration(config)) + constant_cycles(config) + more
+    iterated = sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
+    if result.confidence_limit:
+        iterated += 2 * (result.roi_events + per_iteration(config)) + judge_cycles(config)
+    return events + iterated + constant_cycles(config)
 
 
 #: What a batch of fewer events takes with two buffers: the next ROI must be known.

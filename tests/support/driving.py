@@ -7,12 +7,13 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.driver import Accelerator
+from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.events import Events
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.simulation.axi_top import SimulatedTop, SimulationBackend
+from cmfpga.simulation.axi_top import SimulatedTop
 from cmfpga.verilog.compiler import find_compiler
 
 SMALL = {"sensor_width": 48, "sensor_height": 32, "roi_width": 16, "roi_height": 16, "buffer_events": 64}

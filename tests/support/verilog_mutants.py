@@ -94,12 +94,20 @@ MUTANTS = [
         preset="fast",
     ),
     Mutant("tag stays", "image_tagged_accumulator", r"if \(next_tag\)", "if (1'h0)", preset="fast"),
-    Mutant("schedule stands still", "ascent_schedule", r"= loaded_s1 \| advance;", "= loaded_s1;", preset="fast"),
+    Mutant("schedule stands still", "ascent_schedule", r"= start \| advance;", "= start;", preset="fast"),
+    Mutant(
+        "a full buffer is not thinned out",
+        "event_buffer",
+        r"(assign stored__halved = )[^;]*",
+        r"\1 1'h0",
+        preset="fast",
+        says="result_",
+    ),
     Mutant("schedule not written", "ascent_schedule", r"if \(write__valid\)", "if (1'h0)", preset="fast", says="x"),
     Mutant(
         "warm though nothing is followed", "ascent", r"(\[\d+\]) & tracking;", r"\1;", preset="fast", says="iteration"
     ),
-    Mutant("dither stands still", "dither", r"(phase_x \+ 24'h)\w+", r"\g<1>0", preset="fast", says="trace_sums"),
+    Mutant("dither stands still", "dither", r"= phase_x \+ [^;]*;", "= phase_x;", preset="fast", says="trace_sums"),
     Mutant(
         "batch opened before the next ROI is known",
         "iteration_control",

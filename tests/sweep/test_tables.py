@@ -53,7 +53,7 @@ def test_summary():
         ),
     )
     assert (found["status"], found["reason"]) == ("ok", None)
-    assert (found["batches"], found["degenerate_batches"], found["flagged_batches"]) == (4, 1, 3)
+    assert (found["batches"], found["degenerate_batches"], found["batches_with_warnings"]) == (4, 1, 3)
     assert found["flags"] == "overflow|roi_clamped|degenerate"
     assert (found["events"], found["events_left_over"], found["roi_events_mean"]) == (400, 7, 32.5)
     assert found["vx_px_per_s_median"] == 10.0 and found["contrast_mean"] == 1.25

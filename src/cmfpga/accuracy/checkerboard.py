@@ -12,17 +12,15 @@ TRACK_FILE = "davis240b_evbench_seq0002.h5"
 TRACK_ROI = (92, 66)
 TRACK_EVENTS = 20_000
 TRACK_BATCHES = 10
-TRACK_THINNING = 12  # of the second track; brings the ROI's 11,000 events below 1,024
-#: px/s, along x and y, of the track of all events and of the thinned one: fewer events are a noisier velocity.
-TRACK_BOUNDS = {False: ((-4.0, 4.0), (-34.0, -29.0)), True: ((-7.0, 7.0), (-34.0, -28.0))}
+#: Tracks: with a buffer that holds the ROI's 11,000 events; as the configuration is; thinned out to fewer than 1,024.
+TRACKS = {"track": {"buffer_events": 1 << 14}, "track as it is": {}, "thinned track": {"thinning": 12}}
+#: px/s, along x and y; fewer events are a noisier velocity.
+TRACK_BOUNDS = dict.fromkeys(TRACKS, ((-7.0, 7.0), (-34.0, -28.0))) | {"track": ((-4.0, 4.0), (-34.0, -29.0))}
 
 
-def track_config(config, *, thinned=False):
-    """``config`` with a buffer that holds the checkerboard, or thinned out, started from the last batch's v."""
-    config = config.replace(start="last")
-    if thinned:
-        return config.replace(thinning=TRACK_THINNING)
-    return config.replace(buffer_events=max(config.buffer_events, 1 << 14))
+def track_config(config, what):
+    """``config`` for one of :data:`TRACKS`, started from the last batch's v."""
+    return config.replace(start="last", **TRACKS[what])
 
 
 def track_checkerboard(engine, folder, *, batches=TRACK_BATCHES):
@@ -33,9 +31,9 @@ def track_checkerboard(engine, folder, *, batches=TRACK_BATCHES):
     return np.array([speed or (math.nan, math.nan) for speed in speeds])
 
 
-def track_scores(speeds, *, thinned=False):
+def track_scores(speeds, what):
     """``track_checkerboard`` as scores."""
-    (left, right), (top, bottom) = TRACK_BOUNDS[thinned]
+    (left, right), (top, bottom) = TRACK_BOUNDS[what]
     vx, vy = speeds.T
     good = (vx >= left) & (vx <= right) & (vy >= top) & (vy <= bottom)  # no NaN is
     return {

@@ -1,5 +1,6 @@
 """The command ``python -m cmfpga.accuracy``."""
 
+import argparse
 import json
 import os
 import sys
@@ -7,10 +8,10 @@ from pathlib import Path
 
 from .. import cli
 from ..engines import ENGINES
-from ..errors import ConfigError, RecordingError
+from ..errors import ConfigError, RecordingError, needs
 from .studies import STUDIES, run_study
 from .suites import run_suites
-from .synthetic import BATCHES
+from .synthetic import BATCHES, SEEDS
 from .table import Report
 from .yardstick import ROI
 
@@ -18,14 +19,19 @@ EXAMPLES = (
     "python -m cmfpga.accuracy                                # 300 synthetic batches, by the integer model",
     "python -m cmfpga.accuracy --data recordings --engine all # all suites, by Verilog, model and float",
     "python -m cmfpga.accuracy --set weight_frac=3 --batches 100 --json scores.json",
-    "python -m cmfpga.accuracy --set thinning=2 --data recordings  # real batches that fit the buffer",
+    "python -m cmfpga.accuracy --seeds 1-3                    # 900 synthetic batches",
     "python -m cmfpga.accuracy --study widths --data recordings",
 )
 
 
 def _parser():
     made = cli.parser("accuracy", "How well the motion is found: suites of batches, and studies.", EXAMPLES)
-    made.add_argument("--batches", type=cli.positive, default=BATCHES, metavar="N", help="synthetic batches (300)")
+    made.add_argument(
+        "--batches", type=cli.positive, default=BATCHES, metavar="N", help="synthetic batches of each seed (300)"
+    )
+    made.add_argument(
+        "--seeds", type=_seeds, default=SEEDS, metavar="A-B", help="seeds of the synthetic batches, or one (1)"
+    )
     made.add_argument(
         "--engine", default="model", choices=(*ENGINES, "all"),
         help="model: the hardware's arithmetic in integers; rtl: the emitted Verilog; float: nothing rounded "
@@ -45,6 +51,14 @@ def _parser():
     return made
 
 
+def _seeds(text):
+    """``A-B`` or ``A``, for argparse."""
+    first, dash, last = text.partition("-")
+    if not (first.isdecimal() and (last.isdecimal() or not dash)) or int(last or first) < int(first):
+        raise argparse.ArgumentTypeError(f"{text!r}: one seed, or the first and the last as in 1-3, is needed")
+    return range(int(first), int(last or first) + 1)
+
+
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
@@ -58,14 +72,8 @@ def main(arguments=None):
     report = Report()
     if options.data is None:
         print("note: no folder of recordings (--data, $CMFPGA_DATA): synthetic batches only", file=sys.stderr)
-    try:
+    with needs("torch", "reference", "all but --engine rtl"):
         (run_study if options.study else run_suites)(options, config, report)
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError(
-            "torch is not installed, which all but --engine rtl need; pip install 'cmfpga[reference]'"
-        ) from None
     if options.json:
         text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)
         Path(options.json).write_text(text + "\n", encoding="utf-8")

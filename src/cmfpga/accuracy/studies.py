@@ -7,6 +7,7 @@ from ..config.schedule import MEASURED
 from ..errors import ConfigError
 from .real import real_cases
 from .scores import contrast_shares, error_scores, errors, measure
+from .suites import BEFORE
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
 from .table import ERROR_HEADS, SHARE_HEADS, error_cells
 from .yardstick import peak_error
@@ -14,6 +15,8 @@ from .yardstick import peak_error
 #: Cold schedules to compare.
 SCHEDULES = (
     MEASURED["cold"],  # the default
+    "2:2/4 2:1/4*2 2:0/4*3 1:0/2 1:-1/2*2 1:-2/2 1:-2*2 1:-3*2 0:-3 0:-4",  # an iteration more at full resolution
+    BEFORE["cold"],
     "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the same reach, a step more
     "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # small steps at full resolution
     "2:1*5 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # and a coarse step more
@@ -32,6 +35,8 @@ SCHEDULES = (
 #: Warm schedules to compare.
 WARM_SCHEDULES = (
     MEASURED["warm"],  # the default
+    "1:-1 1:-2 1:-3*2 0:-4",  # as many events, without strides
+    BEFORE["warm"],
     "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5",
     "1:0 1:-1 1:-2*2 1:-3 0:-3 0:-4 0:-5",
     "1:-1*3 1:-2 1:-3 0:-3 0:-4 0:-5",
@@ -70,7 +75,7 @@ def _row_heads(real):
     return (*ERROR_HEADS[1:4], *(SHARE_HEADS[1:3] if real else ()))
 
 
-def _study_plain(config, engine, cases, real, report):
+def _study_plain(config, engine, cases, real, report, **_):
     plain = preset("paper").replace(buffer_events=config.buffer_events)
     rows = [
         (f"{eta:g}", *_row(report, f"eta {eta:g}", "float", plain.replace(eta=eta), cases, real)) for eta in PLAIN_ETAS
@@ -79,16 +84,16 @@ def _study_plain(config, engine, cases, real, report):
     report.table(title, ("η, (px/half batch)² per (events/px)²", *_row_heads(real)), rows)
 
 
-def _study_peaks(config, engine, cases, real, report):
+def _study_peaks(config, engine, cases, real, report, **_):
     values = np.array([peak_error(case) for case in report.progress(cases)])
     rows = [("synthetic", *report.errors("peaks", values))]
     report.table("Distance of the dithered objective's peak (float64) from the truth", ("suite", *ERROR_HEADS), rows)
 
 
-def _study_edges(config, engine, cases, real, report):
+def _study_edges(config, engine, cases, real, report, **suite):
     rows = []
     for strength in (0.0, 1.0, 2.0, EVENTS_PER_EDGE, 8.0):
-        cases = synthetic_cases(len(cases), events_per_edge=strength)
+        cases = synthetic_cases(**suite, events_per_edge=strength)
         slow = np.array([case.facts["speed"] < 1 for case in cases])
         values = measure(engine, config, errors, cases, progress=report.progress)
         report.errors(f"events per edge {strength:g}", values)
@@ -102,7 +107,7 @@ def _study_edges(config, engine, cases, real, report):
     report.table("Edges of other strengths, cold start", heads, rows)
 
 
-def _study_schedules(config, engine, cases, real, report):
+def _study_schedules(config, engine, cases, real, report, **_):
     if not config.ascent_rule.has_table:
         raise ConfigError(f"ascent = {config.ascent!r}: schedules belong to ascent = sign")
     config = config.replace(schedule_entries=max(config.schedule_entries, 64))
@@ -110,19 +115,24 @@ def _study_schedules(config, engine, cases, real, report):
     for cold in SCHEDULES:
         changed = config.replace(cold=cold)
         cells = _row(report, f"cold {cold}", engine, changed, cases, real)
-        rows.append((f"`{cold}`", str(len(changed.schedules.cold)), *cells))
-    title = f"Cold schedules, entries LEVEL:LOG2STEP*COUNT ({engine} engine)"
-    report.table(title, ("schedule", "T", *_row_heads(real)), rows)
+        rows.append((f"`{cold}`", *_lengths(changed.schedules.cold), *cells))
+    title = f"Cold schedules, entries LEVEL:LOG2STEP/STRIDE*COUNT ({engine} engine)"
+    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads(real)), rows)
     rows = []
     for warm in WARM_SCHEDULES:
         changed = config.replace(warm=warm)
         values = measure(engine, changed, errors, cases, warm=True, progress=report.progress)
-        rows.append((f"`{warm}`", str(len(changed.schedules.warm)), *report.errors(f"warm {warm}", values)[1:4]))
+        rows.append((f"`{warm}`", *_lengths(changed.schedules.warm), *report.errors(f"warm {warm}", values)[1:4]))
     title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
-    report.table(title, ("schedule", "T", *_row_heads([])), rows)
+    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads([])), rows)
 
 
-def _study_widths(config, engine, cases, real, report):
+def _lengths(schedule):
+    """Iterations of a schedule, and the events that they use, where there are enough of them for its strides."""
+    return str(len(schedule)), f"{sum(1 / entry.stride for entry in schedule):g}·n"
+
+
+def _study_widths(config, engine, cases, real, report, **_):
     rows = []
     for widths in WIDTHS:
         changed = config.replace(**dict(zip(WIDTH_FIELDS, widths, strict=True)))
@@ -143,7 +153,8 @@ STUDIES = {
 
 def run_study(options, config, report):
     """Print the tables of ``options.study``."""
-    cases = synthetic_cases(options.batches)
+    suite = {"count": options.batches, "seeds": options.seeds}
+    cases = synthetic_cases(**suite)
     real = real_cases(options.data) if options.data else []
     engine = "model" if options.engine == "all" else options.engine
-    STUDIES[options.study](config, engine, cases, real, report)
+    STUDIES[options.study](config, engine, cases, real, report, **suite)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from ..config import preset
+from ..config.schedule import AUTO
 from ..engines import ENGINES
 from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
 from .real import real_cases
@@ -13,42 +14,52 @@ from .table import ERROR_HEADS, SHARE_HEADS, binned, percent
 STARTS = (("cold", False), ("warm", True))
 
 
+#: The default schedules before there were strides: a row of their own beside the defaults.
+BEFORE = {
+    "cold": "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",
+    "warm": "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",
+}
+
+
 def run_suites(options, config, report):
     """Print the tables of all suites; of the synthetic batches only, without a folder of recordings."""
     names = ENGINES if options.engine == "all" else (options.engine,)
-    cases = synthetic_cases(options.batches)
+    runs = {name: (name, config) for name in names}
+    if config.ascent_rule.has_table and config.cold == config.warm == AUTO:
+        runs[f"{names[0]}, without strides"] = names[0], config.replace(**BEFORE)
+    cases = synthetic_cases(options.batches, seeds=options.seeds)
     rows, found = [], {}
-    for name in names:
+    for what, run in runs.items():
         for start, warm in STARTS:
-            values = found[name, start] = measure(name, config, errors, cases, warm=warm, progress=report.progress)
-            rows.append((name, start, *report.errors(f"synthetic, {start}, {name}", values)))
+            values = found[what, start] = measure(*run, errors, cases, warm=warm, progress=report.progress)
+            rows.append((what, start, *report.errors(f"synthetic, {start}, {what}", values)))
     report.table("Synthetic batches: error of v, px per half batch", ("engine", "start", *ERROR_HEADS), rows)
     rows = binned(cases, found[names[0], "cold"])
     report.table(f"The same by kind of batch (cold start, {names[0]})", ("batches with", *ERROR_HEADS), rows)
     if options.data is not None:
-        _run_real(names, options, config, report, found)
-        _run_checkerboard(names, options, config, report, found)
+        _run_real(runs, options, report, found)
+        _run_checkerboard(runs, options, report, found)
     compare_with_model(found)
 
 
-def _run_real(names, options, config, report, found):
+def _run_real(runs, options, report, found):
     real, rows = real_cases(options.data), []
-    for name in names:
-        values = found[name, "real"] = measure(name, config, contrast_shares, real, progress=report.progress)
-        rows.append((name, *report.shares(f"real, {name}", values)))
+    for what, run in runs.items():
+        values = found[what, "real"] = measure(*run, contrast_shares, real, progress=report.progress)
+        rows.append((what, *report.shares(f"real, {what}", values)))
     report.table("Real batches: contrast at the v found, cold start", ("engine", *SHARE_HEADS), rows)
 
 
-def _run_checkerboard(names, options, config, report, found):
+def _run_checkerboard(runs, options, report, found):
     rows = []
-    for thinned, what in ((False, "track"), (True, "thinned track")):
-        bounds = ", ".join(f"{low:.0f} … {high:.0f}" for low, high in TRACK_BOUNDS[thinned]).replace("-", "−")
-        changed = track_config(config, thinned=thinned)
-        for name in names:
-            speeds = found[name, what] = measure(name, changed, track_checkerboard, options.data)
-            scores = report.keep(f"{what}, {name}", speeds, track_scores(speeds, thinned=thinned))
+    for track, limits in TRACK_BOUNDS.items():
+        bounds = ", ".join(f"{low:.0f} … {high:.0f}" for low, high in limits).replace("-", "−")
+        for what, (name, config) in runs.items():
+            speeds = measure(name, track_config(config, track), track_checkerboard, options.data)
+            found[what, track] = speeds
+            scores = report.keep(f"{track}, {what}", speeds, track_scores(speeds, track))
             spans = ("{:.1f} to {:.1f}".format(*scores[axis]) for axis in ("vx_px_per_s", "vy_px_per_s"))
-            rows.append((what, name, str(scores["batches"]), bounds, str(scores["within_bounds"]), *spans))
+            rows.append((track, what, str(scores["batches"]), bounds, str(scores["within_bounds"]), *spans))
     heads = ("", "engine", "batches", "bounds of vx, vy, px/s", "within", "vx, px/s", "vy, px/s")
     report.table("Checkerboard, tracked", heads, rows)
 

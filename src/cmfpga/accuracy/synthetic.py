@@ -16,7 +16,7 @@ from ..events import generate
 from .case import Case
 from .yardstick import ROI
 
-SEED = 1
+SEEDS = (1,)
 BATCHES = 300
 MAX_SPEED = 9.0  # px per half batch
 MAX_NOISE = 0.3  # of the ROI's events
@@ -29,13 +29,16 @@ DURATION_US = 20_000
 WARM_RADIUS = 1.0  # px per half batch; how far from the truth the warm suite starts at most
 
 
-def synthetic_cases(count=BATCHES, *, events_per_edge=EVENTS_PER_EDGE):
-    """The first ``count`` synthetic batches, a list of :class:`Case`. 0 ``events_per_edge``: all edges are weak."""
-    return [_synthetic_case(index, events_per_edge) for index in range(count)]
+def synthetic_cases(count=BATCHES, *, seeds=SEEDS, events_per_edge=EVENTS_PER_EDGE):
+    """The first ``count`` synthetic batches of each of ``seeds``, a list of :class:`Case`.
+
+    0 ``events_per_edge``: all edges are weak.
+    """
+    return [_synthetic_case(seed, index, events_per_edge) for seed in seeds for index in range(count)]
 
 
-def _synthetic_case(index, events_per_edge):
-    rng = np.random.default_rng([SEED, index])
+def _synthetic_case(seed, index, events_per_edge):
+    rng = np.random.default_rng([seed, index])
     texture = ("lines", "dense")[index % 2]
     speed, angle, noise = rng.uniform(0, MAX_SPEED), rng.uniform(0, 2 * math.pi), rng.uniform(0, MAX_NOISE)
     wanted = rng.uniform(*ROI_EVENTS)

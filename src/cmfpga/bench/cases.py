@@ -26,6 +26,10 @@ class Case:
     iterations: int
     schedule: tuple | None = None
 
+    def plan(self, iterations):
+        """The first so many iterations, as ``Core.cycles`` wants them."""
+        return iterations if self.schedule is None else self.schedule[:iterations]
+
 
 def make_cases(quick=False):
     """The cases, in the order of the table; ``quick`` leaves out all but the article's batch with the presets."""

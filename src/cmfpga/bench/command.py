@@ -10,14 +10,15 @@ from pathlib import Path
 from tqdm import tqdm
 
 from .. import __version__, cli
-from ..errors import ConfigError
+from ..config.defaults import CLOCK_MHZ
+from ..errors import ConfigError, MissingPackage, needs
 from ..verilog import article
 from ..verilog.compiler import find_compiler
 from .cases import WARM, make_cases
 from .cycles import measure
 from .opponents import make_programs
 from .programs import processor, time_programs
-from .table import ARTICLE_MHZ, ASCENTS, table
+from .table import ASCENTS, table
 
 EXAMPLES = (
     "python -m cmfpga.bench",
@@ -38,8 +39,8 @@ def _parser():
         "--runs", type=cli.positive, metavar="R", help="timed runs of each program (default: 15; quick: 5)"
     )
     made.add_argument(
-        "--clock", type=_megahertz, default=ARTICLE_MHZ, metavar="MHZ",
-        help=f"clock assumed for the core, MHz (default: {ARTICLE_MHZ:g}, the article's)",
+        "--clock", type=_megahertz, default=CLOCK_MHZ, metavar="MHZ",
+        help=f"clock assumed for the core, MHz (default: {CLOCK_MHZ:g}, the article's)",
     )  # fmt: skip
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(
@@ -102,14 +103,13 @@ def main(arguments=None):
 def _accuracy(options, missing):
     """How often preset ``fast`` finds the motion: scores and lines of text; None where that cannot be measured here."""
     try:
-        from .. import accuracy
+        with needs("torch", "reference", "accuracy"):
+            from .. import accuracy
 
-        engine = "model" if find_compiler() is None else "rtl"
-        return accuracy.brief(engine, **({"batches": 30} if options.quick else {"data": options.data}))
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        missing.append("accuracy: torch is not installed; pip install 'cmfpga[reference]'")
+            engine = "model" if find_compiler() is None else "rtl"
+            return accuracy.brief(engine, **({"batches": 30} if options.quick else {"data": options.data}))
+    except MissingPackage as error:
+        missing.append(str(error))
         return None
 
 

@@ -49,7 +49,7 @@ def measure(case, name):
     size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events}
     found = _simulate(case, config) if find_compiler() else {}
     core = simulated(config).core if found else _unsimulated(config)
-    formula, shorter = (core.cycles(**size, iterations=count) for count in (iterations, iterations - 1))
+    formula, shorter = (core.cycles(**size, iterations=case.plan(count)) for count in (iterations, iterations - 1))
     cycles = found.pop("cycles", formula)
     return CoreRow(
         name=name, measured=bool(found), iterations=iterations, cycles=cycles, formula=formula,

@@ -10,7 +10,7 @@ import importlib
 import sys
 
 from .. import __version__, cli
-from ..errors import UserError
+from ..errors import UserError, needs
 
 #: Module and purpose of each subcommand, in the order of the help.
 COMMANDS = {
@@ -89,12 +89,8 @@ def main(arguments=None):
 
 def _completion(shell):
     """A script for ``shell`` of all subcommands and their options."""
-    try:
+    with needs("shtab", "completion", "--print-completion"):
         import shtab
-    except ModuleNotFoundError as error:
-        if error.name != "shtab":
-            raise
-        raise UserError("--print-completion: shtab is not installed; pip install 'cmfpga[completion]'") from None
     whole = argparse.ArgumentParser(prog="cmfpga")
     _add_options(whole)
     commands = whole.add_subparsers()

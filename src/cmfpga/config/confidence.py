@@ -11,6 +11,11 @@ def check_confidence(config):
     for name, needed in (("gradient", "one_pass"), ("ascent", "sign")):
         if getattr(config, name) != needed:
             raise ConfigError(f"confidence = 1: {name} = {needed} is needed, not {getattr(config, name)}")
+    for name in ("cold", "warm"):
+        if (stride := getattr(config.schedules, name)[-1].stride) > 1:
+            raise ConfigError(
+                f"confidence = 1: the last iteration of {name} has stride {stride}: it needs all events, as the probes"
+            )
     if config.v_frac < 2:
         raise ConfigError(
             f"confidence = 1: v_frac = {config.v_frac}: 2 or more is needed, for v is probed ¾ px beside it"

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError
-from ..protocol.settings import MAX_THINNING
 from .ascent import ASCENTS
 from .confidence import check_confidence
 from .formats import Formats
@@ -26,6 +25,7 @@ from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 GRADIENTS = ("sweep", "one_pass")
+WHEN_FULL = ("drop", "thin")
 RAM_STYLES = ("auto", "block", "ultra")
 
 
@@ -59,12 +59,17 @@ class Config:
     max_batch_events: int = _field(
         65535, "largest batch, in events of the whole sensor", unit="events", low=1, high=(1 << 31) - 1
     )
+    when_full: str = _field(
+        "drop",
+        "more ROI events than the buffer holds: drop the surplus, or thin, keep every second one, as often as needed",
+        choices=WHEN_FULL,
+    )
     time_bits: int = _field(32, "width of the camera's time stamps, which wrap", unit="bits of µs", low=8, high=48)
     span_bits: int = _field(24, "width of times relative to the batch's first event", unit="bits of µs", low=4, high=32)
     min_roi_events: int = _field(
         1, "fewer ROI events make a batch degenerate", unit="events", low=1, high=1 << 17, runtime=True
     )
-    thinning: int = _field(1, "store one ROI event in so many", low=1, high=MAX_THINNING, runtime=True)
+    thinning: int = _field(1, "store one ROI event in so many", low=1, high=Widths.thinning_max, runtime=True)
     thin_target: int = _field(
         0,
         "choose the thinning so that about so many are stored; 0: off",
@@ -245,10 +250,11 @@ class Config:
 
     # ---------------------------------------------------------------- what follows from the fields
 
-    @cached_property
-    def formats(self):
-        """Fixed-point formats."""
-        return Formats(self)
+    formats = cached_property(Formats)
+    geometry = cached_property(Geometry)
+    widths = cached_property(Widths)
+    schedules = cached_property(Schedules)
+    one_pass = cached_property(OnePass)
 
     @cached_property
     def motion(self):
@@ -256,26 +262,6 @@ class Config:
         return translation(self.formats.v)
 
     @cached_property
-    def geometry(self):
-        """Sizes of sensor, ROI and banks."""
-        return Geometry(self)
-
-    @cached_property
-    def widths(self):
-        """Bounds and widths of all sums."""
-        return Widths(self)
-
-    @cached_property
     def ascent_rule(self):
         """How v ascends: an entry of :data:`cmfpga.config.ascent.ASCENTS`."""
         return ASCENTS[self.ascent]
-
-    @cached_property
-    def schedules(self):
-        """The schedules of the sign ascent."""
-        return Schedules(self)
-
-    @cached_property
-    def one_pass(self):
-        """The gradient in one pass."""
-        return OnePass(self)

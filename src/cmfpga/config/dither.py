@@ -5,8 +5,11 @@ Events sit on whole pixels, which makes v = 0 a peak of the contrast whatever th
 pixel evenly removes that peak.
 """
 
+#: α of columns and rows.
+R2 = (0.7548776662466927, 0.5698402909980532)
+
 #: Fraction bits of the running sum.
 DITHER_BITS = 24
 
-#: α of columns and rows, raw with :data:`DITHER_BITS` fraction bits.
-FACTORS = (12664746, 9560334)
+#: α, raw with :data:`DITHER_BITS` fraction bits.
+FACTORS = tuple(round(alpha * 2**DITHER_BITS) for alpha in R2)

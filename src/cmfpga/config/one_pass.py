@@ -1,18 +1,11 @@
 """The gradient in one pass: how long an iteration takes, and how many tags it needs."""
 
 from ..errors import ConfigError
+from .derived import Derived
 
 
-class OnePass:
-    """What follows from ``gradient="one_pass"``.
-
-    Parameters
-    ----------
-    config : Config
-    """
-
-    def __init__(self, config):
-        self._c = config
+class OnePass(Derived):
+    """What follows from ``gradient="one_pass"``."""
 
     @property
     def latency(self):

@@ -8,6 +8,8 @@ _FAST = Config(
     ascent="sign",
     # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
     buffer_events=2047,
+    when_full="thin",
+    max_batch_events=(1 << 18) - 1,
     tag_bits=7,
     buffers=2,
     max_level=2,

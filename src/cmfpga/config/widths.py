@@ -1,21 +1,17 @@
 """Widths of all sums: each is proved by the bound of what it holds."""
 
 from ..fixed import bits_for, signed_bits_for
+from .derived import Derived
 
 
-class Widths:
-    """Bounds, and the widths that hold them.
+class Widths(Derived):
+    """Bounds, and the widths that hold them."""
 
-    Parameters
-    ----------
-    config : Config
-    """
+    #: Width of the thinning's factor, and its largest value.
+    thinning_bits, thinning_max = 8, 255
 
     #: Bits of the confidence's limit, and of a curvature that is compared with it (its highest, with the sign).
     limit_bits, kept_bits = 10, 17
-
-    def __init__(self, config):
-        self._c = config
 
     @property
     def weight_max(self):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from ..config.schedule import ScheduleEntry
+from ..config.schedule import FEWEST, STRIDES, ScheduleEntry
 from ..events import Events
 from ..protocol.settings import BatchSettings, clamp_roi
 
@@ -103,6 +103,17 @@ def full_buffer(config, rng, roi):
 
 
 @pattern
+def as_many_as_a_stride_needs(config, rng, roi):
+    """One more or less: where a stride begins to count."""
+    return _inside(config, rng, roi, FEWEST * int(rng.choice(STRIDES[1:])) + int(rng.integers(-1, 2)))
+
+
+@pattern
+def many_times_the_buffer(config, rng, roi):
+    return _inside(config, rng, roi, int(rng.integers(1, min(10 * config.buffer_events, 6000) + 1)))
+
+
+@pattern
 def overfull_buffer_on_one_pixel(config, rng, roi):
     x, y = _inside(config, rng, roi, 1)
     n = config.buffer_events + int(rng.integers(1, 50))
@@ -166,11 +177,13 @@ def random_settings(config, rng, previous_roi):
 
 
 def random_schedules(config, rng):
-    """Two schedules of random length, also empty, with any level and step."""
+    """Two schedules of random length, also empty, with any level, step and stride."""
     return {
         name: tuple(
             ScheduleEntry(
-                int(rng.integers(config.max_level + 1)), int(rng.integers(-config.formats.v.f, config.formats.v.i))
+                int(rng.integers(config.max_level + 1)),
+                int(rng.integers(-config.formats.v.f, config.formats.v.i)),
+                int(rng.choice(STRIDES)),
             )
             for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
         )

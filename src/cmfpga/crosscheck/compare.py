@@ -51,7 +51,7 @@ def _one_by_one(config, rng):
         where = f"batch {number} ({name})"
         _same(where, found, expected)
         if found.iterations and found.events >= core.shortest_batch:
-            done = {"events": found.events, "roi_events": found.roi_events, "iterations": found.iterations}
+            done = {"events": found.events, "roi_events": found.roi_events, "iterations": model.core.plan}
             wanted = core.cycles(**done, judge=settings.judge)
             _equal(where, "cycles", found.cycles, wanted, "formula")
         counts += 1, found.iterations
@@ -106,7 +106,7 @@ def compare_stream(core, rng, most, *, gaps, stalls):
         rows.append(settings_values(config, settings))
         expected.append(model.run(events, settings))
         done = expected[-1]
-        cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=done.iterations)
+        cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
     core.write_schedule(schedule_table(config, settings))
     count = sum(len(t) for t, _, _ in batches)
     late = rng.integers(0, 40, count) * (rng.random(count) < gaps)

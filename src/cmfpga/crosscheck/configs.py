@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from ..config import Config
-from ..config.schedule import AUTO
+from ..config.schedule import AUTO, STRIDES
 from ..errors import ConfigError
 from ..fixed import Q
 
@@ -75,5 +75,6 @@ def _schedule(rng, max_level, v):
     words = []
     for _ in range(rng.integers(1, 8)):
         count = int(rng.choice([1, 1, 1, 2, 4]))
-        words.append(f"{rng.integers(max_level + 1)}:{rng.integers(-v.f, v.i)}" + (f"*{count}" if count > 1 else ""))
+        step = f"{rng.integers(max_level + 1)}:{rng.integers(-v.f, v.i)}/{rng.choice(STRIDES)}"
+        words.append(step + (f"*{count}" if count > 1 else ""))
     return " ".join(words)

@@ -1,12 +1,12 @@
 """The accelerator from Python: the same class on a board and on the simulated Verilog.
 
-Modules of the back ends are imported where they are wanted: :mod:`cmfpga.simulation.axi_top`,
+Modules of the back ends are imported where they are wanted: :mod:`cmfpga.driver.simulation`,
 :mod:`cmfpga.driver.uio`, :mod:`cmfpga.driver.pynq`. Neither Amaranth nor torch is needed on a board.
 """
 
+from ..errors import DeviceError, DeviceTimeout, WrongHardware
 from ..protocol.results import WireResult
 from .accelerator import Accelerator
 from .backend import Backend
-from .errors import DeviceError, DeviceTimeout, WrongHardware
 
 __all__ = ["Accelerator", "Backend", "DeviceError", "DeviceTimeout", "WireResult", "WrongHardware"]

@@ -47,7 +47,7 @@ def _backend(name, config):
         from .uio import UioBackend
 
         return UioBackend()
-    from ..simulation.axi_top import SimulationBackend
+    from .simulation import SimulationBackend
 
     return SimulationBackend(config)
 

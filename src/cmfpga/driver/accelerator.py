@@ -5,21 +5,17 @@ import time
 
 import numpy as np
 
-from ..engines.accelerator import AcceleratorEngine
-from ..errors import ConfigError
+from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..protocol.registers import FORMATS
 from ..protocol.results import PACKET_BEATS, WireResult, decode
 from ..protocol.settings import BatchSettings
-from ..protocol.words import encode, result_values, split_packets
+from ..protocol.words import result_values, split_packets
 from .control import Control
-from .errors import DeviceError, DeviceTimeout
+from .engine import POLL_SECONDS, AcceleratorEngine
 from .identity import identify
 
 #: Seconds that a time-out may have.
 LONGEST_SECONDS = 86_400
-
-#: Seconds between two looks where no interrupt says when to look.
-POLL_SECONDS = 0.0005
 
 
 class Accelerator:
@@ -62,8 +58,8 @@ class Accelerator:
             raise DeviceError(f"{backend.name}: there is no interrupt to wait for; interrupt=False does without")
         self.backend = backend
         self.config = identify(backend, config)
-        self._control = Control(backend, self.config)
-        self.registers = self._control.registers
+        self.control = Control(backend, self.config)
+        self.registers = self.control.registers
         self.timeout = _checked(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
         self.form = form
@@ -157,14 +153,14 @@ class Accelerator:
         settings : BatchSettings, optional
             Instead of ``roi`` and the configuration's run-time fields.
         """
-        self._stay_batchwise()
+        self.check_batchwise()
         if not (events or roi_events or duration_us or by_tlast):
             raise ValueError("what ends a batch: one of events, roi_events, duration_us, by_tlast is needed")
         settings = settings or BatchSettings.from_config(self.config, roi)
         ends = {"batch_events": events, "batch_roi_events": roi_events, "duration": duration_us, "by_tlast": by_tlast}
-        self._control.write_input(form or self.form, swap, self.timeout)
-        self._control.write_settings(settings, ends)
-        self._control.write("CTRL", START=1, AUTO_RESTART=1, DONE=1)
+        self.control.write_input(form or self.form, swap, self.timeout)
+        self.control.write_settings(settings, ends)
+        self.control.write("CTRL", START=1, AUTO_RESTART=1, DONE=1)
         self._streaming = True
 
     def send(self, words, timeout=None):
@@ -190,7 +186,7 @@ class Accelerator:
         """
         timeout = self.timeout if timeout is None else _checked(timeout)
         for _ in range(count):
-            yield self._receive(timeout)
+            yield self.receive(timeout)
 
     def stop(self, timeout=None):
         """End :meth:`start`: end the batch under way with the events that have come, begin no other.
@@ -203,20 +199,20 @@ class Accelerator:
             Those that were not fetched.
         """
         deadline = time.monotonic() + (self.timeout if timeout is None else _checked(timeout))
-        self._control.write("CTRL")  # begin no other
-        if self._control.status("TAKING_IN"):
-            self._control.write("CTRL", END_BATCH=1)
+        self.control.write("CTRL")  # begin no other
+        if self.control.status("TAKING_IN"):
+            self.control.write("CTRL", END_BATCH=1)
         found = []
-        while self._control.status("COMPUTING") or self._control.status("RESULT_WAITING"):
+        while self.control.status("COMPUTING") or self.control.status("RESULT_WAITING"):
             with contextlib.suppress(DeviceTimeout):
-                found.append(self._receive(POLL_SECONDS))
+                found.append(self.receive(POLL_SECONDS))
             self._check_time(deadline, "the batch under way did not end")
         with contextlib.suppress(DeviceTimeout):  # those that came before, and were not fetched
             while True:
-                found.append(self._receive(0))
+                found.append(self.receive(0))
                 self._check_time(deadline, "results do not end")
         self._streaming = False
-        if self._control.status("EVENTS_WAITING") or not self._sent():
+        if self.control.status("EVENTS_WAITING") or not self._sent():
             self.reset()
         return found
 
@@ -226,7 +222,8 @@ class Accelerator:
             return True
         return False
 
-    def _stay_batchwise(self):
+    def check_batchwise(self):
+        """Raise :exc:`DeviceError` where batches are processed since :meth:`start`."""
         if self._streaming:
             raise DeviceError("batches are processed since start(): stop() first")
 
@@ -234,16 +231,16 @@ class Accelerator:
 
     def counters(self):
         """``{name: count}`` since the last reset or :meth:`clear_counters`; what is counted: ``registers``' docs."""
-        return self._control.counters()
+        return self.control.counters()
 
     def clear_counters(self):
         """Set all counters to 0."""
         running = {"START": 1, "AUTO_RESTART": 1} if self._streaming else {}
-        self._control.write("CTRL", CLEAR_COUNTERS=1, **running)
+        self.control.write("CTRL", CLEAR_COUNTERS=1, **running)
 
     def status(self):
         """``{name: value}`` of the register STATUS."""
-        return {name.lower(): bool(value) for name, value in self._control.read("STATUS").items()}
+        return {name.lower(): bool(value) for name, value in self.control.read("STATUS").items()}
 
     def reset(self):
         """Forget events, batches under way, v, the ROI, and counters; the state after a hardware reset.
@@ -253,19 +250,19 @@ class Accelerator:
         deadline = time.monotonic() + self.timeout
         self.backend.stop()
         while True:
-            self._control.write("GIE")
-            self._control.write("CTRL", SOFT_RESET=1, DONE=1)
-            while self._control.status("RESULT_WAITING"):  # a packet that has begun is completed
+            self.control.write("GIE")
+            self.control.write("CTRL", SOFT_RESET=1, DONE=1)
+            while self.control.status("RESULT_WAITING"):  # a packet that has begun is completed
                 with contextlib.suppress(DeviceTimeout):
                     self.backend.receive(POLL_SECONDS)
                 self._check_time(deadline, "a packet does not end")
-            status = self._control.read("STATUS")
+            status = self.control.read("STATUS")
             if not (status["EVENTS_WAITING"] or status["COMPUTING"] or status["TAKING_IN"]):
                 break
             self.backend.stop()
-            self._check_time(deadline, f"the reset has no effect ({self._control.diagnosis()})")
+            self._check_time(deadline, f"the reset has no effect ({self.control.diagnosis()})")
         self.backend.stop()
-        self._control.usual_state(interrupt=self.interrupt)
+        self.control.usual_state(interrupt=self.interrupt)
         self._streaming = False
         self._last_batch = 0
         self.engine.forget()
@@ -291,8 +288,8 @@ class Accelerator:
     def close(self):
         """Stop, and close the back end."""
         with contextlib.suppress(DeviceError, OSError, ValueError):
-            self._control.write("CTRL")
-            self._control.write("GIE")
+            self.control.write("CTRL")
+            self.control.write("GIE")
         self.backend.close()
 
     def __enter__(self):
@@ -301,60 +298,8 @@ class Accelerator:
     def __exit__(self, *_):
         self.close()
 
-    # ---------------------------------------------------------------- one batch
-
-    def process(self, events, settings):
-        """One checked batch of at least one event; what :attr:`engine` calls."""
-        self._stay_batchwise()
-        words = encode(events, self.form)
-        if len(words) > self.backend.max_words:
-            raise DeviceError(
-                f"a batch of {len(words)} words: one transfer of {self.backend.name} has at most "
-                f"{self.backend.max_words}; smaller batches, or a larger buffer, are needed"
-            )
-        try:
-            if self._control.status("EVENTS_WAITING"):
-                raise DeviceError("words that no batch took wait inside: something else sends to s_axis")
-            self._control.write_input(self.form, False, self.timeout)
-            self._control.write_settings(settings, {"duration": 0, "by_tlast": 1})
-            self._control.clear_interrupts()
-            self._control.write("CTRL", START=1, DONE=1)
-            self.backend.send(words)
-            self._wait_done(len(events))
-            result = self._receive(self.timeout)
-            self.backend.wait_sent(self.timeout)
-            if result.events != len(events):
-                raise DeviceError(f"the result is of {result.events} events; {len(events)} were sent")
-            return result
-        except BaseException:
-            with contextlib.suppress(DeviceError):
-                self.reset()
-            raise
-
-    def _wait_done(self, events):
-        """Until ISR says so, by interrupt or by looking."""
-        deadline = time.monotonic() + self.timeout
-        while True:
-            left = deadline - time.monotonic()
-            came = not self.interrupt or self.backend.wait_interrupt(max(left, 0))
-            done = self._control.read("ISR")["DONE"]
-            if done and came:
-                break
-            if done:
-                raise DeviceTimeout(
-                    f"{self.backend.name}: the result came, but no interrupt within {self.timeout:g} s; "
-                    f"interrupt=False does without{self._control.hint}"
-                )
-            if left <= 0:
-                raise DeviceTimeout(
-                    f"{self.backend.name}: no result within {self.timeout:g} s of a batch of {events} events: "
-                    f"{self._control.diagnosis()}{self._control.hint}"
-                )
-            if not self.interrupt:
-                time.sleep(min(POLL_SECONDS, left))
-        self._control.clear_interrupts()
-
-    def _receive(self, timeout):
+    def receive(self, timeout):
+        """The next result: :class:`WireResult`. Raises :exc:`DeviceTimeout`."""
         words = self.backend.receive(timeout)
         if len(words) != PACKET_BEATS:
             raise DeviceError(f"{self.backend.name}: a packet of {len(words)} words; {PACKET_BEATS} make a result")
@@ -367,7 +312,7 @@ class Accelerator:
 
     def _check_time(self, deadline, what):
         if time.monotonic() > deadline:
-            raise DeviceTimeout(f"{self.backend.name}: {what} within {self.timeout:g} s{self._control.hint}")
+            raise DeviceTimeout(f"{self.backend.name}: {what} within {self.timeout:g} s{self.control.hint}")
 
     @contextlib.contextmanager
     def _other_timeout(self, timeout):

@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from ..boards import DEFAULT
+from ..errors import DeviceError, DeviceTimeout
 from .backend import Backend
-from .errors import DeviceError, DeviceTimeout
 
 # Of each channel: control, status, address, and its upper half, length.
 CONTROL, STATUS, ADDRESS, ADDRESS_HIGH, LENGTH = 0x00, 0x04, 0x18, 0x1C, 0x28

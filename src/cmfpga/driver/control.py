@@ -2,10 +2,10 @@
 
 import time
 
+from ..errors import DeviceTimeout
 from ..protocol.registers import register_map
 from ..protocol.settings import schedule_table, settings_values
 from ..protocol.words import setting_words
-from .errors import DeviceTimeout
 
 
 class Control:
@@ -92,8 +92,8 @@ class Control:
             self._write_once(self.registers[name], word)
         if "SCHEDULE" in self.registers:
             declared = self.registers["SCHEDULE"]
-            for k, (level, shift) in enumerate(schedule_table(self.config, settings)):
-                self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift), 4 * k)
+            for k, (level, shift, stride) in enumerate(schedule_table(self.config, settings)):
+                self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift, STRIDE=stride), 4 * k)
         self.write("ROI_LOAD", LOAD=load)
 
     def _write_once(self, register, word, offset=0):

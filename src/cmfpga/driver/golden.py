@@ -110,5 +110,6 @@ def make():
 
 if __name__ == "__main__":
     path = Path(__file__).with_name(FILE)
-    path.write_text(json.dumps(make(), indent=1) + "\n", encoding="utf-8")
+    lines = [f"{json.dumps(name)}: {json.dumps(entry)}" for name, entry in make().items()]
+    path.write_text("{\n" + ",\n".join(lines) + "\n}\n", encoding="utf-8")
     print(f"wrote {path}")

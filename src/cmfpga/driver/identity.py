@@ -2,8 +2,8 @@
 
 from .. import __version__
 from ..config import PRESETS, Config
+from ..errors import WrongHardware
 from ..protocol.registers import ID, MAP_VERSION, register_map
-from .errors import WrongHardware
 
 
 def identify(backend, config=None):
@@ -47,7 +47,7 @@ def check_version(backend):
     if found != ID:
         raise WrongHardware(
             f"{backend.name}: ID reads {found:#010x}, not {ID:#010x}; "
-            f"is the bitstream loaded, and is the address right?{_space(backend.hint())}"
+            f"is the bitstream loaded, and is the address right? {backend.hint()}".rstrip()
         )
     map_version = _field(backend, "CAPS", "MAP")
     if map_version != MAP_VERSION:
@@ -60,10 +60,6 @@ def check_version(backend):
             f"{backend.name}: the hardware was made by cmfpga {version}, this driver is {__version__}; "
             f"install cmfpga {version}, or build the hardware anew"
         )
-
-
-def _space(hint):
-    return f" {hint}" if hint else ""
 
 
 def _hash(config):

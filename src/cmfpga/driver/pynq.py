@@ -16,9 +16,9 @@ import numpy as np
 from pynq import DefaultIP, UnsupportedConfiguration, allocate
 
 from ..boards import BOARDS, DEFAULT
+from ..errors import WrongHardware
 from .accelerator import Accelerator
 from .axi_dma import DmaBackend
-from .errors import WrongHardware
 from .identity import check_version
 
 
@@ -70,7 +70,7 @@ class CmfpgaIP(DefaultIP):
 
 
 class PynqBuffer:
-    """A contiguous buffer of PYNQ's."""
+    """A contiguous :class:`~.axi_dma.Buffer` of PYNQ's."""
 
     def __init__(self, size, device):
         self._words = allocate((size // 8,), "u8", target=device)
@@ -78,13 +78,11 @@ class PynqBuffer:
         self.size = size // 8 * 8
 
     def write(self, words):
-        """Put words at the begin, for the device."""
         part = self._words[: len(words)]
         part[:] = words
         part.flush()
 
     def read(self, count):
-        """The first words, from the device."""
         part = self._words[:count]
         part.invalidate()
         return np.array(part, np.uint64)

@@ -1,6 +1,6 @@
 """What :meth:`cmfpga.driver.Accelerator.self_test` does."""
 
-from .errors import DeviceError
+from ..errors import DeviceError
 from .golden import expected_result, golden_batch, settings_of
 from .identity import identify
 
@@ -9,7 +9,9 @@ PATTERNS = (0x00000000, 0xFFFFFFFF, 0xA5A55A5A, 0x12345678)
 
 def self_test(accelerator):
     """``{check: what was found}``; :exc:`DeviceError` at the first that fails."""
-    found = {"identity": _identity(accelerator), "scratch": _scratch(accelerator.backend, accelerator.registers)}
+    identify(accelerator.backend, accelerator.config)
+    found = {"identity": f"as built, configuration {accelerator.config.hardware_hash[:8]}"}
+    found["scratch"] = _scratch(accelerator.backend, accelerator.registers)
     accelerator.reset()
     if accelerator.interrupt and accelerator.backend.wait_interrupt(0):
         raise DeviceError(f"{accelerator.backend.name}: the interrupt is there before a batch: is the line stuck?")
@@ -39,11 +41,6 @@ def self_test(accelerator):
     found["counters"] = f"{count['events_in']} events in, {count['batches']} result"
     accelerator.reset()
     return found
-
-
-def _identity(accelerator):
-    identify(accelerator.backend, accelerator.config)
-    return f"as built, configuration {accelerator.config.hardware_hash[:8]}"
 
 
 def _scratch(backend, registers):

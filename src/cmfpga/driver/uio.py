@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ..boards import DEFAULT
+from ..errors import DeviceError
 from .axi_dma import DmaBackend
-from .errors import DeviceError
 
 
 def _open(path):
@@ -118,7 +118,7 @@ class UioDevice:
 
 
 class UdmaBuffer:
-    """A buffer of u-dma-buf: ``/dev/<name>``, and ``/sys/class/u-dma-buf/<name>/``.
+    """A :class:`~.axi_dma.Buffer` of u-dma-buf: ``/dev/<name>``, and ``/sys/class/u-dma-buf/<name>/``.
 
     Caches are cleaned and invalidated by its ``sync_for_…`` files, unless the buffer is coherent.
     """
@@ -144,12 +144,10 @@ class UdmaBuffer:
         return int((self._folder / name).read_text(), 0)
 
     def write(self, words):
-        """Put words at the begin, for the device."""
         self._map[: words.nbytes] = words.tobytes()
         self._sync("sync_for_device", words.nbytes, 1)
 
     def read(self, count):
-        """The first words, from the device."""
         self._sync("sync_for_cpu", 8 * count, 2)
         return np.frombuffer(self._map[: 8 * count], "<u8").astype(np.uint64)
 
@@ -198,15 +196,13 @@ class UioBackend(DmaBackend):
     def wait_interrupt(self, timeout):
         return self._registers.wait_interrupt(timeout)
 
-    def _clock_users(self):
-        """How many keep the clock running; None where that cannot be read (it needs root, and debugfs)."""
-        with contextlib.suppress(OSError, ValueError):
-            return int((self._root / "sys/kernel/debug/clk" / self._board.linux_clock / "clk_enable_count").read_text())
-        return None
-
     def _check_clock(self):
         """Without its clock the first access to a register never ends, and no time-out helps against that."""
-        if self._clock_users() == 0:
+        users = None  # cannot be read: it needs root, and debugfs
+        with contextlib.suppress(OSError, ValueError):
+            file = self._root / "sys/kernel/debug/clk" / self._board.linux_clock / "clk_enable_count"
+            users = int(file.read_text())
+        if users == 0:
             raise DeviceError(
                 f"the clock {self._board.linux_clock} is off, and an access to a register would hang the processor; "
                 "is the overlay with its clocking0 node loaded?"

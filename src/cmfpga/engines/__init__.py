@@ -1,6 +1,8 @@
 """Engines: the same batches through the emitted Verilog, the integer model, or the float reference."""
 
-from ..errors import ConfigError
+import pkgutil
+
+from ..errors import ConfigError, needs
 from ..verilog.compiler import CompilerError, find_compiler
 from .base import Engine, check_roi
 
@@ -8,6 +10,15 @@ ENGINES = ("rtl", "model", "float")
 
 #: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
 AXI = "axi"
+
+#: ``module:function`` that makes an engine of a configuration. It is loaded when it is asked for: only some need torch,
+#: and the accelerator's lies above this package.
+_MAKERS = {
+    "rtl": "cmfpga.engines:_make_rtl_engine",
+    AXI: "cmfpga.driver.simulation:simulated_engine",
+    "model": "cmfpga.engines.model:ModelEngine",
+    "float": "cmfpga.engines.floating:FloatEngine",
+}
 
 __all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine", "open_engine"]
 
@@ -18,22 +29,9 @@ def make_engine(name, config):
     ``rtl`` compiles the emitted Verilog, or, where there is no C++ compiler, uses Amaranth's simulator (its
     ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
     """
-    if name == "rtl":
-        return _make_rtl_engine(config)
-    if name == AXI:
-        from ..driver import Accelerator
-        from ..simulation.axi_top import SimulationBackend
-
-        return Accelerator(SimulationBackend(config)).engine
-    if name == "model":
-        from .model import ModelEngine
-
-        return ModelEngine(config)
-    if name == "float":
-        from .floating import FloatEngine
-
-        return FloatEngine(config)
-    raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
+    if name not in _MAKERS:
+        raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
+    return pkgutil.resolve_name(_MAKERS[name])(config)
 
 
 def _make_rtl_engine(config):
@@ -53,9 +51,5 @@ def _make_rtl_engine(config):
 
 def open_engine(name, config, *, option="engine"):
     """:func:`make_engine`, where a missing torch is the user's to mend; ``option`` is what chose it."""
-    try:
+    with needs("torch", "reference", f"{option} {name}"):
         return make_engine(name, config)
-    except ModuleNotFoundError as error:
-        if error.name != "torch":
-            raise
-        raise ConfigError(f"{option} {name}: torch is not installed; pip install 'cmfpga[reference]'") from None

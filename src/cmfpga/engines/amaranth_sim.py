@@ -7,6 +7,7 @@ from amaranth.sim import Simulator
 from ..protocol.settings import schedule_table, settings_values
 from ..protocol.trace import columns
 from ..rtl.core import Core
+from ..rtl.payloads import schedule_entry
 from .rtl import RtlEngine
 
 
@@ -53,9 +54,10 @@ class AmaranthEngine(RtlEngine):
                 await ctx.tick()
             events, values, table = self._job
             self._job = None
-            for address, (level, shift) in enumerate(table):
+            for address, values in enumerate(table):
+                entry = dict(zip(schedule_entry(self.config).members, values, strict=True))
                 ctx.set(core.schedule_write.valid, 1)
-                ctx.set(core.schedule_write.payload, {"address": address, "entry": {"level": level, "shift": shift}})
+                ctx.set(core.schedule_write.payload, {"address": address, "entry": entry})
                 await ctx.tick()
                 ctx.set(core.schedule_write.valid, 0)
             self._outcome = await self._batch(ctx, core, events, values)

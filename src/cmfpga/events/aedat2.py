@@ -44,15 +44,7 @@ class Aedat2Recording(StreamedRecording):
             named = f"chip {chip[:40]!r}" if chip else "no line '# AEChip:' in the header"
             raise RecordingError(f"{path}: AEDAT 2.0, {named}; a DAVIS240 or DAVIS346 is needed")
         self._chip_size = size
-        super().__init__(
-            path=path,
-            name=str(path),
-            format="AEDAT 2.0",
-            sensor=sensor or size,
-            num_events=None,
-            time_unit=time_unit or "us",
-            time_unit_source="given" if time_unit else "file",
-        )
+        super().__init__(path, "AEDAT 2.0", sensor=sensor or size, time_unit=time_unit)
         self._require_events()
 
     def _pieces(self):

@@ -14,7 +14,7 @@ import re
 import struct
 
 from ..errors import RecordingError
-from .columns import one_line
+from .columns import one_line, readable
 from .recording import HEAD_BYTES, Format
 from .streamed import StreamedRecording
 from .units import to_us
@@ -52,15 +52,7 @@ class CameraRecording(StreamedRecording):
     def __init__(self, path, *, kind, format, time_unit=None, sensor=None, file_sensor=None):
         self._kind = kind
         self._faery = _import_faery(path, format)
-        super().__init__(
-            path=path,
-            name=str(path),
-            format=format,
-            sensor=sensor or file_sensor,
-            num_events=None,
-            time_unit=time_unit or "us",
-            time_unit_source="given" if time_unit else "file",
-        )
+        super().__init__(path, format, sensor=sensor or file_sensor, time_unit=time_unit)
         if self.width is None:
             self.width, self.height = self._decoder_sensor() or (None, None)
         self._require_events()
@@ -245,12 +237,10 @@ def open_aedat4(path, *, time_unit=None, sensor=None):
         # The description: faery ends the whole process where it is no text.
         header = file.read(min(size, 1 << 24))
     text = header[max(header.find(b"<"), 0) :]
-    try:
+    with readable(f"{path}: not a readable AEDAT 4 file", ValueError):
         if len(header) < size or not size:
             raise ValueError("the header is not complete")
         text.decode("utf-8")
-    except ValueError as error:
-        raise RecordingError(f"{path}: not a readable AEDAT 4 file (truncated or damaged): {one_line(error)}") from None
     return CameraRecording(path, kind="aedat", format="AEDAT 4", time_unit=time_unit, sensor=sensor)
 
 

@@ -120,12 +120,15 @@ class ColumnsRecording(Recording):
         What reading damaged content raises.
     """
 
+    _file = None  # what close() closes
+
     def __init__(
-        self, columns, *, path, name, format, sensor, time_unit=None, file_unit=None, t_offset=None, layout="",
+        self, columns, *, path, format, sensor, name=None, time_unit=None, file_unit=None, t_offset=None, layout="",
         read_errors=(),
     ):  # fmt: skip
         self._open_columns = columns
         self._layout = layout
+        name = name or str(path)
         self._read_errors = read_errors
         first = columns()
         source = "given" if time_unit else "file" if file_unit else "assumed"
@@ -147,6 +150,8 @@ class ColumnsRecording(Recording):
     def close(self):
         super().close()
         self._open_columns = None  # a mapped file stays open for as long as there is an array of it
+        if self._file is not None:
+            self._file.close()
 
     def _read(self, columns, start, stop):
         if self._closed:
@@ -193,3 +198,14 @@ class MemoryRecording(ColumnsRecording):
 def one_line(error):
     """The text of a library's exception on one line."""
     return " ".join(str(error).split()) or type(error).__name__
+
+
+@contextlib.contextmanager
+def readable(what, errors):
+    """Turns a library's ``errors`` into a :exc:`RecordingError`: ``what`` is truncated or damaged."""
+    try:
+        yield
+    except RecordingError:  # which is a ValueError
+        raise
+    except errors as error:
+        raise RecordingError(f"{what} (truncated or damaged): {one_line(error)}") from None

@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from ..errors import RecordingError
-from .columns import NAMES, Columns, ColumnsRecording, match_names, one_line, require_names
+from .columns import NAMES, Columns, ColumnsRecording, match_names, one_line, readable, require_names
 from .recording import Format, check_sensor
 from .units import parse_unit
 
@@ -38,9 +38,9 @@ class Hdf5Recording(ColumnsRecording):
     """Events of an HDF5 file; see the module for the layouts. Chunks are read from the file as they are asked for."""
 
     def __init__(self, path, *, time_unit=None, sensor=None):
-        self._file = None
-        try:
-            self._file = h5py.File(path, "r")
+        errors = (*_READ_ERRORS, ValueError, TypeError)
+        with readable(f"{path}: not a readable HDF5 file", errors), contextlib.ExitStack() as opened:
+            self._file = opened.enter_context(h5py.File(path, "r"))
             source, order, holders = _find_events(self._file, path)
             offset = self._file.get("t_offset")
             dsec = offset is not None and "ms_to_idx" in self._file
@@ -49,7 +49,6 @@ class Hdf5Recording(ColumnsRecording):
             super().__init__(
                 lambda: columns,
                 path=path,
-                name=str(path),
                 format="HDF5",
                 sensor=sensor or _sensor(holders, path) or layout_sensor,
                 time_unit=time_unit,
@@ -58,22 +57,7 @@ class Hdf5Recording(ColumnsRecording):
                 layout=f" (columns {', '.join(order)})" if not isinstance(source, dict) else "",
                 read_errors=_READ_ERRORS,
             )
-        except RecordingError:
-            self._close_file()
-            raise
-        except (*_READ_ERRORS, ValueError, TypeError) as error:
-            self._close_file()
-            raise RecordingError(
-                f"{path}: not a readable HDF5 file (truncated or damaged): {one_line(error)}"
-            ) from None
-
-    def _close_file(self):
-        if self._file is not None:
-            self._file.close()
-
-    def close(self):
-        super().close()
-        self._close_file()
+            opened.pop_all()
 
 
 def _find_events(file, path):

@@ -7,6 +7,7 @@
   decompresses all that comes before it.
 """
 
+import contextlib
 import math
 import tokenize
 import zipfile
@@ -14,8 +15,7 @@ import zlib
 
 import numpy as np
 
-from ..errors import RecordingError
-from .columns import Columns, ColumnsRecording, match_names, one_line, require_names
+from .columns import Columns, ColumnsRecording, match_names, readable, require_names
 from .recording import Format
 
 # The header of an array is Python's notation, so a damaged one may fail as a program does.
@@ -28,21 +28,11 @@ _ORDER = "txyp"
 
 def open_npy(path, *, time_unit=None, sensor=None):
     """The :class:`Recording` of a ``.npy`` file."""
-    try:
+    with readable(f"{path}: not a readable .npy file of numbers", _NPY_ERRORS):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except _NPY_ERRORS as error:
-        raise RecordingError(
-            f"{path}: not a readable .npy file of numbers (truncated or damaged): {one_line(error)}"
-        ) from None
     columns = Columns(array, str(path), _ORDER)
     return ColumnsRecording(
-        lambda: columns,
-        path=path,
-        name=str(path),
-        format="NumPy array",
-        sensor=sensor,
-        time_unit=time_unit,
-        layout=_layout(array),
+        lambda: columns, path=path, format="NumPy array", sensor=sensor, time_unit=time_unit, layout=_layout(array)
     )
 
 
@@ -50,36 +40,22 @@ class NpzRecording(ColumnsRecording):
     """Events of a ``.npz`` archive, streamed from its members."""
 
     def __init__(self, path, *, time_unit=None, sensor=None):
-        self._zip = None
-        try:
-            self._zip = zipfile.ZipFile(path)
+        with readable(f"{path}: not a readable .npz archive", _NPZ_ERRORS), contextlib.ExitStack() as opened:
+            self._file = opened.enter_context(zipfile.ZipFile(path))
             super().__init__(
-                self._open,
-                path=path,
-                name=str(path),
-                format="NumPy archive",
-                sensor=sensor,
-                time_unit=time_unit,
-                layout=_layout(self._find()),
-                read_errors=_NPZ_ERRORS,
-            )
-        except RecordingError:
-            self._close_zip()
-            raise
-        except _NPZ_ERRORS as error:
-            self._close_zip()
-            raise RecordingError(
-                f"{path}: not a readable .npz archive (truncated or damaged): {one_line(error)}"
-            ) from None
+                self._open, path=path, format="NumPy archive", sensor=sensor, time_unit=time_unit,
+                layout=_layout(self._find()), read_errors=_NPZ_ERRORS,
+            )  # fmt: skip
+            opened.pop_all()
 
     def _find(self):
         """Readers of the four members, as a dict, or of the one that holds all."""
-        path = self._zip.filename
-        members = {name.removesuffix(".npy"): name for name in self._zip.namelist() if name.endswith(".npy")}
+        path = self._file.filename
+        members = {name.removesuffix(".npy"): name for name in self._file.namelist() if name.endswith(".npy")}
         if not match_names(members) and ("events" in members or len(members) == 1):
-            return _Member(self._zip, members.get("events") or next(iter(members.values())))
+            return _Member(self._file, members.get("events") or next(iter(members.values())))
         names = require_names(members, path)
-        return {column: _Member(self._zip, members[name]) for column, name in names.items()}
+        return {column: _Member(self._file, members[name]) for column, name in names.items()}
 
     def _open(self):
         source = self._find()
@@ -89,15 +65,7 @@ class NpzRecording(ColumnsRecording):
             for member in members:
                 member.close()
 
-        return Columns(source, self._zip.filename, _ORDER, close)
-
-    def _close_zip(self):
-        if self._zip is not None:
-            self._zip.close()
-
-    def close(self):
-        super().close()
-        self._close_zip()
+        return Columns(source, self._file.filename, _ORDER, close)
 
 
 class _Member:

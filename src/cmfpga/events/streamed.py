@@ -19,6 +19,12 @@ class StreamedRecording(Recording):
     #: Whether reading all of it takes little time, beside all that is done with its events.
     fast = True
 
+    def __init__(self, path, format, *, sensor, time_unit, name=None):
+        super().__init__(
+            path=path, name=name or str(path), format=format, sensor=sensor, num_events=None,
+            time_unit=time_unit or "us", time_unit_source="given" if time_unit else "file",
+        )  # fmt: skip
+
     def extent(self):
         """As of any recording; where the file is damaged, up to there."""
         if not self.fast:

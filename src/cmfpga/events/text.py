@@ -21,7 +21,7 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
-from .columns import match_names, one_line
+from .columns import match_names, one_line, readable
 from .recording import Format, check_sensor
 from .streamed import StreamedRecording
 from .textlines import PLAIN, Layout, LineError, parse_fast, parse_line, split_line
@@ -41,22 +41,15 @@ class TextRecording(StreamedRecording):
 
     def __init__(self, path, *, time_unit=None, sensor=None, member=None):
         self._member = member
-        super().__init__(
-            path=path,
-            name=str(path) if member is None else f"{path}/{member}",
-            format="text" if member is None else "zipped text",
-            sensor=sensor,
-            num_events=None,
-            time_unit=time_unit,
-            time_unit_source="given" if time_unit else "assumed",
-        )
+        name, kind = (str(path), "text") if member is None else (f"{path}/{member}", "zipped text")
+        super().__init__(path, kind, sensor=sensor, time_unit=time_unit, name=name)
         self._skip_lines, self._layout, header_sensor, header_unit = self._read_header()
         if sensor is None and header_sensor is not None:
             self.width, self.height = header_sensor
         if time_unit is None and header_unit is not None:
             self.time_unit, self.time_unit_source = header_unit, "file"
         elif time_unit is None:
-            self.time_unit = self._guess_unit()
+            self.time_unit, self.time_unit_source = self._guess_unit(), "assumed"
         self._require_events()
 
     def _read_header(self):
@@ -186,11 +179,9 @@ def _is_zip(head, path):
 
 
 def _open_zip(path, *, time_unit=None, sensor=None):
-    try:
-        with zipfile.ZipFile(path) as archive:
-            names = [name for name in archive.namelist() if name.lower().endswith((".txt", ".csv"))]
-    except (*_READ_ERRORS, ValueError) as error:  # ValueError: undecodable names
-        raise RecordingError(f"{path}: not a readable zip archive (truncated or damaged): {one_line(error)}") from None
+    errors = (*_READ_ERRORS, ValueError)  # ValueError: undecodable names
+    with readable(f"{path}: not a readable zip archive", errors), zipfile.ZipFile(path) as archive:
+        names = [name for name in archive.namelist() if name.lower().endswith((".txt", ".csv"))]
     events = [name for name in names if name.rsplit("/")[-1] == "events.txt"]
     if len(names) != 1:
         names = events

@@ -1,6 +1,8 @@
 """What was unusual about a batch."""
 
 import enum
+import functools
+import operator
 
 
 class Flag(enum.IntFlag):
@@ -18,6 +20,20 @@ class Flag(enum.IntFlag):
     DOUBTFUL = 512  # the contrast's peak is too flat for v to be trusted
 
     @property
+    def warnings(self):
+        """Without the notes: those that say that something was lost or went wrong."""
+        return self & ~NOTES
+
+    @classmethod
+    def parse(cls, text):
+        """The flags of a :attr:`text`."""
+        return functools.reduce(operator.or_, (cls[name.upper()] for name in filter(None, text.split("|"))), cls(0))
+
+    @property
     def text(self):
         """Lower-case names joined by ``|``; empty where no bit is set."""
         return "|".join(flag.name.lower() for flag in Flag if flag in self)
+
+
+#: Flags that only tell what tool or core chose; all others are warnings.
+NOTES = Flag.THINNED

@@ -13,8 +13,8 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .settings import always, with_confidence
-from .shapes import REQUIRED, Place, corner, leaves, pair, up_to, whole
+from .settings import with_confidence
+from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
 
@@ -36,6 +36,7 @@ class ResultField:
     scope: str  # batch; region, of one region of interest; or wrapper, of the AXI top alone (WireResult)
     counts: bool = False  # one of those that add up to events
     taken_in: bool = False  # known when the batch has been taken in, before its first iteration
+    when: Callable = always  # when(config): the hardware has it; without it, outcomes have the default
     read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
     default: Any = REQUIRED  # of the attribute
     nothing: Any = 0  # the attribute of a batch without events
@@ -55,8 +56,19 @@ class ResultField:
         return real[0] if isinstance(shape, Q) else real
 
 
+def thins(config):
+    """Only where a full buffer thins out what it holds."""
+    return config.when_full == "thin"
+
+
 def _events(config):
     return up_to(config.max_batch_events)
+
+
+def _thinning_used(config):
+    """It is doubled only while the events, thinned by half of it, exceed the buffer."""
+    most = config.widths.thinning_max
+    return up_to(max(most, 2 * (config.max_batch_events + most) // config.buffer_events))
 
 
 def _corner(config):
@@ -138,17 +150,20 @@ RESULTS = (
                 doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
     ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag,
                 nothing=Flag.DEGENERATE, doc="what was unusual", places=_FLAGS),
+    ResultField(name="thinning_used", shape=_thinning_used, scope="region", taken_in=True, when=thins, default=None,
+                nothing=None, places=(Place(word=28),),
+                doc="one ROI event in so many was stored: the thinning, doubled each time the buffer was full"),
     ResultField(name="confidence_limit", shape=lambda c: whole(c.widths.limit_bits), **_JUDGED, unit="1/px²",
                 doc="the limit that v's confidence was compared with, as the setting of that name; 0: not compared",
-                places=(Place(word=28),)),
+                places=(Place(word=29),)),
     ResultField(name="sum_squares", shape=squares_shape, **_JUDGED, read=int, doc="Σ I² of the last iteration",
-                places=_long(29, "RESULT_SQUARES", "", "Σ I² of the last iteration, raw")),
+                places=_long(30, "RESULT_SQUARES", "", "Σ I² of the last iteration, raw")),
     *(ResultField(name=f"probe_{axis}", shape=sums_shape, **_JUDGED, nothing=(0,) * len(SUMS), read=lambda *raw: raw,
                   doc=f"sums of the probe along {axis}; 0 if there was none",
                   places=tuple(place for k, part in enumerate(SUMS) for place in
                                _long(word + 2 * k, f"RESULT_PROBE_{axis}_{part}".upper(), f"_{part}",
                                      f"of the probe along {axis}: {_SUM_NAMES[k]}")))
-      for axis, word in (("x", 31), ("y", 41))),
+      for axis, word in (("x", 32), ("y", 42))),
     ResultField(name="restarted", shape=lambda c: whole(1), **_JUDGED, read=int, unit="batches",
                 doc="1: began cold, because the batch before was doubtful",
                 places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),

@@ -13,16 +13,7 @@ from typing import Any
 
 from ..fixed import saturate
 from .confidence import LIMIT_SCALE
-from .shapes import REQUIRED, Place, leaves, pair, up_to, whole
-
-#: Width of the thinning's factor, and its largest value.
-THINNING_BITS = 8
-MAX_THINNING = (1 << THINNING_BITS) - 1
-
-
-def always(config):
-    """A setting that every hardware has."""
-    return True
+from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
 
 
 def by_signs(config):
@@ -172,8 +163,8 @@ SETTINGS = (
             doc="end a batch with TLAST",
             places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
                           register_doc="batches and TLAST"),)),
-    Setting(name="thinning", field="thinning", shape=lambda c: whole(THINNING_BITS), low=1, default=1,
-            high=lambda c: MAX_THINNING, places=(Place(word=11),)),
+    Setting(name="thinning", field="thinning", shape=lambda c: whole(c.widths.thinning_bits), low=1, default=1,
+            high=lambda c: c.widths.thinning_max, places=(Place(word=11),)),
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0,
             places=(Place(word=12),)),
     Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,
@@ -256,8 +247,13 @@ def settings_values(config, settings):
 
 
 def schedule_table(config, settings):
-    """The table of schedules, cold then warm: tuple of (level, shift), as :func:`settings_values` points at it."""
-    return tuple((entry.level, entry.log2_step + config.formats.v.f) for entry in (*settings.cold, *settings.warm))
+    """The table of schedules, cold then warm, as :func:`settings_values` points at it: tuple of :func:`table_entry`."""
+    return tuple(table_entry(config, entry) for entry in (*settings.cold, *settings.warm))
+
+
+def table_entry(config, entry):
+    """(level, shift, stride) of a ``ScheduleEntry`` in the table of schedules: v's raw units, log2 of the stride."""
+    return entry.level, entry.log2_step + config.formats.v.f, entry.stride.bit_length() - 1
 
 
 def clamp_roi(config, roi):

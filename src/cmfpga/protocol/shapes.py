@@ -14,6 +14,11 @@ from ..fixed import Q, bits_for
 REQUIRED = object()
 
 
+def always(config):
+    """Where every hardware has something."""
+    return True
+
+
 def whole(bits):
     """An unsigned whole number of so many bits."""
     return Q(bits, 0, signed=False)

@@ -185,9 +185,11 @@ def result_values(registers, words):
         :class:`cmfpga.protocol.flags.Flag` has them; beside them ``batch``, ``t_ref``, ``wire`` and ``config_range``.
     """
     group = registers.group("Result")
-    if len(words) not in (len(group), 2 * PACKET_BEATS):
-        raise ValueError(f"{len(words)} words of a result: {len(group)} are needed")
-    word = dict(zip((register.name for register in group), words, strict=False))  # a packet's last may be unused
+    places = {register.name: (register.offset - group[0].offset) // 4 for register in group}
+    count = max(places.values()) + 1
+    if len(words) not in (count, 2 * PACKET_BEATS):
+        raise ValueError(f"{len(words)} words of a result: {count} are needed")
+    word = {name: words[place] for name, place in places.items()}
     values = {}
     for link, parts in registers.linked("Result").items():
         values[link] = sum(f.unpack(word[register.name]) << f.link_lsb for register, f in parts)

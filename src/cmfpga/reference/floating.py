@@ -21,6 +21,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from ..config.dither import R2
+from ..config.schedule import ScheduleEntry, used
+
 
 def _tensor(values):
     """A tensor as it is; anything else by way of a NumPy copy, so that read-only and reversed arrays are welcome."""
@@ -76,10 +79,6 @@ def warp(x, y, dt, v):
     """Positions at the reference time: x' = x − dt·vx, y' = y − dt·vy (Eq. x'k). Two float64 [n]."""
     x, y, dt, v = float64(x), float64(y), float64(dt), float64(v)
     return x - dt * v[0], y - dt * v[1]
-
-
-#: α of the R2 sequence along x and y: 1/g and 1/g² with g³ = g + 1 (Roberts, 2018).
-R2 = (0.7548776662466927, 0.5698402909980532)
 
 
 def dither(n):
@@ -298,15 +297,16 @@ class Ascent:
     g: torch.Tensor
 
 
-def _follow(x, y, dt, v_start, levels, step, **size):
-    """An :class:`Ascent`: v ← v + step(k, iteration k), at one level after the other."""
+def _follow(x, y, dt, v_start, plan, step, **size):
+    """An :class:`Ascent`: v ← v + step(k, iteration k), for each ``ScheduleEntry`` of a plan."""
     with torch.no_grad():  # a trace, not a graph
         x, y, dt = float64(x), float64(y), float64(dt)
-        v = torch.empty(len(levels) + 1, 2, dtype=torch.float64, device=dt.device)
+        v = torch.empty(len(plan) + 1, 2, dtype=torch.float64, device=dt.device)
         v[0] = float64(v_start)
-        scalars = torch.empty(len(levels), 10, dtype=torch.float64, device=dt.device)
-        for k, level in enumerate(levels):
-            now = evaluate(x, y, dt, v[k], level=level, **size)
+        scalars = torch.empty(len(plan), 10, dtype=torch.float64, device=dt.device)
+        for k, entry in enumerate(plan):
+            events = (axis[used(entry, k, len(dt))] for axis in (x, y, dt))
+            now = evaluate(*events, v[k], level=entry.level, **size)
             sums = (now.sum_i, now.sum_dx, now.sum_dy, now.s_x, now.s_y, now.g_x, now.g_y)
             scalars[k] = torch.stack((now.contrast, *now.gradient, *sums))
             v[k + 1] = v[k] + step(k, now)
@@ -319,7 +319,8 @@ def ascend(x, y, dt, *, width, height, v_start, eta, iterations):
 
     v does not saturate here, as it does in the hardware.
     """
-    return _follow(x, y, dt, v_start, [0] * iterations, lambda _, now: eta * now.gradient, width=width, height=height)
+    plan = [ScheduleEntry(0, None)] * iterations
+    return _follow(x, y, dt, v_start, plan, lambda _, now: eta * now.gradient, width=width, height=height)
 
 
 def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):
@@ -327,16 +328,14 @@ def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):
 
     Parameters
     ----------
-    schedule : sequence of (level, log2_step)
-        One pair per iteration, such as a :class:`cmfpga.config.ScheduleEntry`: pixels are 2^level px wide, the step
-        is 2^log2_step px per half batch. Where G is zero, v stays along that axis.
+    schedule : sequence of cmfpga.config.ScheduleEntry
+        One per iteration: pixels are 2^level px wide, the step is 2^log2_step px per half batch, of the events those
+        count that :func:`cmfpga.config.schedule.used` says. Where G is zero, v stays along that axis.
 
     v does not saturate here, as it does in the hardware.
     """
-    levels = [level for level, _ in schedule]
-    steps = [2.0**log2_step for _, log2_step in schedule]
 
     def step(k, now):
-        return steps[k] * torch.stack((now.g_x, now.g_y)).sign()
+        return 2.0 ** schedule[k].log2_step * torch.stack((now.g_x, now.g_y)).sign()
 
-    return _follow(x, y, dt, v_start, levels, step, width=width, height=height)
+    return _follow(x, y, dt, v_start, schedule, step, width=width, height=height)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import torch
 
 from ..protocol.flags import Flag
+from ..protocol.results import thins
 from .integer.roi_filter import roi_filter
 from .integer.thinner import next_thinning, thinner
 
@@ -42,6 +43,12 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning):
     found = len(inside.t)
     factor = last_thinning if settings.thin_target and last_thinning else settings.thinning
     kept = thinner((inside.t, inside.x, inside.y), factor)
+    used = {}
+    if thins(config):
+        times = 1
+        while -(-len(kept[0]) // times) > config.buffer_events:
+            times *= 2
+        kept, used = thinner(kept, times), {"thinning_used": factor * times}
     n = min(len(kept[0]), config.buffer_events)
     counts = {
         "t_first": int(t[0]) & ((1 << config.time_bits) - 1) if len(t) else None,
@@ -53,6 +60,7 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning):
         "time_back": inside.time_back,
         "time_span": inside.time_span,
         "span": inside.span,
+        **used,
     }
     flags = Flag(0)
     for flag in (Flag.OVERFLOW, Flag.THINNED, Flag.TIME_BACK, Flag.TIME_SPAN):

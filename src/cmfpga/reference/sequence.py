@@ -31,6 +31,8 @@ class Sequence(ABC):
         Position of the ROI; the origin after a reset.
     thinning : int or None
         What would have brought the last batch down to its target.
+    plan : tuple of ScheduleEntry
+        Iterations of the last batch.
     """
 
     def __init__(self, config, pixel):
@@ -66,6 +68,7 @@ class Sequence(ABC):
         warm, judged = warm and not restarted, not_judged(config)
         plan = rule.plan(settings, warm)
         self.followed = batch.enough(settings) and bool(plan)
+        self.plan = plan if self.followed else ()
         step = None
         if self.followed:
             if not warm:

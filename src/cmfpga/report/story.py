@@ -4,14 +4,15 @@ import functools
 import gc
 import math
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 from amaranth.hdl import UnusedElaboratable
 
-from ..config.dither import DITHER_BITS, FACTORS
-from ..imaging.iwe import image_of_warped_events
+from ..imaging.iwe import dithered, image_of_warped_events
 from ..protocol.flags import Flag
 from ..rtl.core import Core
+from ..tracking.replay import Replay
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
 DIRECTIONS = (
@@ -57,15 +58,18 @@ def hardware_cycles(kept):
     counted = kept.numbers("cycles")
     if not np.isnan(counted).all():
         return counted, False
-    names = ("events", "roi_events", "iterations")
+    names = ("events", "roi_events", "thinned", "overflow", "iterations")
     columns = [[int(number) for number in kept.numbers(name)] for name in names]
+    replay = Replay(kept.config)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
         core = Core(kept.config)
-        cycles = [
-            core.cycles(**dict(zip(names, batch, strict=True))) if batch[-1] else np.nan
-            for batch in zip(*columns, strict=True)
-        ]
+        cycles = []
+        for *batch, flags in zip(*columns, kept.column("flags"), strict=True):
+            result = SimpleNamespace(**dict(zip(names, batch, strict=True)), flags=Flag.parse(flags))
+            plan, _ = replay.settings_of(result)
+            size = {"events": result.events, "roi_events": result.roi_events}
+            cycles.append(core.cycles(**size, iterations=plan) if plan else np.nan)
         del core
         gc.collect()  # it would warn when it is freed
     return np.array(cycles), True
@@ -102,10 +106,8 @@ class Story:
 
     @functools.cached_property
     def flags(self):
-        """``{flag's name: number of batches that have it}``, in the order of bits; only those that occur."""
-        texts = [set(text.split("|")) for text in self.kept.column("flags")]
-        counts = {flag.text: sum(flag.text in text for text in texts) for flag in Flag}
-        return {name: count for name, count in counts.items() if count}
+        """Of each batch."""
+        return [Flag.parse(text) for text in self.kept.column("flags")]
 
     @property
     def lead(self):
@@ -189,13 +191,15 @@ class Story:
                     f"The true motion of this recording is known: the velocities are {np.median(error):.0f} px/s off "
                     f"in the median, {error.max():.0f} px/s at worst."
                 )
-        flagged = sum(bool(text) for text in self.kept.column("flags"))
-        total = len(self.kept.rows)
-        if flagged:
-            which = ", ".join(f"{name} in {count}" for name, count in self.flags.items())
-            found.append(f"{flagged} of {total} batches have flags: {which}.")
+        total, warned = len(self.flags), [flags.warnings for flags in self.flags if flags.warnings]
+        if warned:
+            counts = {flag.text: sum(flag in flags for flags in warned) for flag in Flag}
+            which = ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
+            found.append(f"{len(warned)} of {total} batches have warnings: {which}.")
         else:
-            found.append(f"None of the {total} batches has a flag: nothing unusual happened.")
+            found.append(f"None of the {total} batches has a warning: nothing unusual happened.")
+        if thinned := sum(Flag.THINNED in flags for flags in self.flags):
+            found.append(f"In {thinned} of {total} batches events were left out evenly, to keep their number down.")
         return found
 
     @property
@@ -213,19 +217,13 @@ class Story:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
             # Dithered whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
-            x, y = (axis + offset for axis, offset in zip((detail.x, detail.y), _dither(len(dt)), strict=True))
+            x, y = dithered(detail.x, detail.y)
             still, moved = (
                 image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height)
                 for v in ((0.0, 0.0), detail.v[-1])
             )
             ratios.append(moved.var() / still.var())
         return float(np.median(ratios)) if ratios else None
-
-
-def _dither(n):
-    """Offsets of n events along x and y: the sequence of :mod:`cmfpga.config.dither`, in float64, −½ … ½ px."""
-    half_steps = 2 * np.arange(n) + 1
-    return [half_steps * factor / 2 ** (DITHER_BITS + 1) % 1 - 0.5 for factor in FACTORS]
 
 
 def number(value):

@@ -7,7 +7,8 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ..protocol.flags import Flag
-from ..protocol.results import RESULTS
+from ..protocol.results import fields_of, thins
+from ..protocol.settings import by_signs
 from . import payloads
 from .arithmetic import delay
 from .ascent import ASCENTS
@@ -35,13 +36,14 @@ class Core(CycleFormula, wiring.Component):
         i ─► ingest control ─► filter ─► thinner ─► buffer ─► dither ─► scaler ─► warp ─► voter ─► image
                   │ batch        │ t_1, t_N            ▲ ▲ room           ▲         ▲ v              │ sums
                   ▼              └──► reciprocal ───────│─│────────────────┘         │                ▼
-        o ◄── iteration control ──────── replay ────────┘ └─── image   ROI ◄─────── ascent ◄────── gradient
+        o ◄── iteration control ─── replay, stride ─────┘ └─── image   ROI ◄─────── ascent ◄────── gradient
 
     How the image is summed is chosen by ``gradient`` (:data:`cmfpga.rtl.image.IMAGES`), how v ascends by ``ascent``
     (:data:`cmfpga.rtl.ascent.ASCENTS`); there is a dither where ``dither_frac`` is not 0.
 
-    One event per cycle at ingest and in every iteration. A batch of N events, n of them in the ROI, takes
-    exactly :meth:`cycles` clock cycles from the offer of its first event to its result.
+    One event per cycle at ingest and in every iteration, which with a schedule may use every second or fourth of
+    them. A batch of N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its
+    first event to its result.
 
     Parameters
     ----------
@@ -93,7 +95,10 @@ class Core(CycleFormula, wiring.Component):
         config = self.config
         self.roi_filter = RoiFilter(config)
         self.thinner = Thinner(
-            payloads.roi_event(config), most_stored=config.buffer_events, most_events=config.max_batch_events
+            payloads.roi_event(config),
+            most_stored=config.buffer_events,
+            most_events=config.max_batch_events,
+            used=payloads.thinning_used(config) if thins(config) else None,
         )
         self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
@@ -175,6 +180,11 @@ class Core(CycleFormula, wiring.Component):
             self.opened.eq(opened),
             self.take.eq(control.handover.take),
         ]
+        if thins(self.config):
+            m.d.comb += [
+                self.thinner.halved.eq(self.event_buffer.stored.halved),
+                control.thinning_used.eq(self.thinner.used),
+            ]
 
     def _iterate(self, m):
         """Replay while there is room, scale, warp, vote, sum."""
@@ -199,6 +209,14 @@ class Core(CycleFormula, wiring.Component):
             control.complete.eq(image.complete),
             image.next.eq(control.run.updated | control.probed if self.config.confidence else control.run.updated),
         ]
+        if by_signs(self.config):
+            stride = self.ascent.stride
+            m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
+            if self.dither:
+                m.d.comb += [
+                    self.dither.started.eq(self.event_buffer.started),
+                    self.dither.subset.eq(self.event_buffer.subset),
+                ]
         if hasattr(self, "pixels"):
             m.d.comb += self.pixels.valid.eq(image.pixels.valid & control.iterating)
             m.d.comb += self.pixels.payload.eq(image.pixels.payload)
@@ -270,7 +288,7 @@ class Core(CycleFormula, wiring.Component):
             Flag.THINNED: batch.thinned != 0,
         }
         found = {
-            **{f.name: batch[f.name] for f in RESULTS if f.taken_in},
+            **{f.name: batch[f.name] for f in fields_of("batch", "region", config=self.config) if f.taken_in},
             "roi_next": corner.roi_next,
             "v": self.ascent.v,
             "iterations": control.iterations,

@@ -1,5 +1,8 @@
 """How many clock cycles a batch takes, from the latencies of the core's parts."""
 
+from ..config.schedule import ScheduleEntry, used_events
+from ..protocol.settings import by_signs
+
 
 class CycleFormula:
     """What :class:`~cmfpga.rtl.core.Core` knows of time without being simulated."""
@@ -11,7 +14,7 @@ class CycleFormula:
 
     @property
     def iteration_latency(self):
-        """L: an iteration takes n + L cycles from one v to the next, and those of the image's sweep.
+        """L: an iteration of n events takes n + L cycles from one v to the next, and those of the image's sweep.
 
         The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
         in one pass the last vote.
@@ -44,22 +47,28 @@ class CycleFormula:
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def cycles(self, *, events, roi_events, iterations, judge=None):
-        """Clock cycles of a batch: N + T·(n + sweep + L) + constant; more where the image is not ``exact_cycles``.
+        """Clock cycles of a batch: N + Σ n_k + T·(sweep + L) + constant; more where the image is not ``exact_cycles``.
 
-        If v's confidence is measured (setting ``judge``, by default the configuration's), T is by two larger, and the
-        constant by :attr:`judge_latency`.
-
-        From the cycle in which the first event is offered to the one in which the result is; events offered in every
-        cycle, no other batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
+        n_k events of the batch's n are used in iteration k. ``iterations`` says how many there are, each of which
+        uses all n; or it is the plan, a ``ScheduleEntry`` for each. If v's confidence is measured (setting ``judge``,
+        by default the configuration's), there are two more, which use all n, and :attr:`judge_latency`. From the cycle
+        in which the first event is offered to the one in which the result is; events offered in every cycle, no other
+        batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
         """
         judged = self.config.confidence and (self.config.judge if judge is None else judge)
-        per_iteration = roi_events + self.sweep_cycles + self.iteration_latency
-        iterations, more = (iterations + 2, self.judge_latency) if judged else (iterations, 0)
-        return max(events, self.shortest_batch) + iterations * per_iteration + self.batch_latency + more
+        every = ScheduleEntry(0, None)
+        plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
+        plan, more = ((*plan, every, every), self.judge_latency) if judged else (plan, 0)
+        iterated = sum(used_events(plan, roi_events)) + len(plan) * (self.sweep_cycles + self.iteration_latency)
+        return max(events, self.shortest_batch) + iterated + self.batch_latency + more
 
     @property
     def cycle_formula(self):
         """:meth:`cycles` as text."""
         sweep = f" + {self.sweep_cycles}" if self.sweep_cycles else ""
-        iterations, more = ("T", 0) if self.judge is None else ("(T + 2)", self.judge_latency)
-        return f"N + {iterations}·(n{sweep} + {self.iteration_latency}) + {self.batch_latency + more}"
+        if not by_signs(self.config):
+            return f"N + T·(n{sweep} + {self.iteration_latency}) + {self.batch_latency}"
+        per_iteration = self.sweep_cycles + self.iteration_latency
+        if self.judge is None:
+            return f"N + Σ n_k + T·{per_iteration} + {self.batch_latency}"
+        return f"N + Σ n_k + 2·n + (T + 2)·{per_iteration} + {self.batch_latency + self.judge_latency}"

@@ -70,8 +70,10 @@ class IterationControl(wiring.Component):
         v is known, and is to be probed. One cycle.
     probing : ``Out(2)``
         A probe is under way: along x, along y.
+    whole : ``Out(1)``
+        With ``replay``: that of a probe, which uses all events, whatever the schedule says.
     probed, judged : ``In(1)``
-        A probe is over, as ``run.updated`` says of an iteration; it is known whether v is in doubt. These four only
+        A probe is over, as ``run.updated`` says of an iteration; it is known whether v is in doubt. These five only
         where v's confidence is measured.
     iterations, cycles : ``Out``
         Iterations done, clock cycles since the first event was offered.
@@ -88,7 +90,7 @@ class IterationControl(wiring.Component):
         self.config = config
         self._replay_delay, self._move, self._settle = replay_delay, move, settle
         self._probe_delay = probe_delay
-        probes = {"begin": Out(1), "probing": Out(2), **dict.fromkeys(("probed", "judged"), In(1))}
+        probes = {"begin": Out(1), "probing": Out(2), "whole": Out(1), **dict.fromkeys(("probed", "judged"), In(1))}
         super().__init__(
             {
                 "handover": In(handover(config)),
@@ -127,7 +129,9 @@ class IterationControl(wiring.Component):
         after_last = "MOVE" if config.buffers == 1 else "RESULT"
         if config.confidence:
             first = self.complete & self.iterating & final & run.settings.judge
-            next_replay |= delay(m, first, self._replay_delay + self._probe_delay, name="first_probe", valid=True)
+            first = delay(m, first, self._replay_delay + self._probe_delay, name="first_probe", valid=True)
+            next_replay |= first
+            m.d.comb += self.whole.eq(first | (self.probing != 0))
             m.d.sync += run.final.eq(final)
         m.d.sync += self.cycles.eq(Mux(self.handover.free, self.handover.cycles, self.cycles) + 1)
         with m.FSM(name="iterate"):

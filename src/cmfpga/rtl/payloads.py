@@ -5,9 +5,13 @@ from dataclasses import dataclass
 from amaranth.hdl import Const, Shape, ShapeCastable, Value
 from amaranth.lib import data, stream
 
+from ..config.schedule import STRIDES
 from ..fixed import Q, bits_for
 from ..protocol.results import fields_of, squares_shape, sums_shape, trace_shape
 from ..protocol.settings import settings_of
+
+#: Width of a stride's logarithm.
+STRIDE_BITS = bits_for(len(STRIDES) - 1)
 
 
 @dataclass(frozen=True)
@@ -184,13 +188,24 @@ def settings(config):
 
 
 def schedule_entry(config):
-    """One iteration of the sign ascent: pixels 2^level px wide, v moves by 2^shift raw units."""
-    return data.StructLayout({"level": bits_for(config.max_level), "shift": bits_for(config.formats.v.width - 2)})
+    """One iteration of the sign ascent: pixels 2^level px wide, v moves by 2^shift raw units, one event in 2^stride."""
+    widths = {"level": bits_for(config.max_level), "shift": bits_for(config.formats.v.width - 2), "stride": STRIDE_BITS}
+    return data.StructLayout(widths)
+
+
+def subset(config):
+    """The stored events that a replay uses: one in 2^stride, from the one with the number ``first`` on."""
+    return data.StructLayout({"stride": STRIDE_BITS, "first": bits_for(STRIDES[-1] - 1)})
 
 
 def schedule_write(config):
     """An entry for the table; only while no batch is under way."""
     return data.StructLayout({"address": range(config.schedule_entries), "entry": schedule_entry(config)})
+
+
+def thinning_used(config):
+    """One ROI event in so many is stored."""
+    return shaped(next(f.shape(config) for f in fields_of("region") if f.name == "thinning_used"))
 
 
 def batch(config):

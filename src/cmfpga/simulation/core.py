@@ -67,13 +67,12 @@ class VerilatedCore:
         return self._handle
 
     def write_schedule(self, table):
-        """Fill the table of schedules with (level, shift) pairs, from address 0 on; between batches only."""
+        """Fill the table of schedules with (level, shift, stride), from address 0 on; between batches only."""
         if table == self._table:
             return
         self._table = table
-        rows = np.array(table, np.int64).reshape(-1, 2).T
-        levels, shifts = (np.ascontiguousarray(row) for row in rows)
-        self._library.core_write_schedule(self._open(), _pointer(levels), _pointer(shifts), ctypes.c_int64(len(levels)))
+        rows = np.array(table, np.int64).reshape(-1, 3)
+        self._library.core_write_schedule(self._open(), _pointer(rows), ctypes.c_int64(len(rows)))
 
     def start_waves(self):
         """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""

@@ -111,14 +111,17 @@ void core_wave_take(void *simulation, int32_t *cycles, int32_t *ports, int64_t *
     }
 }
 
-// Fill the first `entries` of the table of schedules, one a clock cycle. Only while no batch is under way.
-void core_write_schedule(void *simulation, const int64_t *levels, const int64_t *shifts, int64_t entries) {
+// Fill the first `entries` of the table of schedules, one a clock cycle: level, shift and stride of each in `rows`.
+// Only while no batch is under way.
+void core_write_schedule(void *simulation, const int64_t *rows, int64_t entries) {
+    const int64_t none[3] = {0, 0, 0};
     Simulation &s = *static_cast<Simulation *>(simulation);
     s.top->event_valid = 0;
     s.top->result_ready = 0;
     for (int64_t k = 0; k <= entries; ++k) {
         const bool valid = k < entries;
-        set_schedule(*s.top, valid, valid ? k : 0, valid ? levels[k] : 0, valid ? shifts[k] : 0);
+        const int64_t *row = valid ? rows + 3 * k : none;
+        set_schedule(*s.top, valid, valid ? k : 0, row[0], row[1], row[2]);
         s.settle();
         s.edge();
     }

@@ -5,7 +5,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ..config import Config
 from ..errors import ConfigError
 from ..imaging.iwe import events_in_roi
 from .motion import REACH_PX, estimate
@@ -228,7 +227,7 @@ def _confirmed(window, place, duration, measured, config):
     # A reserve, because the rate is not the same in all batches.
     wanted = math.ceil(1.3 * roi_events / config.buffer_events)
     if wanted > config.thinning:
-        fields["thinning"] = min(wanted, Config.__dataclass_fields__["thinning"].metadata["high"])
+        fields["thinning"] = min(wanted, config.widths.thinning_max)
     half_s = duration / 2e6
     return Proposal(
         roi=tuple(map(int, place)), start_event=window.start, batch_events=batch_events,

@@ -7,6 +7,7 @@ import statistics
 import pandas
 
 from ..config import Config
+from ..protocol.flags import Flag
 from ..tracking.columns import COLUMNS
 from ..verilog import resources
 from .store import write_atomically
@@ -25,7 +26,7 @@ RESULTS = {
     "roi_y": ("Int64", "top row of the first batch's ROI, px"),
     "batches": ("Int64", "batches tracked"),
     "degenerate_batches": ("Int64", "batches that measured nothing"),
-    "flagged_batches": ("Int64", "batches with any flag"),
+    "batches_with_warnings": ("Int64", "batches with a flag that is a warning"),
     "flags": ("string", "all flags that were set, joined by `\\|`"),
     "events": ("Int64", "events of all batches"),
     "events_left_over": ("Int64", "events after the last batch"),
@@ -128,7 +129,7 @@ def summary(row, outcome):
         "reason": reason,
         "batches": len(batches),
         "degenerate_batches": degenerate,
-        "flagged_batches": sum(map(bool, flags)),
+        "batches_with_warnings": sum(bool(Flag.parse(batch["flags"]).warnings) for batch in batches),
         "flags": "|".join(dict.fromkeys(name for names in flags for name in names)),
         "events": sum(batch["events"] for batch in batches),
         "events_left_over": outcome["events_left_over"],

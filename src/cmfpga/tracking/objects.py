@@ -40,7 +40,7 @@ class TrackedObject:
     config: object = None
     cutter: object = None
     batches: int = 0
-    flagged: int = 0
+    warned: int = 0
     judged: int = 0  # batches whose confidence was measured
     trusted: int = 0  # of them not in doubt
     seen: int = 0  # ROI events of all batches
@@ -59,7 +59,7 @@ class TrackedObject:
         """Take a tracked batch; its arrays are not kept."""
         result = batch.result
         self.batches += 1
-        self.flagged += bool(result.flags)
+        self.warned += bool(result.flags.warnings)
         self.judged += is_judged(result)
         self.trusted += is_sure(result)
         self.seen += result.roi_events + result.overflow + result.thinned
@@ -137,7 +137,7 @@ class TrackedObject:
         entry = {
             "batches": self.batches,
             "events_left_over": self.cutter.leftover,
-            "flagged_batches": self.flagged,
+            "batches_with_warnings": self.warned,
             "trusted_batches": self.trusted if self.config.confidence else None,
             "cycles": sum(self.cycles) if self.cycles else None,
             "roi_next": list(self.roi_next),

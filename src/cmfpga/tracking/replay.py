@@ -6,12 +6,7 @@ from ..reference.integer.thinner import next_thinning
 
 
 class Replay:
-    """Keeps what the engines keep between batches, apart from v and the ROI.
-
-    Parameters
-    ----------
-    config : Config
-    """
+    """Keeps what the engines keep between batches, apart from v and the ROI."""
 
     def __init__(self, config):
         self._config = config

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..config.defaults import CLOCK_MHZ
-from ..errors import ConfigError
+from ..errors import ConfigError, needs
 from ..events import Events
 from ..imaging.gallery import Gallery
 from ..protocol.confidence import covariance, is_sure
@@ -87,10 +87,8 @@ class Tracking:
 
     def to_dataframe(self):
         """A pandas ``DataFrame`` with the columns of ``track.csv``. Needs pandas: ``pip install 'cmfpga[pandas]'``."""
-        try:
+        with needs("pandas", "pandas", "to_dataframe"):
             import pandas
-        except ModuleNotFoundError:
-            raise ConfigError("to_dataframe: pandas is not installed; pip install 'cmfpga[pandas]'") from None
         return pandas.DataFrame({name: getattr(self, name) for name in COLUMNS})
 
     def plot(self, path=None):
@@ -130,12 +128,8 @@ class Tracking:
         batch : int
             Its number; negative from the end.
         """
-        try:
+        with needs("torch", "reference", "trace"):
             from .trace import BatchTrace
-        except ModuleNotFoundError as error:
-            if error.name != "torch":
-                raise
-            raise ConfigError("trace: torch is not installed; pip install 'cmfpga[reference]'") from None
         if not -len(self) <= batch < len(self):
             raise ConfigError(f"batch {batch}: 0 to {len(self) - 1} is needed")
         result, (first, plan, thinning) = self.results[batch], self._runs[batch]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from ..config.schedule import used
 from ..errors import ConfigError, RecordingError
 from ..protocol.settings import BatchSettings
 from ..reference import floating
@@ -31,8 +32,9 @@ class IterationTrace:
         The image's pixels are 2^level px wide. Positions, images and derivatives are in these pixels.
     log2_step : int or None
         The step is 2^log2_step px per half batch; None for a constant η.
-    x, y : [n]
-        Warped columns and rows, relative to the ROI.
+    x, y : [n_k]
+        Warped columns and rows of the events that the iteration uses (:func:`cmfpga.config.schedule.used`), relative
+        to the ROI.
     iwe, iwe_dx, iwe_dy : [rows, columns]
         Image of warped events I in events per pixel, ∂I/∂vx, ∂I/∂vy.
     sum_i, sum_d, s, g : scalar, [2], [2], [2]
@@ -112,24 +114,13 @@ class BatchTrace:
         self.v = np.array(result.trace.v, np.float64) * (1 if self._real else config.formats.v.step)
         self._settings = settings
         if self._real:
-            self._place_real(batch)
+            self._events, steps = FloatCore(config).place(batch), (1, 1, 1)
         else:
-            self._place_raw(batch)
-
-    def _place_real(self, batch):
-        self._events = FloatCore(self.config).place(batch)
-        self.x_dithered, self.y_dithered, self.dt = (axis.numpy() for axis in self._events)
-
-    def _place_raw(self, batch):
-        config = self.config
-        x, y = dither(config, batch.x, batch.y)
-        dt = time_scaler(config, batch.t, span=self.result.span) if self.result.span else torch.zeros_like(batch.t)
-        self._events = (x, y, dt)
-        step = 2.0**-config.dither_frac
+            dt = time_scaler(config, batch.t, span=result.span) if result.span else torch.zeros_like(batch.t)
+            self._events = (*dither(config, batch.x, batch.y), dt)
+            steps = (2.0**-config.dither_frac, 2.0**-config.dither_frac, config.formats.dt.step)
         self.x_dithered, self.y_dithered, self.dt = (
-            x.numpy() * step,
-            y.numpy() * step,
-            dt.numpy() * config.formats.dt.step,
+            axis.numpy() * step for axis, step in zip(self._events, steps, strict=True)
         )
 
     def _changed(self):
@@ -155,11 +146,15 @@ class BatchTrace:
         if not all(np.allclose(a, b, rtol=1e-9, atol=1e-9) if self._real else np.array_equal(a, b) for a, b in pairs):
             raise self._changed()
 
+    def _used(self, k):
+        """The events of an iteration."""
+        return tuple(axis[used(self.plan[k], k, len(axis))] for axis in self._events)
+
     def _raw_iteration(self, k):
         config, entry = self.config, self.plan[k]
         level = entry.level
         columns, rows = config.geometry.level_size(level)
-        x, y, dt = self._events
+        x, y, dt = self._used(k)
         v = tuple(int(axis) for axis in self.result.trace.v[k])
         done, _ = IntegerCore(config).iterate(x, y, dt, v, eta=self._settings.eta, entry=entry)
         warped_x, warped_y = warp(config, x, y, dt, v, level)
@@ -191,7 +186,7 @@ class BatchTrace:
         config, entry = self.config, self.plan[k]
         level = entry.level
         columns, rows = config.geometry.level_size(level)
-        x, y, dt = self._events
+        x, y, dt = self._used(k)
         now = floating.evaluate(x, y, dt, self.v[k], width=config.roi_width, height=config.roi_height, level=level)
         warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))
         images = (image.numpy()[:rows, :columns] for image in (now.image, now.derivative_x, now.derivative_y))

@@ -146,17 +146,16 @@ def _ports_include(core):
     settings = [setter(f"settings_{name}", f"from[{k}]") for k, name in enumerate(port_names(core.inputs, "settings_"))]
     events = [setter(f"event_{name}", name) for name in ("t", "x", "y", "last")]
     schedule = [
-        setter(f"schedule_{name}", argument)
-        for name, argument in (
-            ("valid", "valid"), ("address", "address"), ("entry_level", "level"), ("entry_shift", "shift")
-        )
+        setter(f"schedule_{name}", name.removeprefix("entry_"))
+        for name in ("valid", "address", "entry_level", "entry_shift", "entry_stride")
         if f"schedule_{name}" in core.inputs
-    ]  # fmt: skip
+    ]
+    entry = ", ".join(f"int64_t {name}" for name in ("valid", "address", "level", "shift", "stride"))
     pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
     lines = [
         f"enum {{ SETTINGS_VALUES = {len(settings)} }};",
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
-        "static void set_schedule(Vcore &top, int64_t valid, int64_t address, int64_t level, int64_t shift) {",
+        f"static void set_schedule(Vcore &top, {entry}) {{",
         *schedule,
         "}",
         "static void set_settings(Vcore &top, const int64_t *from) {",

@@ -66,7 +66,7 @@ def _origin(config, top, verilog):
 
 def describe(config, core, verilog):
     """Everything in ``build-info.json``, JSON-ready."""
-    iterations = len(config.ascent_rule.plan(BatchSettings.from_config(config), warm=False))
+    plan = config.ascent_rule.plan(BatchSettings.from_config(config), warm=False)
     return {
         **_origin(config, TOP, verilog),
         "formats": formats(config),
@@ -75,12 +75,13 @@ def describe(config, core, verilog):
             "formula": core.cycle_formula,
             "N": "events of the batch",
             "n": "events in the ROI",
+            **({"n_k": "of them used in iteration k"} if config.ascent_rule.has_table else {}),
             "T": "iterations",
             "example": {
                 "N": article.BATCH["events"],
                 "n": article.BATCH["roi_events"],
-                "T": iterations,
-                "cycles": core.cycles(**article.BATCH, iterations=iterations),
+                "T": len(plan),
+                "cycles": core.cycles(**article.BATCH, iterations=plan),
             },
         },
         "ports": ports(core),
@@ -101,7 +102,8 @@ def summary(info):
         "",
         "## Clock cycles of a batch",
         "",
-        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations.",
+        f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations"
+        + (", of which iteration k uses n_k events." if "n_k" in info["cycles"] else "."),
         f"For N = {example['N']}, n = {example['n']}, T = {example['T']}: {example['cycles']:,} cycles.",
         "",
         "## Latencies of the blocks",

@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.protocol.settings import clamp_roi
-from cmfpga.reference.integer.roi_updater import roi_updater
-from cmfpga.reference.roi_follower import RoiFollower
+from cmfpga.reference.roi_follower import RoiFollower, move_within
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from support.bench import held, play
 from support.configs import CONFIGS, ODD, TINY
@@ -66,7 +65,10 @@ def check(config, batches, seed=0):
             # v and the gain stand from `move` on.
             for number in range(block.latency):
                 cycle(**({"move": 1} if number == 0 else {}), v={"x": v[0], "y": v[1]}, roi_gain=gain)
-            position, limited = roi_updater(config, position, v, roi_gain=gain)
+            # Eq. roi_update, which has a gain of 1: exact, no bit is rounded away.
+            frac = config.formats.roi_x.f
+            limits = (config.geometry.roi_x_max << frac, config.geometry.roi_y_max << frac)
+            position, limited = move_within(position, tuple(axis * gain for axis in v), limits)
             clamped |= limited
             note(start + block.latency)
         elif rng.random() < 0.5:

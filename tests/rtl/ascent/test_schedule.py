@@ -1,5 +1,7 @@
 """Schedule: parts of the table in any order, entries out of range limited and flagged only where they are used."""
 
+import itertools
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,8 +30,8 @@ class Player:
     def __init__(self, config, rng):
         self.config, self.rng = config, rng
         self.block = Schedule(config)
-        self.table = [(0, 0)] * config.schedule_entries
-        self.script, self.entry, self.limited = [], {}, {0: 0}
+        self.table = [(0, 0, 0)] * config.schedule_entries
+        self.script, self.entry, self.stride, self.limited = [], {}, {}, {0: 0}
 
     def cycle(self, **values):
         """Inputs of a cycle; whatever has no strobe is random."""
@@ -41,44 +43,55 @@ class Player:
 
     def write(self, address, entry):
         self.cycle(**{"write.valid": 1, "write.payload": {"address": address, "entry": entry}})
-        self.table[address] = entry["level"], entry["shift"]
+        self.table[address] = entry["level"], entry["shift"], entry["stride"]
 
     def batch(self, first, count, gaps):
         """One batch of ``count`` iterations, each ``gaps[k]`` cycles longer than it has to be."""
         self.cycle(new_batch=1)
         self.limited[len(self.script)] = 0
-        self.cycle(load=1, first=first)
-        shown = len(self.script) + 1
+        self.cycle(first=first)
         self.cycle()
+        most = limits(self.config)
+        self.stride[len(self.script)] = min(self.table[first][2], most[2])
+        self.cycle(start=1)
         for k, gap in zip(range(count), gaps, strict=True):
-            level, shift = self.table[(first + k) % len(self.table)]
-            most = self.config.max_level, self.config.formats.v.width - 2
-            self.entry[shown] = min(level, most[0]), min(shift, most[1])
-            for _ in range(gap):
+            entry = self.table[(first + k) % len(self.table)]
+            self.entry[len(self.script)] = min(entry[0], most[0]), min(entry[1], most[1])
+            following = self.table[(first + k + 1) % len(self.table)]
+            self.stride[len(self.script) + 1] = min(following[2], most[2]) if k + 1 < count else None
+            for _ in range(gap + 1):
                 self.cycle()
             self.cycle(advance=1)
-            if level > most[0] or shift > most[1]:
+            if any(value > limit for value, limit in zip(entry, most, strict=True)):
                 self.limited[len(self.script)] = 1
-            shown = len(self.script)
-        self.entry[shown] = None  # what follows the last entry is nobody's
+        self.entry[len(self.script)] = None  # what follows the last entry is nobody's
         for _ in range(2):
             self.cycle()
 
     def check(self):
-        watch = play(self.block, self.script, flows=(), watch=("level", "shift", "limited")).watch
-        entries = held({0: None} | self.entry, len(self.script))
-        for cycle, (wanted, limited) in enumerate(zip(entries, held(self.limited, len(self.script)), strict=True)):
+        watch = play(self.block, self.script, flows=(), watch=("level", "shift", "stride", "limited")).watch
+        timelines = ({0: None} | self.entry, {0: None} | self.stride, self.limited)
+        columns = (held(timeline, len(self.script)) for timeline in timelines)
+        for cycle, (wanted, stride, limited) in enumerate(zip(*columns, strict=True)):
             if wanted is not None:
                 assert (watch["level"][cycle], watch["shift"][cycle]) == wanted, f"cycle {cycle}"
+            if stride is not None:
+                assert watch["stride"][cycle] == stride, f"cycle {cycle}"
             assert watch["limited"][cycle] == limited, f"cycle {cycle}"
         return [entry for entry in self.entry.values() if entry], set(self.limited.values())
+
+
+def limits(config):
+    """Largest level, shift and stride."""
+    return config.max_level, config.formats.v.width - 2, 2
 
 
 def entry_of(config, rng, *, good):
     """An entry within its range, or any."""
     if not good:
         return random_value(payloads.schedule_entry(config), rng)
-    return {"level": int(rng.integers(config.max_level + 1)), "shift": int(rng.integers(config.formats.v.width - 1))}
+    values = (int(rng.integers(limit + 1)) for limit in limits(config))
+    return dict(zip(("level", "shift", "stride"), values, strict=True))
 
 
 @pytest.mark.parametrize("good", [True, False], ids=["in range", "any"])
@@ -104,31 +117,30 @@ def test_parts_of_the_table(name, good, rng):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_limits_to_the_unit(name):
-    """The largest level and step pass, one more is limited; whichever the formats can hold."""
+    """The largest level, step and stride pass, one more is limited; whichever the formats can hold."""
     config = SHAPES[name]
-    shape = payloads.schedule_entry(config)
-    most = config.max_level, config.formats.v.width - 2
-    tops = [shape_range(shape[field].shape)[1] for field in ("level", "shift")]
-    cases = {(level, shift) for level in (most[0], tops[0]) for shift in (most[1], tops[1])}
-    cases |= {(min(most[0] + 1, tops[0]), 0), (0, min(most[1] + 1, tops[1]))}
-    for level, shift in sorted(cases):
+    shape, most = payloads.schedule_entry(config), limits(config)
+    tops = [shape_range(part.shape)[1] for _, part in shape]
+    cases = set(itertools.product(*zip(most, tops, strict=True)))
+    cases |= {tuple(min(most[k] + 1, tops[k]) if k == at else 0 for k in range(3)) for at in range(3)}
+    for entry in sorted(cases):
         player = Player(config, np.random.default_rng(0))
-        player.write(0, {"level": level, "shift": shift})
+        player.write(0, dict(zip(shape.members, entry, strict=True)))
         player.batch(0, 1, [0])
         used, flags = player.check()
-        assert used == [(min(level, most[0]), min(shift, most[1]))]
-        assert (1 in flags) == (level > most[0] or shift > most[1])
+        wanted = tuple(map(min, entry, most))
+        assert used == [wanted[:2]] and (1 in flags) == (entry != wanted)
 
 
 def test_only_entries_that_are_used_are_flagged(rng):
     """Entries out of range before and right behind the part: shown to nobody, flagged by nobody."""
     config = SHAPES["fast"]
     player = Player(config, rng)
-    bad = {"level": 3, "shift": 15}
+    bad = {"level": 3, "shift": 15, "stride": 3}
     for address in range(config.schedule_entries):
         player.write(address, bad)
     for address in (4, 5, 6):
-        player.write(address, {"level": 1, "shift": 2})
+        player.write(address, {"level": 1, "shift": 2, "stride": 1})
     player.batch(4, 3, [0, 2, 0])
     player.batch(6, 1, [3])
     assert player.check()[1] == {0}
@@ -137,9 +149,9 @@ def test_only_entries_that_are_used_are_flagged(rng):
 def test_the_flag_stays_until_the_next_batch(rng):
     config = SHAPES["fast"]
     player = Player(config, rng)
-    player.write(0, {"level": 3, "shift": 1})
+    player.write(0, {"level": 3, "shift": 1, "stride": 0})
     for address in (1, 2, 3):
-        player.write(address, {"level": 2, "shift": address})
+        player.write(address, {"level": 2, "shift": address, "stride": 2})
     player.batch(0, 4, [0, 1, 0, 1])  # the first is limited, the others are not
     player.batch(1, 3, [0, 0, 0])
     used, flags = player.check()

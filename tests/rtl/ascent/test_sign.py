@@ -49,7 +49,7 @@ def check(config, batches, *, spacing=0, seed=0):
         assert len(steps) <= entries
         first = int(rng.integers(entries))
         for k, (shift, *_) in enumerate(steps):
-            entry = {"level": int(rng.integers(config.max_level + 1)), "shift": shift}
+            entry = {"level": int(rng.integers(config.max_level + 1)), "shift": shift, "stride": int(rng.integers(3))}
             write = {"address": (first + k) % entries, "entry": entry}
             cycle(**{"schedule_write.valid": 1, "schedule_write.payload": write})
         warm = start is None and tracking
@@ -63,6 +63,8 @@ def check(config, batches, *, spacing=0, seed=0):
         saturated = False
         timeline[len(script)] = v, saturated
         planned[len(script)] = len(steps)
+        cycle()
+        cycle()
         cycle(**{"run.start": 1})
         if start is not None:
             v = start

@@ -1,4 +1,4 @@
-"""Dither against its model: the k-th event of every replay gets the k-th offset, whatever came before."""
+"""Dither against its model: the k-th stored event gets the k-th offset in every replay, whatever came before."""
 
 from fractions import Fraction
 
@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cmfpga.config import Config
 from cmfpga.reference.integer.dither import dither
 from cmfpga.rtl.image.dither import Dither
-from support.bench import GAPS, check_flow
+from support.bench import GAPS, check_flow, play
 from support.configs import LEVELS
-from support.values import corners, edge_integers, integers_at_edges, random_gaps, tensor
+from support.values import corners, edge_integers, integers_at_edges, random_gaps, random_values, tensor
 
 SHAPES = LEVELS | {
     "one bit": LEVELS["fast"].replace(dither_frac=1),
@@ -20,18 +21,41 @@ SHAPES = LEVELS | {
 
 
 def check(config, replays, gaps):
-    """``replays`` are lists of (t, x, y), played one after the other."""
-    items, expected = [], []
+    """``replays`` are lists of (t, x, y), played one after the other, each a subset of which is used."""
+    rng = np.random.default_rng(1)
+    block = Dither(config)
+    noise = random_values(block.i.payload.shape(), rng)
+    script, expected, cycles, gaps = [], [], [], iter(gaps)
     for events in replays:
-        _, x, y = (list(column) for column in zip(*events, strict=True))
-        moved = dither(config, tensor(x), tensor(y))
-        for k, (event, position) in enumerate(
-            zip(events, zip(*(axis.tolist() for axis in moved), strict=True), strict=True)
-        ):
-            last = int(k == len(events) - 1)
-            items.append({"t": event[0], "x": event[1], "y": event[2], "last": last})
-            expected.append({"t": event[0], "x": position[0], "y": position[1], "last": last})
-    return check_flow(Dither(config), items, expected, gaps=gaps, rng=np.random.default_rng(1))
+        _, x, y = (tensor(column) for column in zip(*events, strict=True))
+        moved = [axis.tolist() for axis in dither(config, x, y)]
+        stride = int(rng.integers(3))
+        first = int(rng.integers(min(1 << stride, len(events))))
+        subset = {"stride": stride, "first": first}
+        script.append({"started": 1, "subset": subset, "i.payload": next(noise)})
+        chosen = range(len(events))[first :: 1 << stride]
+        for k in chosen:
+            t, last = events[k][0], int(k == chosen[-1])
+            script += [{"subset": subset, "i.payload": next(noise)}] * next(gaps)
+            cycles.append(len(script) + block.latency)
+            item = {"t": t, "x": events[k][1], "y": events[k][2], "last": last}
+            script.append({"subset": subset, "i.valid": 1, "i.payload": item})
+            expected.append({"t": t, "x": moved[0][k], "y": moved[1][k], "last": last})
+    recording = play(block, [*script, *[{}] * 3])
+    assert recording.values() == expected and recording.cycles() == cycles
+
+
+def test_without_a_schedule_a_replay_begins_behind_the_last_event(rng):
+    config = Config(dither_frac=4, roi_width=32, roi_height=16)
+    items, expected = [], []
+    for count in (1, 1, 5, 40, 2):
+        events = random_replay(config, rng, count)
+        _, x, y = (tensor(column) for column in zip(*events, strict=True))
+        moved = zip(*(axis.tolist() for axis in dither(config, x, y)), strict=True)
+        for k, ((t, x, y), place) in enumerate(zip(events, moved, strict=True)):
+            items.append({"t": t, "x": x, "y": y, "last": int(k == count - 1)})
+            expected.append(items[-1] | dict(zip("xy", place, strict=True)))
+    check_flow(Dither(config), items, expected, gaps=random_gaps(rng, len(items), 0.3), rng=rng)
 
 
 def random_replay(config, rng, count):
@@ -48,7 +72,7 @@ def random_replay(config, rng, count):
 @pytest.mark.parametrize("gap", GAPS)
 @pytest.mark.parametrize("name", SHAPES)
 def test_matches_model(name, gap, rng):
-    """Replays of any length back to back: the sequence begins anew behind each last event, and only there."""
+    """Replays of any length and subset back to back: the sequence begins anew with each of them, and only then."""
     config = SHAPES[name]
     lengths = [1, 1, 2, 50, 1, 3, 80]
     replays = [random_replay(config, rng, count) for count in lengths]

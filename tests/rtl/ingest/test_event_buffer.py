@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config
+from cmfpga.config.config import WHEN_FULL
+from cmfpga.config.schedule import STRIDES, ScheduleEntry, used
 from cmfpga.rtl.ingest.event_buffer import EventBuffer
 from support.bench import GAPS, play
 from support.values import random_gaps, random_value, random_values
@@ -13,19 +15,21 @@ from support.values import random_gaps, random_value, random_values
 DEPTHS = [1, 2, 3, 64, 100]
 
 
-def config_of(depth, buffers=1):
-    return Config(buffer_events=depth, buffers=buffers, max_batch_events=1000)
+def config_of(depth, buffers=1, **changes):
+    return Config(buffer_events=depth, buffers=buffers, **{"max_batch_events": 1000} | changes)
 
 
-def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0):
+def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0, **changes):
     """Batches of (number of events, number of replays, idle cycles before take, before the replay, before clear).
 
     The last three may be left out. With two buffers the next batch is filled while one is replayed, as early as
     allowed and then so many cycles later.
     """
     rng = np.random.default_rng(seed)
-    block = EventBuffer(config_of(depth, buffers))
+    config = config_of(depth, buffers, **changes)
+    block, thin = EventBuffer(config), config.when_full == "thin"
     noise = random_values(block.i.payload.shape(), rng)
+    strided = config.ascent == "sign"
     inputs, expected, ends, replays, overlaps = {}, [], [], [], 0
     clear, free = 0, 0  # first cycles in which to clear and to take
     for count, times, *waits in batches:
@@ -41,21 +45,32 @@ def check(depth, batches, *, buffers=1, probability=0.0, idle=0, seed=0):
         # Counters are valid in the cycle after an event.
         take = max(cycle, free) + before_take
         inputs[take] = inputs.get(take, {}) | {"take": 1}
-        ends.append((take, min(count, depth), max(0, count - depth)))
-        stored = events[:depth]
+        halvings = 0
+        while thin and -(-count >> halvings) > depth:
+            halvings += 1
+        stored = events[:: 1 << halvings][:depth]
+        ends.append((take, len(stored), count - len(stored), halvings))
         free = take + 1 + before_replay
-        for _ in range(times):
+        for number in range(times):
+            entry = ScheduleEntry(0, 0, int(rng.choice(STRIDES)) if strided else 1)
+            chosen = stored[used(entry, number, len(stored))]
             inputs[free] = inputs.get(free, {}) | {"replay": 1}
-            replays.append((free, len(stored)))
+            if strided:
+                inputs[free]["stride"] = entry.stride.bit_length() - 1
+            replays.append((free, len(chosen)))
             # The next replay starts in the cycle in which the last address has been issued.
-            free += 1 + len(stored) + idle
-            expected += [{**event, "last": int(k == len(stored) - 1)} for k, event in enumerate(stored)]
+            free += 1 + len(chosen) + idle
+            expected += [{**event, "last": int(k == len(chosen) - 1)} for k, event in enumerate(chosen)]
         clear = before_clear + (free if buffers == 1 else take + 1)
     script = [{"i.payload": next(noise), **inputs.get(cycle, {})} for cycle in range(free + block.latency + 5)]
-    recording = play(block, script, watch=("stored.count", "stored.overflow"))
+    surplus = "stored.thinned" if thin else "stored.overflow"
+    recording = play(block, script, watch=("stored.count", surplus, *(("stored.halved",) if thin else ())))
     assert recording.values() == expected
-    for end, stored, overflow in ends:
-        assert (recording.watch["stored.count"][end], recording.watch["stored.overflow"][end]) == (stored, overflow)
+    begin = 0
+    for end, stored, lost, halvings in ends:
+        assert (recording.watch["stored.count"][end], recording.watch[surplus][end]) == (stored, lost)
+        assert not thin or sum(recording.watch["stored.halved"][begin:end]) == halvings
+        begin = end
     wanted = [start + block.latency + k for start, count in replays for k in range(count)]
     assert recording.cycles() == wanted
     assert not overlaps or buffers == 2
@@ -71,6 +86,26 @@ def test_matches_a_list(buffers, depth, gap, rng):
     counts = [depth, 1, depth + 1, max(1, depth - 1), 2 * depth + 3, max(1, depth // 2), depth]
     batches = [(count, int(rng.integers(1, 4))) for count in counts]
     check(depth, batches, buffers=buffers, probability=GAPS[gap], idle=2 if gap == "gaps" else 0)
+
+
+@pytest.mark.parametrize("gap", GAPS)
+@pytest.mark.parametrize("depth", [*DEPTHS, 7])
+@pytest.mark.parametrize("buffers", [1, 2])
+def test_a_full_buffer_thins_out(buffers, depth, gap, rng):
+    """Every 2^e-th of the events, with the least e that lets them fit, evenly; sudden growth, and less again."""
+    sizes = [depth, depth + 1, 1, 2 * depth - 1, 2 * depth, 2 * depth + 1, 4 * depth + 1, 10 * depth, depth // 2 + 1]
+    batches = [(min(900, count), int(rng.integers(1, 3))) for count in sizes]
+    batches += [(int(rng.integers(1, min(900, 10 * depth) + 1)), 1) for _ in range(6)]
+    options = {"buffers": buffers, "probability": GAPS[gap], "idle": 2 if gap == "gaps" else 0}
+    check(depth, batches, when_full="thin", **options)
+
+
+@pytest.mark.parametrize("when_full", WHEN_FULL)
+@pytest.mark.parametrize("buffers", [1, 2])
+def test_subsets_of_the_events(buffers, when_full):
+    """Each stride and iteration, where the strides begin to count, in a buffer that has been full or not."""
+    counts = [1, 127, 129, 255, 256, 257, 511, 512, 513, 560, 561, 1000]
+    check(561, [(count, 9) for count in counts], buffers=buffers, when_full=when_full, ascent="sign")
 
 
 @pytest.mark.parametrize("buffers", [1, 2])

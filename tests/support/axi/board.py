@@ -134,9 +134,10 @@ class Board:
         """Write settings by their links, and the schedules that they point at."""
         for name, word in setting_words(self.registers, settings).items():
             await self.write(name, word)
-        for k, (level, shift) in enumerate(settings.get("schedule", ())):
+        for k, (level, shift, stride) in enumerate(settings.get("schedule", ())):
             register = self.registers["SCHEDULE"]
-            await self.write_word(register.offset + 4 * k, register.pack(LEVEL=level, SHIFT=shift))
+            word = register.pack(LEVEL=level, SHIFT=shift, STRIDE=stride)
+            await self.write_word(register.offset + 4 * k, word)
 
     async def until(self, name, field, value=1, *, polls=4000):
         """Poll a field; how often."""

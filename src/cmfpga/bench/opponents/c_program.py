@@ -24,7 +24,8 @@ class _Job(ctypes.Structure):
         [(name, ctypes.c_void_p) for name in ("t", "x", "y")]
         + [("events", ctypes.c_int64)]
         + [(name, ctypes.c_int32) for name in ("roi_x", "roi_y", "width", "height", "iterations", "dither")]
-        + [("levels", ctypes.c_void_p), ("steps", ctypes.c_void_p), ("eta", ctypes.c_double)]
+        + [(name, ctypes.c_void_p) for name in ("levels", "steps", "strides")]
+        + [("eta", ctypes.c_double)]
         + [("v_start", ctypes.c_double * 2), ("v", ctypes.c_double * 2)]
     )
 
@@ -77,10 +78,11 @@ class _LoadedC(Loaded):
         if job.schedule is not None:
             self._keep.append(np.array([entry.level for entry in job.schedule], np.int32))
             self._keep.append(np.array([2.0**entry.log2_step for entry in job.schedule], np.float64))
-        pointers = [array.ctypes.data for array in self._keep] + [None, None]
+            self._keep.append(np.array([entry.stride for entry in job.schedule], np.int32))
+        pointers = [array.ctypes.data for array in self._keep] + [None] * 3
         self._job = _Job(
             *pointers[:3], len(events), *job.roi, job.width, job.height, job.iterations, job.dither,
-            *pointers[3:5], job.eta, (ctypes.c_double * 2)(*job.v_start),
+            *pointers[3:6], job.eta, (ctypes.c_double * 2)(*job.v_start),
         )  # fmt: skip
         self._work = ctypes.c_void_p(library.work_new(ctypes.byref(self._job)))
         if not self._work:

@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 
+from ...config.schedule import FEWEST
 from .job import Loaded, Program, Unavailable
 
 #: Room around the image, px, where votes from outside fall.
@@ -45,6 +46,7 @@ class _LoadedNumba(Loaded):
             *job.roi, job.width, job.height, job.iterations, job.dither,
             np.array([entry.level for entry in schedule], np.int32),
             np.array([2.0**entry.log2_step for entry in schedule], np.float64),
+            np.array([entry.stride for entry in schedule], np.int32),
             float(job.eta),
         )  # fmt: skip
         self._size = (job.width, job.height)
@@ -52,13 +54,14 @@ class _LoadedNumba(Loaded):
         self._v = np.zeros(2)
         self._n = np.zeros(1, np.int64)
         self._events = np.zeros((3, n + 1), np.float32)
+        self._part = np.zeros((3, n + 1), np.float32)
         self._since = np.zeros(n + 1, np.int32)
         self._fractions = np.zeros((2, n + 1), np.float32)
         self._address = np.zeros(n + 1, np.int32)
         self._images = np.zeros((3, (job.width + 2 * BORDER) * (job.height + 2 * BORDER)), np.float32)
 
     def _run(self, cropped, count):
-        work = (self._events, self._since, self._fractions, self._address, self._images)
+        work = (self._events, self._part, self._since, self._fractions, self._address, self._images)
         self._run_function(*self._job, self._v_start, cropped, count, self._v, self._n, *work)
         return tuple(self._v.tolist())
 
@@ -100,8 +103,8 @@ def _compiled(form):
 
     @jit
     def run(
-        t, x, y, roi_x, roi_y, width, height, iterations, dither, levels, steps, eta, v_start, cropped, count,
-        v, number, events, since, fractions, address, images,
+        t, x, y, roi_x, roi_y, width, height, iterations, dither, levels, steps, strides, eta, v_start, cropped, count,
+        v, number, events, part, since, fractions, address, images,
     ):  # fmt: skip
         for _ in range(count):
             if not cropped:
@@ -116,7 +119,17 @@ def _compiled(form):
             rate = 2.0 * eta / (width * height)
             for k in range(iterations):
                 level = levels[k] if len(levels) else np.int32(0)
-                g = gradient(n, width, height, v[0], v[1], level, events, fractions, address, images)
+                stride = strides[k] if len(levels) else np.int32(1)
+                while stride > 1 and n < FEWEST * stride:
+                    stride //= 2
+                used, events_used = n, events
+                if stride > 1:
+                    used, events_used = 0, part
+                    for j in range((0, 2, 1, 3)[k % 4] * stride // 4, n, stride):
+                        for axis in range(3):
+                            part[axis, used] = events[axis, j]
+                        used += 1
+                g = gradient(used, width, height, v[0], v[1], level, events_used, fractions, address, images)
                 for axis in range(2):
                     v[axis] += steps[k] * np.sign(g[axis]) if len(levels) else rate * g[axis]
 

@@ -16,22 +16,25 @@ typedef struct {
     int32_t iterations, dither;
     const int32_t *levels;  // sign ascent, one per iteration; null: constant eta
     const double *steps;
+    const int32_t *strides;  // of the events, one in so many, as far as there are enough
     double eta;
     double v_start[2];
     double v[2];  // returned
 } Job;
 
 typedef struct {
-    int n;                // events in the ROI
-    float *x, *y, *dt;    // in the ROI
+    int total, n;         // events in the ROI, and those of the iteration
+    float *all[3];        // column, row and dt of each event in the ROI
+    float *x, *y, *dt;    // of the events of the iteration
+    int first, stride;    // which those are
     int32_t *since;       // time since the first event of the batch
     float *fx, *fy;       // fractions, and ...
     int32_t *address;     // ... the pixel of each event's cell
     float *image[3];
 } Work;
 
-// Room for events in fours, and for two pixels and more around the image.
-enum { ROUND = 4, BORDER = 4 };
+// Room for events in fours, and for two pixels and more around the image; events that a stride leaves, at least about.
+enum { ROUND = 4, BORDER = 4, FEWEST = 128 };
 
 static void prepare(Work *work, const Job *job);
 static void gradient(Work *work, const Job *job, const double v[2], int level, double g[2]);
@@ -40,7 +43,8 @@ static void *room(size_t bytes) { return aligned_alloc(64, (bytes + 127) / 64 * 
 
 void work_free(Work *work) {
     if (!work) return;
-    float *floats[] = {work->x, work->y, work->dt, work->fx, work->fy, work->image[0]};
+    float *floats[] = {work->all[0], work->all[1], work->all[2], work->x,       work->y,
+                       work->dt,     work->fx,     work->fy,     work->image[0]};
     for (size_t k = 0; k < sizeof floats / sizeof *floats; ++k) free(floats[k]);
     free(work->since);
     free(work->address);
@@ -52,7 +56,7 @@ Work *work_new(const Job *job) {
     const size_t pixels = (size_t)(job->width + 2 * BORDER) * (job->height + 2 * BORDER) * sizeof(float);
     Work *work = calloc(1, sizeof *work);
     if (!work) return NULL;
-    float **arrays[] = {&work->x, &work->y, &work->dt, &work->fx, &work->fy};
+    float **arrays[] = {&work->all[0], &work->all[1], &work->all[2], &work->x, &work->y, &work->dt, &work->fx, &work->fy};
     int ok = 1;
     for (size_t k = 0; k < sizeof arrays / sizeof *arrays; ++k) ok &= (*arrays[k] = room(events)) != NULL;
     // Not a multiple of a page apart: the same pixel of the images would compete for the same places in the cache.
@@ -79,32 +83,50 @@ static void crop(Work *work, const Job *job) {
     }
     const int64_t first = job->events ? job->t[0] : 0;
     for (int k = 0; k < n; ++k) {
-        work->x[k] = (float)(x[index[k]] - left);
-        work->y[k] = (float)(y[index[k]] - top);
+        work->all[0][k] = (float)(x[index[k]] - left);
+        work->all[1][k] = (float)(y[index[k]] - top);
         work->since[k] = (int32_t)(job->t[index[k]] - first);
     }
-    work->n = n;
+    work->total = n;
     if (job->dither) {
         // frac((k + 1/2) * alpha) - 1/2 with the alphas of the R2 sequence: an overflow is what frac() does, and the
         // sign bit turned over takes 1/2 away.
         for (uint32_t k = 0; k < (uint32_t)n; ++k) {
             const uint32_t along_x = 1621087444u + k * 3242174889u, along_y = 1223722707u + k * 2447445414u;
-            work->x[k] += (float)(int32_t)(along_x ^ 0x80000000u) * 0x1p-32f;
-            work->y[k] += (float)(int32_t)(along_y ^ 0x80000000u) * 0x1p-32f;
+            work->all[0][k] += (float)(int32_t)(along_x ^ 0x80000000u) * 0x1p-32f;
+            work->all[1][k] += (float)(int32_t)(along_y ^ 0x80000000u) * 0x1p-32f;
         }
     }
+}
+
+// The events of an iteration, side by side, unless they are already.
+static void use(Work *work, const Job *job, int first, int stride) {
+    if (first == work->first && stride == work->stride) return;
+    work->first = first;
+    work->stride = stride;
+    work->n = 0;
+    for (int k = first; k < work->total; k += stride, ++work->n) {
+        work->x[work->n] = work->all[0][k];
+        work->y[work->n] = work->all[1][k];
+        work->dt[work->n] = work->all[2][k];
+    }
+    prepare(work, job);
 }
 
 static void ascend(Work *work, Job *job) {
     const int64_t span = job->events ? job->t[job->events - 1] - job->t[0] : 0;
     job->v[0] = job->v_start[0];
     job->v[1] = job->v_start[1];
-    if (!work->n || !span) return;
+    if (!work->total || !span) return;
     const float scale = (float)(2.0 / (double)span);
-    for (int k = 0; k < work->n; ++k) work->dt[k] = (float)work->since[k] * scale - 1.0f;
-    prepare(work, job);
+    for (int k = 0; k < work->total; ++k) work->all[2][k] = (float)work->since[k] * scale - 1.0f;
+    work->stride = 0;  // what was used before is of another batch
     const double rate = 2.0 * job->eta / ((double)job->width * job->height);
     for (int k = 0; k < job->iterations; ++k) {
+        static const int order[4] = {0, 2, 1, 3};
+        int stride = job->strides ? job->strides[k] : 1;
+        while (stride > 1 && work->total < FEWEST * stride) stride /= 2;
+        use(work, job, order[k % 4] * stride / 4, stride);
         double g[2];
         gradient(work, job, job->v, job->levels ? job->levels[k] : 0, g);
         for (int axis = 0; axis < 2; ++axis)
@@ -125,5 +147,6 @@ void run_ascent(Work *work, Job *job, int64_t count) {
 
 // At one v, after a batch.
 void run_gradient(Work *work, const Job *job, const double *v, int32_t level, double *g) {
+    use(work, job, 0, 1);
     gradient(work, job, v, level, g);
 }

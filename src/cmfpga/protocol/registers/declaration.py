@@ -8,6 +8,7 @@ Imports neither Amaranth nor NumPy.
 """
 
 from ... import __version__
+from ...config.schedule import STRIDES
 from ...errors import ConfigError
 from ..results import PACKET_BEATS
 from .contract import counters, results, settings
@@ -221,6 +222,7 @@ def _schedule(config):
     fields = (
         stored("LEVEL", 0, 8, "pixels are 2^LEVEL px wide", high=config.max_level, link="level"),
         stored("SHIFT", 8, 8, "v moves by 2^SHIFT raw units", high=config.formats.v.width - 2, link="shift"),
+        stored("STRIDE", 16, 8, "one stored event in 2^STRIDE", high=len(STRIDES) - 1, link="stride"),
     )
     return [
         Register(

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...config.schedule import used
 from ...protocol.flags import Flag
 from ...protocol.trace import Trace
 from ..sequence import Sequence
@@ -72,8 +73,9 @@ class IntegerCore(Sequence):
         self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
         x, y = dither(config, batch.x, batch.y)
         velocities, sums, flags = [self.v], [], Flag(0)
-        for entry in plan:
-            done, saturated = self.iterate(x, y, self.dt, velocities[-1], entry=entry, eta=settings.eta)
+        for k, entry in enumerate(plan):
+            events = (axis[used(entry, k, len(x))] for axis in (x, y, self.dt))
+            done, saturated = self.iterate(*events, velocities[-1], entry=entry, eta=settings.eta)
             flags |= Flag.SATURATED if saturated else Flag(0)
             velocities.append(done.v_next)
             sums.append(done.sums)
@@ -94,7 +96,7 @@ class IntegerCore(Sequence):
         return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]), flags, judged
 
     def iterate(self, x, y, dt, v, *, entry, eta=0):
-        """One iteration from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
+        """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
 
         ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
         ``eta`` raw.

@@ -1,11 +1,11 @@
 """Model of :mod:`cmfpga.rtl.ingest.thinner`."""
 
-from ...protocol.settings import MAX_THINNING
+from ...config.widths import Widths
 
 
 def next_thinning(count, target):
     """The factor that would have brought ``count`` events down to ``target``, at least 1; None without a target."""
-    return min(MAX_THINNING, max(1, -(-count // target))) if target else None
+    return min(Widths.thinning_max, max(1, -(-count // target))) if target else None
 
 
 def thinner(events, factor):

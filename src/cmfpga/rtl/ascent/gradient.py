@@ -16,11 +16,6 @@ class Gradient(wiring.Component):
 
     One item per ``lead`` cycles; latency :attr:`latency` cycles.
 
-    Parameters
-    ----------
-    config : Config
-        Widths and P.
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.sums`

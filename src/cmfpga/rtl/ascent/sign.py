@@ -1,7 +1,7 @@
 """The fast ascent: a step of the schedule up the gradient, by its sign alone."""
 
 from amaranth.hdl import Mux, Signal, signed
-from amaranth.lib.wiring import In, connect, flipped
+from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .. import payloads
 from ..arithmetic import delay
@@ -12,21 +12,26 @@ from .schedule import Schedule
 class SignAscent(Ascent):
     """v ← v + 2^shift · sign(G), each parameter by itself; v saturates. No multiplier, no normalisation.
 
-    The schedule says level and shift of each iteration; it has a part for batches that begin with the last v, and one
-    for all others. A gradient a cycle. See :class:`Ascent` for the other members and attributes.
+    The schedule says level, shift and stride of each iteration; it has a part for batches that begin with the last v,
+    and one for all others. A gradient a cycle. See :class:`Ascent` for the other members and attributes.
 
     Members
     -------
     schedule_write : ``In``, flow of :func:`payloads.schedule_write`
         Fills the table. Only while no batch is under way.
+    stride : ``Out``
+        The next replay uses one event in 2^stride; from the third cycle after ``run.take`` or ``run.updated`` on.
     """
 
     latency = 2
 
     def __init__(self, config):
         self.schedule = Schedule(config)
-        write = In(payloads.flow(payloads.schedule_write(config)))
-        super().__init__(config, target_bits=config.formats.v.width + 1, members={"schedule_write": write})
+        members = {
+            "schedule_write": In(payloads.flow(payloads.schedule_write(config))),
+            "stride": Out(payloads.STRIDE_BITS),
+        }
+        super().__init__(config, target_bits=config.formats.v.width + 1, members=members)
 
     @property
     def blocks(self):
@@ -47,11 +52,12 @@ class SignAscent(Ascent):
         m.d.comb += [
             run.planned.eq(plan["count"]),
             schedule.new_batch.eq(run.take),
-            schedule.load.eq(run.start),
+            schedule.start.eq(run.start),
             schedule.first.eq(plan["first"]),
             schedule.advance.eq(self.velocity.move),
             self.level.eq(schedule.level),
             self.limited.eq(schedule.limited),
+            self.stride.eq(schedule.stride),
             self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
         ]
         for name in self.config.motion.names:

@@ -107,11 +107,6 @@ class Accumulator(wiring.Component):
 
     One event, or one swept address, per cycle; ``o`` follows the sweep by :attr:`latency` cycles.
 
-    Parameters
-    ----------
-    config : Config
-        Widths and ROI size.
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.votes`

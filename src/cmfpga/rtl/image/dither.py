@@ -5,14 +5,18 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...config.dither import DITHER_BITS, FACTORS
+from ...config.schedule import STRIDES
+from ...protocol.settings import by_signs
 from .. import payloads
+from ..arithmetic import select
 
 
 class Dither(wiring.Component):
-    """Adds frac((k + ½)·α) − ½ to column and row of the k-th event of a replay (:mod:`cmfpga.config.dither`).
+    """Adds frac((k + ½)·α) − ½ to column and row of the k-th stored event (:mod:`cmfpga.config.dither`).
 
     Events sit on whole pixels, which makes v = 0 a peak of the contrast whatever the motion is; the offsets remove it.
-    They depend on k alone, so every iteration sees the same, and the buffer need not store them.
+    They depend on k alone, so every iteration sees the same, and the buffer need not store them; a replay of a subset
+    says which k its events have.
 
     One event per cycle; latency :attr:`latency` cycle.
 
@@ -25,16 +29,21 @@ class Dither(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.replayed_event`
     o : ``Out``, flow of :func:`payloads.dithered_event`
+    started, subset : ``In``
+        As in :class:`~cmfpga.rtl.ingest.event_buffer.EventBuffer`: a replay has begun, before its first event. Without
+        a schedule, the next one begins behind the last event.
     """
 
     latency = 1
 
     def __init__(self, config):
         self.config = config
+        subset = {"started": In(1), "subset": In(payloads.subset(config))}
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.replayed_event(config))),
                 "o": Out(payloads.flow(payloads.dithered_event(config))),
+                **(subset if by_signs(config) else {}),
             }
         )
 
@@ -44,10 +53,15 @@ class Dither(wiring.Component):
         event = self.i.payload
         for axis, factor in zip(("x", "y"), FACTORS, strict=True):
             phase = Signal(DITHER_BITS, init=factor // 2, name=f"phase_{axis}")
-            with m.If(self.i.valid & event.last):
-                m.d.sync += phase.eq(factor // 2)
+            begin, start, step = self.i.valid & event.last, factor // 2, factor
+            if by_signs(self.config):
+                begin, top = self.started, 1 << DITHER_BITS
+                start = select(self.subset.first, [(factor // 2 + k * factor) % top for k in range(STRIDES[-1])])
+                step = select(self.subset.stride, [stride * factor % top for stride in STRIDES])
+            with m.If(begin):
+                m.d.sync += phase.eq(start)
             with m.Elif(self.i.valid):
-                m.d.sync += phase.eq(phase + factor)
+                m.d.sync += phase.eq(phase + step)
             m.d.sync += self.o.payload[axis].eq((event[axis] << frac) + phase[-frac:] - (1 << (frac - 1)))
         m.d.sync += [
             self.o.valid.eq(self.i.valid),

@@ -14,11 +14,6 @@ class GradientReader(wiring.Component):
     The first address leaves in the cycle of ``start``; the sums are valid :attr:`latency` cycles after the last
     one; ΣI, ΣDx and ΣDy are final :attr:`lead` cycles earlier. Eight products per cycle.
 
-    Parameters
-    ----------
-    config : Config
-        Widths and ROI size.
-
     Members
     -------
     start : ``In(1)``

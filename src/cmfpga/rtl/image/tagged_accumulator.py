@@ -15,11 +15,6 @@ class TaggedBank(wiring.Component):
 
     One operation per cycle; ``o`` tells what it did, :attr:`latency` cycles after it.
 
-    Parameters
-    ----------
-    config : Config
-        Widths, depth, ``ram_style``.
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.tagged_operation`
@@ -119,11 +114,6 @@ class TaggedAccumulator(wiring.Component):
     writes tag 0, which no iteration has, one address after the other, through the same pipeline as the votes.
 
     One event per cycle; ``o`` follows by :attr:`latency` cycles.
-
-    Parameters
-    ----------
-    config : Config
-        Widths, ROI size, ``tag_bits``.
 
     Members
     -------

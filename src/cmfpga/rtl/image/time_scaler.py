@@ -16,11 +16,6 @@ class TimeScaler(wiring.Component):
 
     One event per cycle; latency :attr:`latency` cycles.
 
-    Parameters
-    ----------
-    config : Config
-        ``span_bits``, ``reciprocal_bits``, ``dt``.
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.dithered_event`

@@ -20,11 +20,6 @@ class BilinearVoter(wiring.Component):
 
     One event per cycle; latency :attr:`latency` cycles.
 
-    Parameters
-    ----------
-    config : Config
-        Formats and ROI size.
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.warped_event`

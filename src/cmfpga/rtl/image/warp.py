@@ -19,11 +19,6 @@ class Warp(wiring.Component):
     One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters, ``level``
     two cycles later.
 
-    Parameters
-    ----------
-    config : Config
-        Formats and ROI size.
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.scaled_event`

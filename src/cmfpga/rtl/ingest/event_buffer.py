@@ -1,24 +1,39 @@
 """Event buffer: stores a batch's ROI events and replays them in every iteration."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
+from ...config.schedule import FEWEST
 from ...fixed import bits_for
+from ...protocol.results import thins
+from ...protocol.settings import by_signs
 from .. import payloads
+from ..arithmetic import select
 
 
 def stored(config):
-    """Signature of what the buffer says of a batch: events stored and events dropped since ``clear``."""
-    return wiring.Signature(
-        {"count": Out(bits_for(config.buffer_events)), "overflow": Out(bits_for(config.max_batch_events))}
-    )
+    """Signature of what the buffer says of a batch: events stored and events dropped since ``clear``.
+
+    One that thins out drops none, but has ``thinned`` some, by ``halved``: high in a cycle after which the buffer
+    stores half as many of those that come.
+    """
+    counter = Out(bits_for(config.max_batch_events))
+    more = {"thinned": counter, "halved": Out(1)} if thins(config) else {"overflow": counter}
+    return wiring.Signature({"count": Out(bits_for(config.buffer_events)), **more})
 
 
 class EventBuffer(wiring.Component):
-    """Stores events until it is full, then replays all of them, one per cycle, whenever asked.
+    """Stores events, then replays them, one per cycle, whenever asked.
 
-    The surplus of a full buffer is dropped and counted. With two buffers, one is filled while the other is replayed.
+    What a full buffer does with the surplus: it drops and counts it. Or, with ``when_full="thin"``, it thins out what
+    it holds, evenly, without a pause or a copy: events are stored where the i-th one belongs after all halvings so
+    far, at the address i with its bits rotated by one place for each. Then sample 2i of before is sample i of after,
+    rotl(2i, e) = rotl(i, e + 1), so a halving moves nothing: it only forgets every second event, the same from then
+    on.
+
+    A replay may be of a subset: of every second or fourth event, from another one in each iteration
+    (:func:`cmfpga.config.schedule.used`). With two buffers, one is filled while the other is replayed.
     One event per cycle in and out, as long as there is ``room`` for what comes out; the first event appears
     :attr:`latency` cycles after ``replay``, and each one :attr:`latency` − 1 after the cycle in which there was room.
 
@@ -32,13 +47,17 @@ class EventBuffer(wiring.Component):
     i : ``In``, flow of :func:`payloads.roi_event`
         Events to store.
     o : ``Out``, flow of :func:`payloads.replayed_event`
-        The stored events in order; ``last`` marks the last one.
+        The stored events in order, or a subset; ``last`` marks the last one.
     clear : ``In(1)``
         Begin to fill: the other buffer, if there are two. No event in this cycle.
     take : ``In(1)``
         What has been filled is what will be replayed. No replay is under way.
     replay : ``In(1)``
         Begin a replay. Not while one is under way; at least one event must be stored.
+    stride : ``In``
+        With ``replay``: of one event in 2^stride. Only with a schedule.
+    started, subset : ``Out(1)``, ``Out``, :func:`payloads.subset`
+        A replay has begun, one cycle; what it replays, from then on until the next. Only with a schedule.
     room : ``In(1)``
         Where it is low, the replay pauses: here alone, because nothing behind can be stalled.
     stored : ``Out``, :func:`stored`
@@ -48,6 +67,7 @@ class EventBuffer(wiring.Component):
 
     def __init__(self, config):
         self.config = config
+        subset = {"stride": In(payloads.STRIDE_BITS), "started": Out(1), "subset": Out(payloads.subset(config))}
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.roi_event(config))),
@@ -57,17 +77,19 @@ class EventBuffer(wiring.Component):
                 "replay": In(1),
                 "room": In(1, init=1),
                 "stored": Out(stored(config)),
+                **(subset if by_signs(config) else {}),
             }
         )
 
     def elaborate(self, platform):
         depth = self.config.buffer_events
-        count, overflow = self.stored.count, self.stored.overflow
+        count = self.stored.count
         m = Module()
         two = self.config.buffers == 2
         offset = 1 << bits_for(depth - 1)  # the second buffer begins at a power of two
+        words = offset if thins(self.config) else depth  # rotated addresses are of all those bits
         m.submodules.events = events = memory.Memory(
-            shape=payloads.roi_event(self.config), depth=offset + depth if two else depth, init=[]
+            shape=payloads.roi_event(self.config), depth=offset + words if two else words, init=[]
         )
         write, read = events.write_port(), events.read_port()
 
@@ -80,29 +102,27 @@ class EventBuffer(wiring.Component):
             m.d.sync += [replaying.eq(filling), replayed.eq(count)]
 
         full = Signal()
+        stays, place, placed = (self._thin if thins(self.config) else self._drop)(m, full)
         m.d.comb += [
             full.eq(count == depth),
-            write.addr.eq(count | Mux(filling, offset, 0)),
+            write.addr.eq(place | Mux(filling, offset, 0)),
             write.data.eq(self.i.payload),
-            write.en.eq(self.i.valid & ~full),
+            write.en.eq(stays),
         ]
-        with m.If(self.clear):
-            m.d.sync += [count.eq(0), overflow.eq(0)]
-        with m.Elif(self.i.valid):
-            with m.If(full):
-                m.d.sync += overflow.eq(overflow + 1)
-            with m.Else():
-                m.d.sync += count.eq(count + 1)
 
         # Stage 1: address.
         reading_s1 = Signal()
         address_s1 = Signal(range(max(2, depth)))
         last_s1 = Signal()
-        m.d.comb += [last_s1.eq(address_s1 + 1 == replayed), read.addr.eq(address_s1 | Mux(replaying, offset, 0))]
+        first, step = self._subset(m, replayed) if by_signs(self.config) else (0, 1)
+        m.d.comb += [
+            last_s1.eq(address_s1 + step >= replayed if by_signs(self.config) else address_s1 + 1 == replayed),
+            read.addr.eq(placed(address_s1) | Mux(replaying, offset, 0)),
+        ]
         with m.If(self.replay):
-            m.d.sync += [reading_s1.eq(1), address_s1.eq(0)]
+            m.d.sync += [reading_s1.eq(1), address_s1.eq(first)]
         with m.Elif(reading_s1 & self.room):
-            m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(address_s1 + 1)]
+            m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(address_s1 + step)]
 
         # Stage 2: the memory's own register. Stage 3: its output register.
         reading_s2 = Signal()
@@ -115,3 +135,77 @@ class EventBuffer(wiring.Component):
             self.o.payload.last.eq(last_s2),
         ]
         return m
+
+    def _drop(self, m, full):
+        """What comes when it is full is dropped.
+
+        Returns whether the event on ``i`` is stored, where, and a function of the number of an event that is replayed:
+        where that is.
+        """
+        count, overflow = self.stored.count, self.stored.overflow
+        with m.If(self.clear):
+            m.d.sync += [count.eq(0), overflow.eq(0)]
+        with m.Elif(self.i.valid):
+            with m.If(full):
+                m.d.sync += overflow.eq(overflow + 1)
+            with m.Else():
+                m.d.sync += count.eq(count + 1)
+        return self.i.valid & ~full, count, lambda number: number
+
+    def _thin(self, m, full):
+        """What comes when it is full halves what is stored. Returns the same."""
+        depth, most = self.config.buffer_events, self.config.max_batch_events
+        count, halved = self.stored.count, self.stored.halved
+        bits = bits_for(depth - 1)
+        seen = Signal(range(most + 1))
+        skipped = Signal(bits_for(-(-most // depth)))  # 2^e − 1 after e halvings: these bits of seen are not looked at
+        turn, replayed_turn = Signal(range(max(2, bits))), Signal(range(max(2, bits)))  # e modulo bits
+        looked = Signal()
+        # The event that comes when it is full has the number ``depth`` of those that are looked at.
+        half, even = (depth + 1) // 2, depth % 2 == 0
+        m.d.comb += [
+            looked.eq(self.i.valid & ((seen & skipped) == 0)),
+            halved.eq(looked & full),
+            self.stored.thinned.eq(seen - count),
+        ]
+        with m.If(self.clear):
+            m.d.sync += [count.eq(0), seen.eq(0), skipped.eq(0), turn.eq(0)]
+        with m.Elif(self.i.valid):
+            m.d.sync += seen.eq(seen + 1)
+            with m.If(halved):
+                m.d.sync += [
+                    count.eq(half + even),
+                    skipped.eq(skipped << 1 | 1),
+                    turn.eq(Mux(turn == bits - 1, 0, turn + 1)),
+                ]
+            with m.Elif(looked):
+                m.d.sync += count.eq(count + 1)
+        with m.If(self.take):
+            m.d.sync += replayed_turn.eq(turn)
+
+        def rotated(number, by):
+            number = Cat(number, Const(0, bits))[:bits]
+            for k, bit in enumerate(by):
+                number = Mux(bit, number.rotate_left(1 << k), number)
+            return number
+
+        # After the halving it is number ``half``, which has to be turned once more than ``turn`` says.
+        number = Mux(full, Const(half % (1 << bits), bits).rotate_left(1), count[:bits]) if even else count
+        stays = looked if even else looked & ~full
+        return stays, rotated(number, turn), lambda number: rotated(number, replayed_turn)
+
+    def _subset(self, m, replayed):
+        """First event and step of a replay, as :func:`cmfpga.config.schedule.used` has them."""
+        iteration = Signal(2)  # of the batch, modulo 4
+        subset = self.subset
+        stride = Signal.like(self.stride, name="enough_for")
+        m.d.comb += stride.eq(
+            Mux(replayed >= 4 * FEWEST, self.stride, Mux(replayed >= 2 * FEWEST, self.stride != 0, 0))
+        )
+        first = select(stride, [0, iteration[0], Cat(iteration[1], iteration[0])])
+        m.d.sync += self.started.eq(self.replay)
+        with m.If(self.take):
+            m.d.sync += iteration.eq(0)
+        with m.Elif(self.replay):
+            m.d.sync += [iteration.eq(iteration + 1), subset.stride.eq(stride), subset.first.eq(first)]
+        return first, 1 << subset.stride

@@ -5,7 +5,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
-from ...protocol.results import CYCLE_BITS
+from ...protocol.results import CYCLE_BITS, thins
 from .. import payloads
 from ..ascent.roi_updater import corner
 from .event_buffer import stored
@@ -80,7 +80,7 @@ class IngestControl(wiring.Component):
         The events of the batch.
     settings : ``In``, :func:`payloads.settings`
     measured, stored, thinned, corner : ``In``
-        What filter, buffer, thinner and ROI updater say of the batch.
+        What filter, buffer, thinner and ROI updater say of the batch; ``thinning_used`` too, where the buffer thins.
     clear : ``Out(1)``
         Clear the image. One cycle.
     cleared : ``In(1)``
@@ -98,6 +98,7 @@ class IngestControl(wiring.Component):
                 "measured": In(measured(config)),
                 "stored": In(stored(config)),
                 "thinned": In(bits_for(config.max_batch_events)),
+                **({"thinning_used": In(payloads.thinning_used(config))} if thins(config) else {}),
                 "corner": In(corner(config)),
                 "clear": Out(1),
                 "cleared": In(1),
@@ -142,9 +143,13 @@ class IngestControl(wiring.Component):
                 "events": events,
                 "cut": cut,
                 "roi_events": self.stored.count,
-                "overflow": self.stored.overflow,
+                "overflow": 0,
                 "thinned": self.thinned,
             }
+            if thins(config):
+                known |= {"thinned": self.thinned + self.stored.thinned, "thinning_used": self.thinning_used}
+            else:
+                known["overflow"] = self.stored.overflow
             m.d.sync += [handover.batch[name].eq(known[name]) for name in handover.batch.shape().members]
         with m.FSM(name="ingest"):
             with m.State("CLEAR"):

@@ -26,11 +26,6 @@ class RoiFilter(wiring.Component):
 
     One event per cycle; latency :attr:`latency` cycles.
 
-    Parameters
-    ----------
-    config : Config
-        Sizes and widths.
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.event`

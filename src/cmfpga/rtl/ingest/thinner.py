@@ -4,13 +4,16 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from ...config.widths import Widths
 from ...fixed import bits_for
-from ...protocol.settings import THINNING_BITS
 from .. import payloads
+from ..arithmetic import delay
 
 
 class Thinner(wiring.Component):
     """Passes the first of every ``k`` events, evenly over the batch, and counts the others.
+
+    Where a full buffer thins out further, ``used`` is what comes of both.
 
     ``k`` is set by hand, or follows the last batch: with a target it is the smallest with which that batch's events
     would not have exceeded it (at most 255). No divider: every ``target`` events count one.
@@ -23,6 +26,8 @@ class Thinner(wiring.Component):
         Of an event; nothing in it is looked at.
     most_stored, most_events : int
         Largest ``target``, and most events of a batch.
+    used : Shape, optional
+        Of ``used``; without it there is none.
 
     Members
     -------
@@ -33,17 +38,23 @@ class Thinner(wiring.Component):
         Taken over with ``start``. ``thinning`` counts if ``target``, or that of the last batch, is zero.
     thinned : ``Out``
         Events left out since ``start``.
+    halved : ``In(1)``
+        The buffer stores half as many events from now on.
+    used : ``Out``
+        One event in so many is stored, from the second cycle after ``start`` on.
     """
 
     latency = 1
 
-    def __init__(self, event, *, most_stored, most_events):
+    def __init__(self, event, *, most_stored, most_events, used=None):
+        self._with_used = used is not None
         super().__init__(
             {
+                **({"halved": In(1), "used": Out(used)} if self._with_used else {}),
                 "i": In(payloads.flow(event)),
                 "o": Out(payloads.flow(event)),
                 "start": In(1),
-                "thinning": In(THINNING_BITS),
+                "thinning": In(Widths.thinning_bits),
                 "target": In(bits_for(most_stored)),
                 "thinned": Out(bits_for(most_events)),
             }
@@ -51,13 +62,18 @@ class Thinner(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        factor = Signal(THINNING_BITS)
-        position = Signal(THINNING_BITS)  # 0 … factor − 1; the event at 0 passes
+        factor = Signal(Widths.thinning_bits)
+        position = Signal(Widths.thinning_bits)  # 0 … factor − 1; the event at 0 passes
         target = Signal.like(self.target)
         filled = Signal.like(self.target)  # 1 … target
-        wanted = Signal(THINNING_BITS)  # ⌈events/target⌉, saturated
+        wanted = Signal(Widths.thinning_bits)  # ⌈events/target⌉, saturated
         passes = position == 0
         m.d.sync += [self.o.valid.eq(self.i.valid & passes), self.o.payload.eq(self.i.payload)]
+        if self._with_used:
+            with m.If(delay(m, self.start, 1, name="start", valid=True)):
+                m.d.sync += self.used.eq(factor)
+            with m.Elif(self.halved):
+                m.d.sync += self.used.eq(self.used << 1)
         with m.If(self.start):
             follow = (self.target != 0) & (target != 0)
             m.d.sync += [

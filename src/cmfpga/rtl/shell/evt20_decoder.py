@@ -1,11 +1,11 @@
 """Decoder of Prophesee EVT 2.0: two 32-bit words in each 64-bit word, the lower one first."""
 
 from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import data
 
-from ...protocol.word_format import COLUMN_BITS, EVENT_TYPES, HIGH_BITS, LOW_BITS, OTHER_TYPES, TIME_HIGH
+from ...protocol.word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS
 from . import payloads
+from .decoder import Decoder
 from .time_high import TimeHigh
 
 
@@ -14,31 +14,13 @@ def word_layout():
     return data.StructLayout({"y": COLUMN_BITS, "x": COLUMN_BITS, "low": LOW_BITS, "type": 4})
 
 
-class Evt20Decoder(wiring.Component):
+class Evt20Decoder(Decoder):
     """One 32-bit word per cycle; latency :attr:`latency` cycle from a 64-bit word to its first event.
 
     A half whose four TKEEP bits are zero is passed over, an upper one at no cycle.
-
-    Members
-    -------
-    i : ``In``, stream of :func:`payloads.beat`
-    o : ``Out``, stream of :func:`payloads.token`
-    format_error, other, back : ``Out(1)``
-        One cycle each: a 32-bit word was dropped, or is of no use here, or is a time word that steps back.
-    time_known, empty : ``Out(1)``
     """
 
     latency = 1
-
-    def __init__(self, config):
-        self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(payloads.beat())),
-                "o": Out(stream.Signature(payloads.token(config))),
-                **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
-            }
-        )
 
     def elaborate(self, platform):
         m = Module()
@@ -64,15 +46,7 @@ class Evt20Decoder(wiring.Component):
             self.empty.eq(~held_valid),
         ]
         with m.If(keep.all()):
-            with m.Switch(word.type):
-                with m.Case(*EVENT_TYPES):
-                    m.d.comb += self.o.payload.event.eq(1)
-                with m.Case(TIME_HIGH):
-                    m.d.comb += time_high.load.eq(use)
-                with m.Case(*OTHER_TYPES):
-                    m.d.comb += self.other.eq(use)
-                with m.Default():
-                    m.d.comb += self.format_error.eq(use)
+            self._by_type(m, word.type, self.o.payload.event.eq(1), time_high.load, use)
         with m.Elif(keep.any()):
             m.d.comb += self.format_error.eq(use)
         m.d.comb += self.i.ready.eq(~held_valid | (use & final))

@@ -1,11 +1,11 @@
 """Decoder of Prophesee EVT 2.1: 64-bit vectors of up to 32 events."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import data
 
-from ...protocol.word_format import COLUMN_BITS, EVENT_TYPES, HIGH_BITS, LOW_BITS, OTHER_TYPES, TIME_HIGH
+from ...protocol.word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS
 from . import payloads
+from .decoder import Decoder
 from .time_high import TimeHigh
 
 
@@ -14,32 +14,14 @@ def word_layout():
     return data.StructLayout({"vector": 32, "y": COLUMN_BITS, "x": COLUMN_BITS, "low": LOW_BITS, "type": 4})
 
 
-class Evt21Decoder(wiring.Component):
+class Evt21Decoder(Decoder):
     """Unpacks a vector from its lowest column on, one event per cycle.
 
     A word without events takes one cycle; so does the last event of a vector together with taking the next word.
     Latency :attr:`latency` cycle from a word to its first event. Words with a TKEEP of zero are passed over.
-
-    Members
-    -------
-    i : ``In``, stream of :func:`payloads.beat`
-    o : ``Out``, stream of :func:`payloads.token`
-    format_error, other, back : ``Out(1)``
-        One cycle each: a word was dropped, or is of no use here, or is a time word that steps back.
-    time_known, empty : ``Out(1)``
     """
 
     latency = 1
-
-    def __init__(self, config):
-        self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(payloads.beat())),
-                "o": Out(stream.Signature(payloads.token(config))),
-                **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
-            }
-        )
 
     def elaborate(self, platform):
         m = Module()
@@ -79,15 +61,7 @@ class Evt21Decoder(wiring.Component):
         ]
         events = Signal(32)
         with m.If(good):
-            with m.Switch(word.type):
-                with m.Case(*EVENT_TYPES):
-                    m.d.comb += events.eq(word.vector)
-                with m.Case(TIME_HIGH):
-                    m.d.comb += time_high.load.eq(1)
-                with m.Case(*OTHER_TYPES):
-                    m.d.comb += self.other.eq(1)
-                with m.Default():
-                    m.d.comb += self.format_error.eq(1)
+            self._by_type(m, word.type, events.eq(word.vector), time_high.load, 1)
         with m.Elif(take & self.i.payload.keep.any()):
             m.d.comb += self.format_error.eq(1)
         with m.If(take):

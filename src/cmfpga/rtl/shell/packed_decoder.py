@@ -1,10 +1,9 @@
 """Decoder of packed words: one event in each 64-bit word, for data from files."""
 
 from amaranth.hdl import Module
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib import data
 
-from . import payloads
+from .decoder import Decoder
 
 
 def word_layout():
@@ -12,30 +11,10 @@ def word_layout():
     return data.StructLayout({"x": 16, "y": 15, "p": 1, "t": 32})
 
 
-class PackedDecoder(wiring.Component):
-    """One event per cycle, without a register. Words with a TKEEP of zero are passed over.
-
-    Members
-    -------
-    i : ``In``, stream of :func:`payloads.beat`
-    o : ``Out``, stream of :func:`payloads.token`
-    format_error, other, back : ``Out(1)``
-        One cycle: a word was dropped. The others stay low, for this format has none.
-    time_known, empty : ``Out(1)``
-        Always high.
-    """
+class PackedDecoder(Decoder):
+    """One event per cycle, without a register. Words with a TKEEP of zero are passed over."""
 
     latency = 0
-
-    def __init__(self, config):
-        self.config = config
-        super().__init__(
-            {
-                "i": In(stream.Signature(payloads.beat())),
-                "o": Out(stream.Signature(payloads.token(config))),
-                **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
-            }
-        )
 
     def elaborate(self, platform):
         m = Module()

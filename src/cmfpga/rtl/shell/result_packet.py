@@ -105,7 +105,8 @@ class ResultPacket(wiring.Component):
             "wire": self.wire,
             "config_range": self.config_range,
         }
-        for k, register in enumerate(group):
+        for register in group:
+            k = (register.offset - group[0].offset) // 4
             for f in register.fields:
                 value = own.get(f.link)
                 if value is None:

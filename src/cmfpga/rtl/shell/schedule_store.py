@@ -1,6 +1,6 @@
 """Schedule store: the table of schedules as software writes it, copied into the core between batches."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -80,7 +80,6 @@ class ScheduleStore(wiring.Component):
         position, copying = Signal(range(count)), Signal()
         last = Signal(range(count))
         found = data.View(entry, copy.data)
-        level, shift = self.o.payload.entry.level, self.o.payload.entry.shift
         m.d.comb += [
             copy.addr.eq(position),
             self.o.valid.eq(copying),
@@ -88,10 +87,11 @@ class ScheduleStore(wiring.Component):
             self.blocking.eq(copying | (self.pending & ~self.lock)),
         ]
         wrong = []
-        for target, value, f in ((level, found.LEVEL, fields["LEVEL"]), (shift, found.SHIFT, fields["SHIFT"])):
+        for f in fields.values():
+            value = found[f.name]
             wrong.append(value > f.high)
-            m.d.comb += target.eq(Mux(value > f.high, f.high, value))
-        with m.If(copying & (wrong[0] | wrong[1])):
+            m.d.comb += self.o.payload.entry[f.link].eq(Mux(value > f.high, f.high, value))
+        with m.If(copying & Cat(wrong).any()):
             m.d.sync += self.limited.eq(1)
         with m.If(copying):
             m.d.sync += position.eq(position + 1)

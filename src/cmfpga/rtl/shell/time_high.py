@@ -10,11 +10,6 @@ from ...protocol.word_format import HIGH_BITS, LOW_BITS
 class TimeHigh(wiring.Component):
     """Remembers the last time word; the bits of a later event complete it.
 
-    Parameters
-    ----------
-    config : Config
-        ``time_bits``.
-
     Members
     -------
     load : ``In(1)``

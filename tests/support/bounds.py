@@ -51,9 +51,9 @@ from fractions import Fraction
 
 import torch
 
-from ..errors import ConfigError
-from ..fixed import round_half_up
-from .floating import accumulate, cell_pixels, evaluate, float64, warp
+from cmfpga.errors import ConfigError
+from cmfpga.fixed import round_half_up
+from cmfpga.reference.floating import accumulate, cell_pixels, evaluate, float64, warp
 
 
 def dt_error(config, dt):

@@ -1,0 +1,87 @@
+"use strict";
+/* First of the three parts of the report's script: all numbers come from the data in the page; images of warped events
+   and contrasts are computed here from the batch's events, by the equations of cmfpga.imaging.iwe. */
+
+const $ = (id) => document.getElementById(id);
+const head = JSON.parse($("head").textContent);
+const { columns, details, roi, sensor } = head;
+const batches = columns.batch.length;
+const missing = "—";
+let shown = 0; // index into details
+let level = 0; // of the landscape
+let playing = null;
+let drawing = false;
+
+async function unpack() {
+  const packed = Uint8Array.from(atob($("blob").textContent), (sign) => sign.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const raw = await new Response(stream).arrayBuffer();
+  const total = details.reduce((sum, detail) => sum + detail.events, 0);
+  const [, width, height] = head.frame;
+  let event = 0;
+  details.forEach((detail, k) => {
+    const n = detail.events;
+    detail.since = Float64Array.from(new Uint32Array(raw, 4 * event, n));
+    for (let i = 1; i < n; ++i) detail.since[i] += detail.since[i - 1];
+    detail.x = new Uint16Array(raw, 4 * total + 2 * event, n);
+    detail.y = new Uint16Array(raw, 6 * total + 2 * event, n);
+    detail.frame = new Uint8Array(raw, 8 * total + k * width * height, width * height);
+    event += n;
+  });
+}
+
+/* Scaled times dt, −1 … 1. */
+function scaledTimes(detail) {
+  const span = head.spans[detail.batch];
+  return detail.since.map((since) => (2 * since - span) / span);
+}
+
+/* Positions as the ascent uses them: each event a fraction of a pixel off, if the configuration has a dither. */
+function dithered(values, axis) {
+  const { frac, bits, factors } = head.dither;
+  if (!frac) return Float64Array.from(values);
+  const whole = 2 ** bits, factor = factors[axis], half = Math.floor(factor / 2);
+  return Float64Array.from(values, (value, k) =>
+    value + Math.floor(((half + k * factor) % whole) / 2 ** (bits - frac)) / 2 ** frac - 0.5);
+}
+
+/* Image of warped events at v, with pixels 2^level px wide. */
+function warpedImage(x, y, dt, v, level) {
+  const size = 2 ** level, width = Math.ceil(roi[0] / size), height = Math.ceil(roi[1] / size);
+  const image = new Float64Array(width * height);
+  for (let k = 0; k < x.length; ++k) {
+    const wx = (x[k] - dt[k] * v[0] + 0.5) / size - 0.5, wy = (y[k] - dt[k] * v[1] + 0.5) / size - 0.5;
+    const i = Math.floor(wx), j = Math.floor(wy), fx = wx - i, fy = wy - j;
+    if (i < -1 || j < -1 || i >= width || j >= height) continue;
+    const left = i >= 0, right = i + 1 < width, at = j * width + i;
+    if (j >= 0) {
+      if (left) image[at] += (1 - fx) * (1 - fy);
+      if (right) image[at + 1] += fx * (1 - fy);
+    }
+    if (j + 1 < height) {
+      if (left) image[at + width] += (1 - fx) * fy;
+      if (right) image[at + width + 1] += fx * fy;
+    }
+  }
+  return { image, width, height };
+}
+
+/* Population variance over the pixels of the ROI, those that a coarse image leaves empty included. */
+function contrast(image) {
+  const pixels = roi[0] * roi[1];
+  let sum = 0, squares = 0;
+  for (const value of image) { sum += value; squares += value * value; }
+  return squares / pixels - (sum / pixels) ** 2;
+}
+
+function rows(flat, width, height) {
+  return Array.from({ length: height }, (_, row) => flat.subarray(row * width, (row + 1) * width));
+}
+
+function landscapeOf(detail, level) {
+  const points = detail.events > 3000 ? 25 : 41, reach = head.reach;
+  const axis = Array.from({ length: points }, (_, k) => reach * (2 * k / (points - 1) - 1));
+  const x = dithered(detail.x, 0), y = dithered(detail.y, 1), dt = scaledTimes(detail);
+  const z = axis.map((vy) => axis.map((vx) => contrast(warpedImage(x, y, dt, [vx, vy], level).image)));
+  return { axis, z };
+}

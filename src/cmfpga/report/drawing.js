@@ -1,0 +1,242 @@
+/* Second part: draws one batch, and the charts over time. */
+
+const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+const config = { displayModeBar: false, responsive: true, scrollZoom: false, doubleClick: false };
+
+function axisLook(title, more = {}) {
+  return { title: { text: title, standoff: 6 }, gridcolor: css("--grid"), zerolinecolor: css("--line"),
+    linecolor: css("--line"), automargin: true, fixedrange: true, ...more };
+}
+
+function layout(x, y, more = {}) {
+  return {
+    paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", dragmode: false, hovermode: "closest",
+    font: { color: css("--ink"), family: "system-ui, sans-serif", size: 12 }, margin: { l: 48, r: 10, t: 8, b: 40 },
+    showlegend: false, xaxis: x, yaxis: y, transition: { duration: 0 }, ...more,
+  };
+}
+
+/* Beside the picture, or below it where there is little width. */
+function colorbar(text) {
+  const below = innerWidth <= 760;
+  return { title: { text, side: below ? "top" : "right" }, thickness: 12, outlinewidth: 0,
+    ...(below ? { orientation: "h", y: -0.2, yanchor: "top" } : {}) };
+}
+
+const legend = { orientation: "h", x: 0, y: 1.02, yanchor: "bottom", bgcolor: "rgba(0,0,0,0)" };
+
+/* Numbers of a column; NaN where there is none. */
+const numbers = (name) => columns[name].map((text) => (text === "" ? NaN : Number(text)));
+const seconds = (() => {
+  const times = numbers("t_ref_us"), first = times.find((time) => !Number.isNaN(time)) ?? 0;
+  return times.map((time) => (time - first) / 1e6);
+})();
+const centres = columns.batch.map((_, k) =>
+  [Number(columns.roi_x[k]) + (roi[0] - 1) / 2, Number(columns.roi_y[k]) + (roi[1] - 1) / 2]);
+
+function describe(id, text) {
+  $(id).setAttribute("aria-label", text);
+}
+
+function drawFrame(detail) {
+  const [side, width, height] = head.frame, k = detail.batch;
+  const [left, top] = [Number(columns.roi_x[k]), Number(columns.roi_y[k])];
+  const line = (points, style) => ({ type: "scatter", mode: "lines", hoverinfo: "skip",
+    x: points.map((p) => p[0]), y: points.map((p) => p[1]), line: { color: css("--trail"), width: 2.5, ...style } });
+  const end = [head.roiNext[0] + (roi[0] - 1) / 2, head.roiNext[1] + (roi[1] - 1) / 2];
+  const [cx, cy] = centres[k];
+  const data = [
+    { type: "heatmap", z: rows(detail.frame, width, height), x0: (side - 1) / 2, dx: side, y0: (side - 1) / 2, dy: side,
+      zmin: 0, zmax: 2, showscale: false, colorscale: [[0, css("--empty")], [1, css("--event")]],
+      hovertemplate: "x %{x} px, y %{y} px: %{z} events<extra></extra>" },
+    line([...centres.slice(k), end], { dash: "dot", width: 1.5 }),
+    line(centres.slice(0, k + 1), {}),
+    { type: "scatter", mode: "markers", hoverinfo: "skip", x: [cx], y: [cy],
+      marker: { color: css("--trail"), size: 7, line: { color: css("--empty"), width: 1 } } },
+  ];
+  const box = { type: "rect", x0: left - 0.5, y0: top - 0.5, x1: left + roi[0] - 0.5, y1: top + roi[1] - 0.5,
+    line: { color: css("--roi"), width: 3 } };
+  Plotly.react("frame", data, layout(
+    axisLook("x [px]", { range: [-0.5, sensor[0] - 0.5], constrain: "domain", showgrid: false, zeroline: false }),
+    axisLook("y [px]", { range: [sensor[1] - 0.5, -0.5], scaleanchor: "x", constrain: "domain", showgrid: false,
+      zeroline: false }),
+    { shapes: [box] }), config);
+  describe("frame", `${columns.events[k]} events of batch ${k} on the sensor of ${sensor[0]} by ${sensor[1]} px; ` +
+    `the ROI is at ${left}, ${top} px.`);
+}
+
+function drawImages(detail) {
+  const k = detail.batch, dt = scaledTimes(detail);
+  const v = detail.levels.length ? detail.v[detail.v.length - 1] : [0, 0];
+  const still = warpedImage(detail.x, detail.y, dt, [0, 0], 0), moved = warpedImage(detail.x, detail.y, dt, v, 0);
+  // The brightest fifth of a percent would make all else dark.
+  const sorted = Float64Array.from(moved.image).sort();
+  const top = Math.max(1, sorted[Math.floor(0.998 * (sorted.length - 1))]);
+  const values = { still: contrast(still.image), moved: contrast(moved.image) };
+  for (const [id, picture, name] of [["still", still, "v = 0"],
+    ["moved", moved, `v = (${Number(v[0]).toFixed(2)}, ${Number(v[1]).toFixed(2)}) px/half batch`]]) {
+    const data = [{ type: "heatmap", z: rows(picture.image, picture.width, picture.height), zmin: 0, zmax: top,
+      colorscale: "Viridis", colorbar: colorbar("events per px"),
+      hovertemplate: "x %{x}, y %{y} px: %{z:.2f} events<extra></extra>" }];
+    const text = `${name}: contrast ${values[id].toFixed(3)} (events/px)²`;
+    $(`${id}-value`).textContent = text;
+    Plotly.react(id, data, layout(
+      axisLook("x in the ROI [px]", { range: [-0.5, roi[0] - 0.5], constrain: "domain", showgrid: false, zeroline: false }),
+      axisLook("y in the ROI [px]", { range: [roi[1] - 0.5, -0.5], scaleanchor: "x", constrain: "domain", showgrid: false,
+        zeroline: false })), config);
+    $(id).dataset.contrast = values[id];
+    $(id).dataset.top = top;
+    describe(id, `Image of warped events of batch ${k} at ${text}.`);
+  }
+}
+
+const STEPS = [["circle", 8], ["square", 10], ["diamond", 13], ["diamond", 16]];
+
+function drawLandscape(detail) {
+  const { axis, z } = landscapeOf(detail, level);
+  const data = [{ type: "heatmap", x: axis, y: axis, z, colorscale: "Cividis", zsmooth: "best",
+    colorbar: colorbar("contrast [(events/px)²]"),
+    hovertemplate: "v = (%{x:.2f}, %{y:.2f}) px/half batch: contrast %{z:.3f}<extra></extra>" }];
+  const path = detail.v, steps = detail.levels, traced = path.length > steps.length;
+  for (const each of traced ? new Set(steps) : []) {
+    const used = path.map((_, i) => i).filter((i) => i < steps.length && steps[i] === each);
+    const [symbol, size] = STEPS[Math.min(each, 3)];
+    const points = used.flatMap((i) => [path[i], path[i + 1], [null, null]]);
+    data.push({ type: "scatter", mode: "lines", hoverinfo: "skip", x: points.map((p) => p[0]), y: points.map((p) => p[1]),
+      line: { color: "#ffffff", width: each === level ? 3 : 1.5 } });
+    data.push({ type: "scatter", mode: "markers", name: `pixels of ${2 ** each} px`, x: used.map((i) => path[i + 1][0]),
+      y: used.map((i) => path[i + 1][1]), text: used.map((i) => `after iteration ${i + 1} of ${steps.length}`),
+      marker: { symbol, size: steps.length > 40 ? size / 2 : size, color: each === level ? "#ffffff" : "#9a9a9a",
+        line: { color: "#000000", width: 1 } },
+      hovertemplate: `%{text}, pixels of ${2 ** each} px: v = (%{x:.3f}, %{y:.3f}) px/half batch<extra></extra>` });
+  }
+  if (steps.length) {
+    const [first, last] = [path[0], path[path.length - 1]];
+    data.push({ type: "scatter", mode: "markers", x: [last[0]], y: [last[1]], marker: { symbol: "star", size: 17,
+      color: "#e69f00", line: { color: "#000000", width: 1.5 } },
+      hovertemplate: "found: v = (%{x:.3f}, %{y:.3f}) px/half batch<extra></extra>" });
+    if (traced) data.push({ type: "scatter", mode: "markers", x: [first[0]], y: [first[1]],
+      marker: { symbol: "circle-open", size: 22, color: "#ffffff", line: { width: 3 } },
+      hovertemplate: "start: v = (%{x:.3f}, %{y:.3f})<extra></extra>" });
+  }
+  Plotly.react("landscape", data, layout(
+    axisLook("vx [px/half batch]", { range: [-head.reach, head.reach], constrain: "domain", showgrid: false }),
+    axisLook("vy [px/half batch]", { range: [head.reach, -head.reach], scaleanchor: "x", constrain: "domain",
+      showgrid: false })), config);
+  describe("landscape", `Contrast over velocity with pixels of ${2 ** level} px, batch ${detail.batch}: ` +
+    (steps.length ? `the ascent goes ${traced ? `from (${path[0]}) ` : ""}to (${path[path.length - 1]}) px per half batch ` +
+      `in ${steps.length} iterations.` : "no ascent, nothing was measured."));
+}
+
+const named = (k) => (columns.flags[k] ? columns.flags[k].split("|") : []);
+const warnings = (k) => named(k).filter((name) => !head.notes.includes(name));
+const flagged = columns.flags.map((_, k) => (warnings(k).length ? k : -1)).filter((k) => k >= 0);
+
+/* The line at the batch that is shown, for a chart over time; and what its points do. */
+function cursor() {
+  const at = seconds[details[shown].batch];
+  return Number.isNaN(at) ? [] : [{ type: "line", x0: at, x1: at, yref: "paper", y0: 0, y1: 1,
+    line: { color: css("--soft"), width: 2, dash: "dash" } }];
+}
+
+const CHARTS = ["velocity", "margin", "inside", "cycles"];
+
+function series(name, y, colour, more = {}) {
+  const { line, marker, ...rest } = more;
+  return { type: "scatter", mode: batches > 300 ? "lines" : "lines+markers", name, x: seconds, y, customdata: columns.batch,
+    line: { color: css(colour), width: 2, ...line }, marker: { size: 6, color: css(colour), ...marker },
+    hovertemplate: `batch %{customdata}: %{y} — ${name}<extra></extra>`, ...rest };
+}
+
+/* Triangles on the axis of time where a batch has warnings. */
+function flagMarks() {
+  return { type: "scatter", mode: "markers", name: "warnings", x: flagged.map((k) => seconds[k]), y: flagged.map(() => 0),
+    yaxis: "y2", customdata: flagged, text: flagged.map((k) => warnings(k).join("|")), cliponaxis: false,
+    showlegend: flagged.length > 0,
+    marker: { symbol: "triangle-up", size: 10, color: css("--warn") }, hovertemplate: "batch %{customdata}: %{text}<extra></extra>" };
+}
+
+function drawChart(id, data, title, more = {}) {
+  const known = seconds.filter((time) => !Number.isNaN(time));
+  const edge = 0.02 * (known[known.length - 1] - known[0]) || 0.01;
+  Plotly.react(id, [...data, flagMarks()], layout(
+    axisLook("time [s]", { range: [known[0] - edge, known[known.length - 1] + edge] }), axisLook(title, more),
+    { shapes: cursor(), showlegend: true, legend, margin: { l: 56, r: 10, t: 30, b: 40 },
+      yaxis2: { overlaying: "y", range: [0, 1], visible: false, fixedrange: true } }), config);
+}
+
+function drawCharts() {
+  const velocity = [
+    series("vx, to the right", numbers("vx_px_per_s"), "--vx"),
+    series("vy, downwards", numbers("vy_px_per_s"), "--vy", { marker: { symbol: "square" } }),
+  ];
+  if (head.truths.some((pair) => pair[0] !== null)) {
+    velocity.push(series("true vx", head.truths.map((pair) => pair[0]), "--vx", { mode: "lines", line: { dash: "dash" } }));
+    velocity.push(series("true vy", head.truths.map((pair) => pair[1]), "--vy", { mode: "lines", line: { dash: "dash" } }));
+  }
+  drawChart("velocity", velocity, "velocity [px/s]");
+  describe("velocity", "Velocity of the object over time in px/s; the table of all batches has the numbers.");
+  const ms = (values) => values.map((value) => (value === null || value === 0 ? NaN : value / 1000));
+  drawChart("margin", [
+    series("the batch lasts", ms(head.spans), "--vx"),
+    series("computing takes", ms(head.computeUs), "--vy", { marker: { symbol: "square" } }),
+  ], "time [ms]", { type: "log", dtick: 1 });
+  describe("margin", "Time that each batch lasts and time to compute it, in ms, on a logarithmic scale.");
+  const most = Math.max(...numbers("roi_events"));
+  const inside = [series("events in the ROI", numbers("roi_events"), "--vx")];
+  if (most > head.bufferEvents / 3) {
+    inside.push({ ...series("buffer", seconds.map(() => head.bufferEvents), "--vy"), mode: "lines",
+      line: { color: css("--vy"), dash: "dash" } });
+  }
+  drawChart("inside", inside, "events", { rangemode: "tozero" });
+  describe("inside", "Events in the ROI of each batch.");
+  drawChart("cycles", [series(head.byFormula ? "cycles by the formula" : "cycles counted", head.cycles, "--vx")],
+    "clock cycles", { rangemode: "tozero" });
+  describe("cycles", "Clock cycles of each batch.");
+}
+
+function showNumbers(detail) {
+  const k = detail.batch;
+  for (const [name, values] of Object.entries(columns)) {
+    document.querySelector(`[data-column="${name}"]`).textContent = values[k] === "" ? missing : values[k];
+  }
+  const margin = head.margin[k], time = head.computeUs[k];
+  const digits = (value) => (value === null ? missing : Number(value.toPrecision(3)).toLocaleString("en"));
+  $("lasts").textContent = digits(head.spans[k] / 1000);
+  $("takes").textContent = digits(time === null ? null : time / 1000);
+  $("times").textContent = digits(margin);
+  const names = named(k), warned = warnings(k).length > 0;
+  $("flags").className = warned ? "set" : "";
+  $("flags").textContent = (warned ? "⚠ " : "") + (names.map((name) => `${name}: ${head.flags[name]}`).join("; ")
+    || "No warnings: nothing unusual in this batch.");
+  const at = columns.t_ref_us[k] === "" ? "" : `, ${seconds[k].toFixed(3)} s`;
+  $("where").textContent = `batch ${k} of ${batches - 1}${at}`;
+  $("slider").setAttribute("aria-valuetext", $("where").textContent);
+  for (const row of document.querySelectorAll("tr.now")) row.classList.remove("now");
+  document.querySelector(`tr[data-batch="${k}"]`)?.classList.add("now");
+}
+
+function draw() {
+  const detail = details[shown];
+  showNumbers(detail);
+  drawFrame(detail);
+  drawImages(detail);
+  drawLandscape(detail);
+  for (const id of CHARTS) if ($(id).data) Plotly.relayout(id, { shapes: cursor() });
+  document.body.dataset.shown = detail.batch;
+}
+
+/* Draw once per picture of the screen, however fast the slider moves. */
+function go(index) {
+  shown = Math.max(0, Math.min(details.length - 1, index));
+  $("slider").value = shown;
+  showNumbers(details[shown]);
+  if (drawing) return;
+  drawing = true;
+  requestAnimationFrame(() => { drawing = false; draw(); });
+}
+
+function drawAll() {
+  drawCharts();
+  draw();
+}
