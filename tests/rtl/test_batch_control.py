@@ -46,7 +46,7 @@ def test_batches(buffers, eager):
 )  # fmt: skip
 def test_delays(delays, buffers):
     """The parameters, from the shortest that each may be."""
-    votes = delays.get("feed", 4) + 1
+    votes = delays.get("feed", 4) + 2
     for eager in (False, True):
         plans = [Plan(count=3, votes=votes, iterations=3), Plan(count=1, votes=votes), Plan(count=2, stored=0)]
         plans += [Plan(count=5, limit=2, end="roi", votes=votes), Plan(count=3, votes=votes, load=True)]
@@ -86,7 +86,7 @@ def test_with_two_buffers_the_next_batch_is_accepted_while_iterations_run():
     plans = [Plan(count=12, iterations=5, eager=True, division=1, wait=20) for _ in range(4)]
     log = check(plans, buffers=2)
     takes = [cycle for cycle, row in enumerate(log) if row["take"]]
-    assert sum(log[cycle]["iterating"] for cycle in plans[1].accepted + plans[2].accepted) == 2 * 11
+    assert sum(log[cycle]["iterating"] for cycle in plans[1].accepted + plans[2].accepted) == 2 * 9
     for before, plan in zip(takes, plans[1:], strict=False):
         assert plan.accepted[0] == before + 2
     for plan, following in zip(plans, takes[1:], strict=False):
@@ -185,7 +185,7 @@ def test_corners(data):
         "idle": st.integers(0, 30),
         "gaps": st.lists(st.integers(0, 2), min_size=1, max_size=3),
         "division": st.integers(1, 12),
-        "votes": st.integers(5, 15),
+        "votes": st.integers(6, 15),
         "wait": st.integers(0, 30),
     }
     ends = {"count": st.integers(1, CONFIG.max_batch_events), "end": st.sampled_from(["last", "count"])}

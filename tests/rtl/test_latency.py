@@ -112,7 +112,7 @@ BLOCKS = {
         item=lambda k: {"move": 1},
     ),
     "constant ascent": Timing(ConstantAscent(DEFAULT), 5, out="run.updated", every=2),
-    "sign ascent": Timing(SignAscent(FAST), 2, out="run.updated"),
+    "sign ascent": Timing(SignAscent(FAST), 2, out="run.updated", every=3),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
     ),

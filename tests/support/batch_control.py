@@ -218,7 +218,7 @@ def compare(plans, log, *, buffers=1, drain=4, replay_delay=3, feed=4, move=3, s
         last = plan.accepted[-1]
         expected["ready"] |= {cycle for cycle in range(opened + 1, last + 1) if not plan.limit or log[cycle]["ready"]}
         passed |= dict(zip(plan.accepted, plan.payloads, strict=True))
-        take = last + drain + (plan.end == "roi")
+        take = last + drain + 2 * (plan.end == "roi")
         if buffers == 2:
             # The ROI moves when both are there: the last result, and the next batch with its settings.
             both = opened + 1 if found is None else max(opened, found) + 1
@@ -226,10 +226,11 @@ def compare(plans, log, *, buffers=1, drain=4, replay_delay=3, feed=4, move=3, s
                 expected["move"].add(both)
             take = max(take, idle, both + settle + 1)
         expected["take"].add(take)
-        done = take + 2
+        judged = take + IterationControl.hand_over
+        done = judged + 1
         if not plan.degenerate:
-            start = take + 1 + plan.division
-            expected["divide"].add(take + 1)
+            start = judged + plan.division
+            expected["divide"].add(judged)
             expected["start"].add(start)
             replay = start
             for _ in range(plan.iterations):
