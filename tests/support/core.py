@@ -229,7 +229,7 @@ def judge_cycles(config):
     """Cycles of a batch whose v is probed, beside those of two iterations: a bit of each step takes one."""
     more = config.weight_frac - config.derivative_frac
     factors = max((8 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
-    return 4 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
+    return 5 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
 
 
 def constant_cycles(config):
