@@ -33,7 +33,7 @@ ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
-    "confidence": {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20},
+    "confidence": {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 100},
 }  # fmt: skip
 
 
