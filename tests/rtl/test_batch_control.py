@@ -6,13 +6,12 @@ The bench plays the blocks around it, with delays of any length, and every outpu
 
 import pytest
 from amaranth.hdl import Module, ResetInserter, Signal
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cmfpga.rtl.iteration_control import IterationControl
 from support.batch_control import CONFIG, Plan, check, compare, control, surroundings
 from support.bench import simulate
-from support.values import corners
 
 BUFFERS = pytest.mark.parametrize("buffers", [1, 2])
 
@@ -173,7 +172,7 @@ def test_replay_cannot_start_before_the_last_event_is_counted():
         IterationControl(CONFIG, replay_delay=-2, move=3, settle=6)
 
 
-@corners
+@settings(derandomize=True, deadline=None, max_examples=12, database=None)
 @given(st.data())
 def test_corners(data):
     fields = {

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.accumulator import accumulator
@@ -11,7 +9,7 @@ from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl.image.accumulator import Accumulator
 from support.bench import play
 from support.configs import CONFIGS, NARROW
-from support.values import corners, random_gaps, random_values, tensor
+from support.values import random_gaps, random_values, tensor
 from support.votes import bank_pixels, cell_votes, patterns, sweep_addresses, vote_payloads
 
 CONFIGS = {name: CONFIGS[name] for name in ("narrow", "odd", "tiny", "sensor")} | {
@@ -120,17 +118,3 @@ def test_words_hold_every_event_on_one_pixel(sign):
     }
     expected = check(config, {"full": votes, "zeros": cell_votes(config, [], np.random.default_rng(0))})
     assert largest in expected["full"][0]
-
-
-@corners
-@given(st.data())
-def test_any_order_of_few_addresses(data):
-    """Votes among few cells, with gaps of any pattern: where forwarding works."""
-    config = CONFIGS["uneven"]
-    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
-    cell = st.tuples(st.sampled_from([0, 1, 2]), st.sampled_from([0, 2]))
-    phases = {}
-    for phase in range(3):
-        cells = data.draw(st.lists(cell, min_size=3, max_size=config.buffer_events))
-        phases[f"phase {phase}"] = cell_votes(config, cells, rng)
-    check(config, phases, data.draw(st.sampled_from([0.0, 0.3, 0.6])), seed=data.draw(st.integers(0, 1000)))

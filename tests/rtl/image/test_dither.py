@@ -4,15 +4,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.dither import dither
 from cmfpga.rtl.image.dither import Dither
 from support.bench import GAPS, check_flow, play
 from support.configs import LEVELS
-from support.values import corners, edge_integers, integers_at_edges, random_gaps, random_values, tensor
+from support.values import edge_integers, random_gaps, random_values, tensor
 
 SHAPES = LEVELS | {
     "one bit": LEVELS["fast"].replace(dither_frac=1),
@@ -83,20 +81,6 @@ def test_every_replay_of_a_batch_is_the_same(rng):
     config = SHAPES["fast"]
     events = random_replay(config, rng, 20)
     check(config, [events] * 4, [0] * 80)
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    event = st.tuples(
-        integers_at_edges(0, (1 << config.span_bits) - 1),
-        integers_at_edges(0, config.roi_width - 1),
-        integers_at_edges(0, config.roi_height - 1),
-    )
-    replays = data.draw(st.lists(st.lists(event, min_size=1, max_size=12), min_size=1, max_size=5))
-    gaps = data.draw(st.lists(st.integers(0, 2), min_size=sum(map(len, replays)), max_size=sum(map(len, replays))))
-    check(config, replays, gaps)
 
 
 # ---------------------------------------------------------------- the model

@@ -4,8 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.accumulator import Images, accumulator
@@ -14,7 +12,7 @@ from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl.image.gradient_reader import GradientReader
 from support.bench import play
 from support.configs import CONFIGS
-from support.values import corners, integers_at_edges, random_values, tensor
+from support.values import random_values, tensor
 from support.votes import bank_pixels, sweep_addresses
 
 CONFIGS = {name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny")} | {
@@ -128,20 +126,3 @@ def test_sums_reach_their_bounds():
         }
         (sums,) = check(config, [point_images(config, ends)])
         assert sums["dx"] == sign * config.widths.sum_d_max
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    """Few pixels with words at the ends of their formats, but sums within their bounds."""
-    config = CONFIGS["uneven"]
-    share = 4
-    place = st.tuples(st.integers(0, config.roi_height - 1), st.integers(0, config.roi_width - 1))
-    top = config.widths.derivative_image_max // share
-    words = st.tuples(
-        integers_at_edges(0, config.widths.image_max // share),
-        integers_at_edges(-top, top),
-        integers_at_edges(-top, top),
-    )
-    images = data.draw(st.lists(st.dictionaries(place, words, max_size=share), min_size=1, max_size=5))
-    check(config, [point_images(config, points) for points in images])

@@ -6,8 +6,6 @@ The RAMs start with random words in every test, as they may after a reset.
 import numpy as np
 import pytest
 from amaranth.hdl import Elaboratable, Module, ResetInserter, Signal
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config, preset
 from cmfpga.reference.integer.accumulator import accumulator
@@ -16,7 +14,7 @@ from cmfpga.rtl import payloads
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator
 from support.bench import AnyContent, play
 from support.configs import LEVELS
-from support.values import corners, random_values, tensor
+from support.values import random_values, tensor
 from support.votes import cell_votes, patterns, vote_payloads
 
 
@@ -175,24 +173,6 @@ def test_words_hold_every_event_on_one_pixel(sign):
     largest = accumulator(config, votes)
     assert int(largest.i.max()) == config.widths.image_max
     assert int((sign * largest.dx).max()) == int((-sign * largest.dy).max()) == config.widths.derivative_image_max
-
-
-@corners
-@given(st.data())
-def test_any_order_of_few_addresses(data):
-    config = SHAPES[data.draw(st.sampled_from(["three tags", "fast tiny"]))]
-    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
-    cell = st.tuples(st.sampled_from([-1, 0, 1, 2]), st.sampled_from([0, 2]))
-    script = Script(config, rng)
-    script.idle(data.draw(st.integers(config.geometry.bank_depth, 2 * config.geometry.bank_depth)))
-    fewest = config.one_pass.fewest_idle_cycles
-    for _ in range(5):
-        cells = data.draw(st.lists(cell, max_size=12))
-        idle = data.draw(st.integers(fewest, fewest + 3))
-        # In the first idle cycle, in the last, or between them.
-        tag = data.draw(st.sampled_from([0, idle - 1, idle // 2]))
-        script.iteration(vote_payloads(config, cell_votes(config, cells, rng)), idle=idle, next_tag=tag)
-    script.check(script.play())
 
 
 # ---------------------------------------------------------------- tags that come back
