@@ -133,11 +133,11 @@ def test_every_stage_is_within_its_bound_and_reaches_it(rng):
 
 
 MUTANTS = {
-    "dt floored": ("time_scaler", "round_half_up(numerator * mantissa, ", "(lambda a, s: a >> s)(numerator * mantissa, "),
-    "position rounded": ("warp", "floor_shift(position", "floor_shift((1 << (frac - config.position_frac - 1)) + position"),
+    "dt floored": ("time_scaler", "round_half_up(numerator * mantissa, ", "floor_shift(numerator * mantissa, "),
+    "position rounded": ("warp", "floor_shift(position + half", "round_half_up(position + half"),
     "coarse pixels not centred": ("warp", "position + half", "position"),
-    "weights floored": ("voter", "round_half_up(a * b, ", "(lambda a, s: a >> max(s, 0) << max(-s, 0))(a * b, "),
-    "derivatives floored": ("voter", "round_half_up(dt * a, ", "(lambda a, s: a >> max(s, 0) << max(-s, 0))(dt * a, "),
+    "weights floored": ("voter", "round_half_up(a * b, ", "floor_shift(a * b, "),
+    "derivatives floored": ("voter", "round_half_up(dt * a, ", "floor_shift(dt * a, "),
     "a border that drops corners": ("voter", "(column < width)", "(column < width - 1)"),
     "a derivative's sign": ("voter", "derivative(gx), derivative(fx), -", "derivative(gx), -derivative(fx), -"),
     "G without its second term": ("gradient", "sums.sy - sums.i * sums.dy", "sums.sy"),
@@ -154,7 +154,8 @@ def test_a_wrong_stage_is_noticed(name, rng, monkeypatch):
     assert source.count(old) == 1
     mutant = types.ModuleType("mutant")
     mutant.__package__ = original.__package__
-    exec(compile(source.replace(old, new), name, "exec"), mutant.__dict__)
+    rounding = "from ...fixed import floor_shift, round_half_up\n"
+    exec(compile(rounding + source.replace(old, new), name, "exec"), mutant.__dict__)
     monkeypatch.setattr(model, function, getattr(mutant, function))
     with pytest.raises(AssertionError):
         check_random(rng, 200)
