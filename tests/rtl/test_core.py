@@ -13,7 +13,18 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
 from support.bench import simulate
 from support.core import Batch, check_core, constant_cycles, drive_core, per_iteration
-from support.core_batches import CONFIGS, FLOWS, PLANS, centered, moving_points, random_batch, run, settings, spread
+from support.core_batches import (
+    CENTER,
+    CONFIGS,
+    FLOWS,
+    PLANS,
+    centered,
+    moving_points,
+    random_batch,
+    run,
+    settings,
+    spread,
+)
 
 # ---------------------------------------------------------------- everything, at random
 
@@ -65,6 +76,19 @@ def test_random_batches_meet_everything():
             columns = zip(*batch.events, strict=True)
             met |= model.run(*map(np.array, columns), batch.settings, cut=batch.end == "cut").flags
     assert set(met) == set(Flag) - {Flag.SCHEDULE}
+
+
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("name", ["small", "narrow", "one pass"])
+def test_words_hold_every_event_on_one_pixel(name, late, rng):
+    """The largest I and Dx that there are: a full buffer at one end of the batch, at the other an event elsewhere."""
+    config = CONFIGS[name]
+    full, elsewhere = [(8 * late, *CENTER)] * config.buffer_events, [(8 - 8 * late, 0, 0)]
+    chosen = centered(config, [0], iterations=1, eta=0, start_last=False, v_start=(0, 0)).settings
+    batch = Batch(events=elsewhere + full if late else full + elsewhere, settings=chosen)
+    _, (outcome, _) = run(config, [batch, spread(config, rng)], rng)
+    largest = config.widths.image_max * config.widths.derivative_image_max
+    assert outcome.trace[0]["sums"]["sx"] == (largest if late else -largest)
 
 
 # ---------------------------------------------------------------- cycles
