@@ -11,6 +11,7 @@ from cmfpga.config.schedule import parse_schedule
 from cmfpga.protocol.flags import Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
+from cmfpga.rtl.iteration_control import IterationControl
 from support.bench import simulate
 from support.core import Batch, check_core, constant_cycles, drive_core, per_iteration
 from support.core_batches import (
@@ -129,6 +130,11 @@ def test_the_configuration_knows_the_latency_of_one_pass(max_level, roi_height, 
     changes = {"gradient": "one_pass", "roi_width": 16, "roi_height": roi_height}
     config = Config(**changes, max_level=max_level, ascent=ascent)
     assert Core(config).iteration_latency == config.one_pass.latency
+
+
+def test_a_replay_cannot_start_before_the_last_event_is_counted():
+    with pytest.raises(ValueError, match="2 cycles before the last event is counted"):
+        IterationControl(CONFIGS["small"], replay_delay=-2, move=3, settle=6)
 
 
 # ---------------------------------------------------------------- degenerate batches
