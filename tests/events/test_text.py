@@ -12,14 +12,7 @@ from hypothesis import strategies as st
 
 from cmfpga.events import open_recording, text
 from cmfpga.events.textlines import Layout, LineError, parse_fast, parse_line
-from support.recordings import (
-    assert_reads,
-    flip,
-    make_events,
-    refusal,
-    text_lines,
-    write_by_faery,
-)
+from support.recordings import assert_reads, flip, make_events, refusal, text_lines, write_by_faery
 
 
 @pytest.fixture

@@ -77,15 +77,19 @@ def test_dither_covers_the_pixel_evenly():
     assert counts.min() >= 56 and counts.max() <= 72  # 64 each; random offsets scatter from about 42 to 86
 
 
-def test_the_hardwares_dither_is_this_one_floored():
+@pytest.mark.parametrize("frac", [0, 1, 4, 8])
+def test_the_hardwares_dither_is_this_one_floored(frac):
     """Apart from its α, which has 24 fraction bits: half a unit off at most, times k."""
     none = torch.zeros(2000, dtype=torch.int64)
-    config = WIDE.replace(dither_frac=8)
+    config = WIDE.replace(dither_frac=frac)
     for exact, raw, factor, alpha in zip(dither(2000), integer_dither(config, none, none), FACTORS, R2, strict=True):
         assert abs(factor - alpha * (1 << DITHER_BITS)) <= 0.5
-        below = exact - raw / 256
-        near = (exact * 256 - (exact * 256).round()).abs() < 0.05  # where 24 bits decide about the floor
-        assert bool(((below >= 0) & (below < 1 / 256))[~near].all()) and near.sum() < 300
+        below = exact - raw / (1 << frac) if frac else raw  # without dither nothing is added
+        near = (
+            exact * (1 << frac) - (exact * (1 << frac)).round()
+        ).abs() < 0.05  # where 24 bits decide about the floor
+        assert bool(((below >= 0) & (below < 1 / (1 << frac)))[~near].all()) and near.sum() < 300
+        assert not frac or (int(raw.min()), int(raw.max())) == (-(1 << frac) // 2, (1 << frac) // 2 - 1)
 
 
 # -------------------------------------------------------------------- levels
