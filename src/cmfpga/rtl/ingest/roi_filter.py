@@ -95,12 +95,7 @@ class RoiFilter(wiring.Component):
             self.o.payload.y.eq(y_s2),
         ]
         with m.If(self.start):
-            m.d.sync += [
-                found.span.eq(0),
-                found.outside.eq(0),
-                found.time_back.eq(0),
-                found.time_span.eq(0),
-            ]
+            m.d.sync += [found.span.eq(0), found.outside.eq(0), found.time_back.eq(0), found.time_span.eq(0)]
         with m.Elif(valid_s2):
             with m.If(back):
                 m.d.sync += found.time_back.eq(found.time_back + 1)
