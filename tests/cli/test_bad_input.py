@@ -90,7 +90,7 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     path = tmp_path / name
     path.write_bytes(content[: int(share * len(content)) // 4 * 4 + 1])
     done = command(
-        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "iterations=1", "--out", tmp_path
+        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:0", "--out", tmp_path
     )
     assert done.error.startswith(f"{path}: ") and "truncated" in done.error
     assert len(rows(tmp_path)) >= 2
@@ -251,7 +251,7 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
 @pytest.mark.parametrize("arguments, message", [
     (["--set", "gradient=sweep", "--set", "roi_width=63"], "roi_width = 63: an even number of pixels is needed"),
     (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
-    (["--set", "max_iterations=2", "--set", "iterations=2"], "cold: 15 iterations; at most 2 are allowed (max_iter"),
+    (["--set", "max_iterations=2"], "cold: 15 iterations; at most 2 are allowed (max_iter"),
     (["--preset", "nope"], "preset 'nope': one of paper, fast, "),
     (["--set"], "argument --set: expected one argument" + HINT),
     (["paper"], "unrecognized arguments: paper" + HINT),
@@ -274,7 +274,10 @@ def test_an_architecture_that_cannot_work(command, tmp_path):
 
 
 def test_in_a_process_of_its_own(process, dot, tmp_path):
-    assert process("build", "--set", "eta=nan", PYTHONIOENCODING="ascii").error == "eta = nan: 0.0 or more is needed"
+    assert (
+        process("build", "--set", "roi_gain=-1", PYTHONIOENCODING="ascii").error
+        == "roi_gain = -1.0: 0.0 or more is needed"
+    )
     # Signs that the terminal has not are spelled out.
     done = process(
         "track", dot, "--roi", "100,9", "--set", "roi_width=8", "--set", "roi_height=8", PYTHONIOENCODING="ascii"

@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset
+from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset, unread
 from cmfpga.errors import ConfigError, UserError
 
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
@@ -34,6 +34,8 @@ ROOM = {
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
 }  # fmt: skip
+# What reads a field that the defaults do not.
+READER = {"tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"}}
 
 
 def refusal(**changes):
@@ -60,7 +62,9 @@ def test_the_defaults_are_the_presets_and_no_limit_is_missing():
 def test_each_integer_at_and_beyond_its_limits(name):
     low, high = FIELDS[name].metadata["low"], FIELDS[name].metadata["high"]
     for value, others in ((low, LEAST), (high, {**LEAST, **ROOM.get(name, {})})):
-        assert getattr(Config(**{**others, name: value}), name) == value
+        fields = Config().to_dict() | others | READER.get(name, {}) | {name: value}
+        idle = unread(fields)
+        assert getattr(Config(**{key: fields[key] for key in fields if key not in idle}), name) == value
     for value in (low - 1, high + 1, -(10**30), 10**30):
         assert refusal(**{name: value}) == f"{name} = {value}: {low} to {high} is needed"
 
@@ -127,8 +131,8 @@ def test_choices(name, choices):
     ({"thin_target": 2049}, "thin_target = 2049: at most 2048 is allowed (buffer_events)"),
     ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
     ({"ascent": "sign", "cold": "2:2"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
-    ({"ascent": "sign", "max_iterations": 14, "iterations": 1}, "cold: 15 iterations; at most 14 are allowed (max_"),
-    ({"ascent": "sign", "max_iterations": 5, "iterations": 1, "cold": "0:0"}, "warm: 6 iterations; at most 5 are "),
+    ({"ascent": "sign", "max_iterations": 14}, "cold: 15 iterations; at most 14 are allowed (max_"),
+    ({"ascent": "sign", "max_iterations": 5, "cold": "0:0"}, "warm: 6 iterations; at most 5 are allowed "),
     ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 18 idle cycles an iteration = 558, "),
     ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 6 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
@@ -141,10 +145,34 @@ def test_fields_that_do_not_go_together(changes, message):
 @pytest.mark.parametrize("changes", [
     {"roi_width": 240, "roi_height": 180}, {"span_bits": 31}, {"iterations": 1023}, {"min_roi_events": 2048},
     {"thin_target": 2048}, {"sensor_width": 64, "sensor_height": 64}, {"gradient": "one_pass", "tag_bits": 6},
-    {"ascent": "sign", "max_iterations": 15, "iterations": 1},
+    {"ascent": "sign", "max_iterations": 15},
 ], ids=str)  # fmt: skip
 def test_the_last_combination_that_is_allowed(changes):
     Config(**changes)
+
+
+@pytest.mark.parametrize("name, field, value, message", [
+    ("fast", "eta", 1.0, "eta = 1.0: ascent = constant is needed; ascent = sign ignores it"),  # it is the default
+    ("fast", "iterations", 1, "iterations = 1: ascent = constant is needed; ascent = sign ignores it"),
+    ("fast", "eta_frac", 9, "eta_frac = 9: ascent = constant is needed; ascent = sign ignores it"),
+    ("paper", "cold", "0:0", "cold = '0:0': ascent = sign is needed; ascent = constant ignores it"),
+    ("paper", "schedule_entries", 9, "schedule_entries = 9: ascent = sign is needed; ascent = constant ignores it"),
+    ("paper", "tag_bits", 9, "tag_bits = 9: gradient = one_pass is needed; gradient = sweep ignores it"),
+])  # fmt: skip
+def test_a_field_that_is_not_read_cannot_be_set(name, field, value, message):
+    with pytest.raises(ConfigError, match=f"^{message}$"):
+        preset(name).replace(**{field: value})
+    if value != FIELDS[field].default:
+        assert refusal(**preset(name).to_dict() | {field: value}) == message
+    with pytest.raises(ConfigError, match=r"^gradient = 'x': one of "):
+        preset(name).replace(ascent="x", gradient="x", **{field: value})
+
+
+def test_a_field_that_is_no_longer_read_goes_back_to_its_default():
+    assert Config(eta=4.0, eta_frac=9, iterations=7).replace(ascent="sign") == Config(ascent="sign")
+    assert preset("fast").replace(gradient="sweep").tag_bits == Config().tag_bits != preset("fast").tag_bits
+    assert preset("fast").replace(ascent="constant", eta=4.0).eta == 4.0
+    assert Config(ascent="sign", max_iterations=15).iterations == 100  # no limit of what is not read
 
 
 def test_the_limit_of_63_bits_is_exact():
@@ -218,18 +246,22 @@ def test_presets_by_name():
 
 def test_runtime_fields_do_not_shape_the_hardware():
     assert {name for name, field in FIELDS.items() if field.metadata["runtime"]} == RUNTIME
-    changed = Config(
-        min_roi_events=5, thinning=3, thin_target=700, iterations=7, eta=0.5, start="given", v_start_x=1.0,
-        v_start_y=-1.0, roi_gain=1.0, cold="0:0", warm="0:-1",
+    changes = dict(
+        min_roi_events=5, thinning=3, thin_target=700, start="given", v_start_x=1.0, v_start_y=-1.0, roi_gain=1.0,
     )  # fmt: skip
-    assert all(getattr(changed, name) != getattr(Config(), name) for name in RUNTIME)
-    assert changed.hardware_hash == Config().hardware_hash
-    assert not RUNTIME & set(changed.hardware_fields)
+    own = {"constant": {"iterations": 7, "eta": 0.5}, "sign": {"cold": "0:0", "warm": "0:-1"}}
+    assert changes.keys() | own["constant"].keys() | own["sign"].keys() == RUNTIME
+    for ascent, more in own.items():
+        base = Config(ascent=ascent)
+        changed = base.replace(**changes, **more)
+        assert all(getattr(changed, name) != getattr(base, name) for name in (*changes, *more))
+        assert changed.hardware_hash == base.hardware_hash != Config(roi_width=32).hardware_hash
+        assert not RUNTIME & set(changed.hardware_fields)
 
 
 @pytest.mark.parametrize("name", sorted(set(BOUNDED) - RUNTIME))
 def test_every_hardware_field_does(name):
-    base = Config(roi_width=32, roi_height=32, roi_gain=1.0)
+    base = Config(roi_width=32, roi_height=32, roi_gain=1.0, **READER.get(name, {}))
     step = 2 if name.startswith("roi_") and not name.startswith("roi_gain") else 1
     changed = base.replace(**{name: getattr(base, name) + step})
     assert changed.hardware_hash != base.hardware_hash

@@ -10,7 +10,7 @@ from ..errors import ConfigError
 from ..events import BatchCutter
 from . import loop
 from .result import Tracking
-from .source import Source, sensor_fields
+from .source import Source, sensor_fields, unit_note
 
 
 def track(
@@ -51,7 +51,7 @@ def track(
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of the time stamps; goes before what the file says, and before the µs of events in memory.
     **fields
-        Fields of the configuration to change, such as ``eta=0.5``.
+        Fields of the configuration to change, such as ``roi_width=48``.
 
     Returns
     -------
@@ -94,6 +94,6 @@ def track(
 
 def _config(source, name, fields):
     given, note = sensor_fields(source, fields, lambda: preset(name), "sensor=(width, height)")
-    if note:
-        warnings.warn(note, stacklevel=3)
+    for told in filter(None, (unit_note(source, "time_unit="), note)):
+        warnings.warn(told, stacklevel=3)
     return preset(name).replace(**{**given, **fields})
