@@ -30,9 +30,7 @@ CONFIGS = {
     "one pass": Config(**SMALL, **LIMITS, gradient="one_pass", iterations=3),
     "two, one pass": Config(**SMALL | {"roi_width": 15}, **LIMITS, gradient="one_pass", buffers=2, iterations=3),
     # The default preset: one pass, signs, levels, dither, two buffers; so few tags that they come back soon.
-    "fast": preset("fast").replace(
-        **SMALL, **LIMITS, tag_bits=3, iterations=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
-    ),
+    "fast": preset("fast").replace(**SMALL, **LIMITS, tag_bits=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"),
     # A full buffer thins out; of a depth that is odd and no power of two.
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
