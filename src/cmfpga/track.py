@@ -110,8 +110,8 @@ def main(arguments=None):
             if truth and not options.json:
                 found.append(_Truth(truth.motion))
                 one.consumers.append(found[-1])
-        folder = cli.output_folder(options.out)
-        name = _track(options, objects, recording, folder, truth.motion if truth else None)
+        with cli.locked(options.out) as folder:
+            name = _track(options, objects, recording, folder, truth.motion if truth else None)
     _summarise(options, config, name, objects)
     for lines in found:
         print("\n".join(lines))

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset, unread
@@ -79,6 +80,12 @@ def test_integers_are_integers(name, value):
 @pytest.mark.parametrize("value", ["1", False, None, 1j], ids=repr)
 def test_numbers_are_numbers(name, value):
     assert refusal(**{name: value}) == f"{name} = {value!r}: a number is needed"
+
+
+def test_numbers_of_numpy_are_taken():
+    config = Config(roi_width=np.int64(32), eta=np.float32(0.5), v_start_x=np.uint8(2))
+    assert config == Config(roi_width=32, eta=0.5, v_start_x=2.0) and json.loads(json.dumps(config.to_dict()))
+    assert refusal(roi_width=np.int64(1)) == "roi_width = np.int64(1): 2 to 4096 is needed"
 
 
 @pytest.mark.parametrize("name", REAL)

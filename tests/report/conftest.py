@@ -34,7 +34,12 @@ def flagged():
         min_roi_events=150,
     )  # fmt: skip
     return keep(
-        config, scene.recording("</script><b>&amp; $x$"), roi=(14, 18), size=200, batches=12, motion=scene.motion
+        config,
+        scene.recording("/me/<script><b>&amp; $x$"),
+        roi=(14, 18),
+        size=200,
+        batches=12,
+        motion=scene.motion,
     )
 
 

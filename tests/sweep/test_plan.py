@@ -128,7 +128,7 @@ def test_truth_beside_the_recording_goes_first(tmp_path):
     make_recording(path, 3, (300.0, 50.0))
     found = read_truth(path)
     assert (found.source, found.times, found.velocities, found.start) == ("recording", (0,), ((300.0, 50.0),), (14, 11))
-    sidecar(path).write_text("note,t_us,vx_px_per_s,vy_px_per_s\na,0,1.5,2\nb,100,3,-4\n")
+    sidecar(path).write_text("\ufeffnote,t_us,vx_px_per_s,vy_px_per_s\na,0,1.5,2\nb,100,3,-4\n")
     found = read_truth(path)
     assert found.source == "sidecar" and found.times == (0, 100) and found.velocities == ((1.5, 2.0), (3.0, -4.0))
     assert found.motion.velocity(99).tolist() == [1.5, 2] and found.motion.velocity(100).tolist() == [3, -4]

@@ -10,6 +10,7 @@ This module imports neither Amaranth nor NumPy nor torch.
 import dataclasses
 import hashlib
 import json
+import numbers
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -186,7 +187,7 @@ class Config:
             if not isinstance(value, str):
                 raise ConfigError(f"{field.name} = {value!r}: text is needed")
             return
-        kind = (int,) if field.type is int else (int, float)
+        kind = numbers.Integral if field.type is int else numbers.Real  # NumPy's too
         if isinstance(value, bool) or not isinstance(value, kind):
             raise ConfigError(
                 f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed"
@@ -195,6 +196,8 @@ class Config:
         if value != value or (low is not None and value < low) or (high is not None and value > high):
             allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
             raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
+        if not isinstance(value, (int, float)):
+            object.__setattr__(self, field.name, field.type(value))
 
     def _check_size(self, name, limit):
         if getattr(self, name) > getattr(self, limit):

@@ -8,6 +8,7 @@ from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
 from ..events import BatchCutter
+from ..events.batches import whole
 from . import loop
 from .result import Tracking
 from .source import Source, sensor_fields, unit_note
@@ -71,6 +72,8 @@ def track(
                 raise ConfigError("roi: the ROI's left column and top row are needed")
             roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
         check_roi(config, roi)
+        if batches is not None:
+            batches = whole("batches", batches)
         if batch_events is batch_us is batch_roi_events is None:
             batch_events = BATCH_EVENTS
         cutter = BatchCutter(

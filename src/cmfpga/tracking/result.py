@@ -1,7 +1,7 @@
 """What a track found, from Python."""
 
 from ..config.defaults import CLOCK_MHZ
-from ..errors import ConfigError, needs
+from ..errors import ConfigError, naming, needs
 from ..events import Events
 from ..imaging.gallery import Gallery
 from .columns import COLUMNS, csv_writer, row
@@ -62,7 +62,7 @@ class Tracking:
 
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
-        with open(path, "w", newline="") as file:
+        with naming(path), open(path, "w", newline="") as file:
             csv_writer(file).writerows(map(row, self._values))
 
     def to_dataframe(self):

@@ -5,7 +5,7 @@ import os
 
 from ..errors import ConfigError, RecordingError
 from ..events import Events, EventSource, MemoryRecording, Synthetic, open_recording
-from ..events.recording import CHUNK_EVENTS
+from ..events.recording import CHUNK_EVENTS, check_sensor
 
 
 class Source:
@@ -33,7 +33,7 @@ class Source:
         elif isinstance(recording, Events):
             if sensor is None:
                 raise ConfigError("sensor: (width, height) in px is needed with events in memory")
-            recording = MemoryRecording(recording, *sensor, time_unit=time_unit)
+            recording = MemoryRecording(recording, *check_sensor(sensor, "events in memory"), time_unit=time_unit)
         elif not isinstance(recording, (EventSource, str, os.PathLike)):
             raise RecordingError(f"{type(recording).__name__}: a path, a Recording, Events or Synthetic is needed")
         self._recording = recording
