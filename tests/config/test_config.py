@@ -15,11 +15,11 @@ from cmfpga.errors import ConfigError, UserError
 
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
-REAL = [name for name, field in FIELDS.items() if field.type is float]
+REAL = [name for name, field in FIELDS.items() if field.type is float and name != "confidence_limit"]
 TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full"}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
-    "cold", "warm",
+    "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful",
 }  # fmt: skip
 
 # Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
@@ -36,7 +36,12 @@ ROOM = {
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
 }  # fmt: skip
 # What reads a field that the defaults do not.
-READER = {"tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"}}
+PROBED = {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20}
+SURE = PROBED | {"confidence": 1}
+READER = {
+    "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"},
+    **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
+}  # fmt: skip
 
 
 def refusal(**changes):
@@ -54,7 +59,7 @@ def refusal(**changes):
 def test_the_defaults_are_the_presets_and_no_limit_is_missing():
     assert PRESETS["paper"] == Config() == preset("paper")
     assert all(FIELDS[name].metadata["low"] is not None and FIELDS[name].metadata["high"] for name in BOUNDED)
-    assert set(BOUNDED) | set(REAL) | TEXT == set(FIELDS)
+    assert set(BOUNDED) | set(REAL) | TEXT | {"confidence_limit"} == set(FIELDS)
     for field in FIELDS.values():
         assert len(field.metadata["doc"]) > 5
 
@@ -103,6 +108,21 @@ def test_each_number_fits_its_format(name):
     assert refusal(**{name: fmt.step / 3}) == (
         f"{name} = {fmt.step / 3!r}: smaller than the step {fmt.step:g} of its format {fmt}"
     )
+
+
+def test_what_a_confidence_needs():
+    for value in (0.9, 341.1, float("nan"), -1):
+        assert refusal(confidence_limit=value) == f"confidence_limit = {value!r}: 1.0 to 341.0 is needed"
+    assert Config(**PROBED, confidence=1).confidence
+    assert refusal(**PROBED | {"gradient": "sweep"}, confidence=1) == (
+        "confidence = 1: gradient = one_pass is needed; gradient = sweep ignores it"
+    )
+    assert refusal(**PROBED | {"ascent": "constant"}, confidence=1) == (
+        "confidence = 1: ascent = sign is needed; ascent = constant ignores it"
+    )
+    assert refusal(**PROBED | {"v_frac": 1}, confidence=1).startswith("confidence = 1: v_frac = 1: 2 or more is needed")
+    wide = {"weight_frac": 16, "buffer_events": 1 << 13}
+    assert refusal(**PROBED | wide, confidence=1).startswith("confidence = 1: ΣI needs 30 bits, at most 28 are allowed")
 
 
 def test_a_narrower_format_allows_less():
@@ -164,6 +184,7 @@ def test_the_last_combination_that_is_allowed(changes):
     ("fast", "eta_frac", 9, "eta_frac = 9: ascent = constant is needed; ascent = sign ignores it"),
     ("paper", "cold", "0:0", "cold = '0:0': ascent = sign is needed; ascent = constant ignores it"),
     ("paper", "schedule_entries", 9, "schedule_entries = 9: ascent = sign is needed; ascent = constant ignores it"),
+    ("paper", "judge", 0, "judge = 0: confidence = 1 is needed; confidence = 0 ignores it"),
     ("paper", "tag_bits", 9, "tag_bits = 9: gradient = one_pass is needed; gradient = sweep ignores it"),
 ])  # fmt: skip
 def test_a_field_that_is_not_read_cannot_be_set(name, field, value, message):
@@ -171,14 +192,19 @@ def test_a_field_that_is_not_read_cannot_be_set(name, field, value, message):
         preset(name).replace(**{field: value})
     if value != FIELDS[field].default:
         assert refusal(**preset(name).to_dict() | {field: value}) == message
-    with pytest.raises(ConfigError, match=r"^gradient = 'x': one of "):
-        preset(name).replace(ascent="x", gradient="x", **{field: value})
+
+
+def test_a_choice_that_there_is_not_goes_before_what_it_would_read():
+    for name, field, value in (("ascent", "eta", 2.0), ("gradient", "tag_bits", 9)):
+        with pytest.raises(ConfigError, match=f"^{name} = 'x': one of "):
+            Config().replace(**{name: "x", field: value})
 
 
 def test_a_field_that_is_no_longer_read_goes_back_to_its_default():
     assert Config(eta=4.0, eta_frac=9, iterations=7).replace(ascent="sign") == Config(ascent="sign")
     assert preset("fast").replace(gradient="sweep").tag_bits == Config().tag_bits != preset("fast").tag_bits
     assert preset("fast").replace(ascent="constant", eta=4.0).eta == 4.0
+    assert preset("fast").replace(confidence_limit=45.0).replace(ascent="constant").confidence_limit == 30.0
     assert Config(ascent="sign", max_iterations=15).iterations == 100  # no limit of what is not read
 
 
@@ -256,14 +282,13 @@ def test_runtime_fields_do_not_shape_the_hardware():
     changes = dict(
         min_roi_events=5, thinning=3, thin_target=700, start="given", v_start_x=1.0, v_start_y=-1.0, roi_gain=1.0,
     )  # fmt: skip
-    own = {"constant": {"iterations": 7, "eta": 0.5}, "sign": {"cold": "0:0", "warm": "0:-1"}}
-    assert changes.keys() | own["constant"].keys() | own["sign"].keys() == RUNTIME
-    for ascent, more in own.items():
-        base = Config(ascent=ascent)
+    judged = {"cold": "0:0", "warm": "0:-1", "judge": 0, "confidence_limit": 45.0, "cold_after_doubtful": 0}
+    for base, more in ((Config(), {"iterations": 7, "eta": 0.5}), (Config(**SURE), judged)):
         changed = base.replace(**changes, **more)
         assert all(getattr(changed, name) != getattr(base, name) for name in (*changes, *more))
         assert changed.hardware_hash == base.hardware_hash != Config(roi_width=32).hardware_hash
         assert not RUNTIME & set(changed.hardware_fields)
+        assert changes.keys() | more.keys() < RUNTIME
 
 
 @pytest.mark.parametrize("name", sorted(set(BOUNDED) - RUNTIME))

@@ -40,7 +40,7 @@ class SignAscent:
     """v ← v ± a step of a schedule, coarse to fine; see :class:`ConstantAscent` for attributes and methods."""
 
     settings = ("cold", "warm")
-    fields = (*settings, "schedule_entries")
+    fields = (*settings, "schedule_entries", "confidence")
     has_table = True
     latency = 2
 

@@ -16,6 +16,7 @@ from functools import cached_property
 
 from ..errors import ConfigError
 from .ascent import ASCENTS
+from .confidence import check_confidence
 from .formats import Formats
 from .geometry import Geometry
 from .motion import translation
@@ -25,7 +26,7 @@ from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 #: Gradient architectures, and the fields that only each reads.
-GRADIENTS = {"sweep": (), "one_pass": ("tag_bits",)}
+GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "confidence")}
 WHEN_FULL = ("drop", "thin")
 RAM_STYLES = ("auto", "block", "ultra")
 
@@ -36,14 +37,20 @@ def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=
     return dataclasses.field(default=default, metadata=meta)
 
 
+#: Whether the hardware tells how sure v is, and what only that reads.
+CONFIDENCE = {0: (), 1: ("judge", "confidence_limit", "cold_after_doubtful")}
+
+
 def unread(fields):
-    """``{name: why}`` of those ``fields``, a dictionary of all, that the chosen gradient or ascent does not read."""
-    found = {}
-    for choice, own in (("gradient", GRADIENTS), ("ascent", {name: rule.fields for name, rule in ASCENTS.items()})):
+    """``{name: why}`` of those ``fields``, a dictionary of all, that the choices among them do not read."""
+    fields, found = {**fields}, {}
+    ascents = {name: rule.fields for name, rule in ASCENTS.items()}
+    for choice, own in (("gradient", GRADIENTS), ("ascent", ascents), ("confidence", CONFIDENCE)):
         chosen = fields[choice]
         for other, names in own.items():
             for name in names if chosen != other and chosen in [*own] else ():
                 found[name] = f"{name} = {fields[name]!r}: {choice} = {other} is needed; {choice} = {chosen} ignores it"
+                fields[name] = getattr(Config, name)
     return found
 
 
@@ -110,6 +117,16 @@ class Config:
     v_start_y: float = _field(0.0, "start velocity along y when start = given", unit="px/half batch", runtime=True)
     roi_gain: float = _field(2.0, "ROI displacement per v; 2 because v is per half batch", low=0.0, runtime=True)
 
+    # Confidence
+    confidence: int = _field(0, "1: the hardware can tell how sure v is; needs one_pass and sign", low=0, high=1)
+    judge: int = _field(1, "1: probe how sure v is, and flag doubtful batches", low=0, high=1, runtime=True)
+    confidence_limit: float = _field(
+        30.0, "smallest confidence of a batch that is not doubtful", unit="1/px²", low=1.0, high=341.0, runtime=True
+    )
+    cold_after_doubtful: int = _field(
+        1, "1: a batch that follows a doubtful one starts cold", low=0, high=1, runtime=True
+    )
+
     # Fixed-point formats
     dt_frac: int = _field(12, "fraction bits of dt (range −1 … 1)", unit="bits", low=2, high=16)
     v_int: int = _field(5, "integer bits of v", unit="bits", low=1, high=10)
@@ -166,6 +183,8 @@ class Config:
             self._check_size("iterations", "max_iterations")
         if self.gradient == "one_pass":
             self.one_pass.check()
+        if self.confidence:
+            check_confidence(self)
         if self.dither_frac > self.dt_frac + self.v_frac:
             raise ConfigError(
                 f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
