@@ -305,7 +305,7 @@ def test_a_schedule_as_long_as_the_table(rng):
     """A driver may write one, whatever ``max_iterations`` says: the count does not wrap."""
     config = Config(
         sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16, ascent="sign",
-        cold="0:0", warm="0:0", iterations=2, max_iterations=2, schedule_entries=9,
+        cold="0:0", warm="0:0", max_iterations=2, schedule_entries=9,
     )  # fmt: skip
     core, model = VerilatedCore(config), IntegerCore(config)
     for count in (4, 9, 8):
