@@ -5,6 +5,7 @@ import sys
 
 from . import __version__, cli
 from .boards import BOARDS
+from .errors import write_text
 from .protocol import registers
 from .protocol.registers import documents
 from .rtl.axi.top import AxiTop
@@ -33,7 +34,7 @@ def build(config, folder):
         "build-info.md": summary(info),
     }
     for name, text in contents.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_text(folder / name, text)
     return [folder / name for name in contents]
 
 
@@ -46,8 +47,8 @@ def build_axi(config, board, folder):
     verilog = emit_verilog(top, board.top)
     paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
     info = describe_axi(board, top, verilog)
-    paths[0].write_text(verilog, encoding="utf-8")
-    paths[1].write_text(json.dumps(info, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(paths[0], verilog)
+    write_text(paths[1], json.dumps(info, indent=2, ensure_ascii=False) + "\n")
     title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
     return paths + documents.write_documents(top.shell.registers, title, folder)
 
@@ -66,7 +67,7 @@ def estimate(verilog, axi=None):
         report(f"the same of {axi.stem}")
         estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=report, top=axi.stem)
     path = verilog.with_name("resources.json")
-    path.write_text(json.dumps(estimated, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(path, json.dumps(estimated, indent=2, ensure_ascii=False) + "\n")
     return estimated, path
 
 

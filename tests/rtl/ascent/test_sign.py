@@ -12,7 +12,7 @@ from support.values import edge_integers, random_value
 SHAPES = {
     **{name: LEVELS[name] for name in ("fast", "fast tiny", "fast wide")},
     # Four values of v on each side of zero.
-    "few bits": LEVELS["fast"].replace(v_int=1, v_frac=1, cold="0:0", warm="0:-1"),
+    "few bits": LEVELS["fast"].replace(v_int=1, v_frac=1, confidence=0, cold="0:0", warm="0:-1"),
     # G wider than 64 bits would be refused; this is as wide as it gets here.
     "full-frame": LEVELS["fast"].replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10),
 }
