@@ -60,9 +60,9 @@ def check(config, batches, *, spacing=0, seed=0):
         settings |= {} if start is None else {"v_start": xy(start)}
         saturated = False
         timeline[len(script)] = v, saturated
-        planned[len(script)] = len(steps)
-        cycle()
-        cycle()
+        planned[len(script) + 1] = len(steps)
+        for _ in range(3):
+            cycle()
         cycle(**{"run.start": 1})
         if start is not None:
             v = start
@@ -71,7 +71,7 @@ def check(config, batches, *, spacing=0, seed=0):
         for shift, *g in steps:
             entered.append(len(script))
             cycle(**{"i.valid": 1, "i.payload": xy(g)})
-            for _ in range(block.latency - 1):
+            for _ in range(2):
                 cycle()
             moved = [
                 sign_updater(config, axis_v, axis_g, log2_step=shift - config.formats.v.f)
