@@ -5,7 +5,7 @@ import sys
 
 from . import __version__, cli
 from .boards import BOARDS
-from .errors import UserError
+from .errors import UserError, write_text
 from .protocol import registers
 from .protocol.registers import documents
 from .rtl.axi.top import AxiTop
@@ -35,7 +35,7 @@ def build(config, folder):
         "build-info.md": summary(info),
     }
     for name, text in contents.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_text(folder / name, text)
     return [folder / name for name in contents]
 
 
@@ -48,8 +48,8 @@ def build_axi(config, board, folder):
     verilog = emit_verilog(top, board.top)
     paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
     info = describe_axi(board, top, verilog)
-    paths[0].write_text(verilog, encoding="utf-8")
-    paths[1].write_text(json.dumps(info, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(paths[0], verilog)
+    write_text(paths[1], json.dumps(info, indent=2, ensure_ascii=False) + "\n")
     title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
     return paths + documents.write_documents(top.shell.registers, title, folder)
 
@@ -131,7 +131,7 @@ def main(arguments=None):
         if getattr(options, name):
             found[name] = measure()
             paths.append(folder / f"{name}.json")
-            paths[-1].write_text(json.dumps(found[name], indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+            write_text(paths[-1], json.dumps(found[name], indent=2, ensure_ascii=False) + "\n")
             if not options.json:
                 print(f"wrote {paths[-1]}\n{what.text(found[name])}", flush=True)
     if options.json:

@@ -4,8 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.protocol.settings import clamp_roi
@@ -13,7 +11,7 @@ from cmfpga.reference.roi_follower import RoiFollower, move_within
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from support.bench import held, play
 from support.configs import CONFIGS, ODD, TINY
-from support.values import corners, edge_integers, integers_at_edges, random_value
+from support.values import edge_integers, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny")},
@@ -252,20 +250,3 @@ def test_slow_motion_adds_up_and_halves_round_up():
     # 10 + n/8 rounds up at the half; 20 − n/8 stays until it is below the half.
     assert [x for x, _ in corners] == [10 + (n + 4) // 8 for n in range(1, 21)]
     assert [y for _, y in corners] == [20 + (4 - n) // 8 for n in range(1, 21)]
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    velocity = integers_at_edges(config.formats.v.min, config.formats.v.max)
-    load = st.tuples(integers_at_edges(0, config.sensor_width - 1), integers_at_edges(0, config.sensor_height - 1))
-    batch = st.tuples(
-        st.one_of(st.none(), load),
-        st.tuples(velocity, velocity),
-        integers_at_edges(0, config.formats.roi_gain.max),
-        st.booleans(),
-    )
-    batches = data.draw(st.lists(batch, min_size=5, max_size=20))
-    check(config, batches)
-    check_ahead(config, batches, hurry=data.draw(st.booleans()))
