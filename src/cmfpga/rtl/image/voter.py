@@ -62,7 +62,7 @@ class BilinearVoter(wiring.Component):
         dt_half_s1 = register(signed(config.formats.dt.width + frac + 1), "dt_half_s1")
         product = small_product if frac <= 4 else operator.mul
         m.d.sync += [
-            fx_fy_s1.eq(fx * fy),
+            fx_fy_s1.eq(product(fx, fy)),
             dt_fx_s1.eq(product(dt, fx)),
             dt_fy_s1.eq(product(dt, fy)),
             fx_s1.eq(fx),
