@@ -16,7 +16,7 @@ from cmfpga.errors import ConfigError, UserError
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
 REAL = [name for name, field in FIELDS.items() if field.type is float and name != "confidence_limit"]
-TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full"}
+TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full", "border"}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
     "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful",
