@@ -57,11 +57,7 @@ RECORDINGS = [
     ("missing.h5", None, r"no such file"),
     ("bytes.bin", lambda path: path.write_bytes(bytes(range(256))), r"format not known; one of .* is needed"),
     ("header.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n"), r"not a readable HDF5 file .+"),
-    (
-        "cut.txt",
-        lambda path: lines(path, _200="0.02 3"),
-        r", line 200: 2 fields in '0\.02 3'; 4 are needed .*",
-    ),
+    ("cut.txt", lambda path: lines(path, _200="0.02 3"), r", line 200: 2 fields in '0\.02 3'; 4 are needed .*"),
     ("html.txt", lambda path: path.write_text("<!DOCTYPE html>\n<p>Not Found</p>\n"), r", line 1: 2 fields in .*"),
     ("x.txt", lambda path: lines(path, _150="0.015 32 4 1"), r"x of event 149 is 32; 0 to 31 is allowed .* 32×24 px"),
     ("wide.npz", lambda path: wide(path, 65536), r"x of event 0 is 65536; 0 to 31 is allowed on a sensor of 32×24 px"),

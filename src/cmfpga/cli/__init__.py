@@ -156,12 +156,12 @@ def batch_size(options, events=BATCH_EVENTS):
 def add_clock_option(made):
     """``--clock``."""
     made.add_argument(
-        "--clock", type=_clock, default=CLOCK_MHZ, metavar="MHZ",
+        "--clock", type=clock, default=CLOCK_MHZ, metavar="MHZ",
         help=f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})",
     )  # fmt: skip
 
 
-def _clock(text):
+def clock(text):
     """A parser of a clock in MHz for argparse."""
     try:
         value = float(text)

@@ -129,12 +129,7 @@ def _data(kept, story):
         "dither": {"frac": config.dither_frac, "bits": DITHER_BITS, "factors": FACTORS},
         "reach": max(3, int(reach) + 1),
         "details": [
-            {
-                "batch": detail.batch,
-                "events": len(detail.x),
-                "v": detail.v.tolist(),
-                "levels": detail.levels.tolist(),
-            }
+            {"batch": detail.batch, "events": len(detail.x), "v": detail.v.tolist(), "levels": detail.levels.tolist()}
             for detail in details
         ],
     }
