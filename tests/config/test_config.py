@@ -205,7 +205,6 @@ def test_a_field_that_is_no_longer_read_goes_back_to_its_default():
     assert preset("fast").replace(gradient="sweep").tag_bits == Config().tag_bits != preset("fast").tag_bits
     assert preset("fast").replace(ascent="constant", eta=4.0).eta == 4.0
     assert preset("fast").replace(confidence_limit=45.0).replace(ascent="constant").confidence_limit == 30.0
-    assert Config(ascent="sign", max_iterations=15).iterations == 100  # no limit of what is not read
 
 
 def test_the_limit_of_63_bits_is_exact():
