@@ -97,7 +97,6 @@ def test_runtime_fields_do_not_change_the_verilog(emitted):
     base = emitted(**TINY)
     other = emitted(
         **TINY, min_roi_events=3, iterations=7, eta=0.5, start="given", v_start_x=1.5, v_start_y=-1, roi_gain=1,
-        cold="0:0", warm="0:-1",
     )  # fmt: skip
     assert other["cmfpga_core.v"] == base["cmfpga_core.v"]
     assert info_of(other)["configuration_hash"] == info_of(base)["configuration_hash"]

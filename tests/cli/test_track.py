@@ -181,17 +181,17 @@ def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_
 
 def test_the_synthetic_scene_as_json_is_only_json(command, tmp_path):
     done = command(
-        track, "--engine", "model", "--set", "iterations=1", "--batches", 2, "--json", "--no-picture", "--out", tmp_path
+        track, "--engine", "model", "--set", "cold=0:0", "--batches", 2, "--json", "--no-picture", "--out", tmp_path
     )
-    assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["eta"] == 4.0
+    assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["cold"] == "0:0"
 
 
 def test_the_scene_with_other_options(command, rows, tmp_path):
     done = command(
-        track, "--engine", "float", "--roi", "40,60", "--batch-us", "20000", "--batches", 3, "--set", "iterations=2",
-        "--set", "eta=0.5", "--out", tmp_path, "--no-picture", "--json",
+        track, "--engine", "float", "--roi", "40,60", "--batch-us", "20000", "--batches", 3, "--preset", "paper",
+        "--set", "iterations=2", "--out", tmp_path, "--no-picture", "--json",
     )  # fmt: skip
-    assert json.loads(done.out)["config"]["eta"] == 0.5
+    assert json.loads(done.out)["config"]["eta"] == 4.0  # the scene's own
     assert rows(tmp_path)[0]["roi_x"] == "40"
 
 

@@ -47,6 +47,7 @@ class Player:
         """One batch of ``count`` iterations, each ``gaps[k]`` cycles longer than it has to be."""
         self.cycle(new_batch=1)
         self.limited[len(self.script)] = 0
+        self.cycle()
         self.cycle(first=first)
         self.cycle()
         most = limits(self.config)

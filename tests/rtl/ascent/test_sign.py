@@ -12,7 +12,7 @@ from support.values import edge_integers, random_value
 SHAPES = {
     **{name: LEVELS[name] for name in ("fast", "fast tiny", "fast wide")},
     # Four values of v on each side of zero.
-    "few bits": LEVELS["fast"].replace(v_int=1, v_frac=1, cold="0:0", warm="0:-1"),
+    "few bits": LEVELS["fast"].replace(v_int=1, v_frac=1, confidence=0, cold="0:0", warm="0:-1"),
     # G wider than 64 bits would be refused; this is as wide as it gets here.
     "full-frame": LEVELS["fast"].replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10),
 }
@@ -60,9 +60,9 @@ def check(config, batches, *, spacing=0, seed=0):
         settings |= {} if start is None else {"v_start": xy(start)}
         saturated = False
         timeline[len(script)] = v, saturated
-        planned[len(script)] = len(steps)
-        cycle()
-        cycle()
+        planned[len(script) + 1] = len(steps)
+        for _ in range(3):
+            cycle()
         cycle(**{"run.start": 1})
         if start is not None:
             v = start
@@ -71,7 +71,7 @@ def check(config, batches, *, spacing=0, seed=0):
         for shift, *g in steps:
             entered.append(len(script))
             cycle(**{"i.valid": 1, "i.payload": xy(g)})
-            for _ in range(block.latency - 1):
+            for _ in range(2):
                 cycle()
             moved = [
                 sign_updater(config, axis_v, axis_g, log2_step=shift - config.formats.v.f)

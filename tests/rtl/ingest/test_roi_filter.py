@@ -32,7 +32,9 @@ def check(config, batches, probability=0.0, seed=0):
         # `start` comes when the batch before is through; the ROI stays for the whole batch.
         script.append({"start": 1, "roi": {"x": roi[0], "y": roi[1]}})
         events = [{"t": t, "x": x, "y": y, "last": int(rng.integers(2))} for t, x, y in zip(t, x, y, strict=True)]
-        part, cycles = flow_script(block, events, random_gaps(rng, len(events), probability), rng, drain=block.latency)
+        part, cycles = flow_script(
+            block, events, random_gaps(rng, len(events), probability), rng, drain=block.latency + 1
+        )
         model = roi_filter(config, t, x, y, roi=roi)
         pushed.append([len(script) + cycle for cycle in cycles])
         script += part
