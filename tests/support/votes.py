@@ -1,4 +1,19 @@
-"""Images as the banks of the accumulators hold them."""
+"""Votes and images as the banks of the accumulators have them."""
+
+
+def vote_payloads(config, votes):
+    """Model votes as payloads of :func:`cmfpga.rtl.payloads.votes`: sorted by bank, None where there is no vote."""
+    names = ("inside", "column", "row", "w", "dx", "dy")
+    payloads = []
+    for event in zip(*(getattr(votes, name).tolist() for name in names), strict=True):
+        banks = [None] * 4
+        for inside, column, row, w, dx, dy in zip(*event, strict=True):
+            number = 2 * (row & 1) + (column & 1)
+            address = ((row >> 1) << config.geometry.bank_column_bits) | (column >> 1)
+            if inside:
+                banks[number] = {"valid": 1, "address": address, "i": w, "dx": dx, "dy": dy}
+        payloads.append(banks)
+    return payloads
 
 
 def sweep_addresses(config):

@@ -16,7 +16,8 @@ class BilinearVoter(wiring.Component):
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
     dropped alone; with ``border = whole`` its event then changes no derivative. With fx, fy the fractions and one
-    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
+    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others follow by
+    subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
 
