@@ -160,7 +160,7 @@ def test_choices(name, choices):
     ({"ascent": "sign", "cold": "2:2"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
     ({"ascent": "sign", "max_iterations": 14}, "cold: 15 iterations; at most 14 are allowed (max_"),
     ({"ascent": "sign", "max_iterations": 5, "cold": "0:0"}, "warm: 6 iterations; at most 5 are allowed "),
-    ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 18 idle cycles an iteration = 558, "),
+    ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 19 idle cycles an iteration = 589, "),
     ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 6 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
     ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
