@@ -176,14 +176,12 @@ def _choose(options, objects, recording, config):
     wanted = [one for one in objects if one.roi is None]
     if not wanted:
         return
-    from .survey import Survey, propose, require, survey_all
+    from .survey import survey_and_propose
 
     # Where the user or the other objects are; or else where something moves.
     start = options.start_event if options.start_event or len(wanted) < len(objects) else None
-    survey = Survey(recording.width, recording.height)
-    survey_all(recording, survey)
-    proposals = propose(recording, survey, config, count=len(wanted), start_event=start)
-    for one, found in zip(wanted, require(proposals, len(wanted), recording), strict=True):
+    proposals = survey_and_propose(recording, config, count=len(wanted), start_event=start)
+    for one, found in zip(wanted, proposals, strict=True):
         one.roi, one.proposal = found.roi, found
         print(f"note: {one.named('track')}: {found.text}", file=sys.stderr)
     options.start_event = proposals[0].start_event
@@ -191,12 +189,10 @@ def _choose(options, objects, recording, config):
 
 def _prepare(options, one, config, recording):
     """An object's configuration and cutter."""
-    size, changes = cli.batch_size(options, BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS), {}
+    size, one.config = cli.batch_size(options, BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS), config
     if one.proposal and not (options.batch_events or options.batch_us or options.batch_roi_events):
         size = {"events": one.proposal.batch_events}
-        given = cli.config_changes(options)
-        changes = {name: value for name, value in one.proposal.fields.items() if name not in given}
-    one.config = config.replace(**changes)
+        one.config = one.proposal.suited(config, cli.config_changes(options))
     limit = one.config.max_batch_events
     for mode in ("events", "roi_events"):
         if size.get(mode, 0) > limit:

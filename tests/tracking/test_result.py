@@ -80,12 +80,23 @@ def test_arrays_are_the_columns_of_the_csv(command, rows, dot, small, tmp_path, 
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "track.csv").read_bytes()
 
 
+def test_a_notebook_shows_the_table_and_the_picture(dot, monkeypatch):
+    tracking = follow(dot, batches=5)
+    shown = tracking._repr_html_()
+    assert shown.count("<tr>") == 6 and f"<td>{tracking.vx[4].item()!r}</td>" in shown
+    assert "middle of the batch [µs]" in shown and "data:image/png;base64,iVBORw0KGgo" in shown
+    monkeypatch.setattr("cmfpga.tracking.result._SHOWN", 2)
+    shown = tracking._repr_html_()
+    assert shown.count("<tr>") == 6 and shown.count("<td>…</td>") == len(COLUMNS)
+
+
 def test_data_frame(dot):
     pandas = pytest.importorskip("pandas")
     tracking = follow(dot, batches=3)
-    frame = tracking.to_dataframe()
+    frame = tracking.to_pandas()
     assert list(frame.columns) == list(COLUMNS) and len(frame) == 3
-    assert frame["roi_x"].tolist() == tracking.roi_x.tolist() and frame["vx"].tolist() == tracking.vx.tolist()
+    assert list(tracking.to_arrays()) == list(COLUMNS) and frame["roi_x"].tolist() == tracking.roi_x.tolist()
+    assert frame["vx"].tolist() == tracking.vx.tolist()
     text = frame.to_csv(index=False)
     assert next(csv.reader(io.StringIO(text))) == list(COLUMNS)
     assert pandas.isna(frame["cycles"]).all()
@@ -95,7 +106,7 @@ def test_data_frame_without_pandas(dot, monkeypatch):
     tracking = follow(dot, batches=1)
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ConfigError, match=r"pip install 'cmfpga\[pandas\]'"):
-        tracking.to_dataframe()
+        tracking.to_pandas()
 
 
 def test_plot_is_the_picture_of_the_command(dot, tmp_path):
@@ -109,6 +120,11 @@ def test_what_can_be_tracked(dot, dot_events):
         found = [follow(opened, batches=3)]
     found.append(follow(dot_events, batches=3, sensor=(32, 24)))
     found.append(follow(MemoryRecording(dot_events, 32, 24), batches=3))
+    columns = tuple(getattr(dot_events, name) for name in "txyp")
+    for data in (columns, np.stack(columns, axis=1).astype(int), dict(zip("txyp", columns, strict=True))):
+        found.append(follow(data, batches=3, sensor=(32, 24)))
+    seconds = (dot_events.t / 1e6, *columns[1:])
+    found.append(follow(seconds, batches=3, sensor=(32, 24), time_unit="s"))
     for tracking in found:
         assert tracking.vx.tolist() == expected.vx.tolist() and tracking.contrast.tolist() == expected.contrast.tolist()
     scene = generate(seed=1, velocity=(150.0, 100.0), duration_us=100_000)
@@ -162,7 +178,7 @@ def test_mistakes_are_told_in_one_line(dot, options, message):
 def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
     with pytest.raises(ConfigError, match="sensor: \\(width, height\\)"):
         follow(dot_events)
-    with pytest.raises(RecordingError, match="list: a path, a Recording"):
+    with pytest.raises(RecordingError, match="events: list; \\(t, x, y, p\\), a structured array, or N×4"):
         follow([1, 2, 3])
     np.savez(tmp_path / "a.npz", t=dot_events.t, x=dot_events.x, y=dot_events.y, p=dot_events.p)
     with pytest.warns(UserWarning, match="taking 240×180 px"):

@@ -2,8 +2,9 @@
 
 from . import aedat2, cameras, hdf5, numpy_files, text
 from .arrays import Events
-from .batches import Batch, BatchCutter
-from .columns import MemoryRecording
+from .batches import WAITING, Batch, BatchCutter
+from .columns import MemoryRecording, as_events
+from .feed import Feed
 from .hdf5 import Hdf5Writer, write_hdf5
 from .motion import Motion
 from .recording import Format, Recording, formats, open_recording, register_format
@@ -15,10 +16,12 @@ for _format in (*text.FORMATS, *aedat2.FORMATS, *cameras.FORMATS, *hdf5.FORMATS,
     register_format(_format)
 
 __all__ = [
+    "WAITING",
     "Batch",
     "BatchCutter",
     "EventSource",
     "Events",
+    "Feed",
     "Format",
     "Hdf5Writer",
     "MemoryRecording",
@@ -26,6 +29,7 @@ __all__ = [
     "Recording",
     "Scene",
     "Synthetic",
+    "as_events",
     "formats",
     "generate",
     "open_recording",

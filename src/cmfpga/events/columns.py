@@ -2,16 +2,19 @@
 
 import contextlib
 
+import numpy as np
+
 from ..errors import RecordingError
+from .arrays import Events
 from .recording import Recording, check_sensor
-from .units import SAMPLE_EVENTS, guess_unit, parse_unit, to_us
+from .units import SAMPLE_EVENTS, guess_unit, to_us
 
 # Names under which the four columns are found, in data sets, archives and structured arrays.
 NAMES = {
     "t": ("t", "ts", "timestamp", "timestamps", "time", "times"),
     "x": ("x", "xs", "col", "column"),
     "y": ("y", "ys", "row"),
-    "p": ("p", "ps", "polarity", "polarities", "pol"),
+    "p": ("p", "ps", "polarity", "polarities", "pol", "on"),
 }
 
 
@@ -32,6 +35,42 @@ def require_names(names, where):
             + "; ".join(f"{column} may be named {', '.join(NAMES[column])}" for column in missing)
         )
     return found
+
+
+def as_events(data, time_unit=None):
+    """:class:`Events` of whatever holds them in memory.
+
+    Parameters
+    ----------
+    data : Events, tuple, mapping or array
+        A tuple (t, x, y, p) of arrays; a structured array, a dictionary or a pandas ``DataFrame`` with columns named as
+        in :data:`NAMES` (so those of tonic, Metavision, expelliarmus, faery and dv-processing); or N×4 with columns
+        t, x, y, p.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Of t; whole numbers are µs by default.
+
+    Raises
+    ------
+    RecordingError
+        It is nothing of that kind, or holds what :class:`Events` refuse; one line.
+    """
+    if isinstance(data, Events):
+        return data if time_unit is None else Events(data.t, data.x, data.y, data.p, time_unit=time_unit)
+    if isinstance(data, tuple) and len(data) == len(NAMES):
+        return Events(*data, time_unit=time_unit)
+    names = getattr(getattr(data, "dtype", None), "names", None) or (hasattr(data, "keys") and list(data.keys()))
+    if names:
+        found = require_names(names, "events")
+        return Events(*(data[found[column]] for column in NAMES), time_unit=time_unit)
+    with contextlib.suppress(ValueError, TypeError):  # lists of other lengths
+        table = np.asarray(data)
+        if table.ndim == 2 and table.shape[1] == len(NAMES):
+            return Events(*table.T, time_unit=time_unit)
+    shape = getattr(data, "shape", ())
+    raise RecordingError(
+        f"events: {type(data).__name__}{' of ' * bool(shape)}{'×'.join(map(str, shape))}; (t, x, y, p), a structured "
+        "array, or N×4 with columns t, x, y, p is needed"
+    )
 
 
 class Columns:
@@ -182,17 +221,12 @@ class MemoryRecording(ColumnsRecording):
         Size of the sensor, px.
     name : str
         For people.
-    time_unit : {"s", "ms", "us", "ns"}, optional
-        What the whole numbers in ``events.t`` count; µs by default.
     """
 
-    def __init__(self, events, width, height, name="events in memory", time_unit=None):
+    def __init__(self, events, width, height, name="events in memory"):
         columns = Columns({key: getattr(events, key) for key in NAMES}, name)
         sensor = check_sensor((width, height), name)
-        time_unit = None if time_unit is None else parse_unit(time_unit, name)
-        super().__init__(
-            lambda: columns, path=None, name=name, format="memory", sensor=sensor, time_unit=time_unit, file_unit="us"
-        )
+        super().__init__(lambda: columns, path=None, name=name, format="memory", sensor=sensor, file_unit="us")
 
 
 def one_line(error):

@@ -156,7 +156,6 @@ def _column_names(line, comment):
     fields = re.split(r"\s*[,;\t]\s*" if re.search(r"[,;\t]", text) else r"\s+", text.lower())
     matches = [_NAME.fullmatch(field.strip("\"' ")) for field in fields]
     names = [match[1] if match else "" for match in matches]
-    names = ["p" if name == "on" else name for name in names]
     found = match_names(names)
     if len(found) < 4 or len(names) != len(fields):
         return None

@@ -4,12 +4,12 @@ import contextlib
 import os
 
 from ..errors import ConfigError, RecordingError
-from ..events import Events, EventSource, MemoryRecording, Synthetic, open_recording
-from ..events.recording import CHUNK_EVENTS
+from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, open_recording
+from ..events.recording import CHUNK_EVENTS, check_sensor
 
 
 class Source:
-    """Where a track's events come from, and can be read again.
+    """Where a track's events come from.
 
     Parameters
     ----------
@@ -30,12 +30,11 @@ class Source:
         self.synthetic = recording if isinstance(recording, Synthetic) else None
         if self.synthetic:
             recording = recording.recording("synthetic scene")
-        elif isinstance(recording, Events):
+        elif not isinstance(recording, (EventSource, str, os.PathLike)):
+            recording = as_events(recording, time_unit)
             if sensor is None:
                 raise ConfigError("sensor: (width, height) in px is needed with events in memory")
-            recording = MemoryRecording(recording, *sensor, time_unit=time_unit)
-        elif not isinstance(recording, (EventSource, str, os.PathLike)):
-            raise RecordingError(f"{type(recording).__name__}: a path, a Recording, Events or Synthetic is needed")
+            recording = MemoryRecording(recording, *check_sensor(sensor, "events in memory"))
         self._recording = recording
         self.name = recording.name if isinstance(recording, EventSource) else os.fspath(recording)
         self.motion = self.synthetic.motion if self.synthetic else None

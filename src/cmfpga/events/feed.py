@@ -1,0 +1,46 @@
+"""Events that are handed over while they are tracked: an :class:`~cmfpga.events.source.EventSource`."""
+
+from collections import deque
+
+from .arrays import Events
+from .checks import EventChecker
+from .recording import check_sensor
+
+
+class Feed:
+    """Takes events piece by piece, and gives them to one track.
+
+    Parameters
+    ----------
+    width, height : int
+        Size of the sensor, px.
+    name : str
+        For people.
+    """
+
+    seekable = False
+
+    def __init__(self, width, height, name="events"):
+        self.name = name
+        self.width, self.height = check_sensor((width, height), name)
+        self._check = EventChecker(name, self.width, self.height)
+        self._pieces, self._ended = deque(), False
+
+    def push(self, events):
+        """Append :class:`Events`, which follow the last ones in time.
+
+        Raises :exc:`RecordingError` for those that go back in time or lie outside the sensor; none of them is kept.
+        """
+        self._pieces.append(Events(*self._check(events.t, events.x, events.y, events.p)))
+
+    def end(self):
+        """No more will come."""
+        self._ended = True
+
+    def chunks(self, start=0, size=None):
+        """As of any source: the pieces as they were pushed; None while there are none."""
+        while self._pieces or not self._ended:
+            events = self._pieces.popleft() if self._pieces else None
+            if events is not None and start:
+                events, start = events[start:], max(start - len(events), 0)
+            yield events
