@@ -17,7 +17,7 @@ from . import cli
 from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, check_roi, open_engine
 from .errors import ConfigError
-from .events import BatchCutter, generate, open_recording
+from .events import BatchCutter, generate
 from .tracking import api
 from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
@@ -65,6 +65,7 @@ def _parser():
         "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
     )
     cli.add_recording_options(made)
+    cli.add_layout_options(made)
     made.add_argument(
         "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
     )
@@ -135,10 +136,10 @@ class _Truth(list):
 def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
-        return None, open_recording(options.recording, time_unit=options.time_unit, sensor=options.sensor)
-    for name, value in (("--sensor W,H", options.sensor), ("--time-unit", options.time_unit)):
-        if value is not None:
-            raise ConfigError(f"{name}: a RECORDING is needed; the synthetic scene has its own")
+        return None, cli.opened(options)
+    for name in ("sensor", "time_unit", "columns", "dataset"):
+        if getattr(options, name) is not None:
+            raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
 

@@ -1,5 +1,6 @@
 """Events, files of them in every format written without the code under test, and how a file is refused."""
 
+import gzip
 import zipfile
 
 import h5py
@@ -102,6 +103,7 @@ def _write_h5(path, *columns):
 WRITERS = {
     "h5": _write_h5,
     "txt": lambda path, *columns: path.write_text(text_lines(*columns)),
+    "txt.gz": lambda path, *columns: path.write_bytes(gzip.compress(text_lines(*columns).encode())),
     "zip": _write_zip,
     "npy": lambda path, *columns: np.save(path, structured(*columns)),
     "npz": lambda path, *columns: np.savez_compressed(path, **dict(zip("txyp", columns, strict=True))),

@@ -177,6 +177,29 @@ def add_recording_options(made):
     made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
 
 
+def add_layout_options(made):
+    """``--columns`` and ``--dataset``, for :func:`opened`."""
+    made.add_argument(
+        "--columns",
+        metavar="x,y,t,p",
+        help="columns in their order, of text without names and of N×4; others: any name",
+    )
+    made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file")
+
+
+def opened(options):
+    """The recording that the options name, opened; what is odd about it is noted."""
+    from ..events import open_recording  # NumPy and all formats, which --help does without
+
+    recording = open_recording(
+        options.recording, time_unit=options.time_unit, sensor=options.sensor, columns=options.columns,
+        dataset=options.dataset,
+    )  # fmt: skip
+    for note in recording.notes():
+        print(f"note: {note}", file=sys.stderr)
+    return recording
+
+
 def files(action):
     """Marks an argument of argparse as a file, for the completion of shells."""
     action.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}

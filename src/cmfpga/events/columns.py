@@ -83,20 +83,23 @@ class Columns:
         N×4. An array is anything with ``shape``, ``dtype`` and slicing.
     where : str
         Start of messages.
-    order : str
-        Columns of an N×4 array.
+    order : sequence of str, optional
+        Columns of an N×4 array, by default t, x, y, p; of a wider one, other names are not read.
     close : callable, optional
         Releases what reading has opened.
 
     Raises
     ------
     RecordingError
-        The arrays have another shape, lengths that differ, or hold something else than numbers; or hold no events.
+        The arrays have another shape, lengths that differ, or hold something else than numbers; or hold no events; or
+        an order is given though the columns have names.
     """
 
-    def __init__(self, source, where, order="txyp", close=lambda: None):
+    def __init__(self, source, where, order=None, close=lambda: None):
         self.close = close
-        self._order = order
+        if order and (isinstance(source, dict) or source.dtype.names):
+            raise RecordingError(f"{where}: columns {','.join(order)}: they have names of their own")
+        self._order = order = order or (*NAMES,)
         self._source = source
         self._names = None
         if isinstance(source, dict):
@@ -117,15 +120,19 @@ class Columns:
         else:
             dtypes = dict.fromkeys(NAMES, source.dtype)
             shape = source.shape
-            if len(shape) != 2 or shape[1] != 4:
+            if len(shape) != 2 or shape[1] != len(order):
                 size = "×".join(map(str, shape)) or "a single value"
-                raise RecordingError(f"{where}: array of {size}; N×4 with columns {', '.join(order)} is needed")
+                raise RecordingError(
+                    f"{where}: array of {size}; N×{len(order)} with columns {', '.join(order)} is needed"
+                )
         for name, dtype in dtypes.items():
             if dtype.kind not in ("iuf" if name == "t" else "biuf"):
                 raise RecordingError(f"{where}: {name} holds {dtype}; real numbers are needed")
         if not shape[0]:
             raise RecordingError(f"{where}: no events")
         self._length = shape[0]
+        #: What messages add to the name.
+        self.layout = "" if isinstance(source, dict) or self._names else f" (columns {', '.join(order)})"
 
     def __len__(self):
         return self._length
@@ -153,8 +160,6 @@ class ColumnsRecording(Recording):
         As the file says.
     t_offset : int or float
         Added to all time stamps, in the unit of the recording.
-    layout : str
-        What messages add to the name, such as the order of the columns.
     read_errors : tuple of exceptions
         What reading damaged content raises.
     """
@@ -162,14 +167,14 @@ class ColumnsRecording(Recording):
     _file = None  # what close() closes
 
     def __init__(
-        self, columns, *, path, format, sensor, name=None, time_unit=None, file_unit=None, t_offset=None, layout="",
+        self, columns, *, path, format, sensor, name=None, time_unit=None, file_unit=None, t_offset=None,
         read_errors=(),
     ):  # fmt: skip
         self._open_columns = columns
-        self._layout = layout
         name = name or str(path)
         self._read_errors = read_errors
         first = columns()
+        self._layout = first.layout
         source = "given" if time_unit else "file" if file_unit else "assumed"
         unit = time_unit or file_unit
         super().__init__(

@@ -8,7 +8,7 @@ from ..config import DEFAULT_PRESET, preset
 from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
-from ..events import BatchCutter, Feed, as_events
+from ..events import BatchCutter, Feed, Recording, as_events
 from ..events.recording import check_sensor
 from ..survey import survey_and_propose
 from . import loop
@@ -29,6 +29,8 @@ def track(
     batches=None,
     sensor=None,
     time_unit=None,
+    columns=None,
+    dataset=None,
     **fields,
 ):
     """Follow an object through a recording.
@@ -54,6 +56,8 @@ def track(
         Width and height of the sensor, px; goes before what the file says.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of the time stamps; goes before what the file says, and before the µs of events in memory.
+    columns, dataset : optional
+        Of a file: as of :func:`~cmfpga.events.open_recording`.
     **fields
         Fields of the configuration to change, such as ``eta=0.5``.
 
@@ -68,7 +72,7 @@ def track(
     """
     size = _batch_size(batch_events, batch_us, batch_roi_events)
     with contextlib.ExitStack() as stack:
-        source = Source(recording, sensor=sensor, time_unit=time_unit)
+        source = Source(recording, sensor=sensor, time_unit=time_unit, columns=columns, dataset=dataset)
         batches_found, cutter, tracking = _begin(stack, source, roi, preset, engine, size, start_event, batches, fields)
         for _ in batches_found:
             pass
@@ -175,6 +179,8 @@ def _batch_size(events, us, roi_events):
 def _begin(stack, source, roi, preset, engine, size, start_event, batches, fields, keep=True):
     """``(the loop's batches, their cutter, the Tracking that collects them)``; ``stack`` closes what is opened."""
     opened = source.open(stack)
+    for note in opened.notes() if isinstance(opened, Recording) else ():
+        warnings.warn(note, stacklevel=3)
     config = _config(opened, preset, fields)
     if isinstance(roi, str) and roi == "auto":
         (found,) = survey_and_propose(opened, config, start_event=start_event or None)

@@ -13,7 +13,7 @@ class Source:
 
     Parameters
     ----------
-    recording, sensor, time_unit
+    recording, sensor, time_unit, columns, dataset
         As of :func:`~cmfpga.tracking.api.track`.
 
     Attributes
@@ -25,8 +25,8 @@ class Source:
         The true motion, where it is known.
     """
 
-    def __init__(self, recording, *, sensor=None, time_unit=None):
-        self._options = {"sensor": sensor, "time_unit": time_unit}
+    def __init__(self, recording, *, sensor=None, time_unit=None, **layout):
+        self._options = {"sensor": sensor, "time_unit": time_unit, **layout}
         self.synthetic = recording if isinstance(recording, Synthetic) else None
         if self.synthetic:
             recording = recording.recording("synthetic scene")
