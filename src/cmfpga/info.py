@@ -15,7 +15,7 @@ from tqdm import tqdm
 from . import cli
 from .engines import make_engine
 from .errors import RecordingError, needs
-from .events import BatchCutter
+from .events import BatchCutter, open_recording
 from .survey import Survey, propose, survey_all
 from .survey.pictures import draw, frame
 from .tracking.loop import track
@@ -65,7 +65,7 @@ def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
     broken = None
-    with cli.opened(options) as recording:
+    with cli.noted(open_recording(options.recording, **cli.reading(options))) as recording:
         survey = Survey(recording.width, recording.height)
         try:
             survey_all(recording, survey)

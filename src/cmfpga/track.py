@@ -14,10 +14,12 @@ import types
 from tqdm import tqdm
 
 from . import cli
+from .cli.lines import Lines, Truth
 from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, check_roi, open_engine
 from .errors import ConfigError
-from .events import BatchCutter, generate
+from .events import BatchCutter, LiveSource, generate, open_source
+from .events.live import FORMATS as STREAM_FORMATS
 from .tracking import api
 from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
@@ -49,7 +51,10 @@ DEMO_FIELDS = {"eta": 4.0}
 
 def _parser():
     made = cli.parser("track", "Follow an object through a recording of events.", EXAMPLES)
-    cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
+    cli.files(made.add_argument(
+        "recording", nargs="?", metavar="RECORDING",
+        help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, or a named pipe",
+    ))  # fmt: skip
     made.add_argument(
         "--roi", type=_roi_option, action="append", metavar="[NAME=]X,Y",
         help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects, each with its own core "
@@ -66,6 +71,10 @@ def _parser():
     )
     cli.add_recording_options(made)
     cli.add_layout_options(made)
+    made.add_argument("--format", choices=STREAM_FORMATS, help="of a stream without a header")
+    made.add_argument(
+        "--drop", action="store_true", help="of a stream: drop events that come too fast, do not hold the sender up"
+    )
     made.add_argument(
         "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
     )
@@ -80,7 +89,9 @@ def _parser():
         metavar="BATCH",
         help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
     )
-    made.add_argument("--json", action="store_true", help="print a summary as JSON")
+    made.add_argument(
+        "--json", action="store_true", help="print a summary as JSON; of a stream, a line per batch, and one at the end"
+    )
     cli.add_config_options(made)
     return made
 
@@ -101,44 +112,31 @@ def main(arguments=None):
     truth, recording = _open(options)
     with recording:
         config = cli.make_config(options, **_sensor_fields(options, recording), **(DEMO_FIELDS if truth else {}))
-        objects = _objects(options, truth, config)
+        objects = _objects(options, truth, config, recording)
         _choose(options, objects, recording, config)
         found = []
         for one in objects:
             _prepare(options, one, config, recording)
             if truth and not options.json:
-                found.append(_Truth(truth.motion))
+                found.append(Truth(truth.motion))
                 one.consumers.append(found[-1])
+            if isinstance(recording, LiveSource):
+                one.consumers.append(Lines(options.json))
         folder = cli.output_folder(options.out)
         name = _track(options, objects, recording, folder, truth.motion if truth else None)
-    _summarise(options, config, name, objects)
+        _summarise(options, config, name, objects, recording.counts() if isinstance(recording, LiveSource) else None)
     for lines in found:
         print("\n".join(lines))
     return 0
 
 
-class _Truth(list):
-    """Lines that show the true motion beside the found one, batch by batch; a consumer."""
-
-    def __init__(self, motion):
-        super().__init__(["batch   true vx, vy [px/s]      found vx, vy [px/s]"])
-        self._motion = motion
-
-    def add(self, batch):
-        speed = batch.v_px_per_s
-        if speed is None:
-            self.append(f"{batch.index:5}   (degenerate)")
-            return
-        true = batch.true_px_per_s(self._motion)
-        self.append(f"{batch.index:5}   {true[0]:8.1f} {true[1]:8.1f}       {speed[0]:8.1f} {speed[1]:8.1f}")
-
-
 def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
-        return None, cli.opened(options)
-    for name in ("sensor", "time_unit", "columns", "dataset"):
-        if getattr(options, name) is not None:
+        told = {"form": options.format, "drop": options.drop, **cli.reading(options)}
+        return None, cli.noted(open_source(options.recording, **told))
+    for name in ("sensor", "time_unit", "columns", "dataset", "format", "drop"):
+        if getattr(options, name):
             raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
@@ -153,13 +151,15 @@ def _sensor_fields(options, recording):
     return fields
 
 
-def _objects(options, truth, config):
+def _objects(options, truth, config, recording):
     """The objects that ``--roi`` asks for; of several, those without a name have their number."""
     asked = options.roi
     if not asked:
         if truth is None:
             raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto")
         asked = [(None, truth.roi_start(config.roi_width, config.roi_height))]
+    if len(asked) > 1 and not recording.seekable:
+        raise ConfigError(f"{recording.name}: a stream comes only once; one --roi is needed")
     objects = []
     for k, (name, roi) in enumerate(asked):
         if roi is not None:
@@ -220,12 +220,17 @@ def _track(options, objects, recording, folder, motion):
             )  # fmt: skip
             consumers = (one, *one.consumers)
             running.append(track(engine, one.cutter, roi=one.roi, batches=options.batches, consumers=consumers))
-        total = None
+        total, live = None, isinstance(recording, LiveSource)
         if _shows_bar():
             totals = [_total(options, recording, one.cutter) for one in objects]
             total = None if None in totals else sum(totals)
-        for _ in tqdm(in_turn(running), total=total, unit="batch", disable=None):
-            pass
+        try:
+            for _ in tqdm(in_turn(running), total=total, unit="batch", disable=live or None):
+                pass
+        except KeyboardInterrupt:
+            if not live:
+                raise
+            print("note: interrupted; this is the end of the stream", file=sys.stderr)
     for one in objects:
         one.check()
     for one in objects:
@@ -250,7 +255,7 @@ def _total(options, recording, cutter):
     return min(whole, options.batches or whole)
 
 
-def _summarise(options, config, engine, objects):
+def _summarise(options, config, engine, objects, counts):
     alone = len(objects) == 1
     cycles = [count for one in objects for count in one.cycles]
     if options.json:
@@ -259,7 +264,7 @@ def _summarise(options, config, engine, objects):
             summary = {"engine": engine, **entries[0], "config": objects[0].config.to_dict()}
         else:
             summary = {"engine": engine, "objects": entries, "config": config.to_dict()}
-        print(json.dumps(summary, indent=2))
+        print(json.dumps(summary, indent=2) if counts is None else json.dumps({"summary": {**summary, **counts}}))
         return
     for one in objects:
         who = "" if alone and not one.name else f"{one.name}: "
@@ -272,6 +277,11 @@ def _summarise(options, config, engine, objects):
             f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "
             f"{sum(cycles) / len(cycles) / options.clock / 1e3:.3f} ms "
             f"at an assumed clock of {options.clock:g} MHz"
+        )
+    if counts:
+        print(
+            f"{counts['received']} events came, {counts['lost']} were dropped; the sender was held up for "
+            f"{counts['held_up_s']:g} s"
         )
     for one in objects:
         for path in one.files:

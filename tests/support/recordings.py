@@ -135,3 +135,24 @@ def aedat2_words(events, width=240, height=180):
 def write_aedat2(path, words, header=AEDAT2_HEADER):
     path.write_bytes(header + np.asarray(words).astype(">u4").tobytes())
     return path
+
+
+def packed(form, *columns):
+    """Little-endian words of the columns, event after event."""
+    return np.stack(columns, axis=1).astype(form).tobytes()
+
+
+def integers(events):
+    return (getattr(events, name).astype(np.int64) for name in "txyp")
+
+
+def evt2(events):
+    """EVT 2.0: 4 bits of type, then the 28 upper bits of the time, or its 6 lower bits, x and y (11 bits each)."""
+    t, x, y, p = integers(events)
+    return packed("<u4", 0x8 << 28 | t >> 6, p << 28 | (t & 63) << 22 | x << 11 | y)
+
+
+def evt3(events):
+    """EVT 3.0: words of 16 bits, of which 4 are the type: time high (8) and low (6), y (0), single x (2)."""
+    t, x, y, p = integers(events)
+    return packed("<u2", 8 << 12 | t >> 12 & 0xFFF, 6 << 12 | t & 0xFFF, y, 2 << 12 | p << 11 | x)

@@ -178,7 +178,7 @@ def add_recording_options(made):
 
 
 def add_layout_options(made):
-    """``--columns`` and ``--dataset``, for :func:`opened`."""
+    """``--columns`` and ``--dataset``, for :func:`reading`."""
     made.add_argument(
         "--columns",
         metavar="x,y,t,p",
@@ -187,14 +187,13 @@ def add_layout_options(made):
     made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file")
 
 
-def opened(options):
-    """The recording that the options name, opened; what is odd about it is noted."""
-    from ..events import open_recording  # NumPy and all formats, which --help does without
+def reading(options):
+    """How the recording is read, as :func:`cmfpga.events.open_recording` takes it."""
+    return {name: getattr(options, name) for name in ("time_unit", "sensor", "columns", "dataset")}
 
-    recording = open_recording(
-        options.recording, time_unit=options.time_unit, sensor=options.sensor, columns=options.columns,
-        dataset=options.dataset,
-    )  # fmt: skip
+
+def noted(recording):
+    """The recording; what is odd about it goes to standard error."""
     for note in recording.notes():
         print(f"note: {note}", file=sys.stderr)
     return recording

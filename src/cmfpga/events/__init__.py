@@ -6,6 +6,7 @@ from .batches import WAITING, Batch, BatchCutter
 from .columns import MemoryRecording, as_events
 from .feed import Feed
 from .hdf5 import Hdf5Writer, write_hdf5
+from .live import LiveSource, is_live, open_source
 from .motion import Motion
 from .recording import Format, Recording, formats, open_recording, register_format
 from .source import EventSource
@@ -24,6 +25,7 @@ __all__ = [
     "Feed",
     "Format",
     "Hdf5Writer",
+    "LiveSource",
     "MemoryRecording",
     "Motion",
     "Recording",
@@ -32,7 +34,9 @@ __all__ = [
     "as_events",
     "formats",
     "generate",
+    "is_live",
     "open_recording",
+    "open_source",
     "register_format",
     "write_hdf5",
 ]

@@ -1,4 +1,4 @@
-"""Events that are handed over while they are tracked: an :class:`~cmfpga.events.source.EventSource`."""
+"""Events that come while they are tracked: an :class:`~cmfpga.events.source.EventSource`."""
 
 from collections import deque
 
@@ -12,17 +12,17 @@ class Feed:
 
     Parameters
     ----------
-    width, height : int
-        Size of the sensor, px.
+    sensor : (int, int) or None
+        Width and height of the sensor, px, where they are known.
     name : str
         For people.
     """
 
     seekable = False
 
-    def __init__(self, width, height, name="events"):
+    def __init__(self, sensor, name):
         self.name = name
-        self.width, self.height = check_sensor((width, height), name)
+        self.width, self.height = (None, None) if sensor is None else check_sensor(sensor, name)
         self._check = EventChecker(name, self.width, self.height)
         self._pieces, self._ended = deque(), False
 
@@ -40,7 +40,9 @@ class Feed:
     def chunks(self, start=0, size=None):
         """As of any source: the pieces as they were pushed; None while there are none."""
         while self._pieces or not self._ended:
-            events = self._pieces.popleft() if self._pieces else None
-            if events is not None and start:
-                events, start = events[start:], max(start - len(events), 0)
-            yield events
+            if not self._pieces:
+                yield None
+                continue
+            events = self._pieces.popleft()
+            yield events[start:]
+            start = max(start - len(events), 0)

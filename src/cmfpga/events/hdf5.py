@@ -23,12 +23,12 @@ import h5py
 import numpy as np
 
 from ..errors import RecordingError
-from . import ecf
 from .columns import NAMES, Columns, ColumnsRecording, match_names, one_line, readable, require_names
+from .ecf import EcfDataset, EcfError, is_compressed
 from .recording import Format, check_sensor
 from .units import parse_unit
 
-_READ_ERRORS = (OSError, RuntimeError, KeyError, ecf.EcfError)
+_READ_ERRORS = (OSError, RuntimeError, KeyError, EcfError)
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _MVSEC, _PROPHESEE = "davis/left/events", "CD/events"
 # Data sets that a message names.
@@ -114,7 +114,7 @@ def _contents(file):
 def _events_at(node, file, path):
     """As :func:`_find_events`, of a data set or a group."""
     if isinstance(node, h5py.Dataset):
-        source = ecf.EcfDataset(node) if ecf.is_compressed(node) else node
+        source = EcfDataset(node) if is_compressed(node) else node
         return source, "xytp" if node.name == f"/{_MVSEC}" else None, (node, node.parent, file)
     names = require_names(node, path if node == file else f"{path}: {node.name.strip('/')}")
     source = {column: node[name] for column, name in names.items()}

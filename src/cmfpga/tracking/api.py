@@ -115,7 +115,7 @@ class Tracker:
         self, *, roi, sensor, time_unit=None, keep=True, preset=DEFAULT_PRESET, engine="rtl", batch_events=None,
         batch_us=None, batch_roi_events=None, **fields,
     ):  # fmt: skip
-        self._time_unit, self._feed = time_unit, Feed(*check_sensor(sensor, "Tracker"), "pushed events")
+        self._time_unit, self._feed = time_unit, Feed(check_sensor(sensor, "Tracker"), "pushed events")
         size = _batch_size(batch_events, batch_us, batch_roi_events)
         with contextlib.ExitStack() as stack:
             self._batches, self._cutter, self.tracking = _begin(

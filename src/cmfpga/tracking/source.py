@@ -4,7 +4,7 @@ import contextlib
 import os
 
 from ..errors import ConfigError, RecordingError
-from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, open_recording
+from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, is_live, open_source
 from ..events.recording import CHUNK_EVENTS, check_sensor
 
 
@@ -43,15 +43,15 @@ class Source:
         """The :class:`EventSource`; a file that is opened here is closed by ``stack``, an ``ExitStack``."""
         if isinstance(self._recording, EventSource):
             return self._recording
-        return stack.enter_context(open_recording(self._recording, **self._options))
+        return stack.enter_context(open_source(self._recording, **self._options))
 
     def read(self, first, count):
         """Events ``first … first + count − 1``. Raises :exc:`RecordingError` where the source is not seekable."""
-        parts = []
+        parts, given = [], self._recording
+        if not given.seekable if isinstance(given, EventSource) else is_live(given):
+            raise RecordingError(f"{self.name}: its events cannot be read again; a recording is needed")
         with contextlib.ExitStack() as stack:
             opened = self.open(stack)
-            if not opened.seekable:
-                raise RecordingError(f"{self.name}: its events cannot be read again; a recording is needed")
             for chunk in opened.chunks(first, CHUNK_EVENTS):
                 parts.append(chunk[: count - sum(map(len, parts))])
                 if sum(map(len, parts)) == count:
