@@ -272,6 +272,9 @@ def _summarise(options, config, engine, objects, counts):
             f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
+        if one.judged:
+            limit = one.config.confidence_limit
+            print(f"{who}{one.trusted} of {one.batches} batches are to be trusted: confidence {limit:g} or more")
     if cycles:
         print(
             f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "

@@ -14,11 +14,11 @@ from cmfpga.errors import ConfigError, UserError
 
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
-REAL = [name for name, field in FIELDS.items() if field.type is float]
+REAL = [name for name, field in FIELDS.items() if field.type is float and name != "confidence_limit"]
 TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full"}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
-    "cold", "warm",
+    "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful",
 }  # fmt: skip
 
 # Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
@@ -33,6 +33,7 @@ ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
+    "confidence": {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 100},
 }  # fmt: skip
 
 
@@ -51,7 +52,7 @@ def refusal(**changes):
 def test_the_defaults_are_the_presets_and_no_limit_is_missing():
     assert PRESETS["paper"] == Config() == preset("paper")
     assert all(FIELDS[name].metadata["low"] is not None and FIELDS[name].metadata["high"] for name in BOUNDED)
-    assert set(BOUNDED) | set(REAL) | TEXT == set(FIELDS)
+    assert set(BOUNDED) | set(REAL) | TEXT | {"confidence_limit"} == set(FIELDS)
     for field in FIELDS.values():
         assert len(field.metadata["doc"]) > 5
 
@@ -92,6 +93,22 @@ def test_each_number_fits_its_format(name):
     assert refusal(**{name: fmt.step / 3}) == (
         f"{name} = {fmt.step / 3!r}: smaller than the step {fmt.step:g} of its format {fmt}"
     )
+
+
+def test_what_a_confidence_needs():
+    needed = ROOM["confidence"]
+    for value in (0.9, 341.1, float("nan"), -1):
+        assert refusal(confidence_limit=value) == f"confidence_limit = {value!r}: 1.0 to 341.0 is needed"
+    assert Config(**needed, confidence=1).confidence
+    assert refusal(**needed | {"gradient": "sweep"}, confidence=1) == (
+        "confidence = 1: gradient = one_pass is needed, not sweep"
+    )
+    assert refusal(**needed | {"ascent": "constant"}, confidence=1) == (
+        "confidence = 1: ascent = sign is needed, not constant"
+    )
+    assert refusal(**needed | {"v_frac": 1}, confidence=1).startswith("confidence = 1: v_frac = 1: 2 or more is needed")
+    wide = {"weight_frac": 16, "buffer_events": 1 << 13}
+    assert refusal(**needed | wide, confidence=1).startswith("confidence = 1: ΣI needs 30 bits, at most 28 are allowed")
 
 
 def test_a_narrower_format_allows_less():
@@ -220,7 +237,7 @@ def test_runtime_fields_do_not_shape_the_hardware():
     assert {name for name, field in FIELDS.items() if field.metadata["runtime"]} == RUNTIME
     changed = Config(
         min_roi_events=5, thinning=3, thin_target=700, iterations=7, eta=0.5, start="given", v_start_x=1.0,
-        v_start_y=-1.0, roi_gain=1.0, cold="0:0", warm="0:-1",
+        v_start_y=-1.0, roi_gain=1.0, cold="0:0", warm="0:-1", judge=0, confidence_limit=45.0, cold_after_doubtful=0,
     )  # fmt: skip
     assert all(getattr(changed, name) != getattr(Config(), name) for name in RUNTIME)
     assert changed.hardware_hash == Config().hardware_hash
@@ -229,7 +246,8 @@ def test_runtime_fields_do_not_shape_the_hardware():
 
 @pytest.mark.parametrize("name", sorted(set(BOUNDED) - RUNTIME))
 def test_every_hardware_field_does(name):
-    base = Config(roi_width=32, roi_height=32, roi_gain=1.0)
+    needed = ROOM["confidence"] if name == "confidence" else {}
+    base = Config(roi_width=32, roi_height=32, roi_gain=1.0, **needed)
     step = 2 if name.startswith("roi_") and not name.startswith("roi_gain") else 1
     changed = base.replace(**{name: getattr(base, name) + step})
     assert changed.hardware_hash != base.hardware_hash

@@ -67,7 +67,7 @@ def test_sensor_given(write):
     assert (recording.width, recording.height) == (240, 180)
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::ResourceWarning", "error::pytest.PytestUnraisableExceptionWarning")
 def test_nothing_stays_open(write):
     """Neither an unfinished iteration nor an error keeps the file open, nor is a closed file read."""
     path = write(**{**GOOD, "t": [10, 20, 5, 35]})

@@ -85,7 +85,7 @@ def test_payloads_know_their_formats():
 
 def test_a_raw_result_is_read():
     config = preset("paper")
-    values = {leaf: 3 for f in fields_of("batch", "region") for leaf in leaves(f.name, f.shape(config))}
+    values = {leaf: 3 for f in fields_of("batch", "region", config=config) for leaf in leaves(f.name, f.shape(config))}
     found = decode(config, values | {"v_x": -(3 << 11), "flags": int(Flag.CUT)})
     assert found["v"] == (-1.5, 3 / 4096) and found["roi"] == (3, 3) and found["flags"] is Flag.CUT
     assert found["sums"] == (3,) * 5
@@ -158,7 +158,7 @@ def test_traces_are_compared_by_all_their_values():
 def test_flags_have_the_bits_of_the_hardware():
     assert {flag.name: flag.value for flag in Flag} == {
         "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
-        "SCHEDULE": 128, "THINNED": 256,
+        "SCHEDULE": 128, "THINNED": 256, "DOUBTFUL": 512,
     }  # fmt: skip
 
 

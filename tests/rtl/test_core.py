@@ -12,7 +12,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
 from support.bench import simulate
-from support.core import Batch, check_core, constant_cycles, drive_core, per_iteration
+from support.core import Batch, check_core, constant_cycles, drive_core, judge_cycles, per_iteration
 from support.core_batches import CONFIGS, FLOWS, PLANS, centered, moving_points, random_batch, run, settings, spread
 
 # ---------------------------------------------------------------- everything, at random
@@ -49,7 +49,7 @@ def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name,
     _, outcomes = run(config, batches, rng)
     for before, outcome in itertools.pairwise(outcomes):
         assert outcome.opened < before.done
-    busy = 4 * (30 + per_iteration(config))
+    busy = (4 + 2 * config.confidence) * (30 + per_iteration(config)) + config.confidence * judge_cycles(config)
     assert all(busy < after.done - before.done < busy + 90 for before, after in itertools.pairwise(outcomes))
     for first, third in zip(outcomes, outcomes[2:], strict=False):
         assert third.opened > first.done
@@ -137,7 +137,7 @@ def test_cold_and_warm_schedules(flow, rng):
     """Warm only from a last v, of an object that is followed: not after a new ROI, a degenerate batch, or a given v."""
     config = CONFIGS["fast"]
     gap, stall = FLOWS[flow]
-    still = {"roi": None, "roi_gain": 0}
+    still = {"roi": None, "roi_gain": 0, "cold_after_doubtful": 0}
     cold, warm = {"cold": PLANS[3], "warm": PLANS[4]}, {"cold": PLANS[1], "warm": PLANS[2]}
     chosen = [
         (cold, 4), (cold | still, 2), (warm | still, 3), (cold | still | {"start_last": False}, 4), (warm | still, 3),
@@ -146,6 +146,24 @@ def test_cold_and_warm_schedules(flow, rng):
     batches = [spread(config, rng, **changes) for changes, _ in chosen]
     results, _ = run(config, batches, rng, gap=gap, stall=stall)
     assert [result.iterations for result in results] == [wanted for _, wanted in chosen]
+
+
+@pytest.mark.parametrize("flow", ["free", "both"])
+def test_after_a_doubtful_batch_the_next_one_starts_cold(flow, rng):
+    """Two buffers: it is already stored then. Not if the setting is off, nor after what is not judged or trusted."""
+    config = CONFIGS["fast"]
+    gap, stall = FLOWS[flow]
+    doubtful, trusted = {"confidence_limit": 1023}, {"confidence_limit": 1}
+    plans, follow = {"cold": PLANS[0], "warm": PLANS[4]}, {"roi": None, "roi_gain": 0}
+    chosen = [
+        (doubtful, 1), (doubtful | follow, 1), (doubtful | follow | {"cold_after_doubtful": 0}, 2),
+        (trusted | follow, 1), (doubtful | follow, 2), ({"judge": 0} | follow, 1), (doubtful | follow, 2),
+    ]  # fmt: skip
+    batches = [centered(config, range(100, 300, 10), **plans | changes) for changes, _ in chosen]
+    results, _ = run(config, batches, rng, gap=gap, stall=stall)
+    assert [result.iterations for result in results] == [wanted for _, wanted in chosen]
+    assert [result.restarted for result in results] == [0, 1, 0, 1, 0, 1, 0]
+    assert [Flag.DOUBTFUL in result.flags for result in results] == [1, 1, 1, 0, 1, 0, 1]
 
 
 def test_minimum_is_met_exactly(rng):

@@ -71,7 +71,7 @@ def test_a_closed_core_is_not_used(compiler, rng):
         core.reset,
         lambda: core.run(*axes, values),
         lambda: core.stream([axes], [values]),
-        lambda: core.write_schedule(((0, 1),)),
+        lambda: core.write_schedule(((0, 1, 1),)),
         core.take_waves,
     ):
         with pytest.raises(ValueError, match=r"^the simulated core is closed$"):

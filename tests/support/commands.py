@@ -14,7 +14,10 @@ import pytest
 from cmfpga import cli
 from cmfpga.events import Events, write_hdf5
 
-HEADER = "batch,t_ref_us,events,roi_events,roi_x,roi_y,vx,vy,vx_px_per_s,vy_px_per_s,iterations,cycles,contrast,flags"
+HEADER = (
+    "batch,t_ref_us,events,roi_events,roi_x,roi_y,vx,vy,vx_px_per_s,vy_px_per_s,iterations,cycles,contrast,"
+    "confidence,flags"
+)
 
 # The hardware of tests/engines too, so that one compilation serves both.
 HARDWARE = {

@@ -7,7 +7,7 @@ import numpy as np
 from cmfpga.config.schedule import used_events
 from cmfpga.engines.amaranth_sim import nested
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.results import COUNTS
+from cmfpga.protocol.results import COUNTS, SUMS, not_judged
 from cmfpga.protocol.settings import BatchSettings, settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import payloads
@@ -89,7 +89,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     table = schedules(batches)
     for batch in batches:
         chosen = batch.settings
-        iterations = max(chosen.iterations, len(chosen.cold), len(chosen.warm))
+        iterations = max(chosen.iterations, len(chosen.cold), len(chosen.warm)) + 6 * config.confidence
         busy = iterations * (len(batch.events) + config.geometry.bank_words + core.iteration_latency)
         limit += 2 * (len(batch.events) + busy + core.batch_latency) + 20
     limit = int(limit / (1 - min(0.9, max(gap, stall))))
@@ -182,6 +182,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             "roi_next": dict(zip("xy", wanted.roi_next, strict=True)),
             "iterations": wanted.iterations,
             "flags": int(wanted.flags),
+            **{name: _named(getattr(wanted, name)) for name in not_judged(config)},
         }, f"batch {number}"
         assert wanted.events == sum(result[name] for name in COUNTS)
         steps = [{"v": dict(zip("xy", i.v, strict=True)), "sums": i.sums._asdict()} for i in model.iterations]
@@ -191,16 +192,25 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             assert outcome.pixels == images, f"batch {number}: images"
         if not degenerate:
             assert sums == steps[-1]["sums"]
+        elif config.confidence:
+            assert not any(sums.values())
         assert cycles == outcome.done - outcome.opened
         if free and not degenerate:
             assert cycles == cycles_of(config, wanted, model.plan), f"batch {number}"
     return results
 
 
+def _named(value):
+    """Sums by their names."""
+    return dict(zip(SUMS, value, strict=True)) if isinstance(value, tuple) else value
+
+
 def cycles_of(config, result, plan):
     """:meth:`Core.cycles` without a core: N + Σ n_k + T·(P/4 + L) + constant, its latencies as numbers."""
     events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
     iterated = sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
+    if result.confidence_limit:
+        iterated += 2 * (result.roi_events + per_iteration(config)) + judge_cycles(config)
     return events + iterated + constant_cycles(config)
 
 
@@ -213,6 +223,13 @@ def per_iteration(config):
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
     ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
     return division + ascent + (16 + config.geometry.bank_words if config.gradient == "sweep" else 15)
+
+
+def judge_cycles(config):
+    """Cycles of a batch whose v is probed, beside those of two iterations: a bit of each step takes one."""
+    more = config.weight_frac - config.derivative_frac
+    factors = max((8 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
+    return 4 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
 
 
 def constant_cycles(config):

@@ -33,10 +33,15 @@ CONFIGS = {
     "fast": preset("fast").replace(
         **SMALL, **LIMITS, tag_bits=3, iterations=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
     ),
+    # Votes and derivatives of different fractions, one buffer, a P that is no power of two.
+    "one buffer, confidence": preset("fast").replace(
+        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, iterations=3, buffers=1, weight_frac=3,
+        derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
+    ),
     # A full buffer thins out; of a depth that is odd and no power of two.
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
-}
+}  # fmt: skip
 
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
 
@@ -110,6 +115,9 @@ def random_batch(config, rng, *, bad_times=0.15):
             ),
             min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
             thinning=int(rng.choice([1, 1, 1, 2, 3, 7, 255])),
+            judge=int(rng.integers(5) > 0),
+            cold_after_doubtful=int(rng.integers(3) > 0),
+            confidence_limit=int(rng.choice([1, 5, 90, 1023])),
             thin_target=min(config.buffer_events, int(rng.choice([0, 0, 0, 1, 5, 20, 48]))),
             **plans,
         ),

@@ -286,7 +286,7 @@ def test_what_the_engine_left_out_is_left_out(dot, engine, changes):
 
 def test_batches_without_events_or_motion(dot_events):
     pause = Events(dot_events.t + 3000 * (np.arange(600) >= 300), dot_events.x, dot_events.y, dot_events.p)
-    options = {**FAST, "engine": "model", "roi": (8, 9), "sensor": (32, 24)}
+    options = {**FAST, "engine": "model", "roi": (8, 9), "sensor": (32, 24), "cold_after_doubtful": 0}
     tracking = cmfpga.track(pause, batch_us=1000, **options)
     assert tracking.events.tolist() == [100] * 3 + [0] * 3 + [100] * 2
     for batch in range(8):
@@ -307,7 +307,7 @@ def test_after_a_degenerate_batch_the_ascent_begins_cold(dot_events, engine):
     x = np.where(np.arange(600) // 90 == 2, 0, dot_events.x)
     y = np.where(np.arange(600) // 90 == 2, 0, dot_events.y)
     elsewhere = Events(dot_events.t, x, y, dot_events.p)
-    tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), start="last", min_roi_events=10)
+    tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), start="last", min_roi_events=10, cold_after_doubtful=0)
     assert tracking.flags[2] == "degenerate" and tracking.iterations.tolist()[:4] == [8, 3, 0, 8]
     for batch in range(6):
         trace = tracking.trace(batch)

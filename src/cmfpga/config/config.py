@@ -15,6 +15,7 @@ from functools import cached_property
 
 from ..errors import ConfigError
 from .ascent import ASCENTS
+from .confidence import check_confidence
 from .formats import Formats
 from .geometry import Geometry
 from .motion import translation
@@ -95,6 +96,16 @@ class Config:
     v_start_y: float = _field(0.0, "start velocity along y when start = given", unit="px/half batch", runtime=True)
     roi_gain: float = _field(2.0, "ROI displacement per v; 2 because v is per half batch", low=0.0, runtime=True)
 
+    # Confidence
+    confidence: int = _field(0, "1: the hardware can tell how sure v is; needs one_pass and sign", low=0, high=1)
+    judge: int = _field(1, "1: probe how sure v is, and flag doubtful batches", low=0, high=1, runtime=True)
+    confidence_limit: float = _field(
+        30.0, "smallest confidence of a batch that is not doubtful", unit="1/px²", low=1.0, high=341.0, runtime=True
+    )
+    cold_after_doubtful: int = _field(
+        1, "1: a batch that follows a doubtful one starts cold", low=0, high=1, runtime=True
+    )
+
     # Fixed-point formats
     dt_frac: int = _field(12, "fraction bits of dt (range −1 … 1)", unit="bits", low=2, high=16)
     v_int: int = _field(5, "integer bits of v", unit="bits", low=1, high=10)
@@ -147,6 +158,8 @@ class Config:
             self.schedules.check()
         if self.gradient == "one_pass":
             self.one_pass.check()
+        if self.confidence:
+            check_confidence(self)
         if self.dither_frac > self.dt_frac + self.v_frac:
             raise ConfigError(
                 f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"

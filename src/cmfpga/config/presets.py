@@ -19,6 +19,7 @@ _FAST = Config(
     weight_frac=4,
     derivative_frac=4,
     dither_frac=4,
+    confidence=1,
     reciprocal_bits=12,
 )
 

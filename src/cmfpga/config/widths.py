@@ -10,6 +10,9 @@ class Widths(Derived):
     #: Width of the thinning's factor, and its largest value.
     thinning_bits, thinning_max = 8, 255
 
+    #: Bits of the confidence's limit, and of a curvature that is compared with it (its highest, with the sign).
+    limit_bits, kept_bits = 10, 17
+
     @property
     def weight_max(self):
         """Largest single vote: weight 1."""
@@ -81,6 +84,39 @@ class Widths(Derived):
         return signed_bits_for(self.g_max)
 
     @property
+    def squares_max(self):
+        """Bound of Σ I² ≤ ΣI · max I."""
+        return self.sum_i_max * self.image_max
+
+    @property
+    def squares_bits(self):
+        """Width of Σ I² (unsigned)."""
+        return bits_for(self.squares_max)
+
+    @property
+    def curvature_bits(self):
+        """Width that holds each member of :class:`cmfpga.protocol.confidence.Curvature` (two's complement).
+
+        Those along an axis are differences of two G, ``cross`` the sum of two such; 0 ≤ P·Σ I² − (ΣI)², by the
+        inequality of Cauchy and Schwarz.
+        """
+        most = max(4 * self.g_max, self._c.geometry.pixels * self.squares_max)
+        return max(self.kept_bits + 1, signed_bits_for(most))
+
+    @property
+    def judge_scales(self):
+        """Factors of the two sides of that comparison: 8 (see docs/confidence.md), and what fractions differ by."""
+        more = self._c.weight_frac - self._c.derivative_frac
+        return 8 << max(0, more), 1 << max(0, -more)
+
+    @property
+    def judge_bits(self):
+        """Width of either side of the comparison with the limit (two's complement)."""
+        by_n, by_limit = self.judge_scales
+        most = (by_n * self._c.buffer_events + by_limit * ((1 << self.limit_bits) - 1)) << (self.kept_bits - 1)
+        return signed_bits_for(most)
+
+    @property
     def gradient_scale(self):
         """``(shift, mantissa)`` of the factor that turns G into ∂C/∂v.
 
@@ -121,5 +157,6 @@ class Widths(Derived):
             + self._c.v_frac
             + self._c.v_int
             + 2,
+            **({"Σ I²": self.squares_bits} if self._c.confidence else {}),
             "ROI position": self._c.formats.roi_x.width + self._c.formats.roi_gain.width + 2,
         }

@@ -168,6 +168,9 @@ def random_settings(config, rng, previous_roi):
         min_roi_events=min(config.buffer_events, int(rng.choice([1, 1, 1, 4]))),
         thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
         thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
+        judge=int(rng.random() < 0.8),
+        cold_after_doubtful=int(rng.random() < 0.8),
+        confidence_limit=int(rng.choice([1, 20, 90, 90, 1023])),
         **(random_schedules(config, rng) if config.ascent_rule.has_table else {}),
     )
     return settings, clamp_roi(config, roi or previous_roi)[0]

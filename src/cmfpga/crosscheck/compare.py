@@ -51,7 +51,8 @@ def _one_by_one(config, rng):
         where = f"batch {number} ({name})"
         _same(where, found, expected)
         if found.iterations and found.events >= core.shortest_batch:
-            wanted = core.cycles(events=found.events, roi_events=found.roi_events, iterations=model.core.plan)
+            done = {"events": found.events, "roi_events": found.roi_events, "iterations": model.core.plan}
+            wanted = core.cycles(**done, judge=settings.judge)
             _equal(where, "cycles", found.cycles, wanted, "formula")
         counts += 1, found.iterations
         cycles += found.cycles or 0

@@ -17,6 +17,7 @@ class Flag(enum.IntFlag):
     ROI_CLAMPED = 64  # the ROI's position was limited to the sensor
     SCHEDULE = 128  # an entry of the schedule was out of range, and limited
     THINNED = 256  # ROI events were left out evenly, to keep their number down
+    DOUBTFUL = 512  # the contrast's peak is too flat for v to be trusted
 
     @property
     def warnings(self):

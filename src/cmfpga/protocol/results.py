@@ -13,12 +13,14 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
+from .settings import with_confidence
 from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
 
 #: Parts of a result's sums.
 SUMS = ("i", "dx", "dy", "sx", "sy")
+_SUM_NAMES = ("ΣI", "ΣDx", "ΣDy", "Σ I·Dx", "Σ I·Dy")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +40,7 @@ class ResultField:
     read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
     default: Any = REQUIRED  # of the attribute
     nothing: Any = 0  # the attribute of a batch without events
+    when: Callable = always  # when(config): the hardware has it; the attribute is None of others
     places: tuple = ()  # Place, in the result registers; word k is also the k-th 32-bit word of a result packet
     total: Place | None = None  # the counter that adds it up over all results
     doc: str
@@ -80,6 +83,11 @@ def sums_shape(config):
     return dict(zip(SUMS, (sum_i, sum_d, sum_d, s, s), strict=True))
 
 
+def squares_shape(config):
+    """Σ I² over the ROI."""
+    return Q(config.widths.squares_bits - 2 * config.weight_frac, 2 * config.weight_frac, signed=False)
+
+
 def trace_shape(config):
     """One iteration: the velocity that it used, and its sums."""
     return {"v": pair(config.formats.v), "sums": sums_shape(config)}
@@ -99,6 +107,7 @@ _FLAGS = tuple(
           doc=f"as the flag of that name: {flag.text}")
     for flag in Flag for bit in [flag.bit_length() - 1]
 )  # fmt: skip
+_JUDGED = {"scope": "region", "when": with_confidence, "default": None}
 _COUNT = {"shape": _events, "scope": "region", "counts": True, "taken_in": True, "unit": "events"}
 
 #: In the order of the Verilog ports, behind which come those of the AXI top. Words never change.
@@ -139,11 +148,26 @@ RESULTS = (
                         *_long(24, "RESULT_SX", "_sx", "Σ I·Dx"), *_long(26, "RESULT_SY", "_sy", "Σ I·Dy"))),
     ResultField(name="cycles", shape=lambda c: whole(CYCLE_BITS), scope="region", default=None, nothing=None,
                 doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
-    ResultField(name="flags", shape=lambda c: whole(len(Flag)), scope="region", read=Flag, nothing=Flag.DEGENERATE,
-                doc="what was unusual", places=_FLAGS),
+    ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag,
+                nothing=Flag.DEGENERATE, doc="what was unusual", places=_FLAGS),
     ResultField(name="thinning_used", shape=_thinning_used, scope="region", taken_in=True, when=thins, default=None,
                 nothing=None, places=(Place(word=28),),
                 doc="one ROI event in so many was stored: the thinning, doubled each time the buffer was full"),
+    ResultField(name="confidence_limit", shape=lambda c: whole(c.widths.limit_bits), **_JUDGED, unit="1/px²",
+                doc="the limit that v's confidence was compared with, as the setting of that name; 0: not compared",
+                places=(Place(word=29),)),
+    ResultField(name="sum_squares", shape=squares_shape, **_JUDGED, read=int, doc="Σ I² of the last iteration",
+                places=_long(30, "RESULT_SQUARES", "", "Σ I² of the last iteration, raw")),
+    *(ResultField(name=f"probe_{axis}", shape=sums_shape, **_JUDGED, nothing=(0,) * len(SUMS), read=lambda *raw: raw,
+                  doc=f"sums of the probe along {axis}; 0 if there was none",
+                  places=tuple(place for k, part in enumerate(SUMS) for place in
+                               _long(word + 2 * k, f"RESULT_PROBE_{axis}_{part}".upper(), f"_{part}",
+                                     f"of the probe along {axis}: {_SUM_NAMES[k]}")))
+      for axis, word in (("x", 32), ("y", 42))),
+    ResultField(name="restarted", shape=lambda c: whole(1), **_JUDGED, read=int, unit="batches",
+                doc="1: began cold, because the batch before was doubtful",
+                places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),
+                total=Place(word=27, doc="began cold, because the batch before was doubtful")),
     ResultField(name="batch", shape=lambda c: whole(32), scope="wrapper", places=(Place(word=0),),
                 doc="number of the batch, from 1 after a reset; 0: no result yet"),
     ResultField(name="t_ref", shape=lambda c: whole(32), scope="wrapper", nothing=None, places=(Place(word=8),),
@@ -164,11 +188,16 @@ COUNTS = tuple(f.name for f in RESULTS if f.counts)
 
 
 def fields_of(*scopes, config=None):
-    """The fields of some scopes, in order; with a configuration, those that its hardware has.
+    """The fields of some scopes, in order: those of the core are ``fields_of("batch", "region")``.
 
-    Those of the core are ``fields_of("batch", "region")``.
+    With ``config``, only those that its hardware has.
     """
     return tuple(f for f in RESULTS if f.scope in scopes and (config is None or f.when(config)))
+
+
+def not_judged(config):
+    """Fields of a batch whose v was not probed, where the hardware has them."""
+    return {f.name: f.nothing for f in fields_of("region", config=config) if f.when is with_confidence}
 
 
 def decode(config, values, *more):

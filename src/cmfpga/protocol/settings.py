@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..fixed import saturate
+from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
 
 
@@ -23,6 +24,11 @@ def by_signs(config):
 def by_gradient(config):
     """Only with ``ascent="constant"``."""
     return "eta" in config.ascent_rule.settings
+
+
+def with_confidence(config):
+    """Only with ``confidence=1``."""
+    return bool(config.confidence)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -179,6 +185,16 @@ SETTINGS = (
     Setting(name="min_roi_events", field="min_roi_events", high=lambda c: c.buffer_events, places=(Place(word=10),)),
     _plan("cold", 15, "without", lambda c, s: 0),
     _plan("warm", 16, "with", lambda c, s: len(s.cold) % c.schedule_entries),
+    Setting(name="judge", field="judge", shape=lambda c: whole(1), default=1, when=with_confidence,
+            places=(Place(word=17, register="CONFIDENCE", field="JUDGE", width=1,
+                          register_doc="how sure v is, and what follows"),)),
+    Setting(name="cold_after_doubtful", field="cold_after_doubtful", shape=lambda c: whole(1), default=1,
+            when=with_confidence,
+            places=(Place(word=17, register="CONFIDENCE", field="COLD_AFTER_DOUBTFUL", lsb=1, width=1),)),
+    Setting(name="confidence_limit", low=1, high=lambda c: (1 << c.widths.limit_bits) - 1, when=with_confidence,
+            asked=lambda c: round(LIMIT_SCALE * c.confidence_limit), default=90, reset=90,
+            doc=f"{LIMIT_SCALE} times the smallest confidence that is not doubtful", unit="1/px²",
+            places=(Place(word=18),)),
 )  # fmt: skip
 
 

@@ -1,7 +1,10 @@
 """The float reference's batches in a row: cropped, started and followed as in the integer model."""
 
+from types import SimpleNamespace
+
 from ..protocol.flags import Flag
 from ..protocol.trace import Trace
+from .confidence import is_doubtful, probe
 from .floating import ascend, ascend_by_signs, dither, float64, scaled_times
 from .sequence import Sequence
 
@@ -41,7 +44,12 @@ class FloatCore(Sequence):
 
     def ascend(self, batch, settings, plan):
         config = self.config
-        start = {"width": config.roi_width, "height": config.roi_height, "v_start": self.v}
-        done = ASCENTS[config.ascent](self.place(batch), settings, plan, config=config, **start)
+        events, size = self.place(batch), {"width": config.roi_width, "height": config.roi_height}
+        done = ASCENTS[config.ascent](events, settings, plan, config=config, **size, v_start=self.v)
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
-        return trace, Flag(0)
+        if not config.confidence:
+            return trace, Flag(0), {}
+        judged = probe(*events, *done.v[-2:].tolist(), settings, level=plan[-1].level, **size)
+        kept = {"sums": trace.last_sums, "roi_events": batch.counts["roi_events"], "flags": Flag(0)}
+        doubtful = is_doubtful(config, SimpleNamespace(**judged, **kept, v=trace.v[-1].tolist()))
+        return trace, Flag.DOUBTFUL if doubtful else Flag(0), judged

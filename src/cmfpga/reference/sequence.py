@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 
 from ..protocol.flags import Flag
-from ..protocol.results import BatchResult
+from ..protocol.results import BatchResult, not_judged
 from ..protocol.trace import Trace
 from .ingest import take_in
 from .roi_follower import RoiFollower
@@ -25,6 +25,8 @@ class Sequence(ABC):
         Velocity of the last batch; zero after a reset.
     followed : bool
         Whether ``v`` is that of an object that is being followed. A new ROI, a degenerate batch or a reset ends it.
+    doubtful : bool
+        Whether the last batch was flagged so.
     follower : RoiFollower
         Position of the ROI; the origin after a reset.
     thinning : int or None
@@ -36,7 +38,7 @@ class Sequence(ABC):
     def __init__(self, config, pixel):
         self.config = config
         self.v = (self.number(config.formats.v, 0),) * 2
-        self.followed = False
+        self.followed = self.doubtful = False
         self.follower = RoiFollower(config, pixel)
         self.thinning = None
 
@@ -62,6 +64,8 @@ class Sequence(ABC):
         self.thinning = batch.next_thinning
         flags = batch.flags | (Flag.CUT if cut else Flag(0))
         warm = rule.warm(settings, self.followed and settings.roi is None)
+        restarted = bool(warm and self.doubtful and settings.cold_after_doubtful)
+        warm, judged = warm and not restarted, not_judged(config)
         plan = rule.plan(settings, warm)
         self.followed = batch.enough(settings) and bool(plan)
         self.plan = plan if self.followed else ()
@@ -69,14 +73,16 @@ class Sequence(ABC):
         if self.followed:
             if not warm:
                 self.v = tuple(self.number(config.formats.v, axis) for axis in settings.v_start)
-            trace, found = self.ascend(batch, settings, plan)
+            trace, found, fields = self.ascend(batch, settings, plan)
             flags |= found
+            judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
             self.v = tuple(trace.v[-1].tolist())
             gain = self.number(config.formats.roi_gain, settings.roi_gain)
             step = tuple(gain * axis for axis in self.v)
         else:
             trace = Trace.without_iterations(self.v)
             flags |= Flag.DEGENERATE
+        self.doubtful = Flag.DOUBTFUL in flags
         limited |= self.follower.move(step)
         flags |= Flag.ROI_CLAMPED if limited else Flag(0)
         return BatchResult(
@@ -86,6 +92,7 @@ class Sequence(ABC):
             v=self.velocity,
             iterations=len(trace.sum_i),
             flags=flags,
+            **judged,
             trace=trace,
         )
 
@@ -100,4 +107,7 @@ class Sequence(ABC):
 
     @abstractmethod
     def ascend(self, batch, settings, plan):
-        """``(Trace, flags)`` of the iterations over a :class:`~.ingest.TakenIn`, from ``v`` on."""
+        """``(Trace, flags, fields)`` of the iterations over a :class:`~.ingest.TakenIn`, from ``v`` on.
+
+        ``fields`` of the result tell how sure v is, where the hardware can.
+        """

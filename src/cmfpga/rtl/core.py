@@ -2,7 +2,7 @@
 
 import itertools
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Mux
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -10,9 +10,12 @@ from ..protocol.flags import Flag
 from ..protocol.results import fields_of, thins
 from ..protocol.settings import by_signs
 from . import payloads
+from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
 from .ascent.roi_updater import RoiUpdater
+from .confidence.judge import Judge
+from .confidence.probe import Probe
 from .cycle_formula import CycleFormula
 from .image import IMAGES
 from .image.dither import Dither
@@ -110,6 +113,8 @@ class Core(CycleFormula, wiring.Component):
         self.gradient = Gradient(config)
         self.ascent = ASCENTS[config.ascent](config)
         self.roi_updater = RoiUpdater(config)
+        self.probe = Probe(config) if config.confidence else None
+        self.judge = Judge(config) if config.confidence else None
         # From an event's acceptance until it is counted; from a replay to the warp; from the last vote to the next v.
         self.drain = self.roi_filter.latency + self.thinner.latency + 1
         self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
@@ -120,6 +125,7 @@ class Core(CycleFormula, wiring.Component):
             replay_delay=max(0, self._evaluate - self._feed),
             move=self.roi_updater.latency,
             settle=self.roi_updater.settle,
+            probe_delay=Probe.latency,
         )
 
     @property
@@ -127,7 +133,7 @@ class Core(CycleFormula, wiring.Component):
         """What stands directly in the core, by name, in the order of data flow."""
         names = (
             "ingest_control", "roi_filter", "thinner", "event_buffer", "reciprocal", "dither", "time_scaler", "warp",
-            "voter", "image", "gradient", "ascent", "roi_updater", "iteration_control",
+            "voter", "image", "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control",
         )  # fmt: skip
         return {name: block for name in names if (block := getattr(self, name)) is not None}
 
@@ -145,6 +151,8 @@ class Core(CycleFormula, wiring.Component):
         self._iterate(m)
         self._ascend(m)
         self._follow(m)
+        if self.config.confidence:
+            self._confide(m)
         self._result(m)
         return m
 
@@ -193,16 +201,17 @@ class Core(CycleFormula, wiring.Component):
             self.time_scaler.span.eq(batch.span),
             self.time_scaler.shift.eq(self.reciprocal.shift),
             self.time_scaler.mantissa.eq(self.reciprocal.mantissa),
-            self.warp.v.eq(self.ascent.v),
+            self.warp.v.eq(self.ascent.warped if self.config.confidence else self.ascent.v),
             self.warp.level.eq(self.ascent.level),
             self.voter.level.eq(self.ascent.level),
             image.clear.eq(self.ingest_control.clear),
             self.ingest_control.cleared.eq(image.cleared),
             control.complete.eq(image.complete),
-            image.next.eq(control.run.updated),
+            image.next.eq(control.run.updated | control.probed if self.config.confidence else control.run.updated),
         ]
         if by_signs(self.config):
-            m.d.comb += self.event_buffer.stride.eq(self.ascent.stride)
+            stride = self.ascent.stride
+            m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
             if self.dither:
                 m.d.comb += [
                     self.dither.started.eq(self.event_buffer.started),
@@ -235,6 +244,32 @@ class Core(CycleFormula, wiring.Component):
             roi.still.eq(control.run.degenerate),
         ]
 
+    def _confide(self, m):
+        """Behind the last iteration: replay twice more beside v, and judge by the gradients."""
+        control, probe, judge = self.iteration_control, self.probe, self.judge
+        connect(m, probe.o, self.ascent.probe)
+        connect(m, self.gradient.o, judge.i)
+        probed = self.gradient.o.valid & (control.probing != 0)
+        m.d.comb += [
+            *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
+            *(block.iterating.eq(control.iterating) for block in (probe, judge)),
+            *(block.probing.eq(control.probing) for block in (probe, judge)),
+            *(block.begin.eq(control.begin) for block in (probe, judge)),
+            probe.complete.eq(control.complete),
+            probe.v.eq(self.ascent.v),
+            probe.sums.valid.eq(self.image.sums.valid),
+            probe.sums.payload.eq(self.image.sums.payload),
+            probe.squares.eq(self.image.squares),
+            judge.away.eq(probe.away),
+            judge.sum_i.eq(probe.last.i),
+            judge.squares.eq(probe.last_squares),
+            judge.events.eq(self.ingest_control.handover.batch.roi_events),
+            judge.limit.eq(control.run.settings.confidence_limit),
+            control.probed.eq(delay(m, probed, self.ascent.latency, name="probed", valid=True)),
+            control.judged.eq(judge.done),
+            control.run.doubtful.eq(judge.doubtful),
+        ]
+
     def _result(self, m):
         """Nothing of this changes while a result waits."""
         control, batch = self.iteration_control, self.ingest_control.handover.batch
@@ -260,6 +295,17 @@ class Core(CycleFormula, wiring.Component):
             "sums": sums.payload,
             "cycles": control.cycles,
         }
+        if self.config.confidence:
+            judged = control.run.settings.judge & ~control.run.degenerate
+            flags[Flag.DOUBTFUL] = self.judge.doubtful
+            found |= {
+                "sums": self.probe.last,
+                "sum_squares": self.probe.last_squares,
+                "probe_x": self.probe.x,
+                "probe_y": self.probe.y,
+                "confidence_limit": Mux(judged, control.run.settings.confidence_limit, 0),
+                "restarted": self.ascent.restarted,
+            }
         m.d.comb += [
             self.o.valid.eq(control.run.done),
             control.taken.eq(self.o.ready),

@@ -41,17 +41,26 @@ class CycleFormula:
         """
         return 0 if self.config.buffers == 1 else self.roi_updater.settle + 2 - self.drain
 
-    def cycles(self, *, events, roi_events, iterations):
+    @property
+    def judge_latency(self):
+        """Cycles that a batch takes more if v's confidence is measured, beside those of two iterations."""
+        return self.probe.latency + self.judge.latency - self.ascent.latency
+
+    def cycles(self, *, events, roi_events, iterations, judge=None):
         """Clock cycles of a batch: N + Σ n_k + T·(sweep + L) + constant; more where the image is not ``exact_cycles``.
 
         n_k events of the batch's n are used in iteration k. ``iterations`` says how many there are, each of which
-        uses all n; or it is the plan, a ``ScheduleEntry`` for each. From the cycle in which the first event is offered
-        to the one in which the result is; events offered in every cycle, no other batch under way, batch not
-        degenerate, at least :attr:`shortest_batch` events.
+        uses all n; or it is the plan, a ``ScheduleEntry`` for each. If v's confidence is measured (setting ``judge``,
+        by default the configuration's), there are two more, which use all n, and :attr:`judge_latency`. From the cycle
+        in which the first event is offered to the one in which the result is; events offered in every cycle, no other
+        batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
         """
-        plan = (ScheduleEntry(0, None),) * iterations if isinstance(iterations, int) else iterations
+        judged = self.config.confidence and (self.config.judge if judge is None else judge)
+        every = ScheduleEntry(0, None)
+        plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
+        plan, more = ((*plan, every, every), self.judge_latency) if judged else (plan, 0)
         iterated = sum(used_events(plan, roi_events)) + len(plan) * (self.sweep_cycles + self.iteration_latency)
-        return max(events, self.shortest_batch) + iterated + self.batch_latency
+        return max(events, self.shortest_batch) + iterated + self.batch_latency + more
 
     @property
     def cycle_formula(self):
@@ -59,4 +68,7 @@ class CycleFormula:
         each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
         if not by_signs(self.config):
             return f"N + T·(n + {each}) + {self.batch_latency}"
-        return f"N + Σ n_k + T·{f'({each})' if self.sweep_cycles else each} + {self.batch_latency}"
+        each = f"({each})" if self.sweep_cycles else each
+        if self.judge is None:
+            return f"N + Σ n_k + T·{each} + {self.batch_latency}"
+        return f"N + Σ n_k + 2·n + (T + 2)·{each} + {self.batch_latency + self.judge_latency}"

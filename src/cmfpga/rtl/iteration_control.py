@@ -20,6 +20,9 @@ class IterationControl(wiring.Component):
     ITERATE
         Replay the buffer T times. Each replay is started while the iteration before is still being
         evaluated, so that its first event meets the new v in the cycle in which v appears.
+    PROBE_X, PROBE_Y, DECIDE
+        Where v's confidence is measured, and wanted: replay the buffer twice more, as in iterations, and wait for the
+        judge. The first replay is so much later that its velocity is there.
     MOVE
         With one event buffer: wait for the ROI's update.
     RESULT
@@ -49,6 +52,8 @@ class IterationControl(wiring.Component):
         Cycles from ``complete`` to the next replay.
     move, settle : int
         Cycles of the ROI's update, and until the next ROI is known after it.
+    probe_delay : int
+        Cycles from a new v to the first probe's.
 
     Members
     -------
@@ -61,6 +66,15 @@ class IterationControl(wiring.Component):
         The division is done; all that the next v needs is on its way.
     iterating : ``Out(1)``
         Updates of v count.
+    begin : ``Out(1)``
+        v is known, and is to be probed. One cycle.
+    probing : ``Out(2)``
+        A probe is under way: along x, along y.
+    whole : ``Out(1)``
+        With ``replay``: that of a probe, which uses all events, whatever the schedule says.
+    probed, judged : ``In(1)``
+        A probe is over, as ``run.updated`` says of an iteration; it is known whether v is in doubt. These five only
+        where v's confidence is measured.
     iterations, cycles : ``Out``
         Iterations done, clock cycles since the first event was offered.
     taken : ``In(1)``
@@ -70,11 +84,13 @@ class IterationControl(wiring.Component):
     #: Cycles between the last event's count and the division: hand over, judge.
     hand_over = 1
 
-    def __init__(self, config, *, replay_delay, move, settle):
+    def __init__(self, config, *, replay_delay, move, settle, probe_delay=0):
         if replay_delay < 0:
             raise ValueError(f"the replay would have to start {-replay_delay} cycles before the last event is counted")
         self.config = config
         self._replay_delay, self._move, self._settle = replay_delay, move, settle
+        self._probe_delay = probe_delay
+        probes = {"begin": Out(1), "probing": Out(2), "whole": Out(1), **dict.fromkeys(("probed", "judged"), In(1))}
         super().__init__(
             {
                 "handover": In(handover(config)),
@@ -82,6 +98,7 @@ class IterationControl(wiring.Component):
                 **dict.fromkeys(("divide", "replay", "move"), Out(1)),
                 **dict.fromkeys(("divided", "complete"), In(1)),
                 "iterating": Out(1),
+                **(probes if config.confidence else {}),
                 "iterations": Out(config.widths.iteration_bits),
                 "cycles": Out(CYCLE_BITS),
                 "taken": In(1),
@@ -105,9 +122,17 @@ class IterationControl(wiring.Component):
             ),
             final.eq(self.iterations + 1 == run.planned),
         ]
-        next_replay = delay(
-            m, self.complete & self.iterating & ~final, self._replay_delay, name="next_replay", valid=True
-        )
+        another = self.complete & self.iterating & ~final
+        if config.confidence:
+            another |= self.complete & self.probing[0]
+        next_replay = delay(m, another, self._replay_delay, name="next_replay", valid=True)
+        after_last = "MOVE" if config.buffers == 1 else "RESULT"
+        if config.confidence:
+            first = self.complete & self.iterating & final & run.settings.judge
+            first = delay(m, first, self._replay_delay + self._probe_delay, name="first_probe", valid=True)
+            next_replay |= first
+            m.d.comb += self.whole.eq(first | (self.probing != 0))
+            m.d.sync += run.final.eq(final)
         m.d.sync += self.cycles.eq(Mux(self.handover.free, self.handover.cycles, self.cycles) + 1)
         with m.FSM(name="iterate"):
             with m.State("IDLE"):
@@ -133,11 +158,15 @@ class IterationControl(wiring.Component):
                 with m.If(run.updated):
                     m.d.sync += self.iterations.eq(self.iterations + 1)
                     with m.If(final):
+                        m.next = after_last
                         if config.buffers == 1:
                             m.d.comb += self.move.eq(1)
-                            m.next = "MOVE"
-                        else:
-                            m.next = "RESULT"
+                        if config.confidence:
+                            with m.If(run.settings.judge):
+                                m.d.comb += self.begin.eq(1)
+                                m.next = "PROBE_X"
+            if config.confidence:
+                self._probe(m, next_replay, after_last)
             if config.buffers == 1:
                 with m.State("MOVE"):
                     m.d.sync += timer.eq(timer - 1)
@@ -153,6 +182,17 @@ class IterationControl(wiring.Component):
         else:
             m.d.comb += self.handover.settled.eq(1)
         return m
+
+    def _probe(self, m, replay, after_last):
+        """States of the two probes and of what is made of them."""
+        for bit, (state, following) in enumerate((("PROBE_X", "PROBE_Y"), ("PROBE_Y", "DECIDE"))):
+            with m.State(state):
+                m.d.comb += [self.probing[bit].eq(1), self.replay.eq(replay)]
+                with m.If(self.probed):
+                    m.next = following
+        with m.State("DECIDE"):
+            with m.If(self.judged):
+                m.next = after_last
 
     def _move_later(self, m):
         """Move the ROI by a batch's v when that is known and the next batch has been opened, at no new ROI."""

@@ -7,7 +7,7 @@ from amaranth.lib import data, stream
 
 from ..config.schedule import STRIDES
 from ..fixed import Q, bits_for
-from ..protocol.results import fields_of, sums_shape, trace_shape
+from ..protocol.results import fields_of, squares_shape, sums_shape, trace_shape
 from ..protocol.settings import settings_of
 
 #: Width of a stride's logarithm.
@@ -153,6 +153,11 @@ def of_width(width, fraction, signed=True):
 def sums(config):
     """Sums over the ROI."""
     return shaped(sums_shape(config))
+
+
+def squares(config):
+    """Σ I² over the ROI."""
+    return shaped(squares_shape(config))
 
 
 def of_parameters(config, shape, prefix=""):

@@ -68,11 +68,12 @@ class VerilatedCore:
 
     def write_schedule(self, table):
         """Fill the table of schedules with (level, shift, stride), from address 0 on; between batches only."""
+        handle = self._open()
         if table == self._table:
             return
         self._table = table
         rows = np.array(table, np.int64).reshape(-1, 3)
-        self._library.core_write_schedule(self._open(), _pointer(rows), ctypes.c_int64(len(rows)))
+        self._library.core_write_schedule(handle, _pointer(rows), ctypes.c_int64(len(rows)))
 
     def start_waves(self):
         """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""

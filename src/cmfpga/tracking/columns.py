@@ -101,6 +101,9 @@ COLUMNS = {
         Column(name="contrast", dtype=float, title="contrast", unit="(events/px)²", value=lambda b: b.contrast,
                doc="population variance of the image of warped events at (vx, vy), computed in float64 for every "
                "engine", text="{:.6f}"),
+        Column(name="confidence", dtype=float, title="confidence", unit="1/px²", value=lambda b: b.confidence,
+               doc="κ, how sharp the peak of the contrast is; v is known to about 1/√κ px; empty where it was not "
+               "measured", text="{:.3f}", may_be_missing=True),
         Column(name="flags", dtype=str, title="flags", value=lambda b: b.flags.text,
                doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
     )

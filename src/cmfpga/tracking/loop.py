@@ -11,6 +11,7 @@ from typing import Protocol
 
 from ..events import WAITING, Events
 from ..imaging.iwe import contrast
+from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings
@@ -34,6 +35,10 @@ class TrackedBatch:
         Reference time in µs (Eq. t_ref); None for a batch without events.
     contrast : float
         Of the image of warped events at the found v, computed in float64 for every engine.
+    confidence : float or None
+        κ of :func:`cmfpga.protocol.confidence.confidence`.
+    covariance : tuple or None
+        Of v, px²: (xx, yy, xy), as :func:`cmfpga.protocol.confidence.covariance` gives it.
     flags : Flag
         The engine's, and ``CUT`` where the batch reached ``max_batch_events`` before it was complete.
     plan : tuple
@@ -48,6 +53,8 @@ class TrackedBatch:
     t_ref: float | None
     contrast: float
     flags: Flag
+    confidence: float | None = None
+    covariance: tuple | None = None
     plan: tuple = ()
     thinning: int = 1
 
@@ -132,6 +139,8 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
             t_ref=float(events.t[0]) + result.span / 2 if len(events) else None,
             contrast=contrast(config, events, result.roi, result.v, thinned=bool(result.thinned)),
             flags=result.flags | (Flag.CUT if events.cut_short else Flag(0)),
+            confidence=confidence(config, result),
+            covariance=covariance(config, result),
             plan=plan,
             thinning=thinning,
         )

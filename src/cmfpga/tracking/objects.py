@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from ..errors import ConfigError
 from ..imaging.gallery import Gallery
+from ..protocol.confidence import is_judged, is_sure
 from .kept import Kept
 from .loop import CsvConsumer
 
@@ -40,6 +41,8 @@ class TrackedObject:
     cutter: object = None
     batches: int = 0
     warned: int = 0
+    judged: int = 0  # batches whose confidence was measured
+    trusted: int = 0  # of them not in doubt
     seen: int = 0  # ROI events of all batches
     cycles: list = field(default_factory=list)
     speeds: list = field(default_factory=list)  # |v| of each batch that measured one, px per half batch
@@ -57,6 +60,8 @@ class TrackedObject:
         result = batch.result
         self.batches += 1
         self.warned += bool(result.flags.warnings)
+        self.judged += is_judged(result)
+        self.trusted += is_sure(result)
         self.seen += result.roi_events + result.overflow + result.thinned
         self.roi_next = result.roi_next
         if result.cycles is not None:
@@ -133,6 +138,7 @@ class TrackedObject:
             "batches": self.batches,
             "events_left_over": self.cutter.leftover,
             "batches_with_warnings": self.warned,
+            "trusted_batches": self.trusted if self.config.confidence else None,
             "cycles": sum(self.cycles) if self.cycles else None,
             "roi_next": list(self.roi_next),
             "files": [str(path) for path in self.files],

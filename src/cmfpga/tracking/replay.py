@@ -21,7 +21,8 @@ class Replay:
         """
         config, rule = self._config, self._config.ascent_rule
         settings = BatchSettings.from_config(config)
-        plan = rule.plan(settings, rule.warm(settings, self._following))[: result.iterations]
+        warm = rule.warm(settings, self._following) and not result.restarted
+        plan = rule.plan(settings, warm)[: result.iterations]
         thinning = self._thinning if config.thin_target and self._thinning else config.thinning
         if result.events:
             self._following = Flag.DEGENERATE not in result.flags

@@ -4,10 +4,13 @@ import base64
 import html
 import io
 
+import numpy as np
+
 from ..config.defaults import CLOCK_MHZ
 from ..errors import ConfigError, needs
 from ..events import Events
 from ..imaging.gallery import Gallery
+from ..protocol.confidence import covariance, is_sure
 from .columns import COLUMNS, csv_writer, row
 from .kept import Kept
 
@@ -66,6 +69,23 @@ class Tracking:
 
     def __repr__(self):
         return f"<Tracking of {self.source.name}: {len(self)} batches, {self.engine} engine>"
+
+    @property
+    def trusted(self):
+        """Whether each batch is to be trusted: bool [batches]; False where its confidence was not measured."""
+        return np.array([is_sure(result) for result in self.results], bool)
+
+    @property
+    def covariance(self):
+        """Covariance of (vx, vy) of each batch, (px/half batch)²: float64 [batches, 2, 2]; NaN where not trusted."""
+        found = (covariance(self.config, result) or (np.nan,) * 3 for result in self.results)
+        return np.array([[[xx, xy], [xy, yy]] for xx, yy, xy in found]).reshape(-1, 2, 2)
+
+    @property
+    def covariance_px_per_s(self):
+        """The same of (vx_px_per_s, vy_px_per_s), (px/s)²."""
+        span = np.array([result.span or np.nan for result in self.results], np.float64) * 1e-6
+        return self.covariance * ((2 / span) ** 2)[:, None, None]
 
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""

@@ -64,7 +64,10 @@ def test_every_setting_and_every_flag_has_its_place(registers, config):
     unused = {"iterations", "eta"} if config.ascent == "sign" else set()
     assert links == (wanted - unused) | {"duration", "by_tlast"}
     flags = {f.name: f.lsb for f in registers["RESULT_FLAGS"].fields}
-    assert flags == {flag.name: flag.bit_length() - 1 for flag in Flag} | {"WIRE": 16, "CONFIG_RANGE": 17}
+    wanted = {flag.name: flag.bit_length() - 1 for flag in Flag} | {"WIRE": 16, "CONFIG_RANGE": 17, "RESTARTED": 18}
+    if not config.confidence:
+        wanted = {name: bit for name, bit in wanted.items() if name not in ("DOUBTFUL", "RESTARTED")}
+    assert flags == wanted
     assert set(registers.linked("Counters")) == {name.lower() for name in COUNTERS}
 
 
@@ -90,8 +93,12 @@ def test_results_are_read_back(registers, rng):
     assert values["v_x"] == signed(at["RESULT_V_X"], 32) and values["roi_next_y"] == at["RESULT_ROI_NEXT"] >> 16
     assert values["sums_i"] == at["RESULT_SUM_I_HIGH"] << 32 | at["RESULT_SUM_I_LOW"]
     assert values["sums_sy"] == signed(at["RESULT_SY_HIGH"] << 32 | at["RESULT_SY_LOW"], 64)
-    assert values["flags"] == at["RESULT_FLAGS"] & int(sum(Flag))
+    assert values["flags"] == at["RESULT_FLAGS"] & (int(sum(Flag)) if "confidence_limit" in values else 511)
     assert values["wire"] == at["RESULT_FLAGS"] >> 16 & 1
+    if "confidence_limit" in values:
+        assert values["sum_squares"] == at["RESULT_SQUARES_HIGH"] << 32 | at["RESULT_SQUARES_LOW"]
+        probed = at["RESULT_PROBE_Y_SX_HIGH"] << 32 | at["RESULT_PROBE_Y_SX_LOW"]
+        assert values["probe_y_sx"] == signed(probed, 64)
     with pytest.raises(ValueError, match=f"27 words of a result: {len(names)}"):
         result_values(registers, row[:27].tolist())
 

@@ -36,7 +36,8 @@ class Expected:
         self.core = IntegerCore(config)
         self.batches = 0
         self.totals = dict.fromkeys(
-            (*COUNTS, "batches", "degenerate", "cut", "events_taken", "events_in", "before_time", "out_of_sensor",
+            (*COUNTS, "batches", "degenerate", "cut", "doubtful", "restarted", "events_taken",
+             "events_in", "before_time", "out_of_sensor",
              "format_errors", "other_words", "time_high_back", "empty_ends"), 0
         )  # fmt: skip
 
@@ -57,6 +58,8 @@ class Expected:
         found = self.core.run(t, x, y, settings, cut=cut)
         self.batches += 1
         self.totals["batches"] += 1
+        self.totals["doubtful"] += Flag.DOUBTFUL in found.flags
+        self.totals["restarted"] += found.restarted or 0
         self.totals["degenerate"] += Flag.DEGENERATE in found.flags
         self.totals["cut"] += cut
         for name in COUNTS:

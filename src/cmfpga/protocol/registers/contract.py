@@ -29,6 +29,7 @@ _OWN = {  # name: unit, what is counted
     "CUT": ("batches", "results with the flag CUT"),
     "RESULTS_HELD_BACK": ("batches", "results that the registers do not show, because of RESULT_HOLD"),
     "LONGEST_BATCH": ("cycles", "the longest batch, from its first event to its result"),
+    "DOUBTFUL": ("batches", "results with the flag DOUBTFUL"),
 }
 
 
@@ -61,7 +62,13 @@ def _registers(group, prefix, fields):
         first = (place.register or f"{prefix}{name.upper()}", place.register_doc or own, [])
         words.setdefault(place.word, first)[2].append(field)
     return [
-        Register(name=name, offset=BASE[group] + 4 * word, group=group, doc=doc, fields=tuple(parts))
+        Register(
+            name=name,
+            offset=BASE[group] + 4 * word,
+            group=group,
+            doc=doc,
+            fields=tuple(sorted(parts, key=lambda f: f.lsb)),
+        )
         for word, (name, doc, parts) in sorted(words.items())
     ]
 
@@ -95,6 +102,8 @@ def results(config):
         formats = leaves(f.name, f.shape(config))
         for place in f.places:
             leaf = f.name + place.part
+            if place.part_lsb >= formats[leaf].width and place.field != "VALUE":  # a flag that this hardware never sets
+                continue
             field = Field(
                 name=place.field, lsb=place.lsb, width=place.width, access="status", doc=place.doc or f.doc,
                 unit=f.unit if place.unit is None else place.unit, link=leaf, link_lsb=place.part_lsb,

@@ -19,7 +19,7 @@ ACCESS = {
 
 #: Byte offsets of the groups.
 BASE = {
-    "Control": 0x000, "Discovery": 0x010, "Operation": 0x040, "Settings": 0x080, "Result": 0x100, "Counters": 0x180,
+    "Control": 0x000, "Discovery": 0x010, "Operation": 0x040, "Settings": 0x080, "Result": 0x100, "Counters": 0x200,
     "Schedule": 0x400, "Scratch": 0xFFC,
 }  # fmt: skip
 

@@ -9,6 +9,7 @@ from ...protocol.flags import Flag
 from ...protocol.trace import Trace
 from ..sequence import Sequence
 from .accumulator import Images, accumulator
+from .confidence import confidence
 from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
@@ -80,9 +81,19 @@ class IntegerCore(Sequence):
             sums.append(done.sums)
             if self._keep:
                 self.iterations.append(done)
+        judged = {}
+        if config.confidence:
+            judged, doubt = confidence(
+                config,
+                lambda v: self.iterate(x, y, self.dt, v, entry=entry)[0],
+                done,
+                settings,
+                batch.counts["roi_events"],
+            )
+            flags |= doubt
         table = np.array(sums, np.int64)
         v = np.array(velocities, np.int64)
-        return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]), flags
+        return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]), flags, judged
 
     def iterate(self, x, y, dt, v, *, entry, eta=0):
         """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).

@@ -26,11 +26,14 @@ def ascent_run(config):
         Iterations of the batch.
     updated
         v has changed.
+    final, doubtful
+        The iteration is the batch's last; with ``done``, whether v is in doubt. Only where that is measured.
     """
+    signals = ("take", "start", "done", "degenerate", *(("final", "doubtful") if config.confidence else ()))
     return wiring.Signature(
         {
             "settings": Out(payloads.settings(config)),
-            **dict.fromkeys(("take", "start", "done", "degenerate"), Out(1)),
+            **dict.fromkeys(signals, Out(1)),
             "planned": In(config.widths.iteration_bits),
             "updated": In(1),
         }
@@ -57,6 +60,10 @@ class Ascent(wiring.Component):
         Zero after a reset. It changes, and ``run.updated`` is high, :attr:`latency` cycles after a gradient enters.
     level : ``Out``
         Pixels of this iteration are 2^level px wide; changes with v.
+    restarted : ``Out(1)``
+        The batch began cold, because the one before was doubtful. Only where v's confidence is measured.
+    probe, warped
+        As the :class:`~.velocity.Velocity` has them. Only where v's confidence is measured.
     saturated : ``Out(1)``
         A number was limited to its format since ``run.take``.
     limited : ``Out(1)``
@@ -72,7 +79,9 @@ class Ascent(wiring.Component):
 
     def __init__(self, config, *, target_bits, members=None):
         self.config = config
-        self.velocity = Velocity(payloads.velocity(config), config.formats.v, target_bits=target_bits)
+        layout, probes = payloads.velocity(config), bool(config.confidence)
+        probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout), "restarted": Out(1)} if probes else {}
+        self.velocity = Velocity(layout, config.formats.v, target_bits=target_bits, probes=probes)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.gradient(config))),
@@ -81,6 +90,7 @@ class Ascent(wiring.Component):
                 "level": Out(bits_for(config.max_level)),
                 "saturated": Out(1),
                 "limited": Out(1),
+                **probed,
                 **(members or {}),
             }
         )
@@ -101,4 +111,7 @@ class Ascent(wiring.Component):
             self.saturated.eq(velocity.saturated),
             self.run.updated.eq(velocity.moved),
         ]
+        if self.config.confidence:
+            m.d.comb += [velocity.probe.valid.eq(self.probe.valid), velocity.probe.payload.eq(self.probe.payload)]
+            m.d.comb += self.warped.eq(velocity.warped)
         return m

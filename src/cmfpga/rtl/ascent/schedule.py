@@ -28,6 +28,8 @@ class Schedule(wiring.Component):
     new_batch, start, advance : ``In(1)``
         Forget ``limited``, and go to the entry ``first``; take that entry, at least three cycles later; take the next
         one. One cycle each.
+    hold : ``In(1)``
+        With ``advance``: the entry was the batch's last, and stays. Only where v's confidence is measured.
     first : ``In``
         In the cycle after ``new_batch``.
     level, shift : ``Out``
@@ -44,7 +46,7 @@ class Schedule(wiring.Component):
         super().__init__(
             {
                 "write": In(payloads.flow(payloads.schedule_write(config))),
-                **dict.fromkeys(("new_batch", "start", "advance"), In(1)),
+                **dict.fromkeys(("new_batch", "start", "advance", *(("hold",) if config.confidence else ())), In(1)),
                 "first": In(range(config.schedule_entries)),
                 "level": Out(entry["level"].shape),
                 "shift": Out(entry["shift"].shape),
@@ -75,7 +77,8 @@ class Schedule(wiring.Component):
             m.d.sync += self.limited.eq(0)
         with m.If(delay(m, self.new_batch, 1, name="new_batch", valid=True)):
             m.d.sync += pointer.eq(self.first)
-        with m.If(self.start | self.advance):
+        following = self.advance & ~self.hold if config.confidence else self.advance
+        with m.If(self.start | following):
             m.d.sync += [
                 pointer.eq(Mux(pointer == config.schedule_entries - 1, 0, pointer + 1)),
                 self.level.eq(Mux(too_coarse, config.max_level, read.data.level)),

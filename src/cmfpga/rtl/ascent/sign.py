@@ -47,9 +47,9 @@ class SignAscent(Ascent):
         connect(m, flipped(self.schedule_write), schedule.write)
         with m.If(run.done):
             m.d.sync += tracking.eq(~run.degenerate)
+        m.d.comb += warm.eq(self._unless_in_doubt(m, settings.start_last & tracking & ~settings.roi_load))
         plan = {name: Mux(warm, settings.warm[name], settings.cold[name]) for name in ("first", "count")}
         m.d.comb += [
-            warm.eq(settings.start_last & tracking & ~settings.roi_load),
             run.planned.eq(plan["count"]),
             schedule.new_batch.eq(run.take),
             schedule.start.eq(run.start),
@@ -70,3 +70,19 @@ class SignAscent(Ascent):
                 self.v[name] + Mux(sign_s1 == 0, 0, Mux(sign_s1 < 0, -step, step))
             )
         return m
+
+    def _unless_in_doubt(self, m, warm):
+        """``warm``, but not after a doubtful batch, if the settings say so."""
+        run = self.run
+        if not self.config.confidence:
+            return warm
+        m.d.comb += self.schedule.hold.eq(run.final)
+        doubtful, restart = Signal(), Signal()
+        m.d.comb += restart.eq(warm & doubtful & run.settings.cold_after_doubtful)
+        with m.If(run.done):
+            m.d.sync += doubtful.eq(run.doubtful)
+        with m.If(run.take):
+            m.d.sync += self.restarted.eq(0)
+        with m.Elif(run.start):
+            m.d.sync += self.restarted.eq(restart)
+        return warm & ~restart

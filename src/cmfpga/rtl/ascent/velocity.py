@@ -5,6 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from ..arithmetic import saturate
+from ..payloads import flow
 
 
 class Velocity(wiring.Component):
@@ -20,6 +21,8 @@ class Velocity(wiring.Component):
         The format of each; they saturate.
     target_bits : int
         Width of a target, two's complement.
+    probes : bool
+        Whether events can be warped by another velocity than v.
 
     Members
     -------
@@ -35,13 +38,17 @@ class Velocity(wiring.Component):
     v : ``Out``
         Zero after a reset.
     moved : ``Out(1)``
+    probe : ``In``, flow of ``layout``
+        Take it as ``warped``, which else is as v. Only with ``probes``.
+    warped : ``Out``
+        By what events are warped. Only with ``probes``.
     saturated : ``Out(1)``
         Whether something was limited since ``new_batch``.
     """
 
     latency = 1
 
-    def __init__(self, layout, fmt, *, target_bits):
+    def __init__(self, layout, fmt, *, target_bits, probes=False):
         self.fmt = fmt
         super().__init__(
             {
@@ -51,6 +58,7 @@ class Velocity(wiring.Component):
                 "v": Out(layout),
                 "moved": Out(1),
                 "saturated": Out(1),
+                **({"probe": In(flow(layout)), "warped": Out(layout)} if probes else {}),
             }
         )
 
@@ -59,10 +67,14 @@ class Velocity(wiring.Component):
         limited = self.clipped
         for name in self.v.shape().members:
             v, target = self.v[name], self.target[name]
+            registers = [v, self.warped[name]] if hasattr(self, "warped") else [v]
             with m.If(self.load):
-                m.d.sync += v.eq(self.start[name])
+                m.d.sync += [register.eq(self.start[name]) for register in registers]
             with m.Elif(self.move):
-                m.d.sync += v.eq(saturate(target, self.fmt.min, self.fmt.max))
+                m.d.sync += [register.eq(saturate(target, self.fmt.min, self.fmt.max)) for register in registers]
+            if hasattr(self, "warped"):
+                with m.If(self.probe.valid):
+                    m.d.sync += self.warped[name].eq(self.probe.payload[name])
             limited |= (target > self.fmt.max) | (target < self.fmt.min)
         m.d.sync += self.moved.eq(self.move)
         with m.If(self.new_batch):

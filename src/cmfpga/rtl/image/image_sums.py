@@ -29,6 +29,8 @@ class ImageSums(wiring.Component):
         All of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later.
     sums : ``Out``, flow of :func:`payloads.sums`
         One item an iteration; the payload stays until the next iteration's first vote.
+    squares : ``Out``, :func:`payloads.squares`
+        Σ I², with ``sums``. Only where v's confidence is measured.
     next : ``In(1)``
         v has been updated: what comes now is another iteration.
     clear, cleared : ``In(1)``, ``Out(1)``
@@ -61,6 +63,8 @@ class ImageSums(wiring.Component):
             **dict.fromkeys(("next", "clear"), In(1)),
             "cleared": Out(1),
         }
+        if config.confidence:
+            members["squares"] = Out(payloads.squares(config))
         if pixels:
             members["pixels"] = Out(payloads.flow(data.ArrayLayout(payloads.pixel(config), 4)))
         super().__init__(members)

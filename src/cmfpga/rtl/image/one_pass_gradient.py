@@ -35,6 +35,8 @@ class OnePassGradient(wiring.Component):
         and what it did not add is opposite, too.
     o : ``Out``, flow of :func:`payloads.sums`
         One item per iteration.
+    squares : ``Out``, :func:`payloads.squares`
+        Σ I², with ``o``. Only where v's confidence is measured.
     """
 
     #: Cycles by which the plain sums are final before the sums of products, as :class:`Gradient` needs.
@@ -51,6 +53,7 @@ class OnePassGradient(wiring.Component):
                 "votes": In(payloads.flow(payloads.votes(config))),
                 "steps": In(data.ArrayLayout(payloads.tagged_step(config), 4)),
                 "o": Out(payloads.flow(payloads.sums(config))),
+                **({"squares": Out(payloads.squares(config))} if config.confidence else {}),
             }
         )
 
@@ -67,6 +70,9 @@ class OnePassGradient(wiring.Component):
             growth = [self._growth(m, axis, *pair) for pair in pairs]
             # Stage 4: sum.
             self._total(m, sums[f"s{axis}"], growth[0] + growth[1], begin)
+        if self.config.confidence:
+            growth = [self._growth_of_squares(m, *pair) for pair in ((0, 1), (2, 3))]
+            self._total(m, self.squares, growth[0] + growth[1], begin)
         m.d.comb += self.o.valid.eq(delay(m, self.votes.valid & votes.last, self.latency, name="last", valid=True))
         return m
 
@@ -88,6 +94,16 @@ class OnePassGradient(wiring.Component):
                     value = Mux(valid[a] ^ valid[b], Mux(valid[a], first, second), 0)
                 growth.append(delay(m, value, 1, name=f"pair_{name}_{a}"))
             self._total(m, self.o.payload[name], growth[0] + growth[1], begin)
+
+    def _growth_of_squares(self, m, a, b):
+        """What two banks add to Σ I²: w·(2·I + w) each; three cycles."""
+        products = []
+        for n in (a, b):
+            step = self.steps[n]
+            both_s1 = delay(m, step.i + step.total.i, 1, name=f"both_{n}")  # I before and after
+            w_s1 = delay(m, Mux(step.valid, step.add.i, 0), 1, name=f"w_{n}")
+            products.append(delay(m, both_s1 * w_s1, 1, name=f"square_{n}"))
+        return delay(m, products[0] + products[1], 1, name=f"squares_{a}")
 
     def _growth(self, m, axis, a, b):
         """What two banks, whose derivatives along ``axis`` are opposite, add to Σ I·D; three cycles."""

@@ -49,4 +49,6 @@ class OnePassImage(ImageSums):
             self.complete.eq(self.votes.valid & self.votes.payload.last),
             self.cleared.eq(accumulator.swept),
         ]
+        if self.config.confidence:
+            m.d.comb += self.squares.eq(gradient.squares)
         return m

@@ -11,7 +11,7 @@ from .. import payloads as core
 
 #: Counters that add a result's count.
 OF_RESULTS = tuple(f.name for f in RESULTS if f.total)
-OF_FLAGS = {"degenerate": Flag.DEGENERATE, "cut": Flag.CUT}
+OF_FLAGS = {"degenerate": Flag.DEGENERATE, "cut": Flag.CUT, "doubtful": Flag.DOUBTFUL}
 LONGEST = "longest_batch"
 PULSES = tuple(
     name.lower() for name in COUNTERS if name.lower() not in (*OF_RESULTS, *OF_FLAGS, "batches", "cycles", LONGEST)
@@ -51,14 +51,16 @@ class Counters(wiring.Component):
         longer = Signal()
         m.d.sync += [taken_s1.eq(self.taken & ~self.clear), result_s1.eq(self.result)]
         m.d.comb += longer.eq(result_s1.cycles > self.values[LONGEST])
+        # What this hardware never counts stays 0.
+        counts = {name: result_s1[name] for name in OF_RESULTS if name in result_s1.shape().members}
+        bits = {name: flag.bit_length() - 1 for name, flag in OF_FLAGS.items()}
+        counts |= {name: result_s1.flags[bit] for name, bit in bits.items() if bit < len(result_s1.flags)}
         for name in self.values.shape().members:
             value = self.values[name]
             if name == LONGEST:
                 following = Mux(taken_s1 & longer, result_s1.cycles, value)
-            elif name in OF_RESULTS:
-                following = value + Mux(taken_s1, result_s1[name], 0)
-            elif name in OF_FLAGS:
-                following = value + (taken_s1 & result_s1.flags[OF_FLAGS[name].bit_length() - 1])
+            elif name in (*OF_RESULTS, *OF_FLAGS):
+                following = value + Mux(taken_s1, counts.get(name, 0), 0)
             elif name == "batches":
                 following = value + taken_s1
             elif name == "cycles":

@@ -1,0 +1,174 @@
+"""Confidence, covariance and verdict of raw sums."""
+
+import inspect
+from fractions import Fraction
+from math import hypot
+
+import numpy as np
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.protocol import confidence as module
+from cmfpga.protocol.confidence import (
+    FLOOR,
+    PROBE,
+    Curvature,
+    confidence,
+    covariance,
+    curvature,
+    is_judged,
+    is_trusted,
+    probe_velocities,
+)
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import RegionOutcome
+
+CONFIG = preset("fast")
+RAW = 3 << (CONFIG.v_frac - 2)
+
+
+def exact(n, limit, shape, scales=(8, 1)):
+    """Whether the smaller eigenvalue is above the limit, of 8·n·[[xx, b/2], [b/2, yy]] − R·A without rounding."""
+    by_n, by_limit = scales[0] * n, scales[1] * limit
+    a, c = by_n * shape.xx - by_limit * shape.contrast, by_n * shape.yy - by_limit * shape.contrast
+    return a > 0 and c > 0 and 4 * a * c > (by_n * shape.cross) ** 2
+
+
+def near_the_limit(count, *, scales=(8, 1), seed=5):
+    """Random ``(n, limit, curvature)`` with confidences of half to twice a usual limit; along the other axis more."""
+    rng = np.random.default_rng(seed)
+    for _ in range(count):
+        n, limit = int(rng.integers(50, 2048)), int(rng.integers(60, 151))
+        contrast = int(2 ** rng.uniform(14, 38))
+        smaller = scales[1] * limit * contrast / (scales[0] * n) * np.exp(rng.uniform(-0.7, 0.7))
+        larger, angle = smaller * np.exp(rng.uniform(0, 2.3)), rng.uniform(0, np.pi)
+        c, s = np.cos(angle), np.sin(angle)
+        xx, yy = smaller * c * c + larger * s * s, smaller * s * s + larger * c * c
+        yield n, limit, Curvature(int(xx), int(yy), int(2 * (larger - smaller) * c * s), contrast)
+
+
+#: Equal to the limit, or not positive: ``(n, limit, curvature)``.
+EDGES = [
+    (n, limit, Curvature(*shape))
+    for n, limit, shape in (
+        (1, 8, (1, 5, 0, 1)), (1, 8, (5, 1, 0, 1)), (1, 8, (2, 2, 2, 1)), (1, 8, (2, 2, 1, 1)), (1, 8, (2, 2, -2, 1)),
+        (3, 1, (1, 1, 2, 0)), (3, 1, (1, 1, -2, 0)), (3, 1, (2, 2, 3, 0)), (3, 1, (-2, -2, 0, 0)),
+        (1, 90, (0, 0, 0, 0)),
+        (3, 1, (-2, -2, 1, 9)), (9, 1, (-3, 5, 0, 0)), (9, 1, (5, -3, 0, 0)), (7, 1, (1, 0, 0, 0)),
+        (7, 1, (0, 1, 0, 0)),
+        (2047, 1023, (65535, 65535, 0, 1)), (2047, 1, (65536, 65536, 1, 65535)), (1, 1, (-65536, 1, 0, 0)),
+    )
+]  # fmt: skip
+
+
+def test_verdict_equals_the_eigenvalues():
+    """At most one verdict in a thousand differs where the limit is near, and none of small numbers."""
+    for n, limit, shape in EDGES:
+        assert is_trusted(CONFIG, n, limit, shape) == exact(n, limit, shape), (n, limit, shape)
+    cases = list(near_the_limit(10_000))
+    trusted = [exact(*case) for case in cases]
+    assert 0.3 < np.mean(trusted) < 0.7
+    assert sum(is_trusted(CONFIG, *case) != verdict for case, verdict in zip(cases, trusted, strict=True)) <= 10
+
+
+@pytest.mark.parametrize("fractions", [(6, 3), (3, 6)])
+def test_votes_and_derivatives_may_have_other_fractions(fractions):
+    weight, derivative = fractions
+    config = CONFIG.replace(weight_frac=weight, derivative_frac=derivative, tag_bits=9)
+    scales = (64, 1) if weight > derivative else (8, 8)
+    assert config.widths.judge_scales == scales
+    cases = list(near_the_limit(2_000, scales=scales))
+    wrong = sum(is_trusted(config, *case) != exact(*case, scales) for case in cases)
+    # A coarse derivative makes the curvature small beside the contrast, so that fewer of its bits are kept.
+    assert wrong <= (20 if weight > derivative else 2)
+
+
+@pytest.mark.parametrize(
+    "old, new",
+    [
+        ("a > 0 and 4", "4"), ("> b * b", ">= b * b"), ("4 * a * c", "a * c"),
+        ("by_n * yy - by_limit", "by_n * yy + by_limit"), ("by_n * xx - by_limit", "by_n * yy - by_limit"),
+        ("by_n * cross", "by_n * abs(cross) // 2"), ("value >> drop", "value >> (drop + 5) << 5"),
+        ("bit_length() + 1", "bit_length() + 8"), ("(n, limit)", "(n, limit + 1)"),
+    ],
+)  # fmt: skip
+def test_another_comparison_would_be_noticed(old, new):
+    source = inspect.getsource(is_trusted)
+    assert source.count(old) == 1
+    mutant = dict(vars(module))
+    exec(source.replace(old, new), mutant)
+    at_edges = sum(mutant["is_trusted"](CONFIG, *case) != exact(*case) for case in EDGES)
+    assert at_edges or sum(mutant["is_trusted"](CONFIG, *case) != exact(*case) for case in near_the_limit(10_000)) > 10
+
+
+def test_probes_lie_towards_zero():
+    assert probe_velocities((100, -100), (104, -96), 48) == ((52, -100), (100, -52))
+    assert probe_velocities((4, 0), (0, 1), 48) == ((52, 0), (4, -48))  # 0 counts as not above
+
+
+def test_a_probe_never_leaves_the_format():
+    """v moves by less than half the range in an iteration, so the velocity before it lies on the right side."""
+    for config in (CONFIG, CONFIG.replace(v_int=1, v_frac=2)):
+        fmt = config.formats.v
+        h, values = 3 << (fmt.f - 2), range(fmt.min, fmt.max + 1)
+        for log2_step in range(-fmt.f, fmt.i):
+            for v in values:
+                step = 1 << (log2_step + fmt.f)
+                for found in {min(v + step, fmt.max), max(v - step, fmt.min), v}:
+                    (probe, _), _ = probe_velocities((v, 0), (found, 0), h)
+                    assert fmt.min <= probe <= fmt.max, (v, found)
+
+
+def peak(n, hessian, contrast_of_all, found=(1.0, -1.0)):
+    """An outcome whose contrast falls off like a parabola, in the integer sums of ``fast``."""
+    pixels, sum_i = CONFIG.geometry.pixels, 1 << 13
+    xx, yy, xy = hessian
+    sign_x, sign_y = (-1 if axis > 0 else 1 for axis in found)
+    # G = P·S where ΣD = 0; at the peak it is 0.
+    at_x, at_y = (-sign_x * PROBE * xx, -sign_x * PROBE * xy), (-sign_y * PROBE * xy, -sign_y * PROBE * yy)
+    squares = (contrast_of_all + sum_i**2) // pixels
+    sums = [(sum_i, 0, 0, round(gx), round(gy)) for gx, gy in ((0, 0), at_x, at_y)]
+    return RegionOutcome(
+        v=found, roi_events=n, sums=sums[0], probe_x=sums[1], probe_y=sums[2], sum_squares=squares, confidence_limit=90,
+        flags=Flag(0), outside=0, overflow=0, thinned=0, roi=(0, 0), roi_next=(0, 0), iterations=1,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("found", [(1.0, -1.0), (-1.0, 2.0), (0.0, 0.5)])
+def test_confidence_and_covariance_of_a_known_peak(found):
+    """κ = λ_min·n/C, and the covariance is the inverse of the information, with a floor."""
+    n, contrast_of_all = 800, 4096 * 500_000
+    hessian = 40_000.0, 90_000.0, 20_000.0  # of −ΣD·… in units of S: −∂²C/∂v² = 2·h/P
+    outcome = peak(n, hessian, contrast_of_all, found)
+    information = [2 * n * 4096 * h / contrast_of_all for h in hessian]
+    xx, yy, xy = information
+    wanted = (xx + yy) / 2 - hypot((xx - yy) / 2, xy)
+    assert confidence(CONFIG, outcome) == pytest.approx(wanted, rel=1e-3) and wanted > 30
+    inverse = np.linalg.inv([[xx, xy], [xy, yy]])
+    assert covariance(CONFIG, outcome) == pytest.approx(
+        (inverse[0, 0] + FLOOR**2, inverse[1, 1] + FLOOR**2, inverse[0, 1]), rel=1e-3
+    )
+    shape = curvature(4096, found, outcome.sums, outcome.sum_squares, outcome.probe_x, outcome.probe_y)
+    smaller = Fraction(90) * shape.contrast / (8 * n)  # λ_min of the curvature at the limit
+    determinant = (shape.xx - smaller) * (shape.yy - smaller) - Fraction(shape.cross, 2) ** 2
+    assert (determinant > 0) == is_trusted(CONFIG, n, 90, shape) == (confidence(CONFIG, outcome) > 30)
+
+
+def test_the_probes_distance_is_the_same_in_both_arithmetics():
+    assert RAW * CONFIG.formats.v.step == PROBE
+
+
+def changed(outcome, **changes):
+    return RegionOutcome(**{**vars(outcome), **changes})
+
+
+def test_where_nothing_was_judged_nothing_is_said():
+    good = peak(800, (40_000.0, 90_000.0, 0.0), 4096 * 500_000)
+    assert is_judged(good)
+    for changes in ({"confidence_limit": 0}, {"confidence_limit": None}, {"flags": Flag.DEGENERATE}):
+        outcome = changed(good, **changes)
+        assert not is_judged(outcome) and confidence(CONFIG, outcome) is covariance(CONFIG, outcome) is None
+    assert covariance(CONFIG, changed(good, flags=Flag.DOUBTFUL)) is None
+    assert covariance(CONFIG, peak(800, (40_000.0, -1.0, 0.0), 4096 * 500_000)) is None
+    flat = changed(good, sums=(0,) * 5, sum_squares=0)
+    assert confidence(CONFIG, flat) == 0 and covariance(CONFIG, flat) is None
