@@ -20,6 +20,7 @@ from .engines import AXI, ENGINES, check_roi, open_engine
 from .errors import ConfigError
 from .events import BatchCutter, LiveSource, generate, open_source
 from .events.live import FORMATS as STREAM_FORMATS
+from .imaging.gallery import check_suffix
 from .tracking import api
 from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
@@ -78,7 +79,12 @@ def _parser():
     made.add_argument(
         "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
     )
-    made.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    pictures = made.add_mutually_exclusive_group()
+    pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    cli.files(pictures.add_argument(
+        "--picture", type=_picture, action="append", metavar="FILE",
+        help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
+    ))  # fmt: skip
     made.add_argument(
         "--report", action="store_true", help="write report.html, and track.npz for python -m cmfpga.report"
     )
@@ -94,6 +100,16 @@ def _parser():
     )
     cli.add_config_options(made)
     return made
+
+
+def _picture(text):
+    try:
+        path = check_suffix(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    if not path.parent.is_dir():  # before the work
+        raise argparse.ArgumentTypeError(f"{text!r}: no such folder")
+    return path
 
 
 def _roi_option(text):
@@ -208,6 +224,7 @@ def _track(options, objects, recording, folder, motion):
         raise ConfigError(
             f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
         )
+    pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
     with contextlib.ExitStack() as stack:
         running = []
         for one in objects:
@@ -216,7 +233,7 @@ def _track(options, objects, recording, folder, motion):
                 print(f"note: {engine.note}", file=sys.stderr)
             one.collect(
                 stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
-                picture=not options.no_picture, report_mhz=options.clock if options.report else None,
+                pictures=pictures, report_mhz=options.clock if options.report else None,
             )  # fmt: skip
             consumers = (one, *one.consumers)
             running.append(track(engine, one.cutter, roi=one.roi, batches=options.batches, consumers=consumers))

@@ -94,7 +94,7 @@ def test_batches_by_roi_events_are_cut_with_the_roi_of_the_moment():
 
 
 def test_where_there_are_no_events_yet_the_track_waits():
-    feed, engine = Feed(40, 30), Recorder()
+    feed, engine = Feed((40, 30), "made up"), Recorder()
     batches = track(engine, BatchCutter(feed, start_event=2, events=30, max_events=1000), roi=(4, 5))
     assert next(batches) is None and next(batches) is None
     events = next(recording(range(0, 1000, 10)).chunks())

@@ -109,7 +109,7 @@ class Tracking:
         lines += [row(values) if values else ["…"] * len(COLUMNS) for values in shown]
         table = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in line)}</tr>" for line in lines)
         picture = io.BytesIO()
-        self.plot(picture)
+        self.plot().savefig(picture)
         return (
             f"<p>{html.escape(repr(self)[1:-1])}</p><table>{table}</table>"
             f'<img src="data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}">'
@@ -121,12 +121,11 @@ class Tracking:
         Parameters
         ----------
         path : str or Path, optional
-            Write it there as well (PNG, or what the suffix says).
+            Write it there as well: ``.png``, ``.pdf``, ``.svg``; or ``.gif``, which shows the object as it moves.
         """
-        figure = self._gallery.figure()
         if path is not None:
-            figure.savefig(path)
-        return figure
+            self._gallery.save(path)
+        return self._gallery.figure()
 
     def report(self, path, *, clock_mhz=CLOCK_MHZ):
         """Write the page of ``track --report``: one HTML file that needs nothing else. Needs plotly.

@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 from filelock import FileLock
+from tqdm import tqdm
 
 from .compiler import CompilerError, compiler_output, first_line, require_compiler
 from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
@@ -65,8 +66,9 @@ def _library(emit, *, top, harness, ports=""):
     def build(scratch, library):
         for name, text in sources.items():
             (scratch / name).write_text(text)
-        _verilate(scratch, top)
-        _compile(compiler, version, scratch, library)
+        with tqdm(desc="Compiling the Verilog, once", unit="step", disable=None, leave=False) as bar:
+            _verilate(scratch, top)
+            _compile(compiler, version, scratch, library, bar)
 
     return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
 
@@ -101,9 +103,19 @@ def _verilate(scratch, top):
     _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
 
 
-def _compile(compiler, version, scratch, library):
-    sources = [*sorted(scratch.glob("Vcore*.cpp")), scratch / "harness.cpp", _runtime(compiler, version)]
-    _run_compiler(compiler, "-shared", f"-I{scratch}", *sources, "-o", library)
+def _compile(compiler, version, scratch, library, bar):
+    """Compile one source after the other, which takes some 40 s; each is a step of the progress ``bar``."""
+    sources, objects = [*sorted(scratch.glob("Vcore*.cpp")), scratch / "harness.cpp"], []
+    bar.total = len(sources) + 3
+    bar.update()  # what Verilator did
+    objects.append(_runtime(compiler, version))
+    bar.update()
+    for source in sources:
+        objects.append(source.with_suffix(".o"))
+        _run_compiler(compiler, "-c", f"-I{scratch}", source, "-o", objects[-1])
+        bar.update()
+    _run_compiler(compiler, "-shared", *objects, "-o", library)
+    bar.update()
 
 
 def _runtime(compiler, version):
