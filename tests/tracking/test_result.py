@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 import torch
+from matplotlib.text import Text
 
 import cmfpga
 from cmfpga import track as command_module
@@ -111,7 +112,11 @@ def test_data_frame_without_pandas(dot, monkeypatch):
 
 def test_plot_is_the_picture_of_the_command(dot, tmp_path):
     figure = follow(dot).plot(tmp_path / "a.png")
-    assert "6 batches" in figure.get_suptitle() and (tmp_path / "a.png").stat().st_size > 20_000
+    shown = [text.get_text() for text in figure.findobj(Text)]
+    assert "dot.h5: 6 batches" in shown and "trail of its centre" in shown
+    assert (tmp_path / "a.png").stat().st_size > 20_000
+    of_one_place = [text.get_text() for text in follow(dot, batches=1).plot().findobj(Text)]
+    assert "ROI" in of_one_place and "trail of its centre" not in of_one_place
 
 
 def test_what_can_be_tracked(dot, dot_events):
@@ -168,6 +173,11 @@ def test_names_of_the_package():
     ({"batch_events": 101}, "events = 101: at most 100 is allowed"),
     ({"start_event": 590}, "too few events for one batch after event 590 \\(10 left\\)"),
     ({"start_event": 600}, "first event 600; 0 to 599"),
+    ({"start_event": 1.5}, "start_event = 1.5: an integer of 0 or more is needed"),
+    ({"batches": 1.5}, "batches = 1.5: an integer of 1 or more is needed"),
+    ({"roi": "1,2"}, "roi = '1,2': left column and top row, two whole numbers, are needed"),
+    ({"sensor": "240x180"}, "sensor '240x180'; \\(width, height\\) in whole pixels is needed"),
+    ({"preset": ["fast"]}, "preset \\['fast'\\]: one of paper"), ({"engine": []}, "engine \\[\\]: one of rtl"),
 ])  # fmt: skip
 def test_mistakes_are_told_in_one_line(dot, options, message):
     with pytest.raises(UserError, match=message) as caught:
@@ -178,11 +188,15 @@ def test_mistakes_are_told_in_one_line(dot, options, message):
 def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
     with pytest.raises(ConfigError, match="sensor: \\(width, height\\)"):
         follow(dot_events)
+    with pytest.raises(RecordingError, match="events in memory: sensor '240x180'; "):
+        follow(dot_events, sensor="240x180")
     with pytest.raises(RecordingError, match="events: list; \\(t, x, y, p\\), a structured array, or N×4"):
         follow([1, 2, 3])
     np.savez(tmp_path / "a.npz", t=dot_events.t, x=dot_events.x, y=dot_events.y, p=dot_events.p)
-    with pytest.warns(UserWarning, match="taking 240×180 px"):
+    with pytest.warns(UserWarning) as told:
         follow(tmp_path / "a.npz", batches=1)
+    unit, sensor = (str(warning.message) for warning in told)
+    assert "taking us, a guess; say it with time_unit=" in unit and "taking 240×180 px" in sensor
 
 
 # ---------------------------------------------------------------- traces

@@ -105,7 +105,7 @@ def test_what_fails_closes_the_tracker(dot_events, monkeypatch):
 def test_roi_auto_finds_what_moves():
     """The command's choice: the object, and batches in which its image moves by about 4 px per half batch."""
     scene = generate(seed=2, position=(132.0, 62.0), velocity=(90.0, 20.0), duration_us=300_000, noise=0.3)
-    tracking = cmfpga.track(scene, roi="auto", engine="model", batches=3, iterations=15)
+    tracking = cmfpga.track(scene, roi="auto", engine="model", batches=3)
     assert np.abs(np.median(tracking.vx_px_per_s) - 90) < 10 and np.abs(np.median(tracking.vy_px_per_s) - 20) < 10
     assert 3 <= np.median(np.hypot(tracking.vx, tracking.vy)) <= 5
     assert cmfpga.track(scene, roi="auto", engine="model", batches=1, batch_events=800).events.tolist() == [800]

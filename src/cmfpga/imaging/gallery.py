@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..errors import ConfigError, naming
 from .iwe import image_of_warped_events, scaled_roi_events
 
 FRAMES = 4
@@ -101,12 +101,11 @@ class Gallery:
         if self._sharpest is None or gain > self._sharpest[0]:
             self._sharpest = (gain, batch.index, batch.result.v, still, self._image(batch, batch.result.v))
 
-    def save(self, path):
+    def save(self, path, figure=None):
         """Write the picture as what the suffix says: one of :data:`SUFFIXES`; ``.gif`` shows the object as it moves."""
-        if check_suffix(path).suffix.lower() == ".gif":
-            self._animate(path)
-        else:
-            self.figure().savefig(path, dpi=DPI)
+        animated = check_suffix(path).suffix.lower() == ".gif"
+        with naming(path):
+            self._animate(path) if animated else (figure or self.figure()).savefig(path, dpi=DPI)
 
     def _animate(self, path):
         """Write all frames that are kept, and beside each the object as it is at v."""
@@ -183,7 +182,8 @@ class Gallery:
         for k, (name, colour) in enumerate((("vx", "tab:blue"), ("vy", "tab:orange"))):
             axis.plot(seconds, np.array(self._speeds)[:, k], "o-", color=colour, markersize=4, label=f"{name} found")
             if self.motion:
-                axis.plot(seconds, np.array(self._truths)[:, k], "--", color=colour, label=f"{name} true")
+                style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
+                axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{name} true")
         axis.axhline(0, color="gray", linewidth=0.5)
         axis.set(title="velocity of the object", xlabel="recording's clock [s]", ylabel="velocity [px/s]")
         axis.legend()

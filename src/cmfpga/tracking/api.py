@@ -9,11 +9,12 @@ from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
 from ..events import BatchCutter, Feed, Recording, as_events
+from ..events.batches import whole
 from ..events.recording import check_sensor
 from ..survey import survey_and_propose
 from . import loop
 from .result import Tracking
-from .source import Source, sensor_fields
+from .source import Source, sensor_fields, unit_note
 
 
 def track(
@@ -59,7 +60,7 @@ def track(
     columns, dataset : optional
         Of a file: as of :func:`~cmfpga.events.open_recording`.
     **fields
-        Fields of the configuration to change, such as ``eta=0.5``.
+        Fields of the configuration to change, such as ``roi_width=48``.
 
     Returns
     -------
@@ -192,6 +193,8 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
             raise ConfigError("roi: the ROI's left column and top row are needed, or 'auto'")
         roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
     check_roi(config, roi)
+    if batches is not None:
+        batches = whole("batches", batches)
     size = size or {"events": BATCH_EVENTS}
     cutter = BatchCutter(opened, start_event=start_event, max_events=config.max_batch_events, **size)
     running = stack.enter_context(contextlib.closing(open_engine(engine, config)))
@@ -204,6 +207,6 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
 
 def _config(source, name, fields):
     given, note = sensor_fields(source, fields, lambda: preset(name), "sensor=(width, height)")
-    if note:
-        warnings.warn(note, stacklevel=4)
+    for told in filter(None, (unit_note(source, "time_unit="), note)):
+        warnings.warn(told, stacklevel=4)
     return preset(name).replace(**{**given, **fields})

