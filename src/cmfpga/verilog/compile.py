@@ -71,7 +71,7 @@ def _library(emit, *, top, harness, ports=""):
         with _progress() as bar:
             _verilate(scratch, top)
             bar.update()
-            _compile(compiler, version, scratch, library, bar)
+            _compile(compiler, version, scratch, library)
 
     return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
 
@@ -106,7 +106,7 @@ def _verilate(scratch, top):
     _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
 
 
-def _compile(compiler, version, scratch, library, bar):
+def _compile(compiler, version, scratch, library):
     """All as one text: each file by itself would read Verilator's headers again. What runs once need not be fast."""
     files = sorted(path.name for path in scratch.glob("Vcore*.cpp"))
     fast, slow = ([name for name in files if ("Slow" in name) == late] for late in (False, True))
@@ -114,16 +114,14 @@ def _compile(compiler, version, scratch, library, bar):
     lines.insert(len(fast) + 1, '#pragma GCC optimize("O0")')
     (scratch / "all.cpp").write_text("\n".join(lines))
     sources = scratch / "all.cpp", _runtime(compiler, version)
-    bar.update()
     _run_compiler(compiler, "-shared", f"-I{scratch}", *sources, "-o", library)
-    bar.update()
 
 
 @contextlib.contextmanager
 def _progress():
-    """A bar in the terminal for the three steps of some 40 s; its clock runs while a compiler does."""
+    """A bar in the terminal for Verilator, and the C++ compiler, some 20 s; its clock runs while they do."""
     over = threading.Event()
-    with tqdm(desc="Compiling the Verilog, once", total=3, unit="step", disable=None, leave=False) as bar:
+    with tqdm(desc="Compiling the Verilog, once", total=2, unit="step", disable=None, leave=False) as bar:
 
         def tick():
             while not over.wait(0.5):

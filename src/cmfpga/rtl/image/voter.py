@@ -2,7 +2,7 @@
 
 import operator
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,8 +15,9 @@ class BilinearVoter(wiring.Component):
     """Weights and derivatives of the four corners of an event's cell (Eqs. weights and w_dx_x), sorted by bank.
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
-    dropped alone. With fx, fy the fractions and one product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have
-    at most four bits), all others follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
+    dropped alone; with ``border = whole`` its event then changes no derivative. With fx, fy the fractions and one
+    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others follow by
+    subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -105,11 +106,13 @@ class BilinearVoter(wiring.Component):
 
         # Stage 3: give each bank the corner of its parity.
         valid_s2 = delay(m, self.i.valid, 2, name="valid", valid=True)
+        parities = [*column_s2, *row_s2]
+        counted = Cat(inside for _, _, inside in parities).all() if self.config.border == "whole" else Const(1)
         for number in range(4):
             bank = self.o.payload.banks[number]
             right, column, column_inside = column_s2[number & 1]
             down, row, row_inside = row_s2[number >> 1]
-            dx, dy = Mux(down, dx_s2[1], dx_s2[0]), Mux(right, dy_s2[1], dy_s2[0])
+            dx, dy = (Mux(counted, Mux(far, slope[1], slope[0]), 0) for far, slope in ((down, dx_s2), (right, dy_s2)))
             m.d.sync += [
                 bank.valid.eq(valid_s2 & column_inside & row_inside),
                 bank.address.eq((row << config.geometry.bank_column_bits) | column[: config.geometry.bank_column_bits]),
