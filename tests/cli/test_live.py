@@ -158,7 +158,7 @@ def test_a_sender_that_is_too_fast(send, rng, drop):
 
 def test_from_python(send, dot, dot_events):
     tracking = cmfpga.track(
-        send(HEADS["evt2"] + evt2(dot_events)), roi=(8, 9), batch_events=90, engine="model", **PAPER
+        send(evt2(dot_events)), form="evt2", sensor=(32, 24), roi=(8, 9), batch_events=90, engine="model", **PAPER
     )
     assert tracking.vx.tolist() == cmfpga.track(dot, roi=(8, 9), batch_events=90, engine="model", **PAPER).vx.tolist()
     with pytest.raises(RecordingError, match="its events cannot be read again"):

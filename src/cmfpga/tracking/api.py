@@ -32,6 +32,8 @@ def track(
     time_unit=None,
     columns=None,
     dataset=None,
+    form=None,
+    drop=False,
     **fields,
 ):
     """Follow an object through a recording.
@@ -39,7 +41,8 @@ def track(
     Parameters
     ----------
     recording : str, Path, EventSource, Synthetic, or events in memory
-        What to track: a file of any known format, an opened recording or another
+        What to track: a file of any known format, a stream (``"-"``, ``"tcp://host:port"``, a named pipe: see
+        :class:`~cmfpga.events.LiveSource`), an opened recording or another
         :class:`~cmfpga.events.source.EventSource`; or whatever :func:`~cmfpga.events.as_events` takes, with ``sensor``:
         a structured array, a tuple (t, x, y, p), N×4, …
     roi : (int, int) or "auto", optional
@@ -59,6 +62,8 @@ def track(
         Of the time stamps; goes before what the file says, and before the µs of events in memory.
     columns, dataset : optional
         Of a file: as of :func:`~cmfpga.events.open_recording`.
+    form, drop : optional
+        Of a stream: as of :class:`~cmfpga.events.LiveSource`.
     **fields
         Fields of the configuration to change, such as ``roi_width=48``.
 
@@ -73,7 +78,8 @@ def track(
     """
     size = _batch_size(batch_events, batch_us, batch_roi_events)
     with contextlib.ExitStack() as stack:
-        source = Source(recording, sensor=sensor, time_unit=time_unit, columns=columns, dataset=dataset)
+        layout = {"columns": columns, "dataset": dataset, "form": form, "drop": drop}
+        source = Source(recording, sensor=sensor, time_unit=time_unit, **layout)
         batches_found, cutter, tracking = _begin(stack, source, roi, preset, engine, size, start_event, batches, fields)
         for _ in batches_found:
             pass
