@@ -9,7 +9,7 @@ import itertools
 from dataclasses import dataclass
 from typing import Protocol
 
-from ..events import Events
+from ..events import WAITING, Events
 from ..imaging.iwe import contrast
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
@@ -118,13 +118,15 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
 
     Yields
     ------
-    TrackedBatch
+    TrackedBatch or None
+        None where the source has no events yet.
     """
     config, replay = engine.config, Replay(engine.config)
     start = roi
     for index in itertools.count() if batches is None else range(batches):
         at = engine.roi if index else roi
-        events = cutter.next((*at, config.roi_width, config.roi_height))
+        while (events := cutter.next((*at, config.roi_width, config.roi_height))) is WAITING:
+            yield None
         if events is None:
             return
         result = engine.run(events, BatchSettings.from_config(config, start))
