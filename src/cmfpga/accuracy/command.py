@@ -45,7 +45,8 @@ def _parser():
     made.add_argument(
         "--study", choices=STUDIES,
         help="instead of the suites: plain, the article's ascent; peaks, where the objective's own peak lies; "
-        "edges, edges of other strengths; schedules; widths of words",
+        "edges, edges of other strengths; schedules; widths of words; confidence, whether it tells right from wrong; "
+        "bias, of slow dense scenes",
     )  # fmt: skip
     made.add_argument(
         "--known", action="store_true",

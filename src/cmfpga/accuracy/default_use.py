@@ -41,8 +41,11 @@ def batches(known, config, engine):
 
 
 def measure(known, config, engine, *, with_foreign=False):
-    """``{engine: values}``, float64 [batches, 5]: answered, trusted, error and true motion (px per half batch), doubt of
-    the truth (the same). Answered is what is not degenerate; of eventcv, what its own score calls better than v = 0."""
+    """``{engine: values}``, float64 [batches, 5]: answered, trusted, error, true motion, doubt of the truth (px).
+
+    Answered is what is not degenerate. eventcv answers with two ROI events; trusted is what its score calls better
+    than v = 0, as its documentation says.
+    """
     values = {engine: [], **({FOREIGN: []} if with_foreign else {})}
     for events, result, truth, trusted in batches(known, config, engine):
         motion, doubt = np.hypot(*truth), known.doubt * (int(events.t[-1]) - int(events.t[0])) / 2e6

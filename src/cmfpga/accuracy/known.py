@@ -1,7 +1,8 @@
 """Recordings whose motion is known, tracked in the default use: an ROI, and no option about batches.
 
-The truth never comes from the tracker. It is what generated the scene; or one motion for all events of the sensor, by the
-global float search (:mod:`cmfpga.reference.global_search`); or a circle; or a gyroscope. Each says how well it is known.
+The truth never comes from the tracker. It is what generated the scene; or one motion for all events of the sensor, by
+the global float search (:mod:`cmfpga.reference.global_search`); or a circle; or a gyroscope. Each says how well it is
+known.
 """
 
 import functools
@@ -19,7 +20,7 @@ from ..imaging.camera import Camera
 from ..reference.global_search import affine, rotation, search, translation
 from .yardstick import ROI
 
-#: Generated: texture, velocity (px/s), noise, size of the object (px), contrast; the object crosses the sensor's middle.
+#: Generated: texture, velocity (px/s), noise, size of the object (px), contrast. It crosses the sensor's middle.
 SCENES = (
     ("lines", (150, 60), 0.1, (40, 40), 1.0),
     ("dense", (-80, 120), 0.1, (40, 40), 1.0),
@@ -87,7 +88,8 @@ def _around(centre, sensor):
     """ROIs around a place, inside the sensor."""
     return tuple(
         tuple(
-            int(min(max(at + off - ROI / 2, 0), side - ROI)) for at, off, side in zip(centre, offset, sensor, strict=True)
+            int(min(max(at + off - ROI / 2, 0), side - ROI))
+            for at, off, side in zip(centre, offset, sensor, strict=True)
         )
         for offset in OFFSETS
     )
@@ -148,8 +150,7 @@ def _turning(path, name, linear):
     events, sensor = _read(path)
     camera = Camera(*_data(path, "camera_calibration")[0])
     found, *halves = (
-        search(rotation(camera, part.x, part.y), part.t, linear=linear)
-        for part in (events, events[::2], events[1::2])
+        search(rotation(camera, part.x, part.y), part.t, linear=linear) for part in (events, events[::2], events[1::2])
     )
     middle = (events.t[0] + events.t[-1]) / 2
     corners = [np.array(axis, float) for axis in zip(*((x + 32, y + 32) for x, y in _grid(sensor)), strict=True)]
@@ -190,17 +191,23 @@ def _spinner(folder):
         return (place(last) - place(first)) / max(last - first, 1) * 1e6
 
     return Known(
-        "spinner", events, sensor, _around(place(events.t[0]), sensor), truth, residual / SPINNER_BATCH_S * math.sqrt(2),
+        "spinner",
+        events,
+        sensor,
+        _around(place(events.t[0]), sensor),
+        truth,
+        residual / SPINNER_BATCH_S * math.sqrt(2),
         in_sum=False,
     )
 
 
+GYROSCOPE_DOUBT = 2.5  # px/s, as far apart as fits to windows of 10,000, 20,000 and 40,000 events are
 SPINNER_BATCH_S = 450e-6  # of 5,000 events: the place's residual at both ends makes the doubt of the velocity
 
 
 def _gyroscope(folder):
-    """A camera that pans. Bias and focal length are fitted to searches over the whole sensor in windows of 20,000 events:
-    the file has neither; vy is 0. Half of the range of what other windows give is its doubt."""
+    """A camera that pans, so vy is 0. The file has neither the gyroscope's bias nor a focal length: both are fitted to
+    searches over the whole sensor in windows of 20,000 events."""
     path = folder / "davis240c_translboxes_imu.h5"
     events, sensor = _read(path)
     times, gyro = _data(path, "imu/t", "imu/gyro_raw")
@@ -214,7 +221,7 @@ def _gyroscope(folder):
     seen = [search(translation(p.x, p.y), p.t, window=(12, 228, 12, 168)).at_middle[0] for p in parts]
     slope, offset = np.polyfit([rate(*p.t[[0, -1]]) for p in parts], seen, 1)
     return Known(
-        "translboxes_imu", events, sensor, _grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0), 2.5,
+        "translboxes_imu", events, sensor, _grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0), GYROSCOPE_DOUBT,
         in_sum=False,
     )  # fmt: skip
 
