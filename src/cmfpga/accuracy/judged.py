@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from ..events import Events
 from ..imaging.iwe import events_in_roi
 from ..protocol.confidence import confidence, is_sure
 from .case import Case
@@ -20,6 +21,7 @@ from .yardstick import ROI
 
 FIT = 4.0  # px per half batch
 FEWEST = 30  # ROI events
+MIDDLE = (88, 58)  # where synthetic batches are put on a sensor of 240×180 px
 FALSE_ALARMS = 0.05
 HEADS = (
     "batches", "start", "results", "wrong, %", "AUC", "wrong ones caught at 5 % false alarms, %", "trusted, %",
@@ -36,7 +38,10 @@ def cut(cases):
         events, length = case.events, len(case.events)
         first = int(begin * (1 - share) * length)
         part = events[first : first + max(int(share * length), 2)]
-        made.append(_case(part, tuple(shift.tolist()), np.array(case.truth) / _span(events) * _span(part), rng))
+        part = Events(part.t, part.x + MIDDLE[0], part.y + MIDDLE[1], part.p)
+        made.append(
+            _case(part, tuple((shift + MIDDLE).tolist()), np.array(case.truth) / _span(events) * _span(part), rng)
+        )
     return [case for case in made if case]
 
 

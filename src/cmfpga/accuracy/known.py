@@ -221,8 +221,8 @@ def _gyroscope(folder):
     seen = [search(translation(p.x, p.y), p.t, window=(12, 228, 12, 168)).at_middle[0] for p in parts]
     slope, offset = np.polyfit([rate(*p.t[[0, -1]]) for p in parts], seen, 1)
     return Known(
-        "translboxes_imu", events, sensor, _grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0), GYROSCOPE_DOUBT,
-        in_sum=False,
+        "translboxes_imu", events, sensor, _grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0),
+        GYROSCOPE_DOUBT, in_sum=False,
     )  # fmt: skip
 
 
