@@ -84,7 +84,7 @@ def test_json_has_the_keys(quick):
     numbers, _, _ = quick
     assert set(numbers) == {
         "version", "clock_mhz_assumed", "processor", "runs", "quick", "seconds", "missing", "programs", "cases",
-        "limits", "speed_ups", "accuracy",
+        "limits", "speed_ups", "accuracy", "foreign",
     }  # fmt: skip
     assert numbers["clock_mhz_assumed"] == 210 and numbers["quick"] and numbers["runs"] == 1
     assert [case["ascent"] for case in numbers["cases"]] == ["constant", "cold", "warm"]

@@ -15,8 +15,8 @@ from .scores import measure, run_case
 from .yardstick import ROI
 
 SPEEDS = (0.5, 0.75, 1.1, 1.5, 2.2, 4.0)  # px per half batch
-BATCHES = 8  # of each speed
-EVENTS = 1500  # in the ROI, about
+BATCHES = 12  # of each speed
+EVENTS = 1500  # of an object of OBJECT² px², about
 OBJECT = 40  # px, of what stays inside the ROI
 DURATION_US = 40_000
 _SIDE = 80  # of the sensor: what enters the ROI exists before it does
@@ -32,7 +32,7 @@ class EdgeCamera:
     size: int
 
     def __call__(self, rng, v):
-        contrast = EVENTS / (min(self.size, ROI) ** 2 * 2 * math.hypot(*v) * 2 / math.pi)
+        contrast = EVENTS / (OBJECT**2 * 2 * math.hypot(*v) * 2 / math.pi)
         middle = np.full(2, (_SIDE - 1) / 2) + rng.uniform(-0.5, 0.5, 2)
         return generate(
             seed=int(rng.integers(1 << 31)), width=_SIDE, height=_SIDE, texture="dense", size=(self.size, self.size),
@@ -64,7 +64,7 @@ class PixelCamera:
 
     def __call__(self, rng, v):
         pattern = _texture(rng, self.size)
-        edges = 2 * math.hypot(*v) * 2 / math.pi * (self.size or ROI) ** 2 / 2  # half of it is turned back
+        edges = 2 * math.hypot(*v) * 2 / math.pi * OBJECT**2 / 2  # half of it is turned back
         threshold = edges / EVENTS * np.maximum(1 + self.mismatch * rng.standard_normal((_SIDE, _SIDE)), 0.2)
         row, column = np.mgrid[:_SIDE, :_SIDE] * 1.0
         step = 2 / _STEPS
@@ -126,16 +126,19 @@ def _seen(pattern, column, row, v, t):
     return upper * (1 - down) + lower * down
 
 
+#: What holds the events of a scene that fills the ROI.
+ROOMY = {"buffer_events": 8191}
+
 #: What is seen, by whom, and fields of the configuration.
 CAUSES = (
     ("edges, object inside the ROI", EdgeCamera(OBJECT), {}),
     ("edges, object inside, no dither", EdgeCamera(OBJECT), {"dither_frac": 0}),
-    ("edges, scene beyond the ROI", EdgeCamera(_SIDE), {}),
+    ("edges, scene beyond the ROI", EdgeCamera(_SIDE), ROOMY),
     ("pixels, object inside the ROI", PixelCamera(size=OBJECT), {}),
     ("pixels, object inside, no dither", PixelCamera(size=OBJECT), {"dither_frac": 0}),
     ("pixels, thresholds differ by 15 %", PixelCamera(size=OBJECT, mismatch=0.15), {}),
     ("pixels, blind for 0.2 half batches", PixelCamera(size=OBJECT, refractory=0.2), {}),
-    ("pixels, scene beyond the ROI", PixelCamera(), {}),
+    ("pixels, scene beyond the ROI", PixelCamera(), ROOMY),
 )
 
 

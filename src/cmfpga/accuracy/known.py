@@ -17,7 +17,6 @@ import numpy as np
 from ..errors import RecordingError
 from ..events import Events, generate, open_recording
 from ..imaging.camera import Camera
-from ..reference.global_search import affine, rotation, search, translation
 from .yardstick import ROI
 
 #: Generated: texture, velocity (px/s), noise, size of the object (px), contrast. It crosses the sensor's middle.
@@ -122,6 +121,8 @@ def _data(path, *names):
 
 def _checkerboard(folder):
     """A tilted camera: an affine flow, median of three windows. The board is not all that the left edge shows."""
+    from ..reference.global_search import affine, search
+
     events, sensor = _read(folder / "davis240b_evbench_seq0002.h5")
     events = events[: int(np.searchsorted(events.t, events.t[0] + 1_900_000))]
     centre, scale, left, found = (109.0, 90.0), 80.0, 28, []
@@ -147,6 +148,8 @@ def _largest_spread(found):
 
 def _turning(path, name, linear):
     """A camera that turns, by a search over all events; the doubt is from the events of even and odd number."""
+    from ..reference.global_search import rotation, search
+
     events, sensor = _read(path)
     camera = Camera(*_data(path, "camera_calibration")[0])
     found, *halves = (
@@ -208,6 +211,8 @@ SPINNER_BATCH_S = 450e-6  # of 5,000 events: the place's residual at both ends m
 def _gyroscope(folder):
     """A camera that pans, so vy is 0. The file has neither the gyroscope's bias nor a focal length: both are fitted to
     searches over the whole sensor in windows of 20,000 events."""
+    from ..reference.global_search import search, translation
+
     path = folder / "davis240c_translboxes_imu.h5"
     events, sensor = _read(path)
     times, gyro = _data(path, "imu/t", "imu/gyro_raw")
