@@ -7,6 +7,7 @@ import re
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from cmfpga import bench, cli
@@ -106,6 +107,8 @@ def test_json_has_the_keys(quick):
             for what in ("batch", "ascent"):
                 assert 0 < program[what]["low"] <= program[what]["median"] <= program[what]["high"]
     assert numbers["cases"][0]["article_cycles"] == 194_100
+    for row in numbers["foreign"]:  # none where it is not installed
+        assert np.allclose(row["v"], numbers["cases"][0]["true_v"], atol=0.6) and row["batch"]["median"] > 0
 
 
 def test_programs_agree_in_the_run_itself(quick):
@@ -156,9 +159,16 @@ def test_what_is_missing_is_a_line(monkeypatch, capsys):
     monkeypatch.setattr(c_program.shutil, "which", lambda name: None)  # the C++ compiler is found the same way
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.setitem(sys.modules, "eventcv", None)
     assert command("--quick", "--clock", "100") == 0
     text = capsys.readouterr().out
-    for line in ("no C compiler", "numba is not installed", "PyTorch is not installed", "no C++ compiler was found"):
+    for line in (
+        "no C compiler",
+        "numba is not installed",
+        "PyTorch is not installed",
+        "the comparison with eventcv: eventcv is not",
+        "no C++ compiler was found",
+    ):
         assert len(re.findall(f"^  {re.escape(line)}", text, re.MULTILINE)) == 1
     assert re.search(
         r"core, preset fast +15 +12,\d\d\d computed +8\d\d +7,\d\d\d cycles +7\d\.\d µs +12\d\.\d µs$", text, re.M

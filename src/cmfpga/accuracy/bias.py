@@ -142,12 +142,12 @@ CAUSES = (
 )
 
 
-def cases(camera, speed, count=BATCHES):
+def cases(camera, speed):
     """Batches of one camera and speed, a list of :class:`Case`; directions are spread evenly."""
     made = []
-    for index in range(count):
+    for index in range(BATCHES):
         rng = np.random.default_rng([7, index])
-        angle = 2 * math.pi * (index + 0.37) / count
+        angle = 2 * math.pi * (index + 0.37) / BATCHES
         v = speed * np.array([math.cos(angle), math.sin(angle)])
         events = camera(rng, v)
         truth = tuple(v * (int(events.t[-1]) - int(events.t[0])) / DURATION_US)
