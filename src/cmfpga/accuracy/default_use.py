@@ -6,7 +6,7 @@ import numpy as np
 
 from ..protocol.flags import Flag
 from ..tracking.api import track
-from . import foreign
+from .foreign import FOREIGN, find
 from .known import recordings
 from .table import percent
 from .yardstick import ROI
@@ -16,7 +16,6 @@ HEADS = (
     "recording", "engine", "truth known to, px", "tracks", "batches", "answered, %", "trusted, %", "of them wrong, %",
     "median error, px", "motion, px",
 )  # fmt: skip
-FOREIGN = "eventcv"
 SUM = "sum"
 
 
@@ -52,7 +51,7 @@ def measure(known, config, engine, *, with_foreign=False):
         rest = motion, doubt
         values[engine].append((Flag.DEGENERATE not in result.flags, trusted, np.hypot(*(result.v - truth)), *rest))
         if with_foreign:
-            v, gain = foreign.find(events, result.roi, ROI, ROI)
+            v, gain = find(events, result.roi, ROI, ROI)
             values[FOREIGN].append((gain > 0, gain > 1, np.hypot(*(v - truth)), *rest))
     return {name: np.array(rows, float).reshape(-1, 5) for name, rows in values.items()}
 
@@ -87,7 +86,7 @@ def _cells(name, engine, found):
     )  # fmt: skip
 
 
-def run(engines, options, config, report):
+def run_known(engines, options, config, report):
     """Print the table of all known recordings, and of their sum."""
     rows, total = [], {}
     known = recordings(options.data)

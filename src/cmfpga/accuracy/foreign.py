@@ -5,6 +5,9 @@ import numpy as np
 from ..errors import needs
 from ..imaging.iwe import events_in_roi
 
+#: Its name in tables.
+FOREIGN = "eventcv"
+
 
 def find(events, roi, width, height):
     """v in px per half batch of the whole batch's time range, and the improvement of its score over v = 0.

@@ -7,8 +7,9 @@ import numpy as np
 from ..config import preset
 from ..config.schedule import AUTO
 from ..engines import ENGINES
-from . import default_use, foreign
 from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
+from .default_use import run_known
+from .foreign import FOREIGN, find
 from .real import real_cases
 from .scores import contrast_shares, error_scores, errors, measure, share_scores
 from .synthetic import BATCHES, synthetic_cases
@@ -47,15 +48,15 @@ def run_suites(options, config, report):
         _run_checkerboard(runs, options, report, found)
     compare_with_model(found)
     if options.known:
-        default_use.run(names, options, config, report)
+        run_known(names, options, config, report)
 
 
 def _run_foreign(cases, report):
     values = np.array(
-        [math.dist(foreign.find(case.events, case.roi, ROI, ROI)[0], case.truth) for case in report.progress(cases)]
+        [math.dist(find(case.events, case.roi, ROI, ROI)[0], case.truth) for case in report.progress(cases)]
     )
-    row = ("eventcv", "cold", *report.errors("synthetic, cold, eventcv", values))
-    report.table("The same batches by eventcv, from v = 0", ("program", "start", *ERROR_HEADS), [row])
+    row = (FOREIGN, "cold", *report.errors(f"synthetic, cold, {FOREIGN}", values))
+    report.table(f"The same batches by {FOREIGN}, from v = 0", ("program", "start", *ERROR_HEADS), [row])
 
 
 def _run_real(runs, options, report, found):

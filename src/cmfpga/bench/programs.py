@@ -67,16 +67,16 @@ def time_foreign(case, *, runs, seconds):
 
     Raises :exc:`~cmfpga.errors.MissingPackage` where it is not installed.
     """
-    from ..accuracy import foreign
+    from ..accuracy.foreign import FOREIGN, find as find_v
 
     batch = case.workload
 
     def find(count=1):
-        return [foreign.find(batch.events, batch.roi, batch.width, batch.height)[0] for _ in range(count)][-1]
+        return [find_v(batch.events, batch.roi, batch.width, batch.height)[0] for _ in range(count)][-1]
 
     v = find()
     (times,) = side_by_side([find], runs=runs, seconds=seconds, clocks=[time.perf_counter])
-    return [{"name": "eventcv", "how": f"eventcv {version('eventcv')}", "batch": asdict(times), "v": v}]
+    return [{"name": FOREIGN, "how": f"{FOREIGN} {version(FOREIGN)}", "batch": asdict(times), "v": v}]
 
 
 def _errors(case, programs, loaded):
