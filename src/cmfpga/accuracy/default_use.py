@@ -47,7 +47,7 @@ def measure(known, config, engine, *, with_foreign=False):
     """
     values = {engine: [], **({FOREIGN: []} if with_foreign else {})}
     for events, result, truth, trusted in batches(known, config, engine):
-        motion, doubt = np.hypot(*truth), known.doubt * (int(events.t[-1]) - int(events.t[0])) / 2e6
+        motion, doubt = np.hypot(*truth), known.doubt_px + known.doubt * (int(events.t[-1]) - int(events.t[0])) / 2e6
         rest = motion, doubt
         values[engine].append((Flag.DEGENERATE not in result.flags, trusted, np.hypot(*(result.v - truth)), *rest))
         if with_foreign:

@@ -48,8 +48,9 @@ class Known:
     truth : callable
         ``truth(first, last, columns, rows)``: mean (vx, vy) in px/s of what is seen there, between two times in µs on
         the recording's clock. Columns and rows of the ROI's events, px.
-    doubt : float
-        How well the truth is known, px/s (standard deviation, or half of the range of several estimates).
+    doubt, doubt_px : float
+        How well the truth is known (standard deviation, or half of the range of several estimates): px/s, and px per
+        half batch however long the batch is.
     in_sum : bool
         Counts in the sum of all recordings.
     left : int
@@ -62,6 +63,7 @@ class Known:
     rois: tuple
     truth: Callable
     doubt: float = 0.0
+    doubt_px: float = 0.0
     in_sum: bool = True
     left: int = 0
 
@@ -193,19 +195,12 @@ def _spinner(folder):
     def truth(first, last, *_):
         return (place(last) - place(first)) / max(last - first, 1) * 1e6
 
-    return Known(
-        "spinner",
-        events,
-        sensor,
-        _around(place(events.t[0]), sensor),
-        truth,
-        residual / SPINNER_BATCH_S * math.sqrt(2),
-        in_sum=False,
-    )
+    rois, doubt = _around(place(events.t[0]), sensor), residual * math.sqrt(0.5)  # of both ends, for half of the way
+    return Known("spinner", events, sensor, rois, truth, doubt_px=doubt, in_sum=False)
 
 
-GYROSCOPE_DOUBT = 2.5  # px/s, as far apart as fits to windows of 10,000, 20,000 and 40,000 events are
-SPINNER_BATCH_S = 450e-6  # of 5,000 events: the place's residual at both ends makes the doubt of the velocity
+#: px/s, as far apart as fits to windows of 10,000, 20,000 and 40,000 events are.
+GYROSCOPE_DOUBT = 2.5
 
 
 def _gyroscope(folder):

@@ -67,7 +67,8 @@ def time_foreign(case, *, runs, seconds):
 
     Raises :exc:`~cmfpga.errors.MissingPackage` where it is not installed.
     """
-    from ..accuracy.foreign import FOREIGN, find as find_v
+    from ..accuracy.foreign import FOREIGN
+    from ..accuracy.foreign import find as find_v
 
     batch = case.workload
 
