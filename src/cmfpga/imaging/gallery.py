@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import naming
 from .iwe import image_of_warped_events, scaled_roi_events
 
 FRAMES = 4
@@ -64,7 +65,8 @@ class Gallery:
 
     def save(self, path):
         """Write the picture (PNG, or what the suffix says)."""
-        self.figure().savefig(path, dpi=DPI)
+        with naming(path):
+            self.figure().savefig(path, dpi=DPI)
 
     def figure(self):
         """The picture as a Matplotlib ``Figure``."""
@@ -79,7 +81,9 @@ class Gallery:
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_speed(right.subplots())
-        figure.suptitle(f"{_plain(self.name)}: {len(self._corners)} batches (cyan: trail of the ROI's centre)")
+        shown = self._corners[: max((self._frames[k][0] for k in chosen), default=0) + 1]
+        trail = " (cyan: trail of the ROI's centre)" if len(set(shown)) > 1 else ""
+        figure.suptitle(f"{_plain(self.name)}: {len(self._corners)} batches{trail}")
         return figure
 
     def _draw_frame(self, axis, index, roi, frame):
@@ -108,7 +112,8 @@ class Gallery:
         for k, (name, colour) in enumerate((("vx", "tab:blue"), ("vy", "tab:orange"))):
             axis.plot(seconds, np.array(self._speeds)[:, k], "o-", color=colour, markersize=4, label=f"{name} found")
             if self.motion:
-                axis.plot(seconds, np.array(self._truths)[:, k], "--", color=colour, label=f"{name} true")
+                style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
+                axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{name} true")
         axis.axhline(0, color="gray", linewidth=0.5)
         axis.set(title="velocity of the object", xlabel="time [s]", ylabel="velocity [px/s]")
         axis.legend()

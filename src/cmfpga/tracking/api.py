@@ -8,9 +8,10 @@ from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
 from ..events import BatchCutter
+from ..events.batches import whole
 from . import loop
 from .result import Tracking
-from .source import Source, sensor_fields
+from .source import Source, sensor_fields, unit_note
 
 
 def track(
@@ -51,7 +52,7 @@ def track(
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of the time stamps; goes before what the file says, and before the µs of events in memory.
     **fields
-        Fields of the configuration to change, such as ``eta=0.5``.
+        Fields of the configuration to change, such as ``roi_width=48``.
 
     Returns
     -------
@@ -71,6 +72,8 @@ def track(
                 raise ConfigError("roi: the ROI's left column and top row are needed")
             roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
         check_roi(config, roi)
+        if batches is not None:
+            batches = whole("batches", batches)
         if batch_events is batch_us is batch_roi_events is None:
             batch_events = BATCH_EVENTS
         cutter = BatchCutter(
@@ -94,6 +97,6 @@ def track(
 
 def _config(source, name, fields):
     given, note = sensor_fields(source, fields, lambda: preset(name), "sensor=(width, height)")
-    if note:
-        warnings.warn(note, stacklevel=3)
+    for told in filter(None, (unit_note(source, "time_unit="), note)):
+        warnings.warn(told, stacklevel=3)
     return preset(name).replace(**{**given, **fields})
