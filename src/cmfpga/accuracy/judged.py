@@ -30,7 +30,7 @@ HEADS = (
 
 
 def cut(cases):
-    """Synthetic batches, each cut twice."""
+    """Synthetic batches, each cut twice; those that move less or more than the study wants are left out."""
     rng, made = np.random.default_rng(11), []
     for case in cases * 2:
         share, begin = rng.uniform(0.2, 1), rng.uniform()
@@ -42,7 +42,7 @@ def cut(cases):
         made.append(
             _case(part, tuple((shift + MIDDLE).tolist()), np.array(case.truth) / _span(events) * _span(part), rng)
         )
-    return [case for case in made if case]
+    return [case for case in made if case and FIT / 4 <= math.hypot(*case.truth) <= 2 * FIT]
 
 
 def drawn(known, count):
@@ -76,13 +76,13 @@ def _span(events):
     return int(events.t[-1]) - int(events.t[0])
 
 
-def _case(events, roi, truth, rng):
+def _case(events, roi, truth, rng, **facts):
     """None where too few events are in the ROI."""
     if len(events_in_roi(events, roi, ROI, ROI)[0]) < FEWEST or not _span(events):
         return None
     radius, angle = WARM_RADIUS * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
     start = truth + radius * np.array([math.cos(angle), math.sin(angle)])
-    return Case(events, roi, tuple(truth.tolist()), tuple(start.tolist()), {})
+    return Case(events, roi, tuple(truth.tolist()), tuple(start.tolist()), facts)
 
 
 def judge(engine, cases, *, warm, progress):
@@ -109,23 +109,28 @@ def separation(values):
 
 def study_confidence(config, engine, cases, real, report, *, data, count, **_):
     """Print AUC and verdicts: synthetic batches, cut; and, with a folder, as many of each real recording."""
-    suites = {"synthetic, cut": cut(cases)}
+    batches = {"synthetic": cut(cases)}
     if data is not None:
-        known = [one for one in recordings(data) if one.in_sum and not one.name.startswith("generated")]
-        suites["real, known motion"] = [case for one in known for case in drawn(one, count)]
+        known = [one for one in recordings(data) if one.in_sum and one.doubt]
+        batches["real, known motion"] = [case for one in known for case in drawn(one, count)]
     rows = []
-    for name, batches in suites.items():
-        parts = [measure(engine, config, judge, batches, warm=warm, progress=report.progress) for warm in (False, True)]
-        for start, values in (("cold", parts[0]), ("warm", parts[1]), ("both", np.concatenate(parts))):
-            auc, caught = separation(values)
-            sure = values[:, 2] > 0
-            wrong = values[:, 0] > WRONG
-            told = {"results": len(values), "auc": auc, "caught": caught, "trusted": float(sure.mean())}
-            told["wrong_of_trusted"] = float(wrong[sure].mean()) if sure.any() else None
-            report.keep(f"confidence, {name}, {start}", np.where(np.isfinite(values), values, np.nan), told)
-            wrong_share = percent(wrong.mean())
-            rows.append(
-                (name, start, str(len(values)), wrong_share, f"{auc:.3f}", percent(caught), percent(sure.mean()),
-                 percent(wrong[sure].mean()) if sure.any() else "–")
-            )  # fmt: skip
+    for name, made in batches.items():
+        parts = [measure(engine, config, judge, made, warm=warm, progress=report.progress) for warm in (False, True)]
+        rows += [_row(report, name, start, values) for start, values in zip(("cold", "warm"), parts, strict=True)]
+        rows.append(_row(report, name, "both", np.concatenate(parts)))
+        whole = np.array([not case.facts.get("moved", True) for case in made])
+        if whole.any():
+            values = np.concatenate([part[whole] for part in parts])
+            rows.append(_row(report, f"{name}, whole objects", "both", values))
     report.table("Confidence against the true error (wrong: by more than 0.6 px)", HEADS, rows)
+
+
+def _row(report, name, start, values):
+    auc, caught = separation(values)
+    sure, wrong = values[:, 2] > 0, values[:, 0] > WRONG
+    told = {"results": len(values), "auc": auc, "caught": caught, "wrong": float(wrong.mean())}
+    told |= {"trusted": float(sure.mean()), "wrong_of_trusted": float(wrong[sure].mean()) if sure.any() else None}
+    told = {key: None if value != value else value for key, value in told.items()}
+    report.keep(f"confidence, {name}, {start}", np.where(np.isfinite(values), values, np.nan), told)
+    shares = ("–" if told[key] is None else percent(told[key]) for key in ("caught", "trusted", "wrong_of_trusted"))
+    return name, start, str(len(values)), percent(wrong.mean()), f"{auc:.3f}", *shares
