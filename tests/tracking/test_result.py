@@ -248,7 +248,7 @@ def test_every_intermediate_of_the_float_engine(dot, config):
     tracking = follow(dot, "float", config)
     trace = tracking.trace(1)
     result = tracking.results[1]
-    size = {"width": 8, "height": 8}
+    size = {"width": 8, "height": 8, "border": tracking.config.border}
     events = (torch.from_numpy(trace.x_dithered), torch.from_numpy(trace.y_dithered), torch.from_numpy(trace.dt))
     assert np.abs(trace.dt).max() <= 1 and len(trace) == result.iterations > 0
     for k in range(len(trace)):

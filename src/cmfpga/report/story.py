@@ -65,9 +65,11 @@ def hardware_cycles(kept):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
         core = Core(kept.config)
-        cycles = []
+        cycles, doubtful = [], False
         for *batch, flags in zip(*columns, kept.column("flags"), strict=True):
             result = SimpleNamespace(**dict(zip(names, batch, strict=True)), **unknown, flags=Flag.parse(flags))
+            result.restarted = doubtful and kept.config.cold_after_doubtful
+            doubtful = Flag.DOUBTFUL in result.flags if result.events else doubtful
             plan, _ = replay.settings_of(result)
             size = {"events": result.events, "roi_events": result.roi_events}
             cycles.append(core.cycles(**size, iterations=plan) if plan else np.nan)
