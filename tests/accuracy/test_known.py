@@ -126,6 +126,7 @@ def test_separation():
 def test_batches_of_the_confidence_study(scene):
     """Cut or drawn, their truth is that of the part: the ascent finds it where it is sure."""
     batches = judged.cut(synthetic_cases(8)) + judged.drawn(scene, 6)
+    assert {case.facts.get("moved") for case in batches} == {True, False, None}
     assert len(batches) > 12 and all(0 <= case.roi[0] <= 176 and 0 <= case.roi[1] <= 116 for case in batches)
     values = judged_errors(batches)
     assert values[values[:, 2] > 0, 0].max() < 0.6 and (values[:, 2] > 0).sum() > 5

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..config import unread
 from ..protocol.flags import Flag
 from ..tracking.api import track
 from .foreign import FOREIGN, find
@@ -24,7 +25,9 @@ def batches(known, config, engine):
 
     Batches whose ROI reaches to where nothing is known are left out.
     """
-    fields = {name: value for name, value in config.to_dict().items() if not name.startswith("sensor_")}
+    fields = config.to_dict()
+    left_out = {*unread(fields), "sensor_width", "sensor_height"}
+    fields = {name: value for name, value in fields.items() if name not in left_out}
     for roi in known.rois:
         tracking = track(known.events, sensor=known.sensor, roi=roi, engine=engine, **fields)
         ends = np.cumsum([0, *tracking.events])

@@ -39,9 +39,8 @@ def cut(cases):
         first = int(begin * (1 - share) * length)
         part = events[first : first + max(int(share * length), 2)]
         part = Events(part.t, part.x + MIDDLE[0], part.y + MIDDLE[1], part.p)
-        made.append(
-            _case(part, tuple((shift + MIDDLE).tolist()), np.array(case.truth) / _span(events) * _span(part), rng)
-        )
+        truth, roi = np.array(case.truth) / _span(events) * _span(part), tuple((shift + MIDDLE).tolist())
+        made.append(_case(part, roi, truth, rng, moved=bool(shift.any())))
     return [case for case in made if case and FIT / 4 <= math.hypot(*case.truth) <= 2 * FIT]
 
 
@@ -77,7 +76,7 @@ def _span(events):
 
 
 def _case(events, roi, truth, rng, **facts):
-    """None where too few events are in the ROI."""
+    """None where too few events are in the ROI. ``facts``: as of a :class:`Case`."""
     if len(events_in_roi(events, roi, ROI, ROI)[0]) < FEWEST or not _span(events):
         return None
     radius, angle = WARM_RADIUS * math.sqrt(rng.uniform()), rng.uniform(0, 2 * math.pi)
