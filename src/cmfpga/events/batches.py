@@ -104,6 +104,14 @@ class BatchCutter:
         left = f"({self.leftover} left)"
         return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
+    def peek(self, count):
+        """The next ``count`` events, which stay; fewer at the end of the source."""
+        parts = [self._chunk[self._at :]]
+        while sum(map(len, parts)) < count and (chunk := next(self._chunks, None)) is not None:
+            parts.append(chunk)
+        self._chunk, self._at = Events.concatenate(parts), 0
+        return self._chunk[:count]
+
     def next(self, roi=None):
         """The next :class:`Batch`, or None at the end.
 

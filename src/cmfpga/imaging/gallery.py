@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..protocol.flags import Flag
 from .iwe import image_of_warped_events, scaled_roi_events
 
 FRAMES = 4
@@ -30,7 +31,7 @@ class Gallery:
         self._frames = []  # (batch, event frame) of every stride-th batch
         self._stride = 1
         self._sharpest = None  # of the batch whose contrast grew most: growth, index, v, images before and after
-        self._times, self._speeds, self._truths, self._corners = [], [], [], []
+        self._times, self._speeds, self._truths, self._doubtful, self._corners = [], [], [], [], []
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
@@ -39,6 +40,7 @@ class Gallery:
             self._times.append(batch.t_ref)
             self._speeds.append(batch.v_px_per_s)
             self._truths.append(batch.true_px_per_s(self.motion))
+            self._doubtful.append(Flag.DOUBTFUL in batch.flags)
             self._keep_sharpest(batch)
         if batch.index % self._stride == 0 and len(batch.events):
             self._frames.append((batch.index, batch.result.roi, self._frame(batch.events)))
@@ -62,12 +64,12 @@ class Gallery:
             moved = image_of_warped_events(*events, batch.result.v, **size)
             self._sharpest = (gain, batch.index, batch.result.v, still, moved)
 
-    def save(self, path):
+    def save(self, path, verdict=""):
         """Write the picture (PNG, or what the suffix says)."""
-        self.figure().savefig(path, dpi=DPI)
+        self.figure(verdict).savefig(path, dpi=DPI)
 
-    def figure(self):
-        """The picture as a Matplotlib ``Figure``."""
+    def figure(self, verdict=""):
+        """The picture as a Matplotlib ``Figure``; ``verdict`` stands in its title."""
         from matplotlib.figure import Figure  # Matplotlib takes a second to import; no window, so no pyplot
 
         figure = Figure(figsize=(14, 8.4), layout="constrained", dpi=DPI)
@@ -79,7 +81,9 @@ class Gallery:
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_speed(right.subplots())
-        figure.suptitle(f"{_plain(self.name)}: {len(self._corners)} batches (cyan: trail of the ROI's centre)")
+        figure.suptitle(
+            f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'} (cyan: trail of the ROI's centre)"
+        )
         return figure
 
     def _draw_frame(self, axis, index, roi, frame):
@@ -104,13 +108,20 @@ class Gallery:
         figure.colorbar(shown, ax=axes, label="events per pixel", shrink=0.7)
 
     def _draw_speed(self, axis):
-        seconds = (np.array(self._times) - self._times[0]) / 1e6
+        seconds, doubtful = (np.array(self._times) - self._times[0]) / 1e6, np.array(self._doubtful)
         for k, (name, colour) in enumerate((("vx", "tab:blue"), ("vy", "tab:orange"))):
-            axis.plot(seconds, np.array(self._speeds)[:, k], "o-", color=colour, markersize=4, label=f"{name} found")
+            speed = np.array(self._speeds)[:, k]
+            axis.plot(seconds, speed, "o-", color=colour, markersize=4, label=f"{name} found", markevery=~doubtful)
+            if doubtful.any():
+                axis.plot(seconds[doubtful], speed[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
             if self.motion:
                 axis.plot(seconds, np.array(self._truths)[:, k], "--", color=colour, label=f"{name} true")
         axis.axhline(0, color="gray", linewidth=0.5)
-        axis.set(title="velocity of the object", xlabel="time [s]", ylabel="velocity [px/s]")
+        axis.set(
+            title="velocity of the object" + " (hollow: doubtful)" * bool(doubtful.any()),
+            xlabel="time [s]",
+            ylabel="velocity [px/s]",
+        )
         axis.legend()
         axis.grid(alpha=0.3)
 

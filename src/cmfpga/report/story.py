@@ -11,8 +11,10 @@ from amaranth.hdl import UnusedElaboratable
 
 from ..imaging.iwe import dithered, image_of_warped_events
 from ..protocol.flags import Flag
+from ..protocol.settings import BatchSettings
 from ..rtl.core import Core
 from ..tracking.replay import Replay
+from ..tracking.verdict import Verdict
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
 DIRECTIONS = (
@@ -61,13 +63,15 @@ def hardware_cycles(kept):
     names = ("events", "roi_events", "iterations")
     unknown = {"thinned": 0, "overflow": 0}  # not in track.csv; they decide the thinning, which is not asked for here
     columns = [[int(number) for number in kept.numbers(name)] for name in names]
-    replay = Replay(kept.config)
+    replay, rule = Replay(kept.config), kept.config.ascent_rule
+    warm = len(rule.plan(BatchSettings.from_config(kept.config), True))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
         core = Core(kept.config)
         cycles = []
         for *batch, flags in zip(*columns, kept.column("flags"), strict=True):
             result = SimpleNamespace(**dict(zip(names, batch, strict=True)), **unknown, flags=Flag.parse(flags))
+            result.restarted = result.iterations != warm  # or it began cold for another reason
             plan, _ = replay.settings_of(result)
             size = {"events": result.events, "roi_events": result.roi_events}
             cycles.append(core.cycles(**size, iterations=plan) if plan else np.nan)
@@ -110,6 +114,11 @@ class Story:
         """Of each batch."""
         return [Flag.parse(text) for text in self.kept.column("flags")]
 
+    @functools.cached_property
+    def verdict(self):
+        """How far the batches are to be trusted."""
+        return Verdict(self.kept.numbers, self.flags)
+
     @property
     def lead(self):
         """The answer in one sentence."""
@@ -127,11 +136,15 @@ class Story:
         kept = self.kept
         begin, end = kept.numbers("t_ref_us")[self.measured][[0, -1]]
         seconds = (end - begin + np.array(kept.spans)[self.measured][[0, -1]].sum() / 2) / 1e6
-        speed = np.hypot(kept.numbers("vx_px_per_s"), kept.numbers("vy_px_per_s"))[self.measured]
-        fastest = f", up to {speed.max():.0f} px/s" if speed.max() > 1.3 * np.median(speed) else ""
+        if not self.verdict.px_per_s:
+            return (
+                f"None of the {len(self.flags)} batches is to be trusted: what moves in the orange frame is not known;"
+            )
+        _, median, highest = self.verdict.px_per_s
+        fastest = f", up to {highest:.0f} px/s" if highest > 1.3 * median else ""
         return (
             f"The object in the orange frame {self._path()} within {seconds:.2f} s, "
-            f"at about {np.median(speed):.0f} px/s{fastest}{self._lost()};"
+            f"at about {median:.0f} px/s{fastest}{self._lost()};"
         )
 
     def _lost(self):
@@ -175,8 +188,8 @@ class Story:
     @property
     def notes(self):
         """Further sentences, each by itself: how far to trust the first."""
-        found = []
-        gain = self.gain
+        verdict, gain = self.verdict, self.gain
+        found = [f"{text[0].upper()}{text[1:]}." for text in (verdict.share, *verdict.warnings(), *verdict.notes())]
         if gain is not None:
             found.append(
                 f"Moved back by the velocities found, the events make an image of {gain:.2f} times the contrast that "

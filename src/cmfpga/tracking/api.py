@@ -4,11 +4,10 @@ import contextlib
 import warnings
 
 from ..config import DEFAULT_PRESET, preset
-from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
-from ..events import BatchCutter
 from . import loop
+from .fit import batch_cutter
 from .result import Tracking
 from .source import Source, sensor_fields
 
@@ -43,7 +42,8 @@ def track(
     engine : {"rtl", "axi", "model", "float"}
         As ``--engine`` of the command.
     batch_events, batch_us, batch_roi_events : int, optional
-        One of them: events of the whole sensor (default: 5000), µs, or events in the ROI.
+        One of them: events of the whole sensor, µs, or events in the ROI. Without, as many events as suit the motion
+        (:mod:`cmfpga.tracking.fit`), chosen anew for each batch; 5000 where the confidence is not measured.
     start_event, batches : int
         First event; stop after so many batches (default: at the end).
     sensor : (int, int), optional
@@ -71,16 +71,9 @@ def track(
                 raise ConfigError("roi: the ROI's left column and top row are needed")
             roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
         check_roi(config, roi)
-        if batch_events is batch_us is batch_roi_events is None:
-            batch_events = BATCH_EVENTS
-        cutter = BatchCutter(
-            opened,
-            start_event=start_event,
-            events=batch_events,
-            duration_us=batch_us,
-            roi_events=batch_roi_events,
-            max_events=config.max_batch_events,
-        )
+        sizes = {"events": batch_events, "duration_us": batch_us, "roi_events": batch_roi_events}
+        size = {name: value for name, value in sizes.items() if value is not None}
+        cutter = batch_cutter(opened, config, start_event=start_event, **size)
         running = stack.enter_context(contextlib.closing(open_engine(engine, config)))
         if running.note:
             warnings.warn(running.note, stacklevel=2)
