@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 from amaranth.hdl import UnusedElaboratable
 
-from ..imaging.iwe import dithered, image_of_warped_events
+from ..imaging.iwe import gain
 from ..protocol.flags import Flag
 from ..protocol.settings import BatchSettings
 from ..rtl.core import Core
@@ -188,12 +188,12 @@ class Story:
     @property
     def notes(self):
         """Further sentences, each by itself: how far to trust the first."""
-        verdict, gain = self.verdict, self.gain
+        verdict, sharper = self.verdict, self.gain
         found = [f"{text[0].upper()}{text[1:]}." for text in (verdict.share, *verdict.warnings(), *verdict.notes())]
-        if gain is not None:
+        if sharper is not None:
             found.append(
-                f"Moved back by the velocities found, the events make an image of {gain:.2f} times the contrast that "
-                "they have as they came (dithered; median over the batches)"
+                f"Moved back by the velocities found, the events make an image of {sharper:.2f} times the contrast "
+                "that they have as they came (dithered; median over the batches)"
                 + (": the velocities fit." if self.fits else ". That is hardly more: do not trust the velocities.")
             )
         truths = np.array(self.kept.truths)
@@ -230,13 +230,8 @@ class Story:
             if not len(detail.levels) or not span:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
-            # Dithered whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
-            x, y = dithered(detail.x, detail.y)
-            still, moved = (
-                image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height)
-                for v in ((0.0, 0.0), detail.v[-1])
-            )
-            ratios.append(moved.var() / still.var())
+            size = {"width": config.roi_width, "height": config.roi_height}
+            ratios.append(gain(detail.x, detail.y, dt, detail.v[-1], **size))
         return float(np.median(ratios)) if ratios else None
 
 
