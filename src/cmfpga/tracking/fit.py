@@ -10,7 +10,7 @@ import math
 from ..config.defaults import BATCH_EVENTS
 from ..events import BatchCutter
 from ..imaging.iwe import events_in_roi
-from ..protocol.confidence import is_sure
+from ..protocol.confidence import confidence, is_judged, is_sure
 
 #: Motion of the image that is aimed at, and between what a batch keeps its length, px per half batch.
 TARGET_PX, ALLOWED_PX = 4.0, (3.0, 5.0)
@@ -54,6 +54,7 @@ class FittedCutter(BatchCutter):
     Parameters
     ----------
     source : EventSource
+    config : Config
     start_event : int
         Index of the first event to cut.
     first : int, optional
@@ -62,17 +63,18 @@ class FittedCutter(BatchCutter):
         Largest batch, in events of the whole sensor.
     """
 
-    def __init__(self, source, *, start_event=0, first=None, max_events):
+    def __init__(self, source, config, *, start_event=0, first=None, max_events):
         super().__init__(source, start_event=start_event, events=min(first or 1, max_events), max_events=max_events)
-        self._surveyed = first is not None
+        self._config, self._surveyed = config, first is not None
         self._shortest = self.size
         self._doubtful = 0  # batches in a row
 
     def survey(self, trial, roi):
         """Choose the first length by batches on trial; their events stay, and are cut afterwards.
 
-        Two windows, one after the other, grow until v is to be trusted in both, their velocities agree, and the image
-        moves far enough. Where that is not so before the events or ``max_events`` end, the longest window counts.
+        Two windows, one after the other, grow until one is to be trusted and the other nearly, their velocities agree,
+        and the image moves far enough. Where that is not so before the events or ``max_events`` end, the longest window
+        counts.
 
         Parameters
         ----------
@@ -87,14 +89,22 @@ class FittedCutter(BatchCutter):
         while True:
             ahead = self.peek(2 * length)
             half = min(length, len(ahead) // 2)
-            one, two = trial(ahead[:half]), trial(ahead[half : 2 * half])
-            if _agree(one, two):
+            if half and self._agree(one := trial(ahead[:half]), trial(ahead[half : 2 * half])):
                 found = half, one.v
             if half < length or length == self.max_events or (found and math.hypot(*found[1]) >= ALLOWED_PX[0]):
                 break
             length = min(int(length * _GROWTH) + 1, self.max_events)
         self.size = min(fit(*found, True) if found else length, self.max_events)
         self.size = max(len(self.peek(self.size)), 1)
+
+    def _agree(self, *windows):
+        """Whether two windows, one after the other, saw the same motion."""
+        if not all(map(is_judged, windows)) or not any(map(is_sure, windows)) or math.hypot(*windows[0].v) < _MIN_PX:
+            return False
+        if min(confidence(self._config, window) for window in windows) < self._config.confidence_limit / 2:
+            return False
+        one, two = ((window.v[0] / window.span, window.v[1] / window.span) for window in windows)
+        return math.dist(one, two) <= _AGREE * max(math.hypot(*one), math.hypot(*two))
 
     def _first_length(self, roi):
         """Events of the whole sensor among which some are in the ROI."""
@@ -117,14 +127,6 @@ class FittedCutter(BatchCutter):
             self.size = 2 * self.size if 2 * self.size <= self.max_events else self._shortest
 
 
-def _agree(one, two):
-    """Whether two windows, one after the other, saw the same motion."""
-    if not (is_sure(one) and is_sure(two)) or math.hypot(*one.v) < _MIN_PX:
-        return False
-    first, second = ((result.v[0] / result.span, result.v[1] / result.span) for result in (one, two))
-    return math.dist(first, second) <= _AGREE * max(math.hypot(*first), math.hypot(*second))
-
-
 def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENTS, most=None, **size):
     """What cuts a track's batches: as ``size`` says, or else as suits the motion.
 
@@ -144,5 +146,5 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
     """
     limit = config.max_batch_events
     if not size and config.confidence and config.judge:
-        return FittedCutter(source, start_event=start_event, first=first, max_events=min(limit, most or limit))
+        return FittedCutter(source, config, start_event=start_event, first=first, max_events=min(limit, most or limit))
     return BatchCutter(source, start_event=start_event, max_events=limit, **(size or {"events": first or usual}))
