@@ -1,5 +1,6 @@
 # make                               a virtual environment, the Verilog, and a demo recording tracked by it
 # make RECORDING=rec.h5 ROI=100,30   the same with your recording; more options in TRACK="--batches 20 …"
+# make EXTRAS=all                    the same with all that is optional: torch, plotly, Dask … (default: what --report needs)
 # make docs                          the documentation as a site, build/site/index.html
 # make test                          everything that the tests need, and all of them
 
@@ -9,6 +10,7 @@ OUT ?= build
 RECORDING ?=
 ROI ?=
 TRACK ?=
+EXTRAS ?= report
 
 # Any text may stand in these: neither make nor the shell reads more into it. Recipes take them from the environment.
 override OUT := $(value OUT)
@@ -16,13 +18,15 @@ override RECORDING := $(value RECORDING)
 override ROI := $(value ROI)
 export OUT RECORDING ROI
 
+# A file for each choice of extras: another one is installed when it is asked for.
+INSTALLED = $(VENV)/installed-$(EXTRAS)
 PIP = $(VENV)/bin/pip --disable-pip-version-check
 RUN = $(VENV)/bin/python -m
 
 .PHONY: demo docs test clean
 .DELETE_ON_ERROR:
 
-demo: $(VENV)/installed
+demo: $(INSTALLED)
 	$(RUN) cmfpga.build "--out=$$OUT"
 	$(RUN) cmfpga.track $${ROI:+"--roi=$$ROI"} $(TRACK) "--out=$$OUT/track" $${RECORDING:+-- "$$RECORDING"}
 	@printf 'The picture is %s\n' "$$OUT/track/track.png"
@@ -32,7 +36,7 @@ test: $(VENV)/installed-for-tests
 	$(RUN) ruff format --check
 	$(RUN) pytest -n 2 --dist worksteal
 
-docs: $(VENV)/installed
+docs: $(INSTALLED)
 	$(PIP) install --quiet -c constraints.txt -e '.[docs]'
 	@mkdir -p -- "$$OUT/site"
 	$(RUN) mkdocs build --quiet --strict --site-dir "$$(cd -- "$$OUT/site" >/dev/null && pwd)"
@@ -45,11 +49,11 @@ $(VENV)/bin/python:
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Python 3.11 or newer is needed: make PYTHON=…")'
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/installed: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(PIP) install --quiet -c constraints.txt -e .
+$(INSTALLED): pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(PIP) install --quiet -c constraints.txt -e '.[$(EXTRAS)]'
 	@touch $@
 
-$(VENV)/installed-for-tests: $(VENV)/installed
+$(VENV)/installed-for-tests: $(INSTALLED)
 	$(PIP) install --quiet -c constraints.txt -e '.[test]'
 	$(PIP) install --quiet --no-deps -r tests/driver/pynq.txt || echo "PYNQ cannot be installed: its tests are skipped"
 	@touch $@

@@ -1,5 +1,7 @@
 """One block of cmfpga in a small design of one's own: a filter that silences hot pixels.
 
+Needs no extra.
+
 ``ReadAddWrite`` is a memory whose words grow by what arrives, one event in every clock cycle, even if the same address
 comes again and again: sums that are still on their way back to the RAM are forwarded. The accelerator keeps its images
 in it. Here it counts the events of each pixel, and an event passes while its pixel has had fewer than a limit.

@@ -1,5 +1,7 @@
 """Track an object and plot what was found beside what is true.
 
+Needs torch: `make EXTRAS=reference`, or `pip install 'cmfpga[reference]'`.
+
 A synthetic object moves to the right and down, and turns a corner after 0.25 s. The integer model of the hardware,
 equal to the Verilog in every bit, tracks it batch by batch. For a recording of your own, give ``cmfpga.track`` its path
 and an ROI, and leave the truth out.

@@ -1,5 +1,7 @@
 """How few fraction bits do votes and their derivatives need? A study of word widths with ``sweep``.
 
+Needs torch and the packages of sweep: `make EXTRAS=reference,sweep`, or `pip install 'cmfpga[reference,sweep]'`.
+
 Two synthetic recordings whose motion is known are tracked by the integer model, with each pair of widths. The tables
 say how far the velocity found is from the truth, and how wide a word of the image memory is. With more recordings,
 ``--workers`` runs the same on all processors.

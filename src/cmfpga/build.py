@@ -5,11 +5,12 @@ import sys
 
 from . import __version__, cli
 from .boards import BOARDS
+from .errors import UserError, write_text
 from .protocol import registers
 from .protocol.registers import documents
 from .rtl.axi.top import AxiTop
 from .rtl.top import VerilogCore
-from .verilog import resources
+from .verilog import levels, place, resources
 from .verilog.description import describe, describe_axi, summary
 from .verilog.emit import TOP, emit_verilog
 
@@ -18,6 +19,7 @@ EXAMPLES = (
     "python -m cmfpga.build --preset fast-128 --out build-128",
     "python -m cmfpga.build --preset paper --resources --out build-paper",
     "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
+    "python -m cmfpga.build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
     "python -m cmfpga.build --list-fields",
 )
 
@@ -33,7 +35,7 @@ def build(config, folder):
         "build-info.md": summary(info),
     }
     for name, text in contents.items():
-        (folder / name).write_text(text, encoding="utf-8")
+        write_text(folder / name, text)
     return [folder / name for name in contents]
 
 
@@ -46,32 +48,29 @@ def build_axi(config, board, folder):
     verilog = emit_verilog(top, board.top)
     paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
     info = describe_axi(board, top, verilog)
-    paths[0].write_text(verilog, encoding="utf-8")
-    paths[1].write_text(json.dumps(info, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+    write_text(paths[0], verilog)
+    write_text(paths[1], json.dumps(info, indent=2, ensure_ascii=False) + "\n")
     title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
     return paths + documents.write_documents(top.shell.registers, title, folder)
 
 
+def _report(doing):
+    print(f"note: {doing}", file=sys.stderr, flush=True)
+
+
 def estimate(verilog, axi=None):
-    """Write ``resources.json`` beside the core's Verilog at this path; returns what is in it, and its path.
+    """:func:`cmfpga.verilog.resources.estimate` of the core's Verilog at this path.
 
     ``axi``, the path of the AXI top's Verilog, adds a row of that.
     """
-
-    def report(doing):
-        print(f"note: {doing}", file=sys.stderr, flush=True)
-
-    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), report=report)
+    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), report=_report)
     if axi is not None:
-        report(f"the same of {axi.stem}")
-        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=report, top=axi.stem)
-    path = verilog.with_name("resources.json")
-    path.write_text(json.dumps(estimated, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
-    return estimated, path
+        _report(f"the same of {axi.stem}")
+        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=_report, top=axi.stem)
+    return estimated
 
 
-def main(arguments=None):
-    """Run the command; returns the exit status."""
+def _parser():
     tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
     made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
@@ -81,15 +80,32 @@ def main(arguments=None):
         default="core",
         help=f"core: {TOP}; {tops} too, with AXI ports, and its registers' documents (default: core)",
     )
-    made.add_argument("--json", action="store_true", help="print the paths (and the resources) as JSON")
+    made.add_argument("--json", action="store_true", help="print the paths (and what is estimated) as JSON")
     made.add_argument(
         "--resources", action="store_true", help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys (minutes)"
     )
+    made.add_argument("--levels", action="store_true", help="count the LUTs in a row between registers, by Yosys")
+    placed = made.add_argument_group("place and route by Yosys and nextpnr, of what --top says (minutes)")
+    placed.add_argument("--place", choices=tuple(place.DEVICES), metavar="DEVICE", help=", ".join(place.DEVICES))
+    placed.add_argument("--speed", type=int, choices=place.SPEEDS, help="speed grade (default: 8, the fastest)")
+    placed.add_argument("--seeds", type=cli.positive, metavar="N", help="placements, of which the median counts (1)")
+    placed.add_argument(
+        "--target", type=cli.clock, metavar="MHZ", help=f"fail below this clock (without: aim for {place.AIM_MHZ})"
+    )
     cli.add_config_options(made)
-    options = made.parse_args(arguments)
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
     config = cli.make_config(options)
-    if options.resources:
+    if options.resources or options.levels:
         resources.require_yosys()  # before anything is written
+    if options.place:
+        place.require_tools()
+    elif options.speed or options.seeds or options.target:
+        raise UserError("--speed, --seeds and --target say how to --place: name a device with that")
     board = BOARDS.get(options.top)
     if board:
         registers.check(config)
@@ -101,17 +117,28 @@ def main(arguments=None):
             print(
                 "note: no C header, HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr
             )
-    estimated = {}
+    axi = folder / f"{board.top}.v" if board else None
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
-    if options.resources:
-        estimated, path = estimate(paths[0], folder / f"{board.top}.v" if board else None)
-        paths.append(path)
-        if not options.json:
-            print(f"wrote {path}\n{resources.text(estimated)}")
+    verilog, top = (axi or paths[0]).read_text(encoding="utf-8"), {"top": (axi or paths[0]).stem, "report": _report}
+    how = {"device": options.place, "speed": options.speed, "seeds": options.seeds, "aim_mhz": options.target}
+    found = {}
+    for name, what, measure in (
+        ("resources", resources, lambda: estimate(paths[0], axi)),
+        ("levels", levels, lambda: levels.levels(verilog, **top)),
+        ("place", place, lambda: place.place(verilog, **top, **{name: value for name, value in how.items() if value})),
+    ):
+        if getattr(options, name):
+            found[name] = measure()
+            paths.append(folder / f"{name}.json")
+            write_text(paths[-1], json.dumps(found[name], indent=2, ensure_ascii=False) + "\n")
+            if not options.json:
+                print(f"wrote {paths[-1]}\n{what.text(found[name])}", flush=True)
     if options.json:
-        shown = {"files": [str(path) for path in paths], **({"resources": estimated} if estimated else {})}
-        print(json.dumps(shown, indent=2, ensure_ascii=False))
+        print(json.dumps({"files": [str(path) for path in paths], **found}, indent=2, ensure_ascii=False))
+    if options.target and found["place"]["fmax_mhz"] < options.target:
+        print(f"error: {found['place']['fmax_mhz']:g} MHz: less than --target {options.target:g}", file=sys.stderr)
+        return 1
     return 0
 
 

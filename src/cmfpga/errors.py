@@ -5,6 +5,7 @@ line: what is wrong, where, and what is allowed. The command lines print it and 
 """
 
 import contextlib
+from pathlib import Path
 
 
 class UserError(ValueError):
@@ -44,3 +45,19 @@ def needs(package, extra, what):
         if (error.name or "").partition(".")[0] != package:
             raise
         raise MissingPackage(f"{what}: {package} is not installed; pip install 'cmfpga[{extra}]'") from None
+
+
+@contextlib.contextmanager
+def naming(path):
+    """An :exc:`OSError` from inside names ``path``, where the system does not say which file it is: a full disk."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = error.filename or str(path)
+        raise
+
+
+def write_text(path, text):
+    """Write a file in UTF-8; an :exc:`OSError` names it."""
+    with naming(path):
+        Path(path).write_text(text, encoding="utf-8")

@@ -22,13 +22,13 @@ from .tracking import api
 from .tracking.fit import FittedCutter, batch_cutter
 from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
-from .tracking.source import sensor_fields
+from .tracking.source import sensor_fields, unit_note
 
 EXAMPLES = (
     "python -m cmfpga.track        # a synthetic scene, with its true motion",
     "python -m cmfpga.track rec.h5 --roi 100,30 --batch-events 5000 --start-event 15000 --batches 20",
     "python -m cmfpga.track events.txt --roi 60,40 --batch-us 20000 --engine model --out track",
-    "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set eta=0.5",
+    "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set thinning=2",
     "python -m cmfpga.track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
     "python -m cmfpga.track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
     "python -m cmfpga.track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
@@ -103,7 +103,9 @@ def main(arguments=None):
     options = _parser().parse_args(arguments)
     truth, recording = _open(options)
     with recording:
-        config = cli.make_config(options, **_sensor_fields(options, recording), **(DEMO_FIELDS if truth else {}))
+        reads = cli.make_config(options).ascent_rule.fields if truth else ()
+        demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
+        config = cli.make_config(options, **_sensor_fields(options, recording), **demo)
         objects = _objects(options, truth, config)
         _choose(options, objects, recording, config)
         found = []
@@ -112,8 +114,8 @@ def main(arguments=None):
             if truth and not options.json:
                 found.append(_Truth(truth.motion))
                 one.consumers.append(found[-1])
-        folder = cli.output_folder(options.out)
-        name = _track(options, objects, recording, folder, truth.motion if truth else None)
+        with cli.locked(options.out) as folder:
+            name = _track(options, objects, recording, folder, truth.motion if truth else None)
     _summarise(options, config, name, objects)
     for lines in found:
         print("\n".join(lines))
@@ -151,8 +153,8 @@ def _sensor_fields(options, recording):
     """The recording's sensor, unless ``--set`` says otherwise; with an ROI that fits it."""
     changes = cli.config_changes(options)
     fields, note = sensor_fields(recording, changes, lambda: cli.make_config(options), "--sensor W,H")
-    if note:
-        print(f"note: {note}", file=sys.stderr)
+    for told in filter(None, (unit_note(recording, "--time-unit"), note)):
+        print(f"note: {told}", file=sys.stderr)
     return fields
 
 

@@ -5,9 +5,13 @@ import io
 import os
 import re
 import stat
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -53,11 +57,7 @@ RECORDINGS = [
     ("missing.h5", None, r"no such file"),
     ("bytes.bin", lambda path: path.write_bytes(bytes(range(256))), r"format not known; one of .* is needed"),
     ("header.h5", lambda path: path.write_bytes(b"\x89HDF\r\n\x1a\n"), r"not a readable HDF5 file .+"),
-    (
-        "cut.txt",
-        lambda path: lines(path, _200="0.02 3"),
-        r", line 200: 2 fields in '0\.02 3'; 4 are needed .*",
-    ),
+    ("cut.txt", lambda path: lines(path, _200="0.02 3"), r", line 200: 2 fields in '0\.02 3'; 4 are needed .*"),
     ("html.txt", lambda path: path.write_text("<!DOCTYPE html>\n<p>Not Found</p>\n"), r", line 1: 2 fields in .*"),
     ("x.txt", lambda path: lines(path, _150="0.015 32 4 1"), r"x of event 149 is 32; 0 to 31 is allowed .* 32×24 px"),
     ("wide.npz", lambda path: wide(path, 65536), r"x of event 0 is 65536; 0 to 31 is allowed on a sensor of 32×24 px"),
@@ -90,7 +90,7 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     path = tmp_path / name
     path.write_bytes(content[: int(share * len(content)) // 4 * 4 + 1])
     done = command(
-        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "iterations=1", "--out", tmp_path
+        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:0", "--out", tmp_path
     )
     assert done.error.startswith(f"{path}: ") and "truncated" in done.error
     assert len(rows(tmp_path)) >= 2
@@ -230,13 +230,6 @@ def test_a_folder_where_a_file_is_to_be(command, dot, small, tmp_path, name):
     assert command(*arguments, "--out", tmp_path).error == f"{tmp_path / name}: Is a directory"
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no full device on this system")
-def test_a_full_disk(command, dot, small, tmp_path):
-    (tmp_path / "track.csv").symlink_to("/dev/full")
-    done = command(track, dot, *DOT, *BATCHES, *MODEL, *small, "--out", tmp_path)
-    assert "No space left on device" in done.error
-
-
 def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("CMFPGA_CACHE", str(tmp_path / "file"))
@@ -245,13 +238,30 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
         assert done.error.startswith(f"{tmp_path / 'file'}: cannot be made, for compiled simulators: ")
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.parametrize("name, options", [
+    ("track.csv", ["--no-picture"]), ("track.png", []), ("track.npz", ["--report"]), ("report.html", ["--report"]),
+])  # fmt: skip
+def test_a_full_disk(command, dot, small, tmp_path, name, options):
+    (tmp_path / name).symlink_to("/dev/full")
+    done = command(track, dot, *DOT, *MODEL[:2], *BATCHES, *small, *options, "--out", tmp_path)
+    assert done.error == f"{tmp_path / name}: No space left on device"
+
+
+def test_two_tracks_into_one_folder(command, dot, small, tmp_path):
+    options = (track, dot, *DOT, *MODEL, *BATCHES, *small, "--out", tmp_path)
+    with FileLock(tmp_path / ".lock"):
+        assert command(*options).error.startswith(f"--out {tmp_path}: another command is writing there")
+    assert command(*options).status == 0 and [path.name for path in tmp_path.iterdir()] == ["track.csv"]
+
+
 # ---------------------------------------------------------------- build
 
 
 @pytest.mark.parametrize("arguments, message", [
     (["--set", "gradient=sweep", "--set", "roi_width=63"], "roi_width = 63: an even number of pixels is needed"),
     (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
-    (["--set", "max_iterations=2", "--set", "iterations=2"], "cold: 15 iterations; at most 2 are allowed (max_iter"),
+    (["--set", "max_iterations=2"], "cold: 15 iterations; at most 2 are allowed (max_iter"),
     (["--preset", "nope"], "preset 'nope': one of paper, fast, "),
     (["--set"], "argument --set: expected one argument" + HINT),
     (["paper"], "unrecognized arguments: paper" + HINT),
@@ -274,12 +284,26 @@ def test_an_architecture_that_cannot_work(command, tmp_path):
 
 
 def test_in_a_process_of_its_own(process, dot, tmp_path):
-    assert process("build", "--set", "eta=nan", PYTHONIOENCODING="ascii").error == "eta = nan: 0.0 or more is needed"
+    assert (
+        process("build", "--set", "roi_gain=-1", PYTHONIOENCODING="ascii").error
+        == "roi_gain = -1.0: 0.0 or more is needed"
+    )
     # Signs that the terminal has not are spelled out.
     done = process(
         "track", dot, "--roi", "100,9", "--set", "roi_width=8", "--set", "roi_height=8", PYTHONIOENCODING="ascii"
     )
     assert done.error == r"ROI at 100,9: 0,0 to 24,16 is needed for 8\xd78 px on a sensor of 32\xd724 px"
+
+
+def test_interrupted_while_a_block_is_elaborated(tmp_path):
+    """No warnings of Amaranth about blocks that were made and not used."""
+    code = (
+        "import sys; from cmfpga import build, cli; from cmfpga.rtl.image.voter import BilinearVoter\n"
+        "def interrupt(*_): raise KeyboardInterrupt\n"
+        "BilinearVoter.elaborate = interrupt; sys.exit(cli.run(build.main, ['--out', sys.argv[1]]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 def test_how_a_command_ends(monkeypatch, capsys):

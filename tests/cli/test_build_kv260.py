@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import os
-import re
 import subprocess
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL
 from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.emit import sha256
+from support.vivado.interfaces import infer, ports
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 KV260 = BOARDS["kv260"]
@@ -75,52 +75,19 @@ def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
     )
 
 
-def ports(text):
-    """``{name: (direction, bits, attributes)}`` of the top module, in the order of its port list."""
-    module = re.search(rf"^module {KV260.top}\((.*?)\);(.*?)^endmodule", text, re.DOTALL | re.MULTILINE)
-    names = re.findall(r"\w+", module[1])
-    found = {}
-    declared = r"((?:^  \(\* .* \*\)\n)*)^  (input|output) (?:\[(\d+):0\] )?(\w+);"
-    for attributes, direction, high, name in re.findall(declared, module[2], re.MULTILINE):
-        pairs = dict(re.findall(r'\(\* (\w+) = "(.*?)" \*\)', attributes))
-        found[name] = (direction, int(high or 0) + 1, pairs)
-    assert set(found) == set(names)
-    return {name: found[name] for name in names}
-
-
-LITE = {
-    "awaddr": ("input", 16), "awprot": ("input", 3), "awvalid": ("input", 1), "awready": ("output", 1),
-    "wdata": ("input", 32), "wstrb": ("input", 4), "wvalid": ("input", 1), "wready": ("output", 1),
-    "bresp": ("output", 2), "bvalid": ("output", 1), "bready": ("input", 1), "araddr": ("input", 16),
-    "arprot": ("input", 3), "arvalid": ("input", 1), "arready": ("output", 1), "rdata": ("output", 32),
-    "rresp": ("output", 2), "rvalid": ("output", 1), "rready": ("input", 1),
-}  # fmt: skip
-STREAM = {"tdata": 64, "tkeep": 8, "tlast": 1, "tuser": 1, "tvalid": 1, "tready": 1}
-
-
 def test_ports_and_their_attributes(made):
-    """Every port of every interface has its attribute: Vivado adds none by itself once one has (UG994)."""
-    wanted = {
-        "aclk": ("input", 1, "xilinx.com:signal:clock:1.0 aclk CLK"),
-        "aresetn": ("input", 1, "xilinx.com:signal:reset:1.0 aresetn RST"),
-        "irq": ("output", 1, "xilinx.com:signal:interrupt:1.0 irq INTERRUPT"),
-    }
-    for name, (direction, bits) in LITE.items():
-        wanted[f"s_axi_{name}"] = (direction, bits, f"xilinx.com:interface:aximm:1.0 s_axi {name.upper()}")
-    for interface, forward in (("s_axis", "input"), ("m_axis", "output")):
-        for name, bits in STREAM.items():
-            direction = forward if name != "tready" else {"input": "output", "output": "input"}[forward]
-            info = f"xilinx.com:interface:axis:1.0 {interface} {name.upper()}"
-            wanted[f"{interface}_{name}"] = (direction, bits, info)
+    """Every port belongs to an interface, by its attributes, and none is missing (more: tests/boards)."""
     folder, info = made
-    found = ports((folder / f"{KV260.top}.v").read_text())
-    assert {name: (*port[:2], port[2].pop("X_INTERFACE_INFO")) for name, port in found.items()} == wanted
-    parameters = {name: port[2].get("X_INTERFACE_PARAMETER", "") for name, port in found.items() if port[2]}
-    assert "ASSOCIATED_BUSIF s_axi:s_axis:m_axis" in parameters["aclk"]
-    assert "ASSOCIATED_RESET aresetn" in parameters["aclk"]
-    assert "POLARITY ACTIVE_LOW" in parameters["aresetn"] and "SENSITIVITY LEVEL_HIGH" in parameters["irq"]
-    assert set(parameters) == {"aclk", "aresetn", "irq", "s_axi_awaddr"}
-    assert [port["name"] for port in info["ports"]] == list(found)
+    text = (folder / f"{KV260.top}.v").read_text()
+    listed = {port["name"]: (port["direction"], port["bits"]) for port in info["ports"]}
+    assert {name: found[:2] for name, found in ports(text, KV260.top).items()} == listed
+    found = infer(text, KV260.top)
+    assert {name: entry["mode"] for name, entry in found.items() if entry["kind"].startswith("a")} == {
+        "s_axi": "slave", "s_axis": "slave", "m_axis": "master",
+    }  # fmt: skip
+    widths = {name: {signal: bits for signal, (_, _, bits) in found[name]["ports"].items()} for name in found}
+    assert widths["m_axis"] == widths["s_axis"]
+    assert [widths["s_axi"][name] for name in ("AWPROT", "WSTRB", "BRESP", "ARPROT", "RRESP")] == [3, 4, 2, 3, 2]
 
 
 def test_lint(made):

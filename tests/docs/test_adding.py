@@ -30,7 +30,7 @@ from cmfpga.rtl.top import VerilogCore
 
 config = preset({preset!r}).replace(
     sensor_width=24, sensor_height=16, roi_width=8, roi_height=8, buffer_events=64, max_batch_events=200,
-    iterations=5, start="given", v_start_x=3.0)
+    start="given", v_start_x=3.0)
 rng = np.random.default_rng(5)
 found = {{"map": {{r.name: r.offset for r in register_map(config)}}, "beats": PACKET_BEATS, "outcomes": []}}
 found["ports"] = VerilogCore(config).port_order

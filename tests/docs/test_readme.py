@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cmfpga.cli import command as tool
 from cmfpga.events import generate, write_hdf5
 from cmfpga.verilog.compiler import find_compiler
 
@@ -100,27 +101,37 @@ def runnable(text):
     return [item for item in commands(text) if item[0].startswith(RUN)]
 
 
+#: In processes of their own: they start others, or take the time.
+APART = ("sweep", "bench")
+
+
 @pytest.mark.parametrize("text, output", [block for block in blocks("console") if runnable(block.values[0])])
-def test_console(text, output, workplace, request):
+def test_console(text, output, workplace, request, command, monkeypatch):
+    """In this process, which has all imported; what is written to stderr stands first, as in a pipe."""
+    monkeypatch.chdir(workplace)
+    monkeypatch.setenv("COLUMNS", "100")
     status = None
-    for command, expected in runnable(text):
-        if "$CMFPGA_DATA" in command:
-            command = command.replace("$CMFPGA_DATA", str(request.getfixturevalue("data_dir")))
-        if command == "echo $?":
+    for line, expected in runnable(text):
+        if "$CMFPGA_DATA" in line:
+            line = line.replace("$CMFPGA_DATA", str(request.getfixturevalue("data_dir")))
+        if line == "echo $?":
             assert expected == f"{status}\n"
             continue
-        words = shlex.split(command, comments=True)
-        if words[0] == "cmfpga":
-            words = ["python", "-m", *words]
+        words = shlex.split(line, comments=True)
         if words[0] == "head":
             got = "".join((workplace / words[3]).read_text().splitlines(keepends=True)[: int(words[2])])
             assert_output(expected, got)
             continue
-        tracks = "cmfpga.track" in words or words[2:4] == ["cmfpga", "track"]
-        if tracks and not {"model", "float", "--help", "--list-fields"} & set(words):
+        short = words[0] == "cmfpga"
+        name, *words = words[1:] if short else (words[2].removeprefix("cmfpga."), *words[3:])
+        if name == "track" and not {"model", "float", "--help", "--list-fields"} & set(words):
             if find_compiler() is None:
                 pytest.skip("no C++ compiler: the simulation would take hours")
-        status, got = run([sys.executable, *words[1:]], workplace)
+        if name in APART:
+            status, got = run([sys.executable, "-m", f"cmfpga.{name}", *words], workplace)
+        else:
+            done = command(tool, name, *words) if short else command(tool.load(name), *words)
+            status, got = done.status, done.err + done.out
         if expected:
             assert_output(expected, got)
         # A mistake is only made on purpose where its status or its message is shown.

@@ -15,8 +15,10 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import FORMATS
 from cmfpga.protocol.results import COUNTS
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.protocol.words import encode
+from cmfpga.protocol.words import encode, read_raw, swap_halves
+from cmfpga.reference.wire import BatchEnds, to_beats
 from cmfpga.tracking.loop import track
+from support.axi.expected import Expected
 from support.driving import CONFIG, SMALL, batch, differences, model_run
 
 
@@ -236,3 +238,38 @@ def test_real_recording_with_preset_fast(compiler, data_dir):
         count = accelerator.counters()
         assert count["events_in"] == count["events_taken"] == 16_000
         assert count["events_taken"] == count["roi_events"] + count["outside"] + count["overflow"]
+
+
+#: File, its events, how they are sent, ROI of the first batch, how many batches at least.
+STREAMS = {
+    "EVT21 by number": ("davis240c_shapes_rotation_0.0s.h5", (60_000, 15_000), ("EVT21", True), (100, 30), 10),
+    "PACKED by duration": ("davis240c_slider_depth_0.0s.h5", (0, 9_000), ("PACKED", False), (90, 60), 2),
+    # The words of a file of EVT 2.0, untouched: with its own time words and what else is in it.
+    "a file's words": ("original_formats/prophesee_spinner_640x480_evt2.raw", None, (None, False), (216, 84), 2),
+}
+
+
+@pytest.mark.parametrize("name", STREAMS)
+def test_real_streams(compiler, data_dir, name):
+    """Batches that the hardware cuts out of a stream, back to back; on a sensor that is large enough for all files."""
+    file, part, (form, swap), roi, least = STREAMS[name]
+    config = preset("fast").replace(sensor_width=640, sensor_height=480)
+    if part:
+        with open_recording(data_dir / file) as recording:
+            words = encode(next(recording.chunks(*part)), form)
+    else:
+        form, words = read_raw(data_dir / file)
+        words = words[:6200]
+    ends = {"duration_us": 10_000} if "duration" in name else {"events": 1500 if part else 4000}
+    wanted = BatchEnds(events=ends.get("events", 0), duration=ends.get("duration_us", 0), by_tlast=False)
+    batches, _ = Expected(config).receive(to_beats(words, last=False), form, wanted)
+    assert len(batches) >= least and (part or sum(len(t) for t, *_ in batches) == 12_000)
+    model, found = ModelEngine(config), set()
+    with Accelerator(SimulationBackend(config)) as accelerator:
+        accelerator.start(roi=roi, form=form, swap=swap, **ends)
+        accelerator.send(swap_halves(words) if swap else words)
+        for number, (result, (t, x, y, _)) in enumerate(zip(accelerator.results(len(batches)), batches, strict=True)):
+            expected = model_run(model, Events(t, x, y, np.zeros(len(t))), None if number else roi, config)
+            assert differences(result, expected) == []
+            found.add(result.v if result.iterations else None)
+    assert len(found - {None}) > min(3, least - 1)

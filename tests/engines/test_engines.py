@@ -130,7 +130,7 @@ def test_random_batches(verilated_engine, rng):
 
 def test_amaranth_simulates_the_fast_hardware_too(rng):
     """Signs, levels, dither, one pass; schedules that change from batch to batch. (Its Verilog: tests/simulation.)"""
-    config = preset("fast").replace(**HARDWARE, iterations=3, cold="2:1*2 1:0 0:-1", warm="1:0 0:-2")
+    config = preset("fast").replace(**HARDWARE, cold="2:1*2 1:0 0:-1", warm="1:0 0:-2")
     simulated, model = AmaranthEngine(config), ModelEngine(config)
     other = config.replace(cold="0:0*3", warm="0:-1*5 1:-2")
     results = []

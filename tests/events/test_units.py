@@ -44,6 +44,15 @@ def test_milliseconds_by_their_rate(rng, rate, unit):
     assert guess_unit(clock(rng, rate) // 1000) == unit
 
 
+@pytest.mark.parametrize("unit, factor", [("us", 1), ("ns", 1000)])
+def test_a_jump_or_a_pause_changes_nothing(rng, unit, factor):
+    us = clock(rng, 2e4, 5_000, start=7)
+    late = np.concatenate([[0], us + 5_000_000_000])  # the first event at 0
+    pause = np.concatenate([us[:2_000], us[2_000:] + 3_600_000_000])
+    bursts = us + np.repeat(np.arange(50) * 1_400_000, 100)  # 70 events/s on average
+    assert [guess_unit(t * factor) for t in (late, pause, bursts)] == [unit] * 3
+
+
 def test_few_events_are_no_evidence():
     assert guess_unit([0, 1_000_000, 2_000_000]) == "us"
     assert guess_unit([5, 5, 5]) == "us"

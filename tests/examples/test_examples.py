@@ -60,3 +60,5 @@ def test_word_widths(tmp_path):
 def test_each_is_short_and_tested(path):
     assert f'run("{path.name}"' in Path(__file__).read_text()
     assert len(path.read_text().splitlines()) <= 100
+    extras = {"block_in_a_design": "no extra", "track_and_plot": "[reference]", "word_widths": "[reference,sweep]"}
+    assert extras[path.stem] in "".join(path.read_text().splitlines()[:3])  # what it needs

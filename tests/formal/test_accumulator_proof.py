@@ -8,14 +8,13 @@ bank of each is proved at its preset's size all the same.
 """
 
 import pytest
-from amaranth.hdl import signed
 from amaranth.lib import data
 
 from cmfpga.config import preset
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image.accumulator import Accumulator, ReadAddWrite
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator, TaggedBank
-from support.formal.accumulator_proof import TINY, AccumulatorHarness, TaggedAccumulatorHarness, tiny
+from support.formal.accumulator_proof import TINY, AccumulatorHarness, TaggedAccumulatorHarness, small_bank, tiny
 from support.formal.bank_proof import ReadAddWriteHarness, TaggedBankHarness
 from support.formal.harness import needs_solver, solve
 
@@ -24,13 +23,6 @@ pytestmark = needs_solver
 # Cycles. The induction closes in 4, the length of the pipeline; more only lengthen the search from reset, which takes
 # many minutes where words are wide.
 SHORT, LONG = 5, 16
-
-
-def small_bank():
-    """Words that wrap after a few operations, and a depth that is no power of two."""
-    word = data.StructLayout({"i": 4, "dx": signed(3)})
-    add = data.StructLayout({"i": 3, "dx": signed(2)})
-    return ReadAddWriteHarness(ReadAddWrite(word, add, 6))
 
 
 def paper_bank():
@@ -53,7 +45,7 @@ def swept(name, bank, fewer=0):
 
 
 PROVED = {
-    "bank": (small_bank, LONG),
+    "bank": (lambda: small_bank(ReadAddWrite), LONG),
     "bank of paper": (paper_bank, SHORT),
     "accumulator": (lambda: AccumulatorHarness(Accumulator(TINY)), SHORT),
     "tagged bank": (lambda: TaggedBankHarness(TaggedBank(tiny(6, 4))), LONG),

@@ -2,7 +2,6 @@
 
 import sys
 import types
-from math import floor
 from pathlib import Path
 
 import numpy as np
@@ -10,16 +9,8 @@ import pytest
 import torch
 
 from cmfpga.reference import floating
-from cmfpga.reference.floating import (
-    ascend,
-    contrast,
-    derivative_images,
-    evaluate,
-    gradient,
-    iwe,
-    scaled_times,
-    warp,
-)
+from cmfpga.reference.floating import ascend, contrast, derivative_images, evaluate, gradient, iwe, scaled_times, warp
+from support.equations import transcription
 
 SIZES = [(2, 2), (8, 8), (16, 6), (6, 16), (30, 22), (7, 5), (1, 9)]
 
@@ -51,54 +42,23 @@ def interior_events(rng, n=50, width=20, height=12):
 # -------------------------------------------------------------------- equations as loops
 
 
-def transcription(x, y, dt, v, width, height):
-    """The article's equations, event by event and pixel by pixel: I, Dx, Dy, C, ∇C."""
-    image, d_x, d_y = (np.zeros((height, width)) for _ in range(3))
-    for x_k, y_k, dt_k in zip(x, y, dt, strict=True):
-        x_w, y_w = x_k - dt_k * v[0], y_k - dt_k * v[1]  # Eq. x'k
-        i_k, j_k = floor(x_w), floor(y_w)
-        dx, dy = x_w - i_k, y_w - j_k
-        cases = {  # Eq. weights, ∂w/∂dx (Eq. w_dx_x), ∂w/∂dy
-            (i_k, j_k): ((1 - dx) * (1 - dy), -(1 - dy), -(1 - dx)),
-            (i_k + 1, j_k): (dx * (1 - dy), 1 - dy, -dx),
-            (i_k, j_k + 1): ((1 - dx) * dy, -dy, 1 - dx),
-            (i_k + 1, j_k + 1): (dx * dy, dy, dx),
-        }
-        for i in range(width):
-            for j in range(height):
-                w, w_dx, w_dy = cases.get((i, j), (0, 0, 0))
-                image[j, i] += w  # Eq. I_w
-                d_x[j, i] += w_dx * 1 * -dt_k  # Eq. I_w_v_x, dx_k_x'_k_x'_k_v_x
-                d_y[j, i] += w_dy * 1 * -dt_k
-    pixels = width * height
-    mu = sum(image[j, i] for i in range(width) for j in range(height)) / pixels
-    c = sum((image[j, i] - mu) ** 2 for i in range(width) for j in range(height)) / pixels  # Eq. C
-    grad = []
-    for d in (d_x, d_y):
-        mu_v = sum(d[j, i] for i in range(width) for j in range(height)) / pixels  # Eq. mu_v_x
-        terms = ((image[j, i] - mu) * (d[j, i] - mu_v) for i in range(width) for j in range(height))
-        grad.append(2 / pixels * sum(terms))  # Eq. C_v_x
-    return image, d_x, d_y, c, np.array(grad)
-
-
-def check_equations(module, rng, cases=8):
-    """``module``'s evaluate equals the transcription on random events of every size."""
+def check_equations(module, rng, cases=8, levels=(0, 1, 2, 3)):
+    """``module``'s evaluate equals the transcription on random events of every size, dithered or not."""
+    close = {"rtol": 1e-12, "atol": 1e-11}
     for width, height in SIZES:
-        for _ in range(cases):
-            x, y, dt = random_events(rng, width, height, int(rng.integers(1, 20)))
-            v = random_velocity(rng, width, height)
-            image, d_x, d_y, c, grad = transcription(x, y, dt, v, width, height)
-            it = module.evaluate(x, y, dt, v, width=width, height=height)
-            close = {"rtol": 1e-12, "atol": 1e-12}
-            np.testing.assert_allclose(it.image, image, **close)
-            np.testing.assert_allclose(it.derivative_x, d_x, **close)
-            np.testing.assert_allclose(it.derivative_y, d_y, **close)
-            np.testing.assert_allclose(it.contrast, c, **close)
-            np.testing.assert_allclose(it.gradient, grad, **close)
-            pixels = width * height
-            np.testing.assert_allclose((it.sum_i, it.sum_dx, it.sum_dy), (image.sum(), d_x.sum(), d_y.sum()), **close)
-            np.testing.assert_allclose((it.s_x, it.s_y), ((image * d_x).sum(), (image * d_y).sum()), **close)
-            np.testing.assert_allclose(2 * torch.stack((it.g_x, it.g_y)) / pixels**2, grad, **close)
+        for level in levels:
+            for _ in range(cases):
+                x, y, dt = random_events(rng, width, height, int(rng.integers(1, 20)))
+                v = random_velocity(rng, width, height)
+                image, d_x, d_y, c, grad = transcription(x, y, dt, v, width, height, level)
+                it = module.evaluate(x, y, dt, v, width=width, height=height, level=level)
+                for got, wanted in (
+                    (it.image, image), (it.derivative_x, d_x), (it.derivative_y, d_y), (it.contrast, c),
+                    (it.gradient, grad), ((it.sum_i, it.sum_dx, it.sum_dy), (image.sum(), d_x.sum(), d_y.sum())),
+                    ((it.s_x, it.s_y), ((image * d_x).sum(), (image * d_y).sum())),
+                    (2 * torch.stack((it.g_x, it.g_y)) / (width * height) ** 2, grad),
+                ):  # fmt: skip
+                    np.testing.assert_allclose(got, wanted, **close)
 
 
 def test_equations_as_loops(rng):
@@ -136,7 +96,7 @@ def test_transcription_notices(mutant, rng):
     try:
         exec(compile(source.replace(right, wrong), "mutant", "exec"), module.__dict__)
         with pytest.raises((AssertionError, IndexError)):  # an address beyond the image shows as well
-            check_equations(module, rng)
+            check_equations(module, rng, cases=2, levels=(0, 1))
     finally:
         del sys.modules["mutant"]
 

@@ -24,13 +24,13 @@ from cmfpga.reference.floating import (
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.dither import dither as integer_dither
 from cmfpga.reference.integer.time_scaler import time_scaler
+from support.equations import transcription
 
 #: Formats so wide that the integer model has next to nothing to round.
 WIDE = preset("fast").replace(
     roi_width=48, roi_height=36, buffer_events=1024, dt_frac=14, v_frac=14, position_frac=12, weight_frac=14,
     derivative_frac=14, dither_frac=8, reciprocal_bits=17,
 )  # fmt: skip
-SIZES = [(16, 12), (13, 9), (7, 6)]
 
 
 def random_events(rng, width, height, n):
@@ -77,55 +77,22 @@ def test_dither_covers_the_pixel_evenly():
     assert counts.min() >= 56 and counts.max() <= 72  # 64 each; random offsets scatter from about 42 to 86
 
 
-def test_the_hardwares_dither_is_this_one_floored():
+@pytest.mark.parametrize("frac", [0, 1, 4, 8])
+def test_the_hardwares_dither_is_this_one_floored(frac):
     """Apart from its α, which has 24 fraction bits: half a unit off at most, times k."""
     none = torch.zeros(2000, dtype=torch.int64)
-    config = WIDE.replace(dither_frac=8)
+    config = WIDE.replace(dither_frac=frac)
     for exact, raw, factor, alpha in zip(dither(2000), integer_dither(config, none, none), FACTORS, R2, strict=True):
         assert abs(factor - alpha * (1 << DITHER_BITS)) <= 0.5
-        below = exact - raw / 256
-        near = (exact * 256 - (exact * 256).round()).abs() < 0.05  # where 24 bits decide about the floor
-        assert bool(((below >= 0) & (below < 1 / 256))[~near].all()) and near.sum() < 300
+        below = exact - raw / (1 << frac) if frac else raw  # without dither nothing is added
+        near = (
+            exact * (1 << frac) - (exact * (1 << frac)).round()
+        ).abs() < 0.05  # where 24 bits decide about the floor
+        assert bool(((below >= 0) & (below < 1 / (1 << frac)))[~near].all()) and near.sum() < 300
+        assert not frac or (int(raw.min()), int(raw.max())) == (-(1 << frac) // 2, (1 << frac) // 2 - 1)
 
 
 # -------------------------------------------------------------------- levels
-
-
-def loop_evaluate(x, y, dt, v, width, height, level):
-    """I, Dx, Dy at a level, event by event and corner by corner, in the corner of an image of the ROI's size."""
-    scale = 2**level
-    columns, rows = -(-width // scale), -(-height // scale)
-    images = np.zeros((3, height, width))
-    for x_k, y_k, dt_k in zip(x, y, dt, strict=True):
-        x_w = (x_k - dt_k * v[0] + 0.5) / scale - 0.5
-        y_w = (y_k - dt_k * v[1] + 0.5) / scale - 0.5
-        for i in (floor(x_w), floor(x_w) + 1):
-            for j in (floor(y_w), floor(y_w) + 1):
-                if 0 <= i < columns and 0 <= j < rows:
-                    across, down = 1 - abs(x_w - i), 1 - abs(y_w - j)
-                    right, below = (1 if i > x_w else -1), (1 if j > y_w else -1)
-                    images[:, j, i] += across * down, -dt_k * right * down, -dt_k * across * below
-    return images
-
-
-@pytest.mark.parametrize("level", [0, 1, 2, 3])
-@pytest.mark.parametrize(("width", "height"), SIZES)
-def test_levels_as_loops(width, height, level, rng):
-    close = {"rtol": 1e-12, "atol": 1e-11}
-    for _ in range(6):
-        x, y, dt = random_events(rng, width, height, int(rng.integers(1, 40)))
-        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(len(x)), strict=True))
-        v = rng.uniform(-4, 4, 2)
-        image, d_x, d_y = loop_evaluate(x, y, dt, v, width, height, level)
-        it = evaluate(x, y, dt, v, width=width, height=height, level=level)
-        np.testing.assert_allclose(it.image, image, **close)
-        np.testing.assert_allclose(it.derivative_x, d_x, **close)
-        np.testing.assert_allclose(it.derivative_y, d_y, **close)
-        pixels = width * height  # at every level
-        g = [pixels * (image * d).sum() - image.sum() * d.sum() for d in (d_x, d_y)]
-        np.testing.assert_allclose((it.g_x, it.g_y), g, **close)
-        np.testing.assert_allclose(it.contrast, (image**2).sum() / pixels - (image.sum() / pixels) ** 2, **close)
-        np.testing.assert_allclose(it.gradient, 2 * np.array(g) / pixels**2, **close)
 
 
 @pytest.mark.parametrize("level", [1, 2])
@@ -179,7 +146,7 @@ def loop_signs(x, y, dt, v, schedule, width, height):
     pixels, trace = width * height, [tuple(v)]
     for k, (level, log2_step, stride) in enumerate(schedule):
         chosen = loop_used(k, stride, len(x))
-        image, *derivatives = loop_evaluate(x[chosen], y[chosen], dt[chosen], trace[-1], width, height, level)
+        image, *derivatives = transcription(x[chosen], y[chosen], dt[chosen], trace[-1], width, height, level)[:3]
         g = [pixels * (image * d).sum() - image.sum() * d.sum() for d in derivatives]
         trace.append(tuple(a + 2.0**log2_step * np.sign(b) for a, b in zip(trace[-1], g, strict=True)))
     return np.array(trace)
@@ -231,92 +198,42 @@ def test_where_g_is_zero_v_stays():
 # -------------------------------------------------------------------- the integer model
 
 
-def raw_iterations(config, t, x, y, v_start, schedule, exact_dither=False):
-    """Iterations of the integer model, and the float reference's at each of their velocities.
+def compare(config, rng, batches=12, tiny=0.06):
+    """(signs of G that differ though |G| is not tiny, signs compared, largest difference), over whole ascents.
 
-    The reference gets the model's offsets, so that only arithmetic is compared, or the exact ones.
+    At each velocity of the integer model the reference takes the exact dither. Its arithmetic is judged stage by stage
+    in ``test_integer_against_float.py``. A tiny G is a share of the terms that G is the difference of.
     """
-    core = IntegerCore(config)
-    span = int(t[-1] - t[0])
-    since, x, y = torch.from_numpy(t - t[0]), torch.from_numpy(x), torch.from_numpy(y)
-    raw_dt, positions = time_scaler(config, since, span=span), integer_dither(config, x, y)
-    dt = scaled_times(since, 0, span)
-    if exact_dither:
-        exact = tuple(axis + offset for axis, offset in zip((x.double(), y.double()), dither(len(t)), strict=True))
-    else:
-        exact = tuple(axis.double() * 2.0**-config.dither_frac for axis in positions)
-    v = tuple(config.formats.v.raw(axis) for axis in v_start)
-    size = {"width": config.roi_width, "height": config.roi_height}
-    for entry in schedule:
-        step, _ = core.iterate(*positions, raw_dt, v, entry=entry)
-        real_v = [config.formats.v.real(axis) for axis in v]
-        yield step, evaluate(*exact, dt, real_v, level=entry.level, **size)
-        v = step.v_next
-
-
-def scale_of(it, pixels):
-    """Size of the terms that G is the difference of."""
-    centred = (it.image - it.image.mean()).abs()
-    return [float(pixels * (centred * (d - d.mean()).abs()).sum()) for d in (it.derivative_x, it.derivative_y)]
-
-
-def compare(config, rng, batches, tiny, exact_dither=False):
-    """(signs that differ though |G| is not tiny, signs compared, largest difference of G) over some ascents."""
     wrong = compared = 0
     worst = 0.0
     schedule = parse_schedule("2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5", name="cold", max_level=2,
                               v=config.formats.v, entries=32)  # fmt: skip
-    unit = 2.0 ** -(config.weight_frac + config.derivative_frac)
+    unit, core = 2.0 ** -(config.weight_frac + config.derivative_frac), IntegerCore(config)
     for _ in range(batches):
-        t, x, y = moving_object(rng, rng.uniform(-6, 6, 2))
-        for step, exact in raw_iterations(config, t, x, y, (0.0, 0.0), schedule, exact_dither):
-            for raw, g, scale in zip(
-                step.g, (exact.g_x, exact.g_y), scale_of(exact, config.geometry.pixels), strict=True
-            ):
-                worst = max(worst, abs(raw * unit - float(g)) / scale)
+        t, x, y = (torch.from_numpy(column) for column in moving_object(rng, rng.uniform(-6, 6, 2)))
+        span = int(t[-1])
+        raw = *integer_dither(config, x, y), time_scaler(config, t, span=span)
+        exact = [axis.double() + offset for axis, offset in zip((x, y), dither(len(t)), strict=True)]
+        v = (0, 0)
+        for entry in schedule:
+            step, _ = core.iterate(*raw, v, entry=entry)
+            real_v = [config.formats.v.real(axis) for axis in v]
+            it = evaluate(*exact, scaled_times(t, 0, span), real_v, level=entry.level, width=48, height=36)
+            centred = (it.image - it.image.mean()).abs()
+            for got, g, d in zip(step.g, (it.g_x, it.g_y), (it.derivative_x, it.derivative_y), strict=True):
+                scale = float(config.geometry.pixels * (centred * (d - d.mean()).abs()).sum())
+                worst = max(worst, abs(got * unit - float(g)) / scale)
                 if abs(float(g)) > tiny * scale:
                     compared += 1
-                    wrong += (raw > 0) != (float(g) > 0)
+                    wrong += (got > 0) != (float(g) > 0)
+            v = step.v_next
     return wrong, compared, worst
 
 
-TINY = 0.01  # a few events on the other side of a grid line; of the size of the terms that G is the difference of
-
-
 def test_with_wide_formats_the_model_is_the_reference(rng):
-    """Iteration by iteration from the same v: G differs by less than 1 % of its terms' size, at every level."""
-    wrong, compared, worst = compare(WIDE, rng, 12, TINY)
-    print(f"largest difference {worst:.5f}; {compared} signs compared")
-    assert wrong == 0 and compared > 300
-    assert worst < TINY
-
-
-def test_the_model_differs_little_from_the_exact_dither(rng):
-    """With dither of 8 bits, floored: 1/512 px on average."""
-    wrong, compared, worst = compare(WIDE, rng, 12, 0.06, exact_dither=True)
+    """With dither of 8 bits, floored: 1/512 px on average. Without dither the comparison fails."""
+    wrong, compared, worst = compare(WIDE, rng)
     print(f"largest difference {worst:.5f}; {compared} signs compared")
     assert wrong == 0 and compared > 250
     assert worst < 0.06
-
-
-def test_narrow_formats_differ(rng):
-    """The comparison above can fail: a few bits less are too few for it."""
-    narrow = WIDE.replace(dt_frac=8, position_frac=6, weight_frac=6, derivative_frac=6)
-    assert compare(narrow, rng, 12, TINY)[2] > 2 * TINY
-
-
-def test_no_dither_is_not_the_exact_dither(rng):
-    assert compare(WIDE.replace(dither_frac=0), rng, 12, 0.06, exact_dither=True)[2] > 0.1
-
-
-def test_images_agree_at_every_level(rng):
-    """Also pixel by pixel: the pixels' places, not only the sums."""
-    t, x, y = moving_object(rng, (3.0, -2.0))
-    schedule = [entry._replace(level=level) for level in (0, 1, 2) for entry in WIDE.schedules.warm[:1]]
-    for step, exact in raw_iterations(WIDE, t, x, y, (2.5, -1.5), schedule):
-        for raw, image, frac in (
-            (step.images.i, exact.image, WIDE.weight_frac),
-            (step.images.dx, exact.derivative_x, WIDE.derivative_frac),
-            (step.images.dy, exact.derivative_y, WIDE.derivative_frac),
-        ):
-            assert float((raw * 2.0**-frac - image).abs().mean()) < 0.01 * float(image.abs().mean()) + 1e-3
+    assert compare(WIDE.replace(dither_frac=0), rng)[2] > 0.1

@@ -33,9 +33,8 @@ def flagged():
         sensor_width=64, sensor_height=48, roi_width=32, roi_height=24, buffer_events=200, iterations=20, eta=1.0,
         min_roi_events=150,
     )  # fmt: skip
-    return keep(
-        config, scene.recording("</script><b>&amp; $x$"), roi=(14, 18), size=200, batches=12, motion=scene.motion
-    )
+    recording = scene.recording("/me/<script><b>&amp; $x$")
+    return keep(config, recording, roi=(14, 18), size=200, batches=12, motion=scene.motion)
 
 
 @pytest.fixture(scope="session")

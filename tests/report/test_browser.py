@@ -147,6 +147,7 @@ def test_the_charts_show_the_columns(opened, kept):
     ):  # fmt: skip
         got = [np.nan if value is None else value for value in traces(report, plot)[line][1]]
         np.testing.assert_array_equal(got, kept.numbers(name))
+    assert report.do("return document.querySelectorAll('#margin .ytick').length") > 1  # of a logarithmic axis
     lasts, takes = (traces(report, "margin")[line][1] for line in (0, 1))
     np.testing.assert_allclose(lasts, np.array(kept.spans) / 1000)
     cycles = np.array([np.nan if value is None else value for value in traces(report, "cycles")[0][1]])

@@ -29,12 +29,27 @@ def test_what_it_says_and_holds(flagged):
     text = page.render(flagged, 99.5)
     story = Story(flagged, 99.5)
     assert html.escape(story.lead) in text and all(html.escape(note) in text for note in story.notes)
-    assert "</script><b>" not in text and "&lt;/script&gt;&lt;b&gt;" in text  # the recording's name
+    assert "<script><b>" not in text and "&lt;script&gt;&lt;b&gt;" in text  # the recording's name
+    assert "/me/" not in text  # but not where it lies
     head = json.loads(re.search(r'id="head">(.*?)</script>', text)[1])
     assert head["columns"]["contrast"] == flagged.column("contrast")
     for name, value in flagged.config.to_dict().items():
         assert re.search(rf"<code>{name}</code></th><td>{re.escape(str(value))}[ <]", text), name
     assert "<dd>99.5 MHz</dd>" in text and "<dt>amaranth</dt>" in text
+
+
+def test_captions_are_of_what_is_drawn(turning, flagged):
+    """The turning scene's ascent has three levels, the other one has one."""
+    texts = [own(page.render(kept, 210.0)) for kept in (turning, flagged)]
+    for caption, drawn in (
+        ("Dashed: the true velocity.", [True, True]), ("Dashed: what the hardware's buffer holds.", [True, True]),
+        ("large diamonds", [True, False]), ("small circles, 1 px.", [True, True]),
+    ):  # fmt: skip
+        assert [caption in text for text in texts] == drawn
+    unknown = Kept(turning.config, "model", "x")
+    config, truths = turning.config.replace(buffer_events=16383), [(np.nan, np.nan)] * len(turning.rows)
+    unknown.__dict__ |= {**vars(turning), "config": config, "truths": truths}
+    assert "Dashed: " not in own(page.render(unknown, 210.0))
 
 
 def test_the_same_track_gives_the_same_page(turning):

@@ -11,9 +11,21 @@ from cmfpga.config.schedule import parse_schedule
 from cmfpga.protocol.flags import Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
+from cmfpga.rtl.iteration_control import IterationControl
 from support.bench import simulate
 from support.core import Batch, check_core, constant_cycles, drive_core, judge_cycles, per_iteration
-from support.core_batches import CONFIGS, FLOWS, PLANS, centered, moving_points, random_batch, run, settings, spread
+from support.core_batches import (
+    CENTER,
+    CONFIGS,
+    FLOWS,
+    PLANS,
+    centered,
+    moving_points,
+    random_batch,
+    run,
+    settings,
+    spread,
+)
 
 # ---------------------------------------------------------------- everything, at random
 
@@ -67,6 +79,19 @@ def test_random_batches_meet_everything():
     assert set(met) == set(Flag) - {Flag.SCHEDULE}
 
 
+@pytest.mark.parametrize("late", [False, True])
+@pytest.mark.parametrize("name", ["small", "narrow", "one pass"])
+def test_words_hold_every_event_on_one_pixel(name, late, rng):
+    """The largest I and Dx that there are: a full buffer at one end of the batch, at the other an event elsewhere."""
+    config = CONFIGS[name]
+    full, elsewhere = [(8 * late, *CENTER)] * config.buffer_events, [(8 - 8 * late, 0, 0)]
+    chosen = centered(config, [0], iterations=1, eta=0, start_last=False, v_start=(0, 0)).settings
+    batch = Batch(events=elsewhere + full if late else full + elsewhere, settings=chosen)
+    _, (outcome, _) = run(config, [batch, spread(config, rng)], rng)
+    largest = config.widths.image_max * config.widths.derivative_image_max
+    assert outcome.trace[0]["sums"]["sx"] == (largest if late else -largest)
+
+
 # ---------------------------------------------------------------- cycles
 
 
@@ -105,6 +130,11 @@ def test_the_configuration_knows_the_latency_of_one_pass(max_level, roi_height, 
     changes = {"gradient": "one_pass", "roi_width": 16, "roi_height": roi_height}
     config = Config(**changes, max_level=max_level, ascent=ascent)
     assert Core(config).iteration_latency == config.one_pass.latency
+
+
+def test_a_replay_cannot_start_before_the_last_event_is_counted():
+    with pytest.raises(ValueError, match="2 cycles before the last event is counted"):
+        IterationControl(CONFIGS["small"], replay_delay=-2, move=3, settle=6)
 
 
 # ---------------------------------------------------------------- degenerate batches

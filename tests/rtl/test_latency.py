@@ -61,6 +61,7 @@ class Timing:
     every: int = 1
     before: list = field(default_factory=list)
     came: object = pulses
+    stays: dict = field(default_factory=dict)  # the inputs between two items
     late: int = 0  # the entry is so many cycles after the item: the last of what the item begins
 
 
@@ -111,8 +112,10 @@ BLOCKS = {
         item=lambda k: {"move": 1},
     ),
     "constant ascent": Timing(ConstantAscent(DEFAULT), 5, out="run.updated", every=2),
-    "sign ascent": Timing(SignAscent(FAST), 2, out="run.updated"),
-    "ROI updater": Timing(RoiUpdater(DEFAULT), 3, out="corner.roi_next", item=moved, every=3, came=steps),
+    "sign ascent": Timing(SignAscent(FAST), 2, out="run.updated", every=3),
+    "ROI updater": Timing(
+        RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
+    ),
 }  # fmt: skip
 
 
@@ -127,7 +130,7 @@ def test_latency(name, rng):
 
     for k in range(20):
         entries.append(len(script) + timing.late)
-        script += [(timing.item or offered)(k), *[{}] * (timing.every - 1)]
+        script += [(timing.item or offered)(k), *[timing.stays] * (timing.every - 1)]
     script += [{}] * (timing.latency + timing.late + 5)
     watch = play(block, script, flows=(), watch=(timing.out,)).watch[timing.out]
     assert timing.came(watch) == [entry + timing.latency for entry in entries]

@@ -38,14 +38,8 @@ def test_the_pixels_of_every_sweep(verilated_core, rng):
 def test_giving_up_says_what_is_missing(verilated_core, rng):
     events = make_events(rng, 40)
     for options, message in (
-        (
-            {"max_cycles": 20},
-            r"after 20 clock cycles: \d+ of 40 events",
-        ),
-        (
-            {"open_end": True},
-            r"after \d+ clock cycles: 40 of 40 events",
-        ),
+        ({"max_cycles": 20}, r"after 20 clock cycles: \d+ of 40 events"),
+        ({"open_end": True}, r"after \d+ clock cycles: 40 of 40 events"),
     ):
         verilated_core.reset()
         with pytest.raises(TimeoutError, match=rf"^0 of 1 results {message} accepted, 0 of 3 iterations seen$"):

@@ -1,6 +1,7 @@
 """Measures again what ``baselines.json`` keeps, where its Verilog has changed. The tests compare with it, docs show it:
 
-PYTHONPATH=tests python -m support.baselines
+PYTHONPATH=tests python -m support.baselines            # resources, minutes
+PYTHONPATH=tests python -m support.baselines placed     # clock and area by place and route, half an hour
 python docs/tables.py
 """
 
@@ -13,25 +14,27 @@ from cmfpga.accuracy.studies import WIDTH_FIELDS, WIDTHS
 from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
 from cmfpga.rtl.axi.top import AxiTop
-from cmfpga.verilog import resources
+from cmfpga.verilog import place, resources
 from cmfpga.verilog.emit import emit_verilog, sha256
 from support.emitted_hashes import axi_top, body
 from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
-BASELINES = {"fingerprints": {}} | json.loads(PATH.read_text(encoding="utf-8"))
+#: Presets that fit the device, and seeds of each.
+PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
+BASELINES = {"fingerprints": {}, "placed": {}} | json.loads(PATH.read_text(encoding="utf-8"))
 
 
-def fingerprint(text, row):
+def fingerprint(text, row, module=resources):
     """Of a row and of all that its measurement depends on: the Verilog, Yosys and what is counted."""
-    counted = Path(resources.__file__).read_text(encoding="utf-8")
+    counted = Path(module.__file__).read_text(encoding="utf-8")
     return sha256(json.dumps([body(text), resources.require_yosys(), counted, row], sort_keys=True))
 
 
-def current(name, row, text, measure):
+def current(name, row, text, measure, module=resources):
     """What is kept of ``name``, if nothing that it depends on has changed; else a new measurement."""
-    if row and BASELINES["fingerprints"].get(name) == fingerprint(text, row):
+    if row and BASELINES["fingerprints"].get(name) == fingerprint(text, row, module):
         return row
     print(f"measuring {name}", file=sys.stderr, flush=True)
     return measure()
@@ -64,8 +67,29 @@ def widths_of(widths):
     return current(name, BASELINES["widths"].get(name), text, lambda: resources.core(text)), text
 
 
-def main():
+def placed_of(name, seeds=SEEDS):
+    """Clock and area of a preset, and the text."""
+    text = emitted(preset(name))[1]
+
+    def measure():
+        found = place.place(text, seeds=seeds)
+        row = {kind: found[kind] for kind in ("fmax_mhz", "yosys", "nextpnr", "device", "speed")}
+        return row | {
+            "seeds": [*found["seeds"].values()],
+            **{kind: n["used"] for kind, n in found["resources"].items()},
+        }
+
+    return current(f"{name} placed", BASELINES["placed"].get(name), text, measure, place), text
+
+
+def main(what=None):
     """What has been measured is kept at once: a run that was broken off goes on where it was."""
+    if what == "placed":
+        for name in PLACED:
+            BASELINES["placed"][name], text = placed_of(name)
+            BASELINES["fingerprints"][f"{name} placed"] = fingerprint(text, BASELINES["placed"][name], place)
+            write(BASELINES)
+        return
     presets, rows, fingerprints = (BASELINES[part] for part in ("presets", "widths", "fingerprints"))
     for name in PRESETS:
         core, text = core_of(name)
@@ -89,4 +113,4 @@ def write(baselines):
 
 
 if __name__ == "__main__":
-    main()
+    main(*sys.argv[1:])

@@ -30,12 +30,10 @@ CONFIGS = {
     "one pass": Config(**SMALL, **LIMITS, gradient="one_pass", iterations=3),
     "two, one pass": Config(**SMALL | {"roi_width": 15}, **LIMITS, gradient="one_pass", buffers=2, iterations=3),
     # The default preset: one pass, signs, levels, dither, two buffers; so few tags that they come back soon.
-    "fast": preset("fast").replace(
-        **SMALL, **LIMITS, tag_bits=3, iterations=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
-    ),
+    "fast": preset("fast").replace(**SMALL, **LIMITS, tag_bits=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"),
     # Votes and derivatives of different fractions, one buffer, a P that is no power of two.
     "one buffer, confidence": preset("fast").replace(
-        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, iterations=3, buffers=1, weight_frac=3,
+        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, buffers=1, weight_frac=3,
         derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
     ),
     # A full buffer thins out; of a depth that is odd and no power of two.

@@ -20,8 +20,8 @@ HARDWARE = {
 CONFIG = Config(**HARDWARE, iterations=3)
 
 #: The same hardware of both ascents, for recordings that say how large their sensor is: options of ``cmfpga.track``.
-_SIZES = {name: value for name, value in HARDWARE.items() if not name.startswith("sensor_")} | {"iterations": 15}
-PAPER = {"preset": "paper", **_SIZES, "eta": 0.1, "min_roi_events": 3}
+_SIZES = {name: value for name, value in HARDWARE.items() if not name.startswith("sensor_")}
+PAPER = {"preset": "paper", **_SIZES, "iterations": 15, "eta": 0.1, "min_roi_events": 3}
 FAST = {
     "preset": "fast", **_SIZES, "min_roi_events": 3, "max_level": 2, "cold": "2:0*2 1:0 1:-1*2 0:-2*3",
     "warm": "1:-1 0:-2*2",

@@ -6,11 +6,6 @@ import numpy as np
 import torch
 from amaranth.hdl import Shape, Value
 from amaranth.lib import data
-from hypothesis import settings as hypothesis_settings
-from hypothesis import strategies as st
-
-#: Corner cases: the same few in every run, and however long they take.
-corners = hypothesis_settings(derandomize=True, deadline=None, max_examples=12, database=None)
 
 
 class Codec:
@@ -85,12 +80,6 @@ def shape_range(shape):
     if shape.signed:
         return -(1 << (shape.width - 1)), (1 << (shape.width - 1)) - 1
     return 0, (1 << shape.width) - 1
-
-
-def integers_at_edges(low, high):
-    """Hypothesis strategy: integers, the ends of the range and the neighbourhood of zero above all."""
-    edges = sorted({value for value in (low, low + 1, -1, 0, 1, high - 1, high) if low <= value <= high})
-    return st.one_of(st.sampled_from(edges), st.integers(low, high))
 
 
 def edge_integers(rng, low, high, count):

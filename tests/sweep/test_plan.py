@@ -1,6 +1,7 @@
 """What a sweep is made of: configurations, recordings with their ROI and truth, keys, and what is kept."""
 
 import dataclasses
+import json
 
 import h5py
 import numpy as np
@@ -18,7 +19,7 @@ from support.sweeping import make_recording, run_here, small
 
 
 def test_all_combinations_the_last_field_fastest():
-    found = choices("paper", ["eta=2"], ["iterations=5,10", "roi_gain=1,2"])
+    found, _ = choices("paper", ["eta=2"], ["iterations=5,10", "roi_gain=1,2"])
     assert [choice.varied for choice in found] == [
         {"iterations": t, "roi_gain": gain} for t in (5, 10) for gain in (1.0, 2.0)
     ]
@@ -28,10 +29,13 @@ def test_all_combinations_the_last_field_fastest():
 
 
 def test_presets_vary_too_and_schedules_keep_their_blanks():
-    found = choices("paper", [], ["preset=fast,paper", "cold=0:0*8,1:0*4 0:-1*4"])
-    assert [choice.preset for choice in found] == ["fast", "fast", "paper", "paper"]
+    found, skipped = choices("paper", [], ["preset=fast,paper,full-frame", "cold=0:0*8,1:0*4 0:-1*4"])
+    assert [choice.preset for choice in found] == ["fast", "fast", "full-frame", "full-frame"]
+    assert [choice.number for choice in found] == [0, 1, 2, 3]
+    unread = "cold = '{}': ascent = sign is needed; ascent = constant ignores it"
+    assert skipped == [unread.format(schedule) for schedule in ("0:0*8", "1:0*4 0:-1*4")]
     assert found[1].fields(None) == {**preset("fast").to_dict(), "cold": "1:0*4 0:-1*4"}
-    (only,) = choices("fast", [], [])
+    (only,), _ = choices("fast", [], [])
     assert only.fields((640, 480)) == preset("fast").replace(sensor_width=640, sensor_height=480).to_dict()
     assert only.label == "as given"
 
@@ -47,6 +51,7 @@ def test_presets_vary_too_and_schedules_keep_their_blanks():
     ([], ["eta=1,1.0"], "--vary eta=1,1.0: 1.0 stands twice"),
     ([], ["eta=1", "eta=2"], "--vary eta=2: eta is set twice"),
     (["eta=1"], ["eta=2"], "--vary eta=2: eta is set twice"),
+    (["ascent=sign"], ["eta=2,3"], "eta = 2.0: ascent = constant is needed; ascent = sign ignores it"),
 ])  # fmt: skip
 def test_what_cannot_vary(fixed, varied, message):
     with pytest.raises(ConfigError, match=f"^{message}$"):
@@ -61,6 +66,16 @@ def test_a_combination_that_is_not_allowed_is_a_flagged_row(recordings, tmp_path
     assert done.status == 0
     assert "1 of 2 rows without a result: min_roi_events = 20: at most 10 is allowed (buffer_events)\n" in done.out
     assert run_here(recordings[0], *small(), "--vary", "eta=1", "--out", tmp_path).error.endswith("eta is set twice")
+
+
+def test_combinations_with_a_field_that_is_not_read_are_skipped_and_told_once(recordings, tmp_path):
+    options = [*small(eta=None, iterations=None, max_iterations=None), "--engine", "model", "--batches", "1"]
+    vary = ("--vary", "ascent=constant,sign", "eta=0.1,0.2")
+    done = run_here(*recordings[:2], *options, *vary, "--json", "--out", tmp_path)
+    labels = sorted(entry["label"] for entry in json.loads(done.out)["ranking"])
+    assert labels == ["ascent = constant, eta = 0.1", "ascent = constant, eta = 0.2"]
+    why = "eta = 0.1: ascent = constant is needed; ascent = sign ignores it"
+    assert done.err == f"note: 2 of 4 combinations are skipped, as {why}\n"
 
 
 # ---------------------------------------------------------------- recordings and ROIs
@@ -113,7 +128,7 @@ def test_truth_beside_the_recording_goes_first(tmp_path):
     make_recording(path, 3, (300.0, 50.0))
     found = read_truth(path)
     assert (found.source, found.times, found.velocities, found.start) == ("recording", (0,), ((300.0, 50.0),), (14, 11))
-    sidecar(path).write_text("note,t_us,vx_px_per_s,vy_px_per_s\na,0,1.5,2\nb,100,3,-4\n")
+    sidecar(path).write_text("\ufeffnote,t_us,vx_px_per_s,vy_px_per_s\na,0,1.5,2\nb,100,3,-4\n")
     found = read_truth(path)
     assert found.source == "sidecar" and found.times == (0, 100) and found.velocities == ((1.5, 2.0), (3.0, -4.0))
     assert found.motion.velocity(99).tolist() == [1.5, 2] and found.motion.velocity(100).tolist() == [3, -4]
@@ -162,7 +177,7 @@ def test_a_malformed_truth_in_the_recording(tmp_path, changes):
 @pytest.fixture
 def a_task(recordings):
     (row,) = rows(
-        subjects([str(recordings[0])], None, Run()), choices("fast", ["roi_width=8", "roi_height=8"], []), Run()
+        subjects([str(recordings[0])], None, Run()), choices("fast", ["roi_width=8", "roi_height=8"], [])[0], Run()
     )
     return row.task
 

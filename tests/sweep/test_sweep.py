@@ -128,7 +128,7 @@ def test_what_is_there_is_not_run_again(recordings, serial, tmp_path, monkeypatc
 def test_two_sweeps_do_not_write_to_one_folder(recordings, tmp_path):
     with sweep.FileLock(tmp_path / ".lock"):
         done = run_here(recordings[0], *small(), *MODEL, "--out", tmp_path)
-    assert done.error == f"--out {tmp_path}: another sweep is writing there"
+    assert done.error == f"--out {tmp_path}: another command is writing there; another folder is needed"
 
 
 # ---------------------------------------------------------------- bad recordings

@@ -116,6 +116,16 @@ def ranked_example():
     return planned, outcomes
 
 
+def test_a_recording_that_nothing_has_a_result_for_takes_no_rank():
+    planned, outcomes = ranked_example()
+    expected = [entry["ranks"] for entry in tables.ranking(planned, outcomes, {})]
+    for number in range(4):
+        planned.append(row(number, name="broken.h5", eta=number + 1.0))
+        outcomes.append({"status": "failed", "reason": "no such file"})
+    assert [entry["ranks"] for entry in tables.ranking(planned, outcomes, {})] == expected
+    assert not any(entry["ranks"] for entry in tables.ranking(planned[-4:], outcomes[-4:], {}))
+
+
 def test_ranking():
     planned, outcomes = ranked_example()
     ranked = tables.ranking(planned, outcomes, {})

@@ -100,7 +100,9 @@ def test_data_frame_without_pandas(dot, monkeypatch):
 
 def test_plot_is_the_picture_of_the_command(dot, tmp_path):
     figure = follow(dot).plot(tmp_path / "a.png")
-    assert "6 batches" in figure.get_suptitle() and (tmp_path / "a.png").stat().st_size > 20_000
+    assert figure.get_suptitle().endswith("6 batches (cyan: trail of the ROI's centre)")
+    assert (tmp_path / "a.png").stat().st_size > 20_000
+    assert follow(dot, batches=1).plot().get_suptitle().endswith("1 batches")  # of one place there is no trail
 
 
 def test_what_can_be_tracked(dot, dot_events):
@@ -152,6 +154,11 @@ def test_names_of_the_package():
     ({"batch_events": 101}, "events = 101: at most 100 is allowed"),
     ({"start_event": 590}, "too few events for one batch after event 590 \\(10 left\\)"),
     ({"start_event": 600}, "first event 600; 0 to 599"),
+    ({"start_event": 1.5}, "start_event = 1.5: an integer of 0 or more is needed"),
+    ({"batches": 1.5}, "batches = 1.5: an integer of 1 or more is needed"),
+    ({"roi": "1,2"}, "roi = '1,2': left column and top row, two whole numbers, are needed"),
+    ({"sensor": "240x180"}, "sensor '240x180'; \\(width, height\\) in whole pixels is needed"),
+    ({"preset": ["fast"]}, "preset \\['fast'\\]: one of paper"), ({"engine": []}, "engine \\[\\]: one of rtl"),
 ])  # fmt: skip
 def test_mistakes_are_told_in_one_line(dot, options, message):
     with pytest.raises(UserError, match=message) as caught:
@@ -162,11 +169,15 @@ def test_mistakes_are_told_in_one_line(dot, options, message):
 def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
     with pytest.raises(ConfigError, match="sensor: \\(width, height\\)"):
         follow(dot_events)
+    with pytest.raises(RecordingError, match="events in memory: sensor '240x180'; "):
+        follow(dot_events, sensor="240x180")
     with pytest.raises(RecordingError, match="list: a path, a Recording"):
         follow([1, 2, 3])
     np.savez(tmp_path / "a.npz", t=dot_events.t, x=dot_events.x, y=dot_events.y, p=dot_events.p)
-    with pytest.warns(UserWarning, match="taking 240×180 px"):
+    with pytest.warns(UserWarning) as told:
         follow(tmp_path / "a.npz", batches=1)
+    unit, sensor = (str(warning.message) for warning in told)
+    assert "taking us, a guess; say it with time_unit=" in unit and "taking 240×180 px" in sensor
 
 
 # ---------------------------------------------------------------- traces
@@ -270,7 +281,7 @@ def test_what_the_engine_left_out_is_left_out(dot, engine, changes):
 
 def test_batches_without_events_or_motion(dot_events):
     pause = Events(dot_events.t + 3000 * (np.arange(600) >= 300), dot_events.x, dot_events.y, dot_events.p)
-    options = {**FAST, "engine": "model", "roi": (8, 9), "sensor": (32, 24)}
+    options = {**FAST, "engine": "model", "roi": (8, 9), "sensor": (32, 24), "cold_after_doubtful": 0}
     tracking = cmfpga.track(pause, batch_us=1000, **options)
     assert tracking.events.tolist() == [100] * 3 + [0] * 3 + [100] * 2
     for batch in range(8):
@@ -291,7 +302,7 @@ def test_after_a_degenerate_batch_the_ascent_begins_cold(dot_events, engine):
     x = np.where(np.arange(600) // 90 == 2, 0, dot_events.x)
     y = np.where(np.arange(600) // 90 == 2, 0, dot_events.y)
     elsewhere = Events(dot_events.t, x, y, dot_events.p)
-    tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), start="last", min_roi_events=10)
+    tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), start="last", min_roi_events=10, cold_after_doubtful=0)
     assert tracking.flags[2] == "degenerate" and tracking.iterations.tolist()[:4] == [8, 3, 0, 8]
     for batch in range(6):
         trace = tracking.trace(batch)

@@ -98,7 +98,7 @@ def test_what_goes_between_the_blocks_is_the_trace(waves, dot, config, batch):
     trace, result = tracking.trace(batch), tracking.results[batch]
     n, iterations = len(trace.t), len(trace)
     assert n > 10 and iterations > 2
-    warped = vcd.sent("warp.o", "x", "y", "dt").reshape(iterations, n, 3)
+    warped = vcd.sent("warp.o", "x", "y", "dt").reshape(-1, n, 3)
     replayed = vcd.sent("event_buffer.o", "t", "x", "y").reshape(-1, n, 3)
     np.testing.assert_array_equal(replayed[0], np.stack([trace.t, trace.x, trace.y], axis=1))
     scaled = vcd.sent("warp.i", "dt", "x", "y").reshape(-1, n, 3)
@@ -108,7 +108,7 @@ def test_what_goes_between_the_blocks_is_the_trace(waves, dot, config, batch):
     speed = np.stack([vcd["ascent.v_x"], vcd["ascent.v_y"]], axis=1)
     used = speed[vcd["gradient.i_valid"] == 1]
     votes = vcd.sent("voter.o", *(f"banks_{bank}_{name}" for bank in range(4) for name in ("valid", "i")))
-    votes = votes.reshape(iterations, n, 4, 2)
+    votes = votes.reshape(-1, n, 4, 2)
     for k in range(iterations):
         now = trace[k]
         np.testing.assert_array_equal(warped[k], np.stack([now.x, now.y, trace.dt], axis=1))
@@ -117,7 +117,12 @@ def test_what_goes_between_the_blocks_is_the_trace(waves, dot, config, batch):
         np.testing.assert_allclose(gradients[k], now.g, rtol=1e-15)
         np.testing.assert_array_equal(used[k], now.v)
         assert (votes[k, ..., 0] * votes[k, ..., 1]).sum() == now.sum_i
-    assert len(sums) == len(gradients) == iterations
+    probes = [result.probe_x, result.probe_y] if tracking.config.confidence else []
+    assert len(sums) == len(warped) == len(votes) == iterations + len(probes) and len(gradients) >= iterations
+    votes_frac, derivative_frac = tracking.config.weight_frac, tracking.config.derivative_frac
+    fractions = np.array([votes_frac, *[derivative_frac] * 2, *[votes_frac + derivative_frac] * 2])
+    for k, probe in enumerate(probes):
+        np.testing.assert_allclose(sums[iterations + k], probe * 2.0**-fractions, rtol=1e-15)
     np.testing.assert_array_equal(speed[-1], result.v)
 
 

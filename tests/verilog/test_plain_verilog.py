@@ -7,13 +7,6 @@ import pytest
 from cmfpga.verilog.emit import TOP
 from support.verilog_tools import CONFIGS, emitted, modules, require_icarus, run, verilator_lint
 
-BLOCKS = (
-    "ascent", "ascent_velocity", "event_buffer", "gradient", "image", "image_accumulator",
-    "image_accumulator_bank_0", "image_accumulator_bank_1", "image_accumulator_bank_2", "image_accumulator_bank_3",
-    "image_gradient_reader", "ingest_control", "iteration_control", "reciprocal", "roi_filter", "roi_updater",
-    "thinner", "time_scaler", "voter", "warp",
-)  # fmt: skip
-
 #: Words of SystemVerilog that a generator of Verilog may be tempted by.
 NEWER = (
     "logic", "bit", "byte", "int", "longint", "shortint", "always_ff", "always_comb", "always_latch", "unique",
@@ -78,27 +71,4 @@ def test_the_memories_are_where_they_should_be(core_and_text):
             for n in range(4)
         },
         "event_buffer": [(event, config.buffer_events)],
-    }
-
-
-def test_one_module_per_block(core_and_text):
-    _, text = core_and_text
-    assert sorted(modules(text)) == sorted([TOP, *(f"{TOP}_{block}" for block in BLOCKS)])
-    assert len(re.findall(r"^module ", text, re.MULTILINE)) == len(BLOCKS) + 1
-
-
-def test_ports(core_and_text):
-    core, text = core_and_text
-    top = modules(text)[TOP]
-    names = re.findall(r"\w+", re.search(r"\((.*?)\);", top, re.DOTALL)[1])
-    assert names == ["clk", "rst", *core.inputs, *core.outputs]
-    declared = {
-        name: (direction, int(width or 0) + 1)
-        for direction, width, name in re.findall(r"^  (input|output) (?:\[(\d+):0\] )?(\w+);$", top, re.MULTILINE)
-    }
-    assert declared == {
-        "clk": ("input", 1),
-        "rst": ("input", 1),
-        **{name: ("input", len(port)) for name, port in core.inputs.items()},
-        **{name: ("output", len(port)) for name, port in core.outputs.items()},
     }

@@ -5,7 +5,7 @@ import pytest
 from cmfpga.accuracy.studies import WIDTHS
 from cmfpga.boards import DEFAULT
 from cmfpga.config import preset
-from cmfpga.verilog import article, resources
+from cmfpga.verilog import article, resources, tools
 from cmfpga.verilog.emit import TOP
 from support import baselines as update
 from support.baselines import BASELINES
@@ -117,7 +117,7 @@ def says(monkeypatch):
     """``says(stat, …)``: statistics that Yosys would have written."""
 
     def says(*stats):
-        monkeypatch.setattr(resources, "_run", lambda script, verilog, steps, report: list(stats))
+        monkeypatch.setattr(resources, "yosys", lambda script, verilog, steps, report: list(stats))
 
     return says
 
@@ -182,7 +182,6 @@ def test_yosys_fails():
         resources.hard_blocks(verilog)
 
 
-def test_yosys_writes_nothing(monkeypatch):
-    monkeypatch.setattr(resources, "_START", "")
+def test_yosys_writes_nothing():
     with pytest.raises(resources.EstimateError, match="yosys left no readable statistics"):
-        resources.hard_blocks(TEXT)
+        tools.yosys("", TEXT, ["nothing"], str)

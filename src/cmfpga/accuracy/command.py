@@ -8,7 +8,7 @@ from pathlib import Path
 
 from .. import cli
 from ..engines import ENGINES
-from ..errors import ConfigError, RecordingError, needs
+from ..errors import ConfigError, RecordingError, needs, write_text
 from .studies import STUDIES, run_study
 from .suites import run_suites
 from .synthetic import BATCHES, SEEDS
@@ -76,6 +76,6 @@ def main(arguments=None):
         (run_study if options.study else run_suites)(options, config, report)
     if options.json:
         text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)
-        Path(options.json).write_text(text + "\n", encoding="utf-8")
+        write_text(options.json, text + "\n")
         print(f"wrote {options.json}")
     return 0

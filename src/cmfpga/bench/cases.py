@@ -66,7 +66,8 @@ def constant_case(batch, designs, iterations):
 
 
 def sign_cases(batch, name, config):
-    """The sign ascent on a batch, cold and then warm."""
-    designs = {f"core, preset {name}": config.replace(roi_gain=0.0)}
+    """The sign ascent on a batch, cold and then warm; first without the confidence, which no program computes."""
+    shipped = config.replace(roi_gain=0.0)
+    designs = {f"core, preset {name}, judge=0": shipped.replace(judge=0), f"core, preset {name}": shipped}
     for ascent, schedule in ((COLD, config.schedules.cold), (WARM, config.schedules.warm)):
         yield Case(workload=batch, ascent=ascent, designs=designs, iterations=len(schedule), schedule=schedule)

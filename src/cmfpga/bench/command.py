@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from .. import __version__, cli
 from ..config.defaults import CLOCK_MHZ
-from ..errors import ConfigError, MissingPackage, needs
+from ..errors import ConfigError, MissingPackage, needs, write_text
 from ..verilog import article
 from ..verilog.compiler import find_compiler
 from .cases import WARM, make_cases
@@ -95,7 +95,7 @@ def main(arguments=None):
     lines, report["limits"], report["speed_ups"] = table(report)
     print("\n".join(lines))
     if options.json is not None:
-        Path(options.json).write_text(json.dumps(report, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         print(f"wrote {options.json}")
     return 0
 

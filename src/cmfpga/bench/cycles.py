@@ -46,7 +46,7 @@ class CoreRow:
 def measure(case, name):
     """The :class:`CoreRow` of one of the case's cores, from the simulated Verilog where there is a C++ compiler."""
     config, iterations = case.designs[name], case.iterations
-    size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events}
+    size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events, "judge": config.judge}
     found = _simulate(case, config) if find_compiler() else {}
     core = simulated(config).core if found else _unsimulated(config)
     formula, shorter = (core.cycles(**size, iterations=case.plan(count)) for count in (iterations, iterations - 1))
@@ -61,6 +61,7 @@ def measure(case, name):
 def _simulate(case, config):
     core = simulated(config)
     settings = BatchSettings.from_config(config, case.workload.roi)
+    settings = replace(settings, cold_after_doubtful=0)  # a warm case is measured warm
     first = _run(core, settings, case)  # leaves v for a warm batch; and the sweep after the reset is over
     shorter = replace(settings, iterations=settings.iterations - 1, cold=settings.cold[:-1], warm=settings.warm[:-1])
     if case.ascent == WARM:

@@ -16,9 +16,9 @@ HEADER = (
 LIMITS = (
     ("cycles per iteration, n = 800, 64×64, preset fast", ARTICLE, "cold", "per_iteration", 820),
     ("cycles per iteration, n = 5000, 240×180, preset full-frame", KIM, "cold", "per_iteration", 5020),
-    ("cycles, last event in → result out, n = 800, preset fast, warm", ARTICLE, "warm", "after_last", 4200),
-    ("cycles, whole batch, N = 5000, n = 800, preset fast, cold", ARTICLE, "cold", "cycles", 13000),
-    ("cycles from result to result, back to back, N = 5000, n = 800, preset fast, warm", ARTICLE, "warm",
+    ("cycles, last event in → result out, n = 800, preset fast, judge=0, warm", ARTICLE, "warm", "after_last", 4200),
+    ("cycles, whole batch, N = 5000, n = 800, preset fast, judge=0, cold", ARTICLE, "cold", "cycles", 13000),
+    ("cycles from result to result, back to back, N = 5000, n = 800, preset fast, judge=0, warm", ARTICLE, "warm",
      "back_to_back", 5010),
 )  # fmt: skip
 

@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 import sys
+import warnings
 from pathlib import Path
 
 from .. import __version__
@@ -151,12 +152,12 @@ def batch_size(options):
 def add_clock_option(made):
     """``--clock``."""
     made.add_argument(
-        "--clock", type=_clock, default=CLOCK_MHZ, metavar="MHZ",
+        "--clock", type=clock, default=CLOCK_MHZ, metavar="MHZ",
         help=f"clock that you assume the hardware to reach, MHz (default: {CLOCK_MHZ:g})",
     )  # fmt: skip
 
 
-def _clock(text):
+def clock(text):
     """A parser of a clock in MHz for argparse."""
     try:
         value = float(text)
@@ -222,10 +223,28 @@ def output_folder(path):
         folder.mkdir(parents=True, exist_ok=True)
         probe = folder / ".cmfpga-write-test"
         probe.touch()
-        probe.unlink()
+        probe.unlink(missing_ok=True)
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise ConfigError(f"--out {path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
     return folder
+
+
+@contextlib.contextmanager
+def locked(path):
+    """``path`` as :func:`output_folder`, in which no other command that locks it writes meanwhile."""
+    from filelock import FileLock, Timeout
+
+    folder = output_folder(path)
+    lock = FileLock(folder / ".lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise ConfigError(f"--out {path}: another command is writing there; another folder is needed") from None
+    try:
+        yield folder
+    finally:
+        (folder / ".lock").unlink(missing_ok=True)
+        lock.release()
 
 
 def run(main, arguments=None):
@@ -243,6 +262,7 @@ def run(main, arguments=None):
     except OSError as error:  # such as a full disk, or a folder where a file is to be written
         return _fail(f"{error.filename}: {error.strerror}" if error.filename else str(error))
     except KeyboardInterrupt:
+        warnings.simplefilter("ignore")  # Amaranth's, of each block whose elaboration was not finished
         print("interrupted", file=sys.stderr)
         return 130
 

@@ -1,6 +1,6 @@
 """The configuration that shapes hardware, models and tools. Imports neither Amaranth nor NumPy nor torch."""
 
-from .config import ASCENTS, GRADIENTS, RAM_STYLES, START_MODES, Config
+from .config import ASCENTS, GRADIENTS, RAM_STYLES, START_MODES, Config, unread
 from .presets import DEFAULT_PRESET, PRESETS, preset
 from .schedule import ScheduleEntry
 
@@ -14,4 +14,5 @@ __all__ = [
     "Config",
     "ScheduleEntry",
     "preset",
+    "unread",
 ]

@@ -14,6 +14,8 @@ class ConstantAscent:
     ----------
     settings : tuple of str
         The settings of a batch that only this ascent reads.
+    fields : tuple of str
+        The fields of the configuration that only it reads, the settings among them.
     has_table : bool
         Whether a table of schedules says what each iteration does.
     latency : int
@@ -21,6 +23,7 @@ class ConstantAscent:
     """
 
     settings = ("iterations", "eta")
+    fields = (*settings, "eta_int", "eta_frac")
     has_table = False
     latency = 5
 
@@ -37,6 +40,7 @@ class SignAscent:
     """v ← v ± a step of a schedule, coarse to fine; see :class:`ConstantAscent` for attributes and methods."""
 
     settings = ("cold", "warm")
+    fields = (*settings, "schedule_entries", "confidence")
     has_table = True
     latency = 2
 

@@ -8,9 +8,6 @@ MOST_SUM_BITS = 28
 
 def check_confidence(config):
     """Raise :exc:`ConfigError` unless v can be probed."""
-    for name, needed in (("gradient", "one_pass"), ("ascent", "sign")):
-        if getattr(config, name) != needed:
-            raise ConfigError(f"confidence = 1: {name} = {needed} is needed, not {getattr(config, name)}")
     for name in ("cold", "warm"):
         if (stride := getattr(config.schedules, name)[-1].stride) > 1:
             raise ConfigError(

@@ -10,6 +10,7 @@ This module imports neither Amaranth nor NumPy nor torch.
 import dataclasses
 import hashlib
 import json
+import numbers
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -24,7 +25,8 @@ from .schedule import AUTO, Schedules
 from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
-GRADIENTS = ("sweep", "one_pass")
+#: Gradient architectures, and the fields that only each reads.
+GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "confidence")}
 WHEN_FULL = ("drop", "thin")
 RAM_STYLES = ("auto", "block", "ultra")
 
@@ -35,9 +37,28 @@ def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=
     return dataclasses.field(default=default, metadata=meta)
 
 
+#: Whether the hardware tells how sure v is, and what only that reads.
+CONFIDENCE = {0: (), 1: ("judge", "confidence_limit", "cold_after_doubtful")}
+
+
+def unread(fields):
+    """``{name: why}`` of those ``fields``, a dictionary of all, that the choices among them do not read."""
+    fields, found = {**fields}, {}
+    ascents = {name: rule.fields for name, rule in ASCENTS.items()}
+    for choice, own in (("gradient", GRADIENTS), ("ascent", ascents), ("confidence", CONFIDENCE)):
+        chosen = fields[choice]
+        for other, names in own.items():
+            for name in names if chosen != other and chosen in [*own] else ():
+                found[name] = f"{name} = {fields[name]!r}: {choice} = {other} is needed; {choice} = {chosen} ignores it"
+                fields[name] = getattr(Config, name)
+    return found
+
+
 @dataclass(frozen=True, kw_only=True)
 class Config:
     """Parameters of one accelerator.
+
+    A field that the gradient or the ascent does not read has its default.
 
     Raises
     ------
@@ -80,7 +101,7 @@ class Config:
     )
 
     # Ascent
-    gradient: str = _field("sweep", "gradient architecture", choices=GRADIENTS)
+    gradient: str = _field("sweep", "gradient architecture", choices=tuple(GRADIENTS))
     ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=tuple(ASCENTS))
     iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
@@ -89,7 +110,7 @@ class Config:
     schedule_entries: int = _field(32, "iterations that the table of schedules holds, cold and warm", low=2, high=256)
     max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
     eta: float = _field(
-        1.0, "step η of the gradient ascent", unit="(px/half batch)² per (events/px)²", low=0.0, runtime=True
+        1.0, "step η of the constant ascent", unit="(px/half batch)² per (events/px)²", low=0.0, runtime=True
     )
     start: str = _field("last", "start velocity of a batch", choices=START_MODES, runtime=True)
     v_start_x: float = _field(0.0, "start velocity along x when start = given", unit="px/half batch", runtime=True)
@@ -131,6 +152,9 @@ class Config:
     def __post_init__(self):
         for field in dataclasses.fields(self):
             self._check_field(field, getattr(self, field.name))
+        for name, why in unread(vars(self)).items():
+            if getattr(self, name) != self.__dataclass_fields__[name].default:
+                raise ConfigError(why)
         self._check_size("roi_width", "sensor_width")
         self._check_size("roi_height", "sensor_height")
         if self.gradient == "sweep":
@@ -144,7 +168,6 @@ class Config:
                 f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
                 "or a step back in time could not be told from a long batch"
             )
-        self._check_size("iterations", "max_iterations")
         self._check_size("min_roi_events", "buffer_events")
         self._check_size("thin_target", "buffer_events")
         for name, fmt in (
@@ -156,6 +179,8 @@ class Config:
             self._check_real(name, fmt)
         if self.ascent_rule.has_table:
             self.schedules.check()
+        else:
+            self._check_size("iterations", "max_iterations")
         if self.gradient == "one_pass":
             self.one_pass.check()
         if self.confidence:
@@ -181,7 +206,7 @@ class Config:
             if not isinstance(value, str):
                 raise ConfigError(f"{field.name} = {value!r}: text is needed")
             return
-        kind = (int,) if field.type is int else (int, float)
+        kind = numbers.Integral if field.type is int else numbers.Real  # NumPy's too
         if isinstance(value, bool) or not isinstance(value, kind):
             raise ConfigError(
                 f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed"
@@ -190,6 +215,8 @@ class Config:
         if value != value or (low is not None and value < low) or (high is not None and value > high):
             allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
             raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
+        if not isinstance(value, (int, float)):
+            object.__setattr__(self, field.name, field.type(value))
 
     def _check_size(self, name, limit):
         if getattr(self, name) > getattr(self, limit):
@@ -206,9 +233,16 @@ class Config:
     # ---------------------------------------------------------------- construction
 
     def replace(self, **changes):
-        """A copy with some fields changed. Unknown names raise :exc:`ConfigError`."""
+        """A copy with some fields changed; what its gradient or ascent does not read goes back to the default.
+
+        Unknown names, and fields that are not read, raise :exc:`ConfigError`.
+        """
         self._check_names(changes)
-        return dataclasses.replace(self, **changes)
+        idle = unread(self.to_dict() | changes)
+        for name in changes:
+            if name in idle:
+                raise ConfigError(idle[name])
+        return Config(**self.to_dict() | {name: getattr(Config, name) for name in idle} | changes)
 
     @classmethod
     def _check_names(cls, names):

@@ -38,5 +38,5 @@ def preset(name=DEFAULT_PRESET):
     """The preset called ``name``."""
     try:
         return PRESETS[name]
-    except KeyError:
+    except (KeyError, TypeError):  # TypeError: a list, say
         raise ConfigError(f"preset {name!r}: one of {', '.join(PRESETS)} is needed") from None

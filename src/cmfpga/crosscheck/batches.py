@@ -21,29 +21,34 @@ def _inside(config, rng, roi, n):
 
 @pattern
 def random_everywhere(config, rng, roi):
+    """Up to 400 events all over the sensor."""
     n = int(rng.integers(1, 400))
     return rng.integers(config.sensor_width, size=n), rng.integers(config.sensor_height, size=n)
 
 
 @pattern
 def random_inside(config, rng, roi):
+    """Up to 300 events in the ROI."""
     return _inside(config, rng, roi, int(rng.integers(1, 300)))
 
 
 @pattern
 def one_pixel(config, rng, roi):
+    """All events on one pixel: every operation collides with the ones before."""
     x, y = _inside(config, rng, roi, 1)
     return np.repeat(x, 120), np.repeat(y, 120)
 
 
 @pattern
 def two_cells_alternating(config, rng, roi):
+    """Every other event on the same pixel."""
     x, y = _inside(config, rng, roi, 2)
     return np.tile(x, 60), np.tile(y, 60)
 
 
 @pattern
 def repeats_at_distances_1_to_5(config, rng, roi):
+    """A pixel that comes back after so many events, in turn: one for each stage that forwards."""
     x, y = _inside(config, rng, roi, 6)
     order = np.concatenate([np.tile(np.arange(distance), 12) for distance in range(1, 7)])
     return x[order], y[order]
@@ -51,6 +56,7 @@ def repeats_at_distances_1_to_5(config, rng, roi):
 
 @pattern
 def neighbours_2_by_2(config, rng, roi):
+    """Around one corner of four pixels, where each event votes for all of them."""
     x, y = _inside(config, rng, roi, 1)
     step = rng.integers(2, size=(2, 150))
     return (
@@ -61,6 +67,7 @@ def neighbours_2_by_2(config, rng, roi):
 
 @pattern
 def corners_and_edges(config, rng, roi):
+    """On both sides of the ROI's border, corners included."""
     n = 160
     right, bottom = roi[0] + config.roi_width, roi[1] + config.roi_height
     x = rng.choice([roi[0] - 1, roi[0], roi[0] + 1, right - 2, right - 1, right], n)
@@ -72,6 +79,7 @@ def corners_and_edges(config, rng, roi):
 
 @pattern
 def everything_outside(config, rng, roi):
+    """No event in the ROI."""
     x, y = rng.integers(config.sensor_width, size=80), rng.integers(config.sensor_height, size=80)
     inside = (x >= roi[0]) & (x < roi[0] + config.roi_width) & (y >= roi[1]) & (y < roi[1] + config.roi_height)
     return np.append(x[~inside], 0 if roi[0] else config.sensor_width - 1), np.append(y[~inside], 0)
@@ -89,6 +97,7 @@ def few_events(config, rng, roi):
 
 @pattern
 def moving_edge(config, rng, roi):
+    """An edge that moves through the ROI, blurred: what the core is made for."""
     n = 240
     along = np.linspace(0, 1, n)
     x = roi[0] + config.roi_width / 3 + along * rng.uniform(-5, 5) + rng.normal(0, 0.6, n)
@@ -99,6 +108,7 @@ def moving_edge(config, rng, roi):
 
 @pattern
 def full_buffer(config, rng, roi):
+    """Exactly as many ROI events as the buffer holds."""
     return _inside(config, rng, roi, config.buffer_events)
 
 
@@ -110,11 +120,13 @@ def as_many_as_a_stride_needs(config, rng, roi):
 
 @pattern
 def many_times_the_buffer(config, rng, roi):
+    """Up to ten times as many ROI events as the buffer holds."""
     return _inside(config, rng, roi, int(rng.integers(1, min(10 * config.buffer_events, 6000) + 1)))
 
 
 @pattern
 def overfull_buffer_on_one_pixel(config, rng, roi):
+    """More ROI events than the buffer holds, all on one pixel."""
     x, y = _inside(config, rng, roi, 1)
     n = config.buffer_events + int(rng.integers(1, 50))
     return np.repeat(x, n), np.repeat(y, n)

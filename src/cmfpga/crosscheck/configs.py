@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from ..config import Config
+from ..config import Config, unread
 from ..config.schedule import AUTO, STRIDES
 from ..errors import ConfigError
 from ..fixed import Q
@@ -54,7 +54,8 @@ def _fields(rng):
         values[name] = fmt.real(int(rng.integers(fmt.max + 1) >> rng.integers(fmt.width)))
     for name in ("cold", "warm"):
         values[name] = AUTO if rng.random() < 0.3 else _schedule(rng, known["max_level"], v)
-    return values
+    idle = unread(defaults | values)
+    return {name: value for name, value in values.items() if name not in idle}
 
 
 _FIELDS = {field.name: field for field in dataclasses.fields(Config)}

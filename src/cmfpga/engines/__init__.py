@@ -29,7 +29,7 @@ def make_engine(name, config):
     ``rtl`` compiles the emitted Verilog, or, where there is no C++ compiler, uses Amaranth's simulator (its
     ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
     """
-    if name not in _MAKERS:
+    if name not in [*_MAKERS]:
         raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
     return pkgutil.resolve_name(_MAKERS[name])(config)
 

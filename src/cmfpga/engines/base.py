@@ -1,6 +1,7 @@
 """What all engines have in common."""
 
 import dataclasses
+import operator
 from abc import ABC, abstractmethod
 
 from ..errors import ConfigError
@@ -11,9 +12,13 @@ from ..protocol.trace import Trace
 
 def check_roi(config, roi):
     """Raise :exc:`ConfigError` unless an ROI with its left column and top row at ``roi`` lies on the sensor."""
+    try:
+        x, y = map(operator.index, roi)
+    except (TypeError, ValueError):
+        raise ConfigError(f"roi = {roi!r}: left column and top row, two whole numbers, are needed") from None
     if clamp_roi(config, roi)[1]:
         raise ConfigError(
-            f"ROI at {roi[0]},{roi[1]}: 0,0 to {config.geometry.roi_x_max},{config.geometry.roi_y_max} is needed for "
+            f"ROI at {x},{y}: 0,0 to {config.geometry.roi_x_max},{config.geometry.roi_y_max} is needed for "
             f"{config.roi_width}×{config.roi_height} px on a sensor of {config.sensor_width}×{config.sensor_height} px"
         )
 

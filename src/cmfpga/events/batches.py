@@ -76,16 +76,16 @@ class BatchCutter:
             raise ConfigError(
                 f"{' and '.join(given) or 'no size'} given for batches: one of {', '.join(modes)} is needed"
             )
-        self.max_events = _positive("max_events", max_events)
+        self.max_events = whole("max_events", max_events)
         ((self.mode, size),) = given.items()
-        self.size = _positive(self.mode, size)
+        self.size = whole(self.mode, size)
         if self.mode != "duration_us" and self.size > self.max_events:
             raise ConfigError(f"{self.mode} = {self.size}: at most {self.max_events} is allowed (max_events)")
-        self._source, self._start = source, start_event
-        self._chunks = source.chunks(start_event, CHUNK_EVENTS)
+        self._source, self._start = source, whole("start_event", start_event, low=0)
+        self._chunks = source.chunks(self._start, CHUNK_EVENTS)
         self._chunk = Events.empty()
         self._at = 0  # first event of the chunk that is in no batch yet
-        self._position = operator.index(start_event)
+        self._position = self._start
         self._window_begin = None
         self._leftover = None
 
@@ -188,13 +188,14 @@ def _take_roi(events, roi, wanted):
     return int(hits[wanted - 1]) + 1, wanted
 
 
-def _positive(name, value):
+def whole(name, value, low=1):
+    """``value`` as an int; raises :exc:`ConfigError`, which names it, unless it is one of ``low`` or more."""
     try:
         number = operator.index(value)
     except TypeError:
-        number = 0
-    if number < 1 or isinstance(value, bool):
-        raise ConfigError(f"{name} = {value!r}: an integer of 1 or more is needed")
+        number = low - 1
+    if number < low or isinstance(value, bool):
+        raise ConfigError(f"{name} = {value!r}: an integer of {low} or more is needed")
     return number
 
 

@@ -210,6 +210,8 @@ def _read_head(path):
             head = file.read(HEAD_BYTES)
     except FileNotFoundError:
         raise RecordingError(f"{path}: no such file") from None
+    except RecordingError:  # which is a ValueError
+        raise
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
         raise RecordingError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
     if not head:

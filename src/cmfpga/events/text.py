@@ -12,6 +12,7 @@ Times are converted from their decimal digits, so they are exact to half a micro
 never as a whole; how many events there are is only known at its end.
 """
 
+import codecs
 import contextlib
 import re
 import zipfile
@@ -89,7 +90,7 @@ class TextRecording(StreamedRecording):
 
     def _blocks(self):
         """Yields ``(number of the first line, bytes of whole lines)``."""
-        number, rest = 1, b""
+        number = 1
         try:
             with contextlib.ExitStack() as stack:
                 if self._member is None:
@@ -97,6 +98,7 @@ class TextRecording(StreamedRecording):
                 else:
                     file = stack.enter_context(zipfile.ZipFile(self.path)).open(self._member)
                     stack.enter_context(file)
+                rest = file.read(len(codecs.BOM_UTF8)).removeprefix(codecs.BOM_UTF8)
                 while content := file.read(_BLOCK_BYTES):
                     end = content.rfind(b"\n") + 1
                     if end:

@@ -1,10 +1,12 @@
 """Lines of text, such as ``t x y p``, to columns of integers: exact decimals, and two ways of reading that agree.
 
-:func:`parse_fast` reads a block of plain lines with NumPy, some million lines a second, and gives up on anything
+:func:`parse_fast` reads a block of plain lines with NumPy, over a million lines a second, and gives up on anything
 unusual. :func:`parse_line` reads one line, whatever its form, and says what is wrong with it.
 """
 
+import io
 import re
+import warnings
 from dataclasses import dataclass
 from decimal import ROUND_HALF_DOWN, ROUND_HALF_UP, Decimal
 
@@ -16,16 +18,10 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NOT_FINITE = re.compile(r"[+-]?(nan|inf|infinity)", re.IGNORECASE)
 # Digits before the point: enough for any time in int64, few enough for exact decimals of Python's default precision.
 _MAX_DIGITS = 20
-# Integers of up to this many digits turn negative if they wrap in int64.
-_FAST_DIGITS = 19
-
-# What a byte is to the fast reader.
-_ODD, _SPACE, _DIGIT, _DOT, _MINUS = range(5)
-_CLASS = np.full(256, _ODD, np.uint8)
-_CLASS[[*b" \t\r\n,;"]] = _SPACE
-_CLASS[[*b"0123456789"]] = _DIGIT
-_CLASS[ord(".")] = _DOT
-_CLASS[ord("-")] = _MINUS
+# The fast reader keeps the text of a time; a longer one is left to the other.
+_TIME_BYTES = 40
+_PLAIN_BYTES = b" \t\n0123456789.-"
+_TO_BLANKS = bytes.maketrans(b",;\r", b"   ")
 
 
 @dataclass(frozen=True)
@@ -130,89 +126,35 @@ def parse_fast(block, power, layout=PLAIN):
     Plain lines are numbers without exponent or plus sign, t not negative, and all but t without a point; or
     nothing but blanks. ``power`` and ``layout`` are as in :func:`parse_line`.
     """
-    data = np.frombuffer(block, np.uint8)
-    kind = _CLASS[data]
-    if not kind.all():  # some byte is odd
+    block = block.translate(_TO_BLANKS)
+    if block.translate(None, _PLAIN_BYTES):
         return None
-    blank = np.ones(len(data) + 1, bool)
-    np.equal(kind, _SPACE, out=blank[1:])
-    edges = np.flatnonzero(blank[1:] != blank[:-1])
-    starts, ends = edges[0::2], edges[1::2]
-    if len(ends) < len(starts):  # the last line has no line feed
-        ends = np.append(ends, len(data))
-    if len(starts) % layout.fields:
+    if not block.strip():
+        return [np.zeros(0, np.int64)] * 4
+    kinds = {layout.t: f"S{_TIME_BYTES}"} | dict.fromkeys((layout.x, layout.y, layout.p), np.int64)
+    kinds = [(str(k), kinds.get(k, "S1")) for k in range(layout.fields)]
+    try:
+        with warnings.catch_warnings(action="error"):  # NumPy's, of whole numbers with a point
+            table = np.loadtxt(io.BytesIO(block), kinds, ndmin=1)
+        t = _decimals(table[str(layout.t)], power)
+    except (ValueError, OverflowError, DeprecationWarning):  # more fields, or fewer, or no such numbers
         return None
-    starts, ends = starts.reshape(-1, layout.fields), ends.reshape(-1, layout.fields)
-    if not _one_row_per_line(data, starts):
+    return None if t is None else [t, *(table[str(k)] for k in (layout.x, layout.y, layout.p))]
+
+
+def _decimals(texts, power):
+    """Values of decimals (bytes) times ``10**power``, rounded half up; None for a sign, and for too many digits."""
+    whole, point, fraction = np.strings.partition(texts, b".")
+    digits = np.strings.isdigit(whole) & (np.strings.isdigit(fraction) | (fraction == b""))
+    if not digits.all() or np.strings.str_len(texts).max() == _TIME_BYTES:
         return None
-    minus = np.flatnonzero(kind == _MINUS)
-    # A minus may only lead a field other than t; the digit loop starts behind it.
-    negative = kind[starts] == _MINUS
-    if np.count_nonzero(negative) != len(minus) or negative[:, layout.t].any():
-        return None
-    begins = starts + negative
-    dots = np.flatnonzero(kind == _DOT)
-    t = _decimals(data, begins[:, layout.t], ends[:, layout.t], dots, power)
-    if t is None:
-        return None
-    columns = [t]
-    for k in (layout.x, layout.y, layout.p):
-        value = _integers(data, begins[:, k], ends[:, k])
-        if value is None:
-            return None
-        columns.append(np.where(negative[:, k], -value, value) if negative[:, k].any() else value)
-    return columns
-
-
-def _one_row_per_line(data, starts):
-    """Whether each line that is not blank has just the fields of one row of ``starts``."""
-    line = np.searchsorted(np.flatnonzero(data == ord("\n")), starts)
-    return bool((line[:, 0] == line[:, -1]).all() and (line[1:, 0] > line[:-1, 0]).all())
-
-
-def _integers(data, begins, ends):
-    """Values of the digits from ``begins`` to ``ends``; None if there are no digits or too many."""
-    lengths = ends - begins
-    if not len(lengths):
-        return np.zeros(0, np.int64)
-    if lengths.min() < 1 or lengths.max() > _FAST_DIGITS:
-        return None
-    value = _accumulate(data, begins, lengths)
-    return None if lengths.max() == _FAST_DIGITS and value.min() < 0 else value
-
-
-def _accumulate(data, begins, lengths, places=None):
-    """Value of ``lengths`` digits from ``begins``. With ``places``, as if followed by zeros up to that many digits."""
-    value = np.zeros(len(begins), np.int64)
-    for k in range(int(lengths.max(initial=0)) if places is None else places):
-        inside = k < lengths
-        digit = data[np.where(inside, begins + k, 0)].astype(np.int64) - ord("0")
-        if places is None:
-            value = np.where(inside, 10 * value + digit, value)
-        else:
-            value = 10 * value + np.where(inside, digit, 0)
-    return value
-
-
-def _decimals(data, begins, ends, dots, power):
-    """Values of decimals times ``10**power``, rounded half up; None if a point is elsewhere or digits are too many."""
-    point = ends.copy()
-    if len(dots):
-        owner = np.searchsorted(begins, dots, side="right") - 1
-        if (owner < 0).any() or (owner[1:] == owner[:-1]).any() or (dots >= ends[owner]).any():
-            return None
-        point[owner] = dots
-    whole = _integers(data, begins, point)
-    if whole is None:
-        return None
+    whole = whole.astype(np.int64)
     if power < 0:
-        if len(dots):
-            return None
         quotient, rest = np.divmod(whole, 10**-power)
-        return quotient + (2 * rest >= 10**-power)
-    if whole.max(initial=0) >= LIMIT_US // 10**power:
+        return None if (point == b".").any() else quotient + (2 * rest >= 10**-power)
+    if whole.max() >= LIMIT_US // 10**power:
         return None
-    behind = np.minimum(point + 1, ends)
-    digits = ends - behind
-    fraction = _accumulate(data, behind, np.minimum(digits, power + 1), places=power + 1)  # one more, to round
+    fraction = (
+        np.strings.ljust(fraction, power + 1, b"0").astype(f"S{power + 1}").astype(np.int64)
+    )  # one more, to round
     return whole * 10**power + (fraction + 5) // 10

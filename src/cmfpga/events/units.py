@@ -15,9 +15,12 @@ The unit is, in this order:
    µs      otherwise
    ======  ==========================================================================================
 
+The rate is that of the median step from one time stamp to the next different one, so a jump or a pause does not count.
 Whole seconds are never assumed: they are too coarse for events. The rule of step 4 can err for scenes that are
-almost at rest, so a recording says where its unit comes from (``time_unit_source``).
+almost at rest, so a recording says where its unit comes from (``time_unit_source``), and the tools tell a guess.
 """
+
+import math
 
 import numpy as np
 
@@ -77,13 +80,14 @@ def guess_unit(t):
         return "us"
     if max(abs(int(t.min())), abs(int(t.max()))) >= _LARGEST_US:
         return "ns"
-    span = int(t[-1]) - int(t[0])
-    us_rate = len(t) * 1e6 / span if span > 0 else float("inf")
+    steps = np.diff(t)
+    steps = steps[steps > 0]
+    ticks = len(steps) + 1
+    # Of events that come at random, the median step is ln 2 of the mean.
+    us_rate = len(t) / ticks * math.log(2) * 1e6 / np.median(steps) if len(steps) else math.inf
     if len(t) >= _MAX_RATE_EVENTS and us_rate > _MAX_RATE:
         return "ms"
-    if len(t) >= _MIN_RATE_EVENTS and span > 0:
-        steps = np.diff(t)
-        ticks = np.count_nonzero(steps) + 1
+    if len(t) >= _MIN_RATE_EVENTS and len(steps):
         in_thousands = not (steps % 1000).any() and ticks >= _MIN_TICKS and us_rate * 1000 <= _MAX_RATE
         if us_rate < _MIN_RATE or in_thousands:
             return "ns"

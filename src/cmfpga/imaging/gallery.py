@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..errors import naming
 from ..protocol.flags import Flag
 from .iwe import image_of_warped_events, scaled_roi_events
 
@@ -66,7 +67,8 @@ class Gallery:
 
     def save(self, path, verdict=""):
         """Write the picture (PNG, or what the suffix says)."""
-        self.figure(verdict).savefig(path, dpi=DPI)
+        with naming(path):
+            self.figure(verdict).savefig(path, dpi=DPI)
 
     def figure(self, verdict=""):
         """The picture as a Matplotlib ``Figure``; ``verdict`` stands in its title."""
@@ -81,9 +83,9 @@ class Gallery:
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_speed(right.subplots())
-        figure.suptitle(
-            f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'} (cyan: trail of the ROI's centre)"
-        )
+        shown = self._corners[: max((self._frames[k][0] for k in chosen), default=0) + 1]
+        trail = " (cyan: trail of the ROI's centre)" if len(set(shown)) > 1 else ""
+        figure.suptitle(f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'}{trail}")
         return figure
 
     def _draw_frame(self, axis, index, roi, frame):
@@ -115,7 +117,8 @@ class Gallery:
             if doubtful.any():
                 axis.plot(seconds[doubtful], speed[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
             if self.motion:
-                axis.plot(seconds, np.array(self._truths)[:, k], "--", color=colour, label=f"{name} true")
+                style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
+                axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{name} true")
         axis.axhline(0, color="gray", linewidth=0.5)
         axis.set(
             title="velocity of the object" + " (hollow: doubtful)" * bool(doubtful.any()),

@@ -177,14 +177,16 @@ function drawCharts() {
   drawChart("velocity", velocity, "velocity [px/s]");
   describe("velocity", "Velocity of the object over time in px/s; the table of all batches has the numbers.");
   const ms = (values) => values.map((value) => (value === null || value === 0 ? NaN : value / 1000));
+  const [lasts, takes] = [ms(head.spans), ms(head.computeUs)], all = [...lasts, ...takes].filter((time) => time > 0);
+  // Ticks at powers of ten, where there would be two at least.
+  const wide = Math.max(...all) / Math.min(...all) > 100;
   drawChart("margin", [
-    series("the batch lasts", ms(head.spans), "--vx"),
-    series("computing takes", ms(head.computeUs), "--vy", { marker: { symbol: "square" } }),
-  ], "time [ms]", { type: "log", dtick: 1 });
+    series("the batch lasts", lasts, "--vx"),
+    series("computing takes", takes, "--vy", { marker: { symbol: "square" } }),
+  ], "time [ms]", { type: "log", ...(wide ? { dtick: 1 } : {}) });
   describe("margin", "Time that each batch lasts and time to compute it, in ms, on a logarithmic scale.");
-  const most = Math.max(...numbers("roi_events"));
   const inside = [series("events in the ROI", numbers("roi_events"), "--vx")];
-  if (most > head.bufferEvents / 3) {
+  if (head.bufferShown) {
     inside.push({ ...series("buffer", seconds.map(() => head.bufferEvents), "--vy"), mode: "lines",
       line: { color: css("--vy"), dash: "dash" } });
   }

@@ -8,14 +8,13 @@ import importlib.resources
 import json
 import platform
 import zlib
-from pathlib import Path
 
 import numpy as np
 
 from .. import __version__
 from ..config import PRESETS, Config
 from ..config.dither import DITHER_BITS, FACTORS
-from ..errors import ConfigError, needs
+from ..errors import ConfigError, needs, write_text
 from ..protocol.flags import NOTES
 from ..tracking.columns import COLUMNS
 from .story import Story
@@ -54,7 +53,7 @@ def write_page(kept, path, *, clock_mhz):
     ConfigError
         plotly is not installed.
     """
-    Path(path).write_text(render(kept, clock_mhz), encoding="utf-8")
+    write_text(path, render(kept, clock_mhz))
 
 
 def render(kept, clock_mhz):
@@ -66,6 +65,8 @@ def render(kept, clock_mhz):
         "lead": html.escape(story.lead),
         "notes": "".join(f"<li>{html.escape(note)}</li>" for note in story.notes),
         "levels": _level_choice(kept),
+        "truth_note": "Dashed: the true velocity. " if _truth_shown(kept) else "",
+        "buffer_note": "<figcaption>Dashed: what the hardware's buffer holds.</figcaption>" * head["bufferShown"],
         "path_note": html.escape(_path_note(kept)),
         "cycles_note": html.escape(_cycles_note(story)),
         "configuration": _configuration(kept),
@@ -95,8 +96,8 @@ def _asset(name):
 
 
 def _name(recording):
-    """A file's name without its folders; signs that cannot be shown as ``?``."""
-    name = Path(recording).name.encode("utf-8", "replace").decode()
+    """A file's name; signs that cannot be shown as ``?``."""
+    name = recording.encode("utf-8", "replace").decode()
     return "".join(sign if sign.isprintable() else "?" for sign in name)
 
 
@@ -124,15 +125,11 @@ def _data(kept, story):
         "sensor": [config.sensor_width, config.sensor_height],
         "frame": [kept.frame_bin, *(details[0].frame.shape[::-1] if details else (0, 0))],
         "bufferEvents": config.buffer_events,
+        "bufferShown": bool(kept.numbers("roi_events").max() > config.buffer_events / 3),
         "dither": {"frac": config.dither_frac, "bits": DITHER_BITS, "factors": FACTORS},
         "reach": max(3, int(reach) + 1),
         "details": [
-            {
-                "batch": detail.batch,
-                "events": len(detail.x),
-                "v": detail.v.tolist(),
-                "levels": detail.levels.tolist(),
-            }
+            {"batch": detail.batch, "events": len(detail.x), "v": detail.v.tolist(), "levels": detail.levels.tolist()}
             for detail in details
         ],
     }
@@ -142,6 +139,10 @@ def _data(kept, story):
     little = {2: "<u2", 4: "<u4"}
     raw = b"".join(a.astype(little.get(a.itemsize, a.dtype)).tobytes() for group in arrays for a in group)
     return head, zlib.compress(raw, 6)
+
+
+def _truth_shown(kept):
+    return not np.isnan(np.array(kept.truths)).all() and len(kept.rows) > 1  # of one batch there is no line
 
 
 def _level_choice(kept):
@@ -159,10 +160,10 @@ def _level_choice(kept):
 def _path_note(kept):
     if any(0 < len(detail.levels) >= len(detail.v) for detail in kept.details):
         return f"The star is the velocity found; the {kept.engine} engine does not tell the path to it."
-    return (
-        "The path goes from the ring to the star; large diamonds, squares and small circles are its steps with pixels "
-        "of 4 px (or more), 2 px and 1 px."
-    )
+    symbols = {2: "large diamonds, pixels of 4 px (or more)", 1: "squares, 2 px", 0: "small circles, 1 px"}
+    levels = {min(int(level), 2) for detail in kept.details for level in detail.levels}
+    steps = "; ".join(text for level, text in symbols.items() if level in levels)
+    return f"The path goes from the ring to the star. Its steps: {steps}." * bool(levels)
 
 
 def _cycles_note(story):
@@ -204,7 +205,7 @@ def _same_hardware(known, config):
 
 def _versions(kept, clock_mhz):
     items = {
-        "recording": kept.recording.encode("utf-8", "replace").decode(),
+        "recording": _name(kept.recording),
         "engine": kept.engine,
         "assumed clock": f"{clock_mhz:g} MHz",
         "cmfpga": __version__,

@@ -1,13 +1,19 @@
 """The few arithmetic and pipelining idioms that several blocks share."""
 
-from amaranth.hdl import Cat, Mux, Signal
+from amaranth.hdl import Mux, Signal
 
 
 def saturate(value, low, high):
-    """``value`` limited to ``low … high`` (integers); the hardware twin of :func:`cmfpga.fixed.saturate`."""
-    if value.shape().signed or low > 0:
-        value = Mux(value < low, low, value)
-    return Mux(value > high, high, value)
+    """``value`` limited to ``low … high`` (integers); the hardware twin of :func:`cmfpga.fixed.saturate`.
+
+    The two comparisons stand side by side. Where the limits are those of a signed word, the bits above it tell.
+    """
+    signed, width = value.shape().signed, high.bit_length()
+    if signed and len(value) > width and high == (1 << width) - 1 and low == -1 - high:
+        beyond = value[width:]
+        return Mux(beyond.all() | ~beyond.any(), value, Mux(value[-1], low, high))
+    limited = Mux(value > high, high, value)
+    return Mux(value < low, low, limited) if signed or low > 0 else limited
 
 
 def delay(m, value, cycles, *, name, valid=False):
@@ -24,13 +30,11 @@ def delay(m, value, cycles, *, name, valid=False):
 
 
 def small_product(value, factor):
-    """``value · factor`` (``factor`` unsigned, a few bits) in LUTs, where a DSP would be wasted: an adder a bit."""
-    low, rest = [], Mux(factor[0], value, 0)
-    for bit in factor[1:]:
-        low.append(rest[0])
-        rest = (rest >> 1) + Mux(bit, value, 0)
-    product = Cat(*low, rest)
-    return product.as_signed() if value.shape().signed else product
+    """``value · factor`` (``factor`` unsigned, a few bits) in LUTs, where a DSP would be wasted: a tree of adders."""
+    terms = [Mux(bit, value, 0) << number for number, bit in enumerate(factor)]
+    while len(terms) > 1:
+        terms = [sum(terms[k + 1 : k + 2], terms[k]) for k in range(0, len(terms), 2)]
+    return terms[0][: len(value) + len(factor)].as_signed() if value.shape().signed else terms[0]
 
 
 def select(index, choices):

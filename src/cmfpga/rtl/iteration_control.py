@@ -81,8 +81,8 @@ class IterationControl(wiring.Component):
         The result is taken, if there is one.
     """
 
-    #: Cycles between the last event's count and the division: hand over, judge.
-    hand_over = 1
+    #: Cycles between the last event's count and the division: hand over, know T, judge.
+    hand_over = 3
 
     def __init__(self, config, *, replay_delay, move, settle, probe_delay=0):
         if replay_delay < 0:
@@ -109,19 +109,18 @@ class IterationControl(wiring.Component):
         config, run, batch = self.config, self.run, self.handover.batch
         m = Module()
         timer = Signal(range(max(2, self._move)))
-        too_few, final = Signal(), Signal()
+        few, too_few, final = Signal(), Signal(), Signal()
         m.d.comb += [
             run.settings.eq(batch.settings),
             run.take.eq(self.handover.take),
             self.handover.finished.eq(run.done & self.taken),
-            too_few.eq(
-                (batch.roi_events == 0)
-                | (batch.roi_events < batch.settings.min_roi_events)
-                | (batch.span == 0)
-                | (run.planned == 0)
-            ),
-            final.eq(self.iterations + 1 == run.planned),
         ]
+        m.d.sync += [
+            few.eq((batch.roi_events == 0) | (batch.roi_events < batch.settings.min_roi_events) | (batch.span == 0)),
+            too_few.eq(few | (run.planned == 0)),
+            final.eq(self.iterations + 1 == run.planned),  # two cycles after ``updated``, long before it counts
+        ]
+        judged = delay(m, run.take, self.hand_over, name="take", valid=True)
         another = self.complete & self.iterating & ~final
         if config.confidence:
             another |= self.complete & self.probing[0]
@@ -132,7 +131,7 @@ class IterationControl(wiring.Component):
             first = delay(m, first, self._replay_delay + self._probe_delay, name="first_probe", valid=True)
             next_replay |= first
             m.d.comb += self.whole.eq(first | (self.probing != 0))
-            m.d.sync += run.final.eq(final)
+            m.d.comb += run.final.eq(final)
         m.d.sync += self.cycles.eq(Mux(self.handover.free, self.handover.cycles, self.cycles) + 1)
         with m.FSM(name="iterate"):
             with m.State("IDLE"):
@@ -142,9 +141,9 @@ class IterationControl(wiring.Component):
                     m.next = "JUDGE"
             with m.State("JUDGE"):
                 m.d.sync += run.degenerate.eq(too_few)
-                with m.If(too_few):
+                with m.If(judged & too_few):
                     m.next = "RESULT"
-                with m.Else():
+                with m.Elif(judged):
                     # Only then: a division that nobody waits for would still run in the next batch.
                     m.d.comb += self.divide.eq(1)
                     m.next = "DIVIDE"
@@ -198,11 +197,11 @@ class IterationControl(wiring.Component):
         """Move the ROI by a batch's v when that is known and the next batch has been opened, at no new ROI."""
         opening = self.handover.opened
         found, opened, loaded, first = Signal(), Signal(), Signal(), Signal(init=1)
-        settling = Signal(range(self._settle + 2))
-        was_done = Signal()
+        settling = Signal(range(self._settle + 1))
+        was_done, settled = Signal(), Signal(init=1)
         m.d.sync += was_done.eq(self.run.done)
         both = found & opened
-        m.d.comb += [self.move.eq(both & ~loaded), self.handover.settled.eq(~both & (settling == 0))]
+        m.d.comb += [self.move.eq(both & ~loaded), self.handover.settled.eq(~both & settled)]
         with m.If(opening):
             m.d.sync += [opened.eq(~first), first.eq(0), loaded.eq(self.handover.loads)]
         with m.If(self.run.done & ~was_done):
@@ -210,8 +209,8 @@ class IterationControl(wiring.Component):
         with m.If(both):
             m.d.sync += [found.eq(0), opened.eq(0)]
         with m.If(opening):
-            m.d.sync += settling.eq(self._settle + 1)
+            m.d.sync += [settling.eq(self._settle), settled.eq(0)]
         with m.Elif(both):
-            m.d.sync += settling.eq(self._settle)
-        with m.Elif(settling != 0):
-            m.d.sync += settling.eq(settling - 1)
+            m.d.sync += [settling.eq(self._settle - 1), settled.eq(0)]
+        with m.Else():
+            m.d.sync += [settling.eq(settling - 1), settled.eq(settled | (settling == 0))]

@@ -74,10 +74,7 @@ def dithered_event(config):
     """An event out of the buffer, with ``dither_frac`` fraction bits in its position."""
     members = replayed_event(config).members
     if config.dither_frac:
-        members = {
-            **members,
-            **{axis: Fixed(Q(members[axis], config.dither_frac)) for axis in ("x", "y")},
-        }
+        members = {**members, **{axis: Fixed(Q(members[axis], config.dither_frac)) for axis in ("x", "y")}}
     return data.StructLayout(members)
 
 

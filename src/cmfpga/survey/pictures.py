@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from ..errors import naming
+
 _SHADES = " .:-=+*#%@"
 _FRAME_COLUMNS = 78
 
@@ -63,4 +65,5 @@ def draw(path, survey, config, proposals):
     bin_us, rate = survey.rate()
     below.step(np.arange(len(rate)) * bin_us / 1e6, rate / 1e3, where="post")
     below.set(xlabel="time [s]", ylabel="rate [1000 events/s]", ylim=(0, None))
-    figure.savefig(path, format="png")
+    with naming(path):
+        figure.savefig(path, format="png")

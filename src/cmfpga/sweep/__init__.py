@@ -4,7 +4,6 @@ import importlib.util
 import json
 import sys
 
-from filelock import FileLock, Timeout
 from tqdm import tqdm
 
 from .. import cli
@@ -76,20 +75,21 @@ def main(arguments=None):
         sensor=options.sensor,
         time_unit=options.time_unit,
     )
-    choices = plan.choices(options.preset, options.assignments, options.vary)
+    choices, skipped = plan.choices(options.preset, options.assignments, options.vary)
+    if skipped:
+        total = len(choices) + len(skipped)
+        print(f"note: {len(skipped)} of {total} combinations are skipped, as {skipped[0]}", file=sys.stderr)
     subjects = plan.subjects(options.recordings, options.roi, run)
     rows = plan.rows(subjects, choices, run)
     if not any(row.task for row in rows):
         raise ConfigError(rows[0].problem)
     for subject in subjects:
+        if subject.note:
+            print(f"note: {subject.note}", file=sys.stderr)
         if not subject.problem and subject.sensor is None and "sensor_width" not in choices[0].changes:
             print(f"note: {subject.name} does not say how large its sensor is; --sensor W,H does", file=sys.stderr)
-    folder = cli.output_folder(options.out)
-    try:
-        with FileLock(folder / ".lock", timeout=0):
-            return _sweep(options, run, rows, folder)
-    except Timeout:
-        raise ConfigError(f"--out {options.out}: another sweep is writing there") from None
+    with cli.locked(options.out) as folder:
+        return _sweep(options, run, rows, folder)
 
 
 def _require(*packages):

@@ -6,11 +6,12 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ..config import Config, preset
+from ..config import Config, preset, unread
 from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
+from ..tracking.source import unit_note
 from .task import Task, version
 from .truth import Truth, read_truth
 
@@ -39,6 +40,8 @@ class Subject:
     first_us : int
         Time of the first event that is tracked.
     truth : Truth or None
+    note : str or None
+        Where the unit of its time is a guess.
     problem : str
         Why it cannot be tracked; empty if it can.
     """
@@ -50,6 +53,7 @@ class Subject:
     sensor: tuple[int, int] | None = None
     first_us: int = 0
     truth: Truth | None = None
+    note: str | None = None
     problem: str = ""
 
     def require_roi(self):
@@ -95,10 +99,20 @@ class Choice:
         """The values that vary, for people."""
         return ", ".join(f"{name} = {value}" for name, value in self.varied.items()) or "as given"
 
+    def config(self, sensor):
+        """The :class:`Config` for a recording of this sensor. Raises :exc:`ConfigError`."""
+        return preset(self.preset).replace(**self._fields(sensor))
+
     def fields(self, sensor):
         """All fields for a recording of this sensor, whether or not they go together."""
+        try:
+            return self.config(sensor).to_dict()
+        except ConfigError:
+            return preset(self.preset).to_dict() | self._fields(sensor)
+
+    def _fields(self, sensor):
         size = {} if sensor is None else {"sensor_width": sensor[0], "sensor_height": sensor[1]}
-        return {**preset(self.preset).to_dict(), **size, **self.changes}
+        return size | self.changes
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,10 +149,15 @@ def choices(base, assignments, varied):
         ``FIELD=VALUE``, the same in all of them.
     varied : list of str
 
+    Returns
+    -------
+    list of Choice, list of str
+        And why each of the other combinations is skipped: it names a field that its gradient or ascent does not read.
+
     Raises
     ------
     ConfigError
-        A field or a value is not allowed, or stands twice.
+        A field or a value is not allowed, or stands twice; or no combination is left.
     """
     fixed = Config.parse(assignments)
     axes = {}
@@ -153,13 +172,19 @@ def choices(base, assignments, varied):
             if axes[name].count(value) > 1:
                 raise ConfigError(f"--vary {text}: {value} stands twice")
     preset(base)
-    found = []
-    for number, values in enumerate(itertools.product(*axes.values())):
+    found, skipped = [], []
+    for values in itertools.product(*axes.values()):
         chosen = dict(zip(axes, values, strict=True))
-        changes = {name: value for name, value in chosen.items() if name != PRESET}
+        changes = fixed | {name: value for name, value in chosen.items() if name != PRESET}
         name = chosen.get(PRESET, base)
-        found.append(Choice(number=number, varied=chosen, preset=name, changes={**fixed, **changes}))
-    return found
+        idle = unread(preset(name).to_dict() | changes)
+        if why := [idle[name] for name in changes if name in idle]:
+            skipped += why[:1]
+        else:
+            found.append(Choice(number=len(found), varied=chosen, preset=name, changes=changes))
+    if not found:
+        raise ConfigError(skipped[0])
+    return found, skipped
 
 
 def _value(name, text):
@@ -191,6 +216,7 @@ def _subject(name, roi, run):
     try:
         with open_recording(path, sensor=run.sensor, time_unit=run.time_unit) as recording:
             first = next(iter(recording.chunks(run.start_event, 1)), None)
+            note = unit_note(recording, "--time-unit")
             sensor = None if recording.width is None else (recording.width, recording.height)
         truth = read_truth(path)
         with path.open("rb") as file:
@@ -199,7 +225,7 @@ def _subject(name, roi, run):
         return Subject(name=name, path=path, roi=roi, problem=" ".join(str(error).splitlines()))
     return Subject(
         name=name, path=path.resolve(), roi=roi, digest=digest, sensor=sensor,
-        first_us=int(first.t[0]) if first else 0, truth=truth,
+        first_us=int(first.t[0]) if first else 0, truth=truth, note=note,
     )  # fmt: skip
 
 
@@ -218,7 +244,7 @@ def _row(subject, choice, run):
         return Row(subject=subject, choice=choice, roi=subject.roi, problem=subject.problem)
     roi = subject.roi
     try:
-        config = Config(**choice.fields(subject.sensor))
+        config = choice.config(subject.sensor)
         roi = subject.roi_for(config)
         check_roi(config, roi)
     except ConfigError as error:

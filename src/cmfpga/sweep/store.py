@@ -5,6 +5,8 @@ import os
 import tempfile
 from pathlib import Path
 
+from ..errors import naming
+
 
 class Store:
     """Outcomes by their key, in a folder that is made when it is first written to.
@@ -37,7 +39,7 @@ def write_atomically(path, content):
     """Write bytes so that whoever reads ``path`` finds what was there before, or all of it."""
     handle, scratch = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
-        with os.fdopen(handle, "wb") as file:
+        with naming(path), os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())

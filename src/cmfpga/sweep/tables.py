@@ -228,7 +228,8 @@ CRITERIA = {
 def ranking(rows, outcomes, estimates):
     """The configurations, best first, as dictionaries.
 
-    A configuration is ranked if all its rows are ``ok`` and so comparable with the others; the rest come last.
+    A configuration is ranked if all its rows are ``ok`` and so comparable with the others; the rest come last. A
+    recording that no configuration has a result for does not count.
 
     - ``error_px``: median over all batches of all recordings whose truth is known, ``below`` the share below 0.6 px;
     - ``gain``: each recording's ``gain_median`` as a share of the best configuration's, mean over the recordings. Not
@@ -242,11 +243,12 @@ def ranking(rows, outcomes, estimates):
     groups = {}
     for row, outcome in zip(rows, outcomes, strict=True):
         groups.setdefault(row.choice.number, []).append((row, outcome, summary(row, outcome)))
-    gains = {}
+    gains = {}  # the best of each object that some configuration has a result for
     for group in groups.values():
         for row, _, found in group:
-            key = row.subject.name, row.subject.roi
-            gains[key] = max(gains.get(key, 0.0), found.get("gain_median") or 0.0)
+            if found["status"] == "ok":
+                key = row.subject.name, row.subject.roi
+                gains[key] = max(gains.get(key, 0.0), found["gain_median"])
     listed = [_aggregate(group, gains, estimates) for group in groups.values()]
     ranked = [entry for entry in listed if entry["complete"]]
     for name, (_, less) in CRITERIA.items():
@@ -285,7 +287,7 @@ def _aggregate(group, gains, estimates):
         "label": choice.label,
         "rows": len(group),
         "rows_ok": len(ok),
-        "complete": len(ok) == len(group),
+        "complete": bool(ok) and len(ok) == len(gains),
         "error_px": statistics.median(errors) if errors else None,
         "below": _mean(error < FOUND_PX for error in errors),
         "gain": _mean(shares),

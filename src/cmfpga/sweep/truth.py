@@ -76,7 +76,7 @@ def read_truth(path):
 
 def _read_csv(path):
     try:
-        with path.open(newline="", encoding="utf-8") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             rows = csv.DictReader(file)
             if not set(COLUMNS) <= set(rows.fieldnames or ()):
                 raise RecordingError(f"{path}: the columns {', '.join(COLUMNS)} are needed")

@@ -6,10 +6,11 @@ import warnings
 from ..config import DEFAULT_PRESET, preset
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
+from ..events.batches import whole
 from . import loop
 from .fit import batch_cutter
 from .result import Tracking
-from .source import Source, sensor_fields
+from .source import Source, sensor_fields, unit_note
 
 
 def track(
@@ -51,7 +52,7 @@ def track(
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of the time stamps; goes before what the file says, and before the µs of events in memory.
     **fields
-        Fields of the configuration to change, such as ``eta=0.5``.
+        Fields of the configuration to change, such as ``roi_width=48``.
 
     Returns
     -------
@@ -71,6 +72,8 @@ def track(
                 raise ConfigError("roi: the ROI's left column and top row are needed")
             roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
         check_roi(config, roi)
+        if batches is not None:
+            batches = whole("batches", batches)
         sizes = {"events": batch_events, "duration_us": batch_us, "roi_events": batch_roi_events}
         size = {name: value for name, value in sizes.items() if value is not None}
         cutter = batch_cutter(opened, config, start_event=start_event, **size)
@@ -87,6 +90,6 @@ def track(
 
 def _config(source, name, fields):
     given, note = sensor_fields(source, fields, lambda: preset(name), "sensor=(width, height)")
-    if note:
-        warnings.warn(note, stacklevel=3)
+    for told in filter(None, (unit_note(source, "time_unit="), note)):
+        warnings.warn(told, stacklevel=3)
     return preset(name).replace(**{**given, **fields})

@@ -4,11 +4,12 @@ import json
 import zipfile
 import zlib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from ..config import Config
-from ..errors import ConfigError
+from ..errors import ConfigError, naming
 from ..imaging.iwe import scaled_roi_events
 from .columns import COLUMNS
 
@@ -72,7 +73,7 @@ class Kept:
     engine : str
         Name of the engine.
     recording : str
-        Name of the recording.
+        Name of the recording; of a path only the last part is kept.
     motion : Motion, optional
         The true motion, where it is known.
 
@@ -91,7 +92,7 @@ class Kept:
     """
 
     def __init__(self, config, engine, recording, motion=None):
-        self.config, self.engine, self.recording = config, engine, recording
+        self.config, self.engine, self.recording = config, engine, Path(recording).name
         self.rows, self.spans, self.truths, self.details = [], [], [], []
         self.roi_next = (0, 0)
         self._motion = motion
@@ -156,24 +157,25 @@ class Kept:
         def joined(name, dtype):
             return np.concatenate([np.zeros(0, dtype), *(getattr(detail, name).ravel() for detail in details)])
 
-        np.savez_compressed(
-            path,
-            head=np.array(json.dumps(head)),
-            rows=np.array(self.rows, str),
-            spans=np.array(self.spans, np.int64),
-            truths=np.array(self.truths, np.float64),
-            roi_next=np.array(self.roi_next, np.int64),
-            batches=np.array([detail.batch for detail in details], np.int64),
-            counts=np.array([len(detail.x) for detail in details], np.int64),
-            iterations=np.array([len(detail.levels) for detail in details], np.int64),
-            velocities=np.array([len(detail.v) for detail in details], np.int64),
-            frames=np.array([detail.frame for detail in details]),
-            x=joined("x", np.uint16),
-            y=joined("y", np.uint16),
-            since=joined("since", np.uint32),
-            v=joined("v", np.float64).reshape(-1, 2),
-            levels=joined("levels", np.uint8),
-        )
+        with naming(path):
+            np.savez_compressed(
+                path,
+                head=np.array(json.dumps(head)),
+                rows=np.array(self.rows, str),
+                spans=np.array(self.spans, np.int64),
+                truths=np.array(self.truths, np.float64),
+                roi_next=np.array(self.roi_next, np.int64),
+                batches=np.array([detail.batch for detail in details], np.int64),
+                counts=np.array([len(detail.x) for detail in details], np.int64),
+                iterations=np.array([len(detail.levels) for detail in details], np.int64),
+                velocities=np.array([len(detail.v) for detail in details], np.int64),
+                frames=np.array([detail.frame for detail in details]),
+                x=joined("x", np.uint16),
+                y=joined("y", np.uint16),
+                since=joined("since", np.uint32),
+                v=joined("v", np.float64).reshape(-1, 2),
+                levels=joined("levels", np.uint8),
+            )
 
     @classmethod
     def load(cls, path):

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from ..errors import ConfigError
+from ..errors import ConfigError, naming
 from ..imaging.gallery import Gallery
 from .fit import FittedCutter
 from .kept import Kept
@@ -100,8 +100,10 @@ class TrackedObject:
             taker = WaveTaker(self.config, engine, wave)
             name = self.named(f"batch-{wave}")
             self._later(taker, lambda one: one.files.extend(write_waves(taker.record(), folder, name)))
-        file = self._file(folder, "track", ".csv").open("w", newline="")
-        self.consumers.append(CsvConsumer(stack.enter_context(file)))
+        path = self._file(folder, "track", ".csv")
+        stack.enter_context(naming(path))
+        file = stack.enter_context(path.open("w", newline=""))
+        self.consumers.append(CsvConsumer(file))
 
     def _later(self, consumer, write):
         self.consumers.append(consumer)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..config.defaults import CLOCK_MHZ
-from ..errors import ConfigError, needs
+from ..errors import ConfigError, naming, needs
 from ..events import Events
 from ..imaging.gallery import Gallery
 from ..protocol.confidence import covariance, is_sure
@@ -88,7 +88,7 @@ class Tracking:
 
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
-        with open(path, "w", newline="") as file:
+        with naming(path), open(path, "w", newline="") as file:
             csv_writer(file).writerows(map(row, self._values))
 
     def to_dataframe(self):

@@ -5,7 +5,7 @@ import os
 
 from ..errors import ConfigError, RecordingError
 from ..events import Events, EventSource, MemoryRecording, Synthetic, open_recording
-from ..events.recording import CHUNK_EVENTS
+from ..events.recording import CHUNK_EVENTS, check_sensor
 
 
 class Source:
@@ -33,7 +33,7 @@ class Source:
         elif isinstance(recording, Events):
             if sensor is None:
                 raise ConfigError("sensor: (width, height) in px is needed with events in memory")
-            recording = MemoryRecording(recording, *sensor, time_unit=time_unit)
+            recording = MemoryRecording(recording, *check_sensor(sensor, "events in memory"), time_unit=time_unit)
         elif not isinstance(recording, (EventSource, str, os.PathLike)):
             raise RecordingError(f"{type(recording).__name__}: a path, a Recording, Events or Synthetic is needed")
         self._recording = recording
@@ -85,3 +85,10 @@ def sensor_fields(source, given, usual, how):
     config = usual()
     size = f"{config.sensor_width}×{config.sensor_height} px"
     return {}, f"{source.name} does not say how large its sensor is: taking {size}; say it with {how}"
+
+
+def unit_note(source, how):
+    """A note for the user where the unit of a source's time is a guess, or None; ``how`` a user says the unit."""
+    if getattr(source, "time_unit_source", None) != "assumed":
+        return None
+    return f"{source.name} does not say its unit of time: taking {source.time_unit}, a guess; say it with {how}"

@@ -17,7 +17,7 @@ from vcd.gtkw import GTKWSave
 
 from ..engines import AXI
 from ..engines.rtl import to_batch_result
-from ..errors import ConfigError
+from ..errors import ConfigError, naming
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
 from ..rtl.payloads import Fixed
 from ..rtl.top import VerilogCore, flatten
@@ -210,11 +210,11 @@ def write_waves(waves, folder, name):
     In the file a clock cycle lasts 1 ns, so that times are numbers of cycles.
     """
     paths = [folder / f"{name}{suffix}" for suffix in (".vcd", ".gtkw", ".sucl")]
-    with paths[0].open("w") as file:
+    with naming(paths[0]), paths[0].open("w") as file:
         _write_vcd(waves, file)
-    with paths[1].open("w") as file:
+    with naming(paths[1]), paths[1].open("w") as file:
         _write_gtkw(waves, file, paths[0].name)
-    with paths[2].open("w") as file:
+    with naming(paths[2]), paths[2].open("w") as file:
         file.writelines(f"{line}\n" for line in _surfer_commands(waves))
     return paths
 

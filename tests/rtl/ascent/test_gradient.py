@@ -4,15 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.gradient import Sums, gradient
 from cmfpga.rtl.ascent.gradient import Gradient
 from support.bench import play
 from support.configs import CONFIGS
-from support.values import corners, edge_integers, integers_at_edges, random_value
+from support.values import edge_integers, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
@@ -74,11 +72,3 @@ def test_exact_at_the_bounds(name):
     recording = check(config, items)
     came = [value for item in recording.values() for value in item.values()]
     assert max(came) == config.widths.g_max and min(came) == -config.widths.g_max
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    item = st.builds(Sums, *(integers_at_edges(*bound) for bound in bounds(config)))
-    check(config, data.draw(st.lists(item, min_size=5, max_size=20)))

@@ -4,8 +4,6 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.protocol.settings import clamp_roi
@@ -13,7 +11,7 @@ from cmfpga.reference.roi_follower import RoiFollower, move_within
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from support.bench import held, play
 from support.configs import CONFIGS, ODD, TINY
-from support.values import corners, edge_integers, integers_at_edges, random_value
+from support.values import edge_integers, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny")},
@@ -72,9 +70,9 @@ def check(config, batches, seed=0):
             cycle()
         if move:
             start = len(script)
-            # v and the gain stand from `move` on.
+            # v stands from `move` on.
             for number in range(block.latency):
-                cycle(**({"move": 1} if number == 0 else {}), v={"x": v[0], "y": v[1]}, roi_gain=gain)
+                cycle(**({"move": 1, "roi_gain": gain} if number == 0 else {}), v={"x": v[0], "y": v[1]})
             # Eq. roi_update, which has a gain of 1: exact, no bit is rounded away.
             frac = config.formats.roi_x.f
             limits = (config.geometry.roi_x_max << frac, config.geometry.roi_y_max << frac)
@@ -122,14 +120,14 @@ def check_ahead(config, batches, seed=0, *, hurry=False):
         wait()
         if load is None and step is not None:
             v, gain, moves = step
-            values = {"v": {"x": v[0], "y": v[1]}, "roi_gain": gain, "still": int(not moves)}
-            cycle(move=1, **values)
-            cycle(**values)
+            stays = {"v": {"x": v[0], "y": v[1]}}
+            cycle(move=1, **stays, roi_gain=gain, still=int(not moves))
         else:
+            stays = {}
             cycle()
         # ``move`` is followed by settle − 1 cycles, and what comes then sees the next ROI.
-        for _ in range(block.settle - 2):
-            cycle()
+        for _ in range(block.settle - 1):
+            cycle(**stays)
         following[len(script)] = follower.next_corner
         wait(9)
         following[len(script)] = follower.next_corner
@@ -187,22 +185,18 @@ def test_settling_time():
     """The cycle in which ``roi_next`` first shows a move, or a load: not later than promised."""
     config = Config(buffers=2)
     step = 4 << config.v_frac
-    values = {"v": {"x": step, "y": step}, "roi_gain": 1 << config.roi_gain_frac}
-    idle = [{}] * 12
-    script = [
-        {"new_batch": 1, "load": 1, "x": 20, "y": 9},
-        *idle,
-        {"new_batch": 1},
-        values | {"move": 1},
-        values,
-        *idle,
-    ]
-    next_corners = play(RoiUpdater(config), script, flows=(), watch=CORNER).watch["corner.roi_next"]
+    block = RoiUpdater(config)
+    v = {"v": {"x": step, "y": step}}
+    idle = [v] * (block.settle + 6)
+    load = {"new_batch": 1, "load": 1, "x": 20, "y": 9}
+    script = [load, *idle, {"new_batch": 1}, v | {"move": 1, "roi_gain": 1 << config.roi_gain_frac}, *idle]
+    next_corners = play(block, script, flows=(), watch=CORNER).watch["corner.roi_next"]
     for axis, at, then in (("x", 20, 28), ("y", 9, 17)):
         seen = [row[axis] for row in next_corners]
         loaded, moved = seen.index(at), seen.index(then)
-        assert loaded <= RoiUpdater.settle and moved - 14 <= RoiUpdater.settle
-        assert set(seen[loaded:15]) == {at} and set(seen[moved:]) == {then}
+        begin = len(idle) + 2
+        assert loaded <= block.settle and moved - begin <= block.settle
+        assert set(seen[loaded : begin + 1]) == {at} and set(seen[moved:]) == {then}
 
 
 @pytest.mark.parametrize("checked", [check, check_ahead])
@@ -256,20 +250,3 @@ def test_slow_motion_adds_up_and_halves_round_up():
     # 10 + n/8 rounds up at the half; 20 − n/8 stays until it is below the half.
     assert [x for x, _ in corners] == [10 + (n + 4) // 8 for n in range(1, 21)]
     assert [y for _, y in corners] == [20 + (4 - n) // 8 for n in range(1, 21)]
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    velocity = integers_at_edges(config.formats.v.min, config.formats.v.max)
-    load = st.tuples(integers_at_edges(0, config.sensor_width - 1), integers_at_edges(0, config.sensor_height - 1))
-    batch = st.tuples(
-        st.one_of(st.none(), load),
-        st.tuples(velocity, velocity),
-        integers_at_edges(0, config.formats.roi_gain.max),
-        st.booleans(),
-    )
-    batches = data.draw(st.lists(batch, min_size=5, max_size=20))
-    check(config, batches)
-    check_ahead(config, batches, hurry=data.draw(st.booleans()))

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 from amaranth.hdl import Elaboratable, Module
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config, preset
 from cmfpga.reference.integer.accumulator import accumulator
@@ -15,7 +13,7 @@ from cmfpga.rtl.image.one_pass_gradient import OnePassGradient
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator
 from support.bench import AnyContent, play
 from support.configs import LEVELS, NARROW
-from support.values import corners, random_values, tensor
+from support.values import random_values, tensor
 from support.votes import cell_votes as any_votes
 from support.votes import patterns, vote_payloads
 
@@ -176,19 +174,6 @@ def test_sums_hold_a_full_buffer(name, sign):
     )
     sums = gradient_reader(accumulator(config, phases["left"]))
     assert abs(sums.dx) == config.widths.derivative_image_max
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(["uneven", "fast tiny"]))]
-    rng = np.random.default_rng(data.draw(st.integers(0, 1000)))
-    cell = st.tuples(st.sampled_from([-2, -1, 0, 1, 2]), st.sampled_from([-1, 0, 2]))
-    phases = {
-        number: cell_votes(config, data.draw(st.lists(cell, min_size=1, max_size=12)), rng) for number in range(6)
-    }
-    idle = iter(data.draw(st.lists(st.integers(0, 9), min_size=6, max_size=6)))
-    check(roomy(config), phases, lambda: next(idle))
 
 
 # ---------------------------------------------------------------- with the accumulator in front

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.time_scaler import reciprocal, time_scaler
 from cmfpga.rtl.image.time_scaler import TimeScaler
 from support.bench import GAPS, check_flow
 from support.configs import CONFIGS
-from support.values import corners, edge_integers, integers_at_edges, random_gaps, random_value, tensor
+from support.values import edge_integers, random_gaps, random_value, tensor
 
 SHAPES = {
     "default": CONFIGS["default"],
@@ -57,12 +55,3 @@ def test_every_time_of_every_short_span():
     config = SHAPES["short"]
     for span in range(1, 16):
         check(config, list(range(span + 1)), span, [0] * (span + 1))
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    span = data.draw(integers_at_edges(1, (1 << config.span_bits) - 1))
-    times = data.draw(st.lists(integers_at_edges(0, span), min_size=10, max_size=30))
-    check(config, times, span, [0] * len(times))

@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.reference.integer.voter import voter
 from cmfpga.rtl.image.voter import BilinearVoter
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import CONFIGS, LEVELS
-from support.values import corners, edge_integers, integers_at_edges, random_gaps, shape_range, tensor
+from support.values import edge_integers, random_gaps, shape_range, tensor
 from support.votes import vote_payloads
 
 SHAPES = CONFIGS | LEVELS
@@ -106,15 +104,3 @@ def test_halves_round_up():
     assert any(product % 16 == 8 for product in weights)
     x, y = [80 + fx for fx, _ in pairs], [96 + fy for _, fy in pairs]
     check(config, [(0, x, y, [dt] * len(pairs)) for dt in (16, -16, 8, -8, 1, -1, 0)])
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(["default", "narrow", "tiny", "fine", *LEVELS]))]
-    event = st.tuples(*(integers_at_edges(*limit) for limit in limits(config)))
-    iterations = []
-    for _ in range(4):
-        events = data.draw(st.lists(event, min_size=1, max_size=10))
-        iterations.append((data.draw(st.integers(0, config.max_level)), *map(list, zip(*events, strict=True))))
-    check(config, iterations, data.draw(st.sampled_from([0.0, 0.4])), data.draw(st.integers(0, 100)))

@@ -3,14 +3,12 @@
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.reference.integer.warp import warp
 from cmfpga.rtl.image.warp import Warp
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import CONFIGS, LEVELS
-from support.values import corners, edge_integers, integers_at_edges, random_gaps, shape_range, tensor
+from support.values import edge_integers, random_gaps, shape_range, tensor
 
 SHAPES = CONFIGS | LEVELS
 
@@ -109,13 +107,3 @@ def test_a_coarse_pixel_is_centred_on_the_pixels_it_covers(level):
             warped = column / (1 << config.dither_frac) + pixels
             exact = (warped + 0.5) / (1 << level) - 0.5
             assert position == min(max(int(np.floor(exact * (1 << config.position_frac))), low), high)
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    """Ends of every format at once."""
-    config = SHAPES[data.draw(st.sampled_from(["default", "narrow", "tiny", "fine", *LEVELS]))]
-    event = st.tuples(*(integers_at_edges(*limit) for limit in limits(config)), st.integers(0, config.max_level))
-    events = data.draw(st.lists(event, min_size=20, max_size=40))
-    check(config, *(list(column) for column in zip(*events, strict=True)))

@@ -2,15 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.time_scaler import reciprocal
 from cmfpga.rtl.ingest.reciprocal import Reciprocal
 from support.bench import play
 from support.configs import CONFIGS
-from support.values import corners, integers_at_edges
 
 SHAPES = {
     "default": CONFIGS["default"],
@@ -68,10 +65,3 @@ def test_zero_takes_the_same_time():
     recording = play(block, script, flows=(), watch=("done", "shift", "mantissa")).watch
     assert [n for n, done in enumerate(recording["done"]) if done] == [block.latency, 2 * block.latency]
     assert (recording["shift"][-1], recording["mantissa"][-1]) == reciprocal(config, 11)
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    config = SHAPES[data.draw(st.sampled_from(sorted(SHAPES)))]
-    check(config, data.draw(st.lists(integers_at_edges(1, (1 << config.span_bits) - 1), min_size=3, max_size=6)))

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from cmfpga.config import Config
 from cmfpga.reference.integer.thinner import next_thinning, thinner
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ingest.thinner import Thinner
 from support.bench import GAPS, flow_script, play
-from support.values import corners, integers_at_edges, random_gaps, random_value, random_values, tensor
+from support.values import random_gaps, random_value, random_values, tensor
 
 CONFIG = Config(buffer_events=300, max_batch_events=5000)
 
@@ -110,12 +108,3 @@ def test_a_factor_of_zero_passes_everything():
     script, _ = flow_script(block, events, [0] * 9, rng)
     recording = play(block, [{"start": 1, "thinning": 0, "target": 0}, *script], watch=("thinned",))
     assert recording.values() == events and recording.watch["thinned"][-1] == 0
-
-
-@corners
-@given(st.data())
-def test_corners(data):
-    target = st.one_of(st.just(0), integers_at_edges(1, CONFIG.buffer_events))
-    batch = st.tuples(st.integers(0, 400), integers_at_edges(1, 255), target)
-    batches = data.draw(st.lists(batch, min_size=3, max_size=12))
-    check(batches, probability=data.draw(st.sampled_from([0.0, 0.4])), seed=data.draw(st.integers(0, 99)))

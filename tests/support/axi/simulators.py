@@ -87,7 +87,7 @@ class Simulation:
                 always=True,
             )
 
-    def run(self, module, tests, *, seed=1, **environment):
+    def run(self, module, tests, *, seed=1):
         """Run these tests of a module in this folder: ``{name: what was wrong, or None}``, and the log."""
         log, results = self.folder / f"{module}.log", self.folder / f"{module}.xml"
         extra = {
@@ -96,7 +96,6 @@ class Simulation:
             "COCOTB_LOG_LEVEL": "WARNING",
             "COCOTB_ANSI_OUTPUT": "0",
             "COCOTB_TEST_FILTER": rf"\.({'|'.join(tests)})$",
-            **environment,
         }
         with pytest.MonkeyPatch.context() as patched:
             patched.setenv("PATH", self.path)

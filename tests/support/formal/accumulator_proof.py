@@ -1,10 +1,11 @@
 """The properties of both accumulators: a shadow of one row of a bank, and of one pixel of an iteration."""
 
-from amaranth.hdl import Assert, Assume, Cover, Mux, Signal
+from amaranth.hdl import Assert, Assume, Cover, Mux, Signal, signed
+from amaranth.lib import data
 
 from cmfpga.config import Config
 from cmfpga.rtl import payloads
-from support.formal.bank_proof import RowShadow, anything, tagged_word
+from support.formal.bank_proof import ReadAddWriteHarness, RowShadow, anything, tagged_word
 from support.formal.harness import Harness
 
 # Twelve memories with words of 3 and 4 bits.
@@ -14,6 +15,13 @@ TINY = Config(roi_width=6, roi_height=4, buffer_events=3, weight_frac=1, derivat
 def tiny(width, height, tag_bits=2):
     """Words that wrap after a few operations, and three tags."""
     return TINY.replace(roi_width=width, roi_height=height, gradient="one_pass", tag_bits=tag_bits)
+
+
+def small_bank(bank):
+    """Words that wrap after a few operations, and a depth that is no power of two."""
+    word = data.StructLayout({"i": 4, "dx": signed(3)})
+    add = data.StructLayout({"i": 3, "dx": signed(2)})
+    return ReadAddWriteHarness(bank(word, add, 6))
 
 
 class AccumulatorHarness(Harness):

@@ -130,10 +130,7 @@ class AxiHarness(Elaboratable):
         with m.If(reset):
             m.d.proof += position.eq(0)
         with m.Elif(valid & ~self.top.shell.bypassing):
-            m.d.comb += [
-                Assert(ports["m_axis_tlast"] == (position == beats - 1)),
-                Assert(ports["m_axis_tkeep"].all()),
-            ]
+            m.d.comb += [Assert(ports["m_axis_tlast"] == (position == beats - 1)), Assert(ports["m_axis_tkeep"].all())]
             with m.If(ready):
                 m.d.proof += position.eq(position + 1)
                 with m.If(ports["m_axis_tlast"]):

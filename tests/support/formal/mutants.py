@@ -1,4 +1,4 @@
-"""Both accumulators, broken on purpose: each mutant must be found by the proof, those of a bank by simulation too."""
+"""Both accumulators, broken on purpose: each mutant must be found by the proof."""
 
 import inspect
 import types

@@ -6,6 +6,7 @@ PeakRDL (https://peakrdl.readthedocs.io) is optional: ``pip install 'cmfpga[regi
 import importlib.util
 
 from ... import __version__
+from ...errors import write_text
 from .layout import ACCESS
 
 #: What PeakRDL writes: file or folder, and what it is.
@@ -146,9 +147,9 @@ def has_peakrdl():
 def write_documents(registers, title, folder):
     """Write ``registers.rdl`` and ``.md``, ``regs.tcl``, and with PeakRDL :data:`BY_PEAKRDL`; returns their paths."""
     rdl, table, script = (folder / name for name in ("registers.rdl", "registers.md", "regs.tcl"))
-    rdl.write_text(systemrdl(registers, title), encoding="utf-8")
-    table.write_text(f"# Registers\n\n{title}\n\n{markdown(registers)}", encoding="utf-8")
-    script.write_text(f"# {title}\n\n{tcl(registers)}", encoding="utf-8")
+    write_text(rdl, systemrdl(registers, title))
+    write_text(table, f"# Registers\n\n{title}\n\n{markdown(registers)}")
+    write_text(script, f"# {title}\n\n{tcl(registers)}")
     paths = [rdl, table, script]
     if has_peakrdl():
         _by_peakrdl(rdl, folder)

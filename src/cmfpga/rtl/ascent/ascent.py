@@ -19,7 +19,7 @@ def ascent_run(config):
     take
         A batch begins; ``planned`` is right in all cycles after the next.
     start
-        Its iterations begin, at least three cycles after ``take``.
+        Its iterations begin, at least four cycles after ``take``.
     done, degenerate
         While the result waits; whether the batch measured nothing.
     planned

@@ -30,10 +30,7 @@ class Gradient(wiring.Component):
         self.config = config
         self.latency = 1 if self._is_shift(config.geometry.pixels) else 1 + self.lead
         super().__init__(
-            {
-                "i": In(payloads.flow(payloads.sums(config))),
-                "o": Out(payloads.flow(payloads.gradient(config))),
-            }
+            {"i": In(payloads.flow(payloads.sums(config))), "o": Out(payloads.flow(payloads.gradient(config)))}
         )
 
     def elaborate(self, platform):

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import round_half_up
 from .. import payloads
-from ..arithmetic import delay, saturate, small_product
+from ..arithmetic import delay, saturate
 
 
 def corner(config):
@@ -35,7 +35,8 @@ class RoiUpdater(wiring.Component):
     one ahead of it is known: where the position would be if the last move were repeated. Either way a load takes effect
     at once.
 
-    A move takes :attr:`latency` cycles, until ``corner.roi_next`` shows it :attr:`settle` cycles.
+    A bit of the gain is multiplied a cycle, because a move happens once a batch. It takes :attr:`latency` cycles, until
+    ``corner.roi_next`` shows it :attr:`settle` cycles.
 
     Parameters
     ----------
@@ -47,8 +48,7 @@ class RoiUpdater(wiring.Component):
     new_batch, load : ``In(1)``
         A batch begins: forget ``clamped``, crop it at ``roi_next``, or where ``load``, at ``x`` and ``y``.
     move, still : ``In(1)``
-        Add ``roi_gain``·``v``; with ``still``, nothing (a batch that measured nothing). With two buffers these three
-        stay for a cycle more.
+        Add ``roi_gain``·``v``; with ``still``, nothing (a batch that measured nothing). ``v`` stays until that is done.
     x, y : ``In``
         Whole pixels of the sensor.
     v : ``In``, :func:`payloads.velocity`
@@ -56,11 +56,10 @@ class RoiUpdater(wiring.Component):
     corner : ``Out``, :func:`corner`
     """
 
-    latency = 3
-    settle = 6
-
     def __init__(self, config):
         self.config = config
+        self.latency = config.formats.roi_gain.width + 3
+        self.settle = self.latency + 2
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "load", "move", "still"), In(1)),
@@ -75,7 +74,13 @@ class RoiUpdater(wiring.Component):
     def elaborate(self, platform):
         config, corner = self.config, self.corner
         m = Module()
-        move, products = self._products(m)
+        load = self.new_batch & self.load
+        gain, running = Signal.like(self.roi_gain), Signal(len(self.roi_gain))
+        m.d.sync += [gain.eq(Mux(self.move, self.roi_gain, gain << 1)), running.eq((running << 1) | self.move)]
+        with m.If(self.move & self.still):
+            m.d.sync += gain.eq(0)
+        move_s2 = delay(m, running[-1], 2, name="move", valid=True)
+        v = {parameter.moves_roi: self.v[parameter.name] for parameter in config.motion.parameters}
         out_of_range, moved_out = [], []
         for axis, wanted, limit, fmt in (
             ("x", self.x, config.geometry.roi_x_max, config.formats.roi_x),
@@ -83,17 +88,16 @@ class RoiUpdater(wiring.Component):
         ):
             largest = limit << fmt.f
             position = Signal(fmt.width, name=f"position_{axis}")
-            step_s1 = Signal(products[axis].shape(), name=f"step_{axis}_s1")
+            step_s1 = Signal(signed(len(v[axis]) + len(gain)), name=f"step_{axis}_s1")
             target_s2 = Signal(signed(max(fmt.width, len(step_s1)) + 2), name=f"target_{axis}_s2", reset_less=True)
             limited = Signal(fmt.width, name=f"limited_{axis}")
-            with m.If((self.new_batch & self.load) | (move[axis] & self.still)):
+            with m.If(load | self.move):
                 m.d.sync += step_s1.eq(0)
-            with m.Elif(move[axis]):
-                m.d.sync += step_s1.eq(products[axis])  # stage 1
+            with m.Elif(running.any()):
+                m.d.sync += step_s1.eq((step_s1 << 1) + Mux(gain[-1], v[axis], 0))  # stage 1, a cycle a bit
             m.d.sync += target_s2.eq(position + step_s1)  # stage 2
             m.d.comb += limited.eq(saturate(target_s2, 0, largest))
-            move_s2 = delay(m, move[axis], 2, name=f"move_{axis}", valid=True)
-            with m.If(self.new_batch & self.load):
+            with m.If(load):
                 m.d.sync += position.eq(saturate(wanted, 0, limit) << fmt.f)
             with m.Elif(move_s2):  # stage 3
                 m.d.sync += position.eq(limited)
@@ -120,12 +124,3 @@ class RoiUpdater(wiring.Component):
             with m.Elif(move_s2 & (moved_out[0] | moved_out[1])):
                 m.d.sync += corner.clamped.eq(1)
         return m
-
-    def _products(self, m):
-        """When each axis moves, and by what, both by axis. With two buffers there is time for one small multiplier."""
-        v = {parameter.moves_roi: self.v[parameter.name] for parameter in self.config.motion.parameters}
-        if self.config.buffers == 1:
-            return dict.fromkeys("xy", self.move), {axis: v[axis] * self.roi_gain for axis in "xy"}
-        y_moves = delay(m, self.move, 1, name="y_moves", valid=True)
-        product = small_product(Mux(y_moves, v["y"], v["x"]), self.roi_gain)
-        return {"x": self.move, "y": y_moves}, dict.fromkeys("xy", product)

@@ -26,12 +26,12 @@ class Schedule(wiring.Component):
     write : ``In``, flow of :func:`payloads.schedule_write`
         Only while no batch is under way.
     new_batch, start, advance : ``In(1)``
-        Forget ``limited``, and go to the entry ``first``; take that entry, at least three cycles later; take the next
+        Forget ``limited``, and go to the entry ``first``; take that entry, at least four cycles later; take the next
         one. One cycle each.
     hold : ``In(1)``
         With ``advance``: the entry was the batch's last, and stays. Only where v's confidence is measured.
     first : ``In``
-        In the cycle after ``new_batch``.
+        In the second cycle after ``new_batch``.
     level, shift : ``Out``
         Pixels are 2^level px wide; v moves by 2^shift raw units.
     stride : ``Out``
@@ -75,7 +75,7 @@ class Schedule(wiring.Component):
         m.d.sync += self.stride.eq(Mux(too_few, len(STRIDES) - 1, read.data.stride))
         with m.If(self.new_batch):
             m.d.sync += self.limited.eq(0)
-        with m.If(delay(m, self.new_batch, 1, name="new_batch", valid=True)):
+        with m.If(delay(m, self.new_batch, 2, name="new_batch", valid=True)):
             m.d.sync += pointer.eq(self.first)
         following = self.advance & ~self.hold if config.confidence else self.advance
         with m.If(self.start | following):

@@ -1,10 +1,10 @@
 """The fast ascent: a step of the schedule up the gradient, by its sign alone."""
 
-from amaranth.hdl import Mux, Signal, signed
+from amaranth.hdl import Cat, Mux, Signal
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .. import payloads
-from ..arithmetic import delay
+from ..arithmetic import delay, saturate
 from .ascent import Ascent
 from .schedule import Schedule
 
@@ -13,14 +13,15 @@ class SignAscent(Ascent):
     """v ← v + 2^shift · sign(G), each parameter by itself; v saturates. No multiplier, no normalisation.
 
     The schedule says level, shift and stride of each iteration; it has a part for batches that begin with the last v,
-    and one for all others. A gradient a cycle. See :class:`Ascent` for the other members and attributes.
+    and one for all others. A gradient every three cycles. See :class:`Ascent` for the other members and attributes.
 
     Members
     -------
     schedule_write : ``In``, flow of :func:`payloads.schedule_write`
         Fills the table. Only while no batch is under way.
     stride : ``Out``
-        The next replay uses one event in 2^stride; from the third cycle after ``run.take`` or ``run.updated`` on.
+        The next replay uses one event in 2^stride; from the fourth cycle after ``run.take``, the third after
+        ``run.updated`` on.
     """
 
     latency = 2
@@ -31,7 +32,7 @@ class SignAscent(Ascent):
             "schedule_write": In(payloads.flow(payloads.schedule_write(config))),
             "stride": Out(payloads.STRIDE_BITS),
         }
-        super().__init__(config, target_bits=config.formats.v.width + 1, members=members)
+        super().__init__(config, target_bits=config.formats.v.width, members=members)
 
     @property
     def blocks(self):
@@ -47,7 +48,7 @@ class SignAscent(Ascent):
         connect(m, flipped(self.schedule_write), schedule.write)
         with m.If(run.done):
             m.d.sync += tracking.eq(~run.degenerate)
-        m.d.comb += warm.eq(self._unless_in_doubt(m, settings.start_last & tracking & ~settings.roi_load))
+        m.d.sync += warm.eq(self._unless_in_doubt(m, settings.start_last & tracking & ~settings.roi_load))
         plan = {name: Mux(warm, settings.warm[name], settings.cold[name]) for name in ("first", "count")}
         m.d.comb += [
             run.planned.eq(plan["count"]),
@@ -60,16 +61,38 @@ class SignAscent(Ascent):
             self.stride.eq(schedule.stride),
             self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
         ]
-        for name in self.config.motion.names:
-            # Stage 1: sign. Stage 2: step; limited in the velocity.
-            g = self.i.payload[name]
-            sign_s1 = Signal(signed(2), name=f"sign_{name}_s1", reset_less=True)
-            m.d.sync += sign_s1.eq(Mux(g == 0, 0, Mux(g < 0, -1, 1)))
-            step = 1 << schedule.shift
-            m.d.comb += self.velocity.target[name].eq(
-                self.v[name] + Mux(sign_s1 == 0, 0, Mux(sign_s1 < 0, -step, step))
-            )
+        clipped = [self._target(m, name) for name in self.config.motion.names]
+        m.d.comb += self.velocity.clipped.eq(Cat(*clipped).any())
         return m
+
+    def _target(self, m, name):
+        """Where one parameter is to go; returns whether that was limited."""
+        v, fmt, g = self.v[name], self.config.formats.v, self.i.payload[name]
+
+        def register(shape, what):
+            return Signal(shape, name=f"{what}_{name}", reset_less=True)
+
+        # Long before the gradient: v up and down, because v and the step stand.
+        step = register(fmt.width - 1, "step")
+        m.d.sync += step.eq(1 << self.schedule.shift)
+        ways = []
+        for way, target in (("up", v + step), ("down", v - step)):
+            limited, beyond = register(v.shape(), way), register(1, f"beyond_{way}")
+            m.d.sync += [
+                limited.eq(saturate(target, fmt.min, fmt.max)),
+                beyond.eq((target > fmt.max) | (target < fmt.min)),
+            ]
+            ways.append(Cat(limited, beyond))
+        # Stage 1: sign, and which parts of G are zero. Stage 2: choose.
+        parts, negative_s1 = -(-len(g) // 4), register(1, "negative_s1")
+        some_s1 = register(4, "some_s1")
+        m.d.sync += [
+            negative_s1.eq(g[-1]),
+            some_s1.eq(Cat(g[k * parts : (k + 1) * parts].any() for k in range(4))),
+        ]
+        chosen = Mux(some_s1.any(), Mux(negative_s1, ways[1], ways[0]), Cat(v, 0))
+        m.d.comb += self.velocity.target[name].eq(chosen[:-1].as_signed())
+        return chosen[-1]
 
     def _unless_in_doubt(self, m, warm):
         """``warm``, but not after a doubtful batch, if the settings say so."""

@@ -63,9 +63,5 @@ class Dither(wiring.Component):
             with m.Elif(self.i.valid):
                 m.d.sync += phase.eq(phase + step)
             m.d.sync += self.o.payload[axis].eq((event[axis] << frac) + phase[-frac:] - (1 << (frac - 1)))
-        m.d.sync += [
-            self.o.valid.eq(self.i.valid),
-            self.o.payload.t.eq(event.t),
-            self.o.payload.last.eq(event.last),
-        ]
+        m.d.sync += [self.o.valid.eq(self.i.valid), self.o.payload.t.eq(event.t), self.o.payload.last.eq(event.last)]
         return m

@@ -166,8 +166,5 @@ class TaggedAccumulator(wiring.Component):
                 m.d.comb += [operation.add[name].eq(vote[name]) for name in payloads.pixel(config).members]
             with m.Else():
                 m.d.comb += [bank.i.valid.eq(1), operation.address.eq(address)]
-            m.d.comb += [
-                self.o[number].eq(bank.o.payload),
-                self.o[number].valid.eq(bank.o.valid & voted[-1]),
-            ]
+            m.d.comb += [self.o[number].eq(bank.o.payload), self.o[number].valid.eq(bank.o.valid & voted[-1])]
         return m

@@ -117,10 +117,7 @@ class BilinearVoter(wiring.Component):
                 bank.dx.eq(Mux(right, -dx, dx)),
                 bank.dy.eq(Mux(down, -dy, dy)),
             ]
-        m.d.sync += [
-            self.o.valid.eq(valid_s2),
-            self.o.payload.last.eq(delay(m, self.i.payload.last, 2, name="last")),
-        ]
+        m.d.sync += [self.o.valid.eq(valid_s2), self.o.payload.last.eq(delay(m, self.i.payload.last, 2, name="last"))]
         return m
 
     def _axis(self, m, name, cell, sizes):

@@ -1,6 +1,6 @@
 """Ingest control: takes batches in, and hands them over to the iterations."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -113,28 +113,46 @@ class IngestControl(wiring.Component):
         events, cut = Signal(bits_for(config.max_batch_events)), Signal()
         cleared_once = Signal()
         timer = Signal(range(self._drain))
-        full, limit, roi_limit, ends, may_accept = Signal(), Signal(), Signal(), Signal(), Signal()
-        accepted = events + 1
-        # Events that have been accepted but may yet be stored. None is accepted if they could be one too many.
-        pending = Signal(self._drain)
-        m.d.sync += pending.eq((pending << 1) | self.o.valid)
-        by_roi = current.batch_roi_events != 0
-        waiting = sum(pending[1:], pending[0])
+        accepts, ends = Signal(), Signal()
+        # What the next event will be: the last by number, that of the longest batch. Found when the one before it is
+        # accepted, so that no event waits for a comparison.
+        left, counted, limit, full = Signal.like(current.batch_events), Signal(), Signal(), Signal()
+        # How many more may be accepted, less one, so that none that is may be one too many: those that have been stored
+        # are, and those that may yet be. ``count`` tells ``drain`` cycles after an event whether it was stored.
+        count, by_roi, reached = self.stored.count, Signal(), Signal()
+        room, pending, parity = Signal(signed(len(count) + 1)), Signal(self._drain), Signal()
         m.d.comb += [
             self.o.payload.eq(self.i.payload),
-            full.eq(accepted == config.max_batch_events),
-            limit.eq(accepted == current.batch_events),
             ends.eq(self.i.payload.last | limit | full),
-            may_accept.eq(~by_roi | (self.stored.count + waiting < current.batch_roi_events)),
-            roi_limit.eq(by_roi & (self.stored.count == current.batch_roi_events)),
+            accepts.eq(~(by_roi & room[-1])),
             handover.loads.eq(self.settings.roi_load),
+        ]
+        m.d.sync += [
+            pending.eq((pending << 1) | self.o.valid),
+            parity.eq(count[0]),
+            room.eq(room + (pending[-1] & (parity == count[0])) - self.o.valid),
+            reached.eq(by_roi & (count == current.batch_roi_events)),
         ]
         # Outside the state machine, so that these are the registers' resets and enables, and no logic.
         m.d.sync += handover.cycles.eq(handover.cycles + 1)
         with m.If(handover.opened):
             m.d.sync += [current.eq(self.settings), events.eq(0), cut.eq(0), handover.cycles.eq(1)]
+            m.d.sync += [
+                left.eq(self.settings.batch_events),
+                counted.eq(self.settings.batch_events != 0),
+                limit.eq(self.settings.batch_events == 1),
+                full.eq(config.max_batch_events == 1),
+                by_roi.eq(self.settings.batch_roi_events != 0),
+                room.eq(self.settings.batch_roi_events - 1),
+                reached.eq(0),
+            ]
         with m.Elif(self.o.valid):
-            m.d.sync += [events.eq(accepted), cut.eq(full & ~limit & ~self.i.payload.last)]
+            m.d.sync += [events.eq(events + 1), cut.eq(full & ~limit & ~self.i.payload.last)]
+            m.d.sync += [
+                left.eq(left - 1),
+                limit.eq(counted & (left == 2)),
+                full.eq(events == config.max_batch_events - 2),
+            ]
         with m.If(handover.take):
             known = {
                 **{name: getattr(self.measured, name) for name in self.measured.signature.members},
@@ -162,12 +180,12 @@ class IngestControl(wiring.Component):
                     m.d.comb += handover.opened.eq(1)
                     m.next = "INGEST"
             with m.State("INGEST"):
-                m.d.comb += [self.i.ready.eq(may_accept), self.o.valid.eq(self.i.valid & may_accept)]
+                m.d.comb += [self.i.ready.eq(accepts), self.o.valid.eq(self.i.valid & accepts)]
                 m.d.sync += timer.eq(self._drain - 1)
                 with m.If(self.o.valid):
                     with m.If(ends):
                         m.next = "DRAIN"
-                with m.Elif(roi_limit):
+                with m.Elif(reached):
                     m.d.sync += timer.eq(0)
                     m.next = "DRAIN"
             with m.State("DRAIN"):

@@ -53,11 +53,7 @@ class Reciprocal(wiring.Component):
         m.d.sync += self.done.eq(0)
         with m.FSM():
             with m.State("IDLE"):
-                m.d.sync += [
-                    divisor.eq(self.span),
-                    remainder.eq(1 << (self.span_bits - 1)),
-                    step.eq(0),
-                ]
+                m.d.sync += [divisor.eq(self.span), remainder.eq(1 << (self.span_bits - 1)), step.eq(0)]
                 with m.If(self.start):
                     m.d.sync += self.shift.eq(0)
                     m.next = "NORMALISE"

@@ -33,10 +33,11 @@ class RoiFilter(wiring.Component):
     o : ``Out``, flow of :func:`payloads.roi_event`
         Events in the ROI.
     start : ``In(1)``
-        A new batch begins: clears the counters. No event in this cycle and the two before.
+        A new batch begins: clears the counters. No event in this cycle and the three before.
     roi : ``In``, :func:`payloads.roi_corner`
         The ROI's corner; constant during a batch.
     measured : ``Out``, :func:`measured`
+        Right a cycle after the last event would leave.
     """
 
     latency = 3
@@ -81,7 +82,7 @@ class RoiFilter(wiring.Component):
             y_s2.eq(event_s1.y - self.roi.y),
         ]
 
-        # Stage 3: judge, count, pass on.
+        # Stage 3: judge, pass on.
         back, late, inside = Signal(), Signal(), Signal()
         m.d.comb += [
             back.eq(t_s2 < found.span),
@@ -94,20 +95,13 @@ class RoiFilter(wiring.Component):
             self.o.payload.x.eq(x_s2),
             self.o.payload.y.eq(y_s2),
         ]
+        # Stage 4: count.
+        lost = {"time_back": back, "time_span": ~back & late, "outside": ~back & ~late & ~inside}
+        lost_s3 = {name: Signal(name=f"{name}_s3") for name in lost}
+        with m.If(valid_s2 & ~back & ~late):
+            m.d.sync += found.span.eq(t_s2)
+        for name, one in lost_s3.items():
+            m.d.sync += [one.eq(valid_s2 & lost[name]), getattr(found, name).eq(getattr(found, name) + one)]
         with m.If(self.start):
-            m.d.sync += [
-                found.span.eq(0),
-                found.outside.eq(0),
-                found.time_back.eq(0),
-                found.time_span.eq(0),
-            ]
-        with m.Elif(valid_s2):
-            with m.If(back):
-                m.d.sync += found.time_back.eq(found.time_back + 1)
-            with m.Elif(late):
-                m.d.sync += found.time_span.eq(found.time_span + 1)
-            with m.Else():
-                m.d.sync += found.span.eq(t_s2)
-                with m.If(~inside):
-                    m.d.sync += found.outside.eq(found.outside + 1)
+            m.d.sync += [found.span.eq(0), *(getattr(found, name).eq(0) for name in lost)]
         return m

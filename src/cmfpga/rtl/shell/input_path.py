@@ -60,11 +60,7 @@ class InputPath(wiring.Component):
         m.submodules.after = after = SkidBuffer(payloads.sensor_token(self.config))
         connect(m, before.o, gate.i)
         connect(m, gate.o, after.i)
-        m.d.comb += [
-            self.o.valid.eq(after.o.valid),
-            self.o.payload.eq(after.o.payload),
-            after.o.ready.eq(self.o.ready),
-        ]
+        m.d.comb += [self.o.valid.eq(after.o.valid), self.o.payload.eq(after.o.payload), after.o.ready.eq(self.o.ready)]
 
         beat = Signal(payloads.beat())
         taken = self.i.payload

@@ -311,7 +311,4 @@ class Shell(wiring.Component):
         for name, event in events.items():
             m.d.comb += bank.set[f"isr_{name}"].eq(event)
             enabled |= bank.values[f"isr_{name}"] & bank.values[f"ier_{name}"]
-        m.d.comb += [
-            bank.set.ctrl_done.eq(packet.taken),
-            self.irq.eq(bank.values.gie_enable & enabled),
-        ]
+        m.d.comb += [bank.set.ctrl_done.eq(packet.taken), self.irq.eq(bank.values.gie_enable & enabled)]
