@@ -189,7 +189,8 @@ class Story:
     def notes(self):
         """Further sentences, each by itself: how far to trust the first."""
         verdict, sharper = self.verdict, self.gain
-        found = [f"{text[0].upper()}{text[1:]}." for text in (verdict.share, *verdict.warnings(), *verdict.notes())]
+        sentences = filter(None, (verdict.share, *verdict.warnings(), *verdict.notes()))
+        found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
         if sharper is not None:
             found.append(
                 f"Moved back by the velocities found, the events make an image of {sharper:.2f} times the contrast "

@@ -165,7 +165,10 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
 
 
 class _Course:
-    """Where the ROI goes after a doubtful batch: on at the last trusted velocity; nowhere once the object is lost."""
+    """Where the ROI goes after a doubtful batch: on at the last trusted velocity; nowhere once the object is lost.
+
+    With ``cold_after_doubtful=0`` a doubtful batch is like any other.
+    """
 
     def __init__(self, config):
         self._config = config
@@ -173,7 +176,7 @@ class _Course:
 
     def after(self, result):
         """The next ROI's left column and top row, px; None where the engine moves it."""
-        if Flag.DOUBTFUL not in result.flags:
+        if Flag.DOUBTFUL not in result.flags or not self._config.cold_after_doubtful:
             self._doubtful = 0
             if is_sure(result):
                 self._speed = tuple(axis / result.span for axis in result.v)

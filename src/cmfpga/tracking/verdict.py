@@ -73,9 +73,9 @@ class Verdict:
 
     @property
     def share(self):
-        """How many batches are to be trusted, in words."""
+        """How many batches are to be trusted, in words; empty where that was not measured."""
         if not self.judged.any():
-            return "how far the batches are to be trusted was not measured"
+            return ""
         return f"{self.trusted.sum()} of {len(self.trusted)} batches are to be trusted"
 
     @property
