@@ -21,6 +21,7 @@ LOST_BATCHES = 3
 _FIRST_ROI_EVENTS = 150  # of the survey's first window
 _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
+_AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it is the object that speeds up
 _MIN_PX = 2.0  # of a survey's window
 
 
@@ -101,10 +102,12 @@ class FittedCutter(BatchCutter):
         """Whether two windows, one after the other, saw the same motion."""
         if not all(map(is_judged, windows)) or not any(map(is_sure, windows)) or math.hypot(*windows[0].v) < _MIN_PX:
             return False
-        if min(confidence(self._config, window) for window in windows) < self._config.confidence_limit / 2:
+        share = min(confidence(self._config, window) for window in windows) / self._config.confidence_limit
+        if share < 0.5:
             return False
         one, two = ((window.v[0] / window.span, window.v[1] / window.span) for window in windows)
-        return math.dist(one, two) <= _AGREE * max(math.hypot(*one), math.hypot(*two))
+        allowed = _AGREE if share < 2 else _AGREE_SURE
+        return math.dist(one, two) <= allowed * max(math.hypot(*one), math.hypot(*two))
 
     def _first_length(self, roi):
         """Events of the whole sensor among which some are in the ROI."""
