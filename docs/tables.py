@@ -125,10 +125,10 @@ def constants_table():
         core = elaborated(preset(name))
         steps = ("warp", "voter", [*core.image.blocks][-1], "gradient", "ascent")
         if core.sweep_cycles:
-            counted, more, why = "swept address counts in P/4", 2, "`OPEN`, `JUDGE`"
+            counted, more, why = "swept address counts in P/4", 5, "`OPEN`, `TAKE`, three of `JUDGE`"
             before, after = (), ("roi_updater",)
         else:
-            counted, more, why = "event counts in n", 3, "`OPEN`, `JUDGE`, `RESULT`"
+            counted, more, why = "event counts in n", 6, "`OPEN`, `TAKE`, three of `JUDGE`, `RESULT`"
             before, after = ("dither",), ()
         whole = ("roi_filter", "thinner", "reciprocal", "event_buffer", *before, "time_scaler", *after)
         for what, blocks, extra, reason, total in (

@@ -5,13 +5,9 @@ import io
 import os
 import re
 import stat
-import subprocess
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-from filelock import FileLock
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -238,23 +234,6 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
         assert done.error.startswith(f"{tmp_path / 'file'}: cannot be made, for compiled simulators: ")
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
-@pytest.mark.parametrize("name, options", [
-    ("track.csv", ["--no-picture"]), ("track.png", []), ("track.npz", ["--report"]), ("report.html", ["--report"]),
-])  # fmt: skip
-def test_a_full_disk(command, dot, small, tmp_path, name, options):
-    (tmp_path / name).symlink_to("/dev/full")
-    done = command(track, dot, *DOT, *MODEL[:2], *BATCHES, *small, *options, "--out", tmp_path)
-    assert done.error == f"{tmp_path / name}: No space left on device"
-
-
-def test_two_tracks_into_one_folder(command, dot, small, tmp_path):
-    options = (track, dot, *DOT, *MODEL, *BATCHES, *small, "--out", tmp_path)
-    with FileLock(tmp_path / ".lock"):
-        assert command(*options).error.startswith(f"--out {tmp_path}: another command is writing there")
-    assert command(*options).status == 0 and [path.name for path in tmp_path.iterdir()] == ["track.csv"]
-
-
 # ---------------------------------------------------------------- build
 
 
@@ -293,17 +272,6 @@ def test_in_a_process_of_its_own(process, dot, tmp_path):
         "track", dot, "--roi", "100,9", "--set", "roi_width=8", "--set", "roi_height=8", PYTHONIOENCODING="ascii"
     )
     assert done.error == r"ROI at 100,9: 0,0 to 24,16 is needed for 8\xd78 px on a sensor of 32\xd724 px"
-
-
-def test_interrupted_while_a_block_is_elaborated(tmp_path):
-    """No warnings of Amaranth about blocks that were made and not used."""
-    code = (
-        "import sys; from cmfpga import build, cli; from cmfpga.rtl.image.voter import BilinearVoter\n"
-        "def interrupt(*_): raise KeyboardInterrupt\n"
-        "BilinearVoter.elaborate = interrupt; sys.exit(cli.run(build.main, ['--out', sys.argv[1]]))"
-    )
-    done = subprocess.run([sys.executable, "-c", code, tmp_path], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, "interrupted\n")
 
 
 def test_how_a_command_ends(monkeypatch, capsys):

@@ -255,3 +255,8 @@ def test_the_table_is_what_the_command_says(command, data_dir, name, cells):
     assert row_of(found) == cells
     checked = sorted(found["checked_px_per_half_batch"])
     assert 3 <= checked[len(checked) // 2] <= 5
+
+
+def test_a_sensor_smaller_than_the_roi(command, dot):
+    done = command(info, dot, "--no-frame")
+    assert (done.status, done.err) == (0, "") and "No proposal: nothing moves clearly in any 64×64 px." in done.out

@@ -56,7 +56,7 @@ def check_iteration(config, errors, x, y, raw_dt, done, *, level=0, eta=0):
     real = [axis.double() * 2.0**-config.position_frac for axis in raw]
     votes = floating.bilinear_votes(*real, width, height)
     counts = floating.accumulate(votes.pixel, torch.ones_like(votes.weight), width, height)
-    exact = floating.evaluate(*real, dt, (0.0, 0.0), width=width, height=height)
+    exact = floating.evaluate(*real, dt, (0.0, 0.0), width=width, height=height, border=config.border)
     weights, slopes = 2.0**-config.weight_frac, 2.0**-config.derivative_frac
     # Nothing is rounded where the exact product has no more bits than the format.
     half_weight = weights / 2 * (config.weight_frac < 2 * config.position_frac)

@@ -10,6 +10,7 @@ from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import image_of_warped_events
+from cmfpga.report.story import Story
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.verilog.compiler import find_compiler
 from support.reporting import keep
@@ -140,6 +141,13 @@ def test_the_landscape_and_the_path_on_it(opened, turning):
     assert np.abs(np.array(detail.v)).max() <= max(vx)
 
 
+def test_a_logarithmic_axis_has_more_than_one_tick(opened, turning):
+    """Though all is within one power of ten."""
+    clock = np.nanmedian(Story(turning, 1.0).cycles) / np.median(turning.spans) / 1.5
+    report = opened(turning, clock).show()
+    assert report.do("return document.querySelectorAll('#margin .ytick').length") > 1
+
+
 def test_the_charts_show_the_columns(opened, kept):
     report = opened(kept, 100.0).show()
     for plot, line, name in (
@@ -147,7 +155,6 @@ def test_the_charts_show_the_columns(opened, kept):
     ):  # fmt: skip
         got = [np.nan if value is None else value for value in traces(report, plot)[line][1]]
         np.testing.assert_array_equal(got, kept.numbers(name))
-    assert report.do("return document.querySelectorAll('#margin .ytick').length") > 1  # of a logarithmic axis
     lasts, takes = (traces(report, "margin")[line][1] for line in (0, 1))
     np.testing.assert_allclose(lasts, np.array(kept.spans) / 1000)
     cycles = np.array([np.nan if value is None else value for value in traces(report, "cycles")[0][1]])

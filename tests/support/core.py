@@ -215,24 +215,24 @@ def cycles_of(config, result, plan):
 
 
 #: What a batch of fewer events takes with two buffers: the next ROI must be known.
-SHORTEST = 3
+SHORTEST = 8
 
 
 def per_iteration(config):
     """P/4 + L as a number, L in one pass."""
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
     ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
-    return division + ascent + (16 + config.geometry.bank_words if config.gradient == "sweep" else 15)
+    return division + ascent + 16 + (config.geometry.bank_words if config.gradient == "sweep" else 0)
 
 
 def judge_cycles(config):
     """Cycles of a batch whose v is probed, beside those of two iterations: a bit of each step takes one."""
     more = config.weight_frac - config.derivative_frac
     factors = max((8 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
-    return 4 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
+    return 5 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
 
 
 def constant_cycles(config):
     """Cycles of a batch that depend on neither N, n nor T, as a number."""
     dither = 1 if config.dither_frac else 0
-    return config.span_bits + config.reciprocal_bits + dither + (18 if config.buffers == 1 else 16)
+    return config.span_bits + config.reciprocal_bits + dither + (29 if config.buffers == 1 else 21)

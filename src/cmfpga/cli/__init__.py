@@ -174,6 +174,28 @@ def add_recording_options(made):
     made.add_argument("--time-unit", choices=("s", "ms", "us", "ns"), help="unit of the time stamps, if ambiguous")
 
 
+def add_layout_options(made):
+    """``--columns`` and ``--dataset``, for :func:`reading`."""
+    made.add_argument(
+        "--columns",
+        metavar="x,y,t,p",
+        help="columns in their order, of text without names and of N×4; others: any name",
+    )
+    made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file")
+
+
+def reading(options):
+    """How the recording is read, as :func:`cmfpga.events.open_recording` takes it."""
+    return {name: getattr(options, name) for name in ("time_unit", "sensor", "columns", "dataset")}
+
+
+def noted(recording):
+    """The recording; what is odd about it goes to standard error."""
+    for note in recording.notes():
+        print(f"note: {note}", file=sys.stderr)
+    return recording
+
+
 def files(action):
     """Marks an argument of argparse as a file, for the completion of shells."""
     action.complete = {"bash": "_shtab_compgen_files", "zsh": "_files", "tcsh": "f"}

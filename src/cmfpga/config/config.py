@@ -28,6 +28,7 @@ START_MODES = ("zero", "given", "last")
 #: Gradient architectures, and the fields that only each reads.
 GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "confidence")}
 WHEN_FULL = ("drop", "thin")
+BORDERS = ("corners", "whole")
 RAM_STYLES = ("auto", "block", "ultra")
 
 
@@ -103,6 +104,11 @@ class Config:
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=tuple(GRADIENTS))
     ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=tuple(ASCENTS))
+    border: str = _field(
+        "corners",
+        "what changes the derivatives at the image's border: corners inside; or whole, events with all four inside",
+        choices=BORDERS,
+    )
     iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
     cold: str = _field(AUTO, "schedule of the sign ascent without a last v; auto: the best measured", runtime=True)

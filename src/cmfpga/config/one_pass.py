@@ -16,7 +16,7 @@ class OnePass(Derived):
         """
         warp = 4 if self._c.max_level else 3
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
-        return warp + 3 + 3 + 4 + gradient + self._c.ascent_rule.latency - 1
+        return warp + 3 + 4 + 4 + gradient + self._c.ascent_rule.latency - 1
 
     @property
     def fewest_idle_cycles(self):

@@ -6,6 +6,8 @@ from .config import Config
 _FAST = Config(
     gradient="one_pass",
     ascent="sign",
+    # Else what leaves the image at its border pulls v towards 0.
+    border="whole",
     # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
     buffer_events=2047,
     when_full="thin",

@@ -168,7 +168,8 @@ SETTINGS = (
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0,
             places=(Place(word=12),)),
     Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,
-            places=(Place(word=13),)),
+            # The sign ascent does not read it: the hardware may then count to less than the default.
+            asked=lambda c: min(c.iterations, c.max_iterations), places=(Place(word=13),)),
     Setting(name="eta", field="eta", shape=lambda c: c.formats.eta, shown=by_gradient,
             doc="step of the gradient ascent, raw", places=(Place(word=14),)),
     Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain,

@@ -10,7 +10,7 @@ def probe(x, y, dt, v, found, settings, *, level=0, **size):
     Parameters
     ----------
     x, y, dt : float64 [n]
-        As for :func:`~.floating.evaluate`; ``size`` is ``width`` and ``height``.
+        As for :func:`~.floating.evaluate`; ``size`` is ``width``, ``height`` and ``border``.
     v, found : pair of float
         Velocity of the last iteration, and the batch's, px per half batch.
     settings : BatchSettings

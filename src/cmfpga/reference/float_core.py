@@ -44,7 +44,8 @@ class FloatCore(Sequence):
 
     def ascend(self, batch, settings, plan):
         config = self.config
-        events, size = self.place(batch), {"width": config.roi_width, "height": config.roi_height}
+        size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
+        events = self.place(batch)
         done = ASCENTS[config.ascent](events, settings, plan, config=config, **size, v_start=self.v)
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
         if not config.confidence:

@@ -238,12 +238,19 @@ class Iteration:
     gradient: torch.Tensor
 
 
-def evaluate(x, y, dt, v, *, width, height, level=0):
-    """:class:`Iteration` of the events at velocity ``v``, in pixels 2^level px wide."""
+def evaluate(x, y, dt, v, *, width, height, level=0, border="corners"):
+    """:class:`Iteration` of the events at velocity ``v``, in pixels 2^level px wide.
+
+    With ``border = "whole"`` an event changes the derivatives only if all four corners of its cell are inside, so that
+    what leaves the image is no loss of contrast; ``gradient`` is then not the derivative of ``contrast``.
+    """
     dt, v = float64(dt), float64(v)
     size = level_size(width, level), level_size(height, level)
     votes = bilinear_votes(*(at_level(position, level) for position in warp(x, y, dt, v)), *size)
-    image, d_x, d_y = accumulate(votes.pixel, votes.weight, *size), *_derivative_images(votes, dt, *size)
+    image = accumulate(votes.pixel, votes.weight, *size)
+    if border == "whole":
+        dt = dt * (votes.pixel < size[0] * size[1]).all(0)
+    d_x, d_y = _derivative_images(votes, dt, *size)
     if level:
         rest = (0, width - size[0], 0, height - size[1])
         image, d_x, d_y = (torch.nn.functional.pad(part, rest) for part in (image, d_x, d_y))
@@ -314,16 +321,17 @@ def _follow(x, y, dt, v_start, plan, step, **size):
     return Ascent(v, contrasts[:, 0], gradients, sum_i[:, 0], sum_d, s, g)
 
 
-def ascend(x, y, dt, *, width, height, v_start, eta, iterations):
+def ascend(x, y, dt, *, v_start, eta, iterations, **size):
     """Gradient ascent with constant step: v ← v + η·∇C, ``iterations`` times (Eq. v_update). An :class:`Ascent`.
 
-    v does not saturate here, as it does in the hardware.
+    ``size`` is ``width``, ``height`` and ``border``, as for :func:`evaluate`. v does not saturate here, as it does in
+    the hardware.
     """
     plan = [ScheduleEntry(0, None)] * iterations
-    return _follow(x, y, dt, v_start, plan, lambda _, now: eta * now.gradient, width=width, height=height)
+    return _follow(x, y, dt, v_start, plan, lambda _, now: eta * now.gradient, **size)
 
 
-def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):
+def ascend_by_signs(x, y, dt, *, v_start, schedule, **size):
     """Ascent by signs: v ← v + step·sign(G), each axis by itself, coarse to fine. An :class:`Ascent`.
 
     Parameters
@@ -331,6 +339,8 @@ def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):
     schedule : sequence of cmfpga.config.ScheduleEntry
         One per iteration: pixels are 2^level px wide, the step is 2^log2_step px per half batch, of the events those
         count that :func:`cmfpga.config.schedule.used` says. Where G is zero, v stays along that axis.
+    size
+        ``width``, ``height`` and ``border``, as for :func:`evaluate`.
 
     v does not saturate here, as it does in the hardware.
     """
@@ -338,4 +348,4 @@ def ascend_by_signs(x, y, dt, *, width, height, v_start, schedule):
     def step(k, now):
         return 2.0 ** schedule[k].log2_step * torch.stack((now.g_x, now.g_y)).sign()
 
-    return _follow(x, y, dt, v_start, schedule, step, width=width, height=height)
+    return _follow(x, y, dt, v_start, schedule, step, **size)

@@ -110,7 +110,7 @@ class Core(CycleFormula, wiring.Component):
         self._path = [block for block in path if block is not None]
         in_flight = sum(block.latency for block in self._path) - 1
         self.image = IMAGES[config.gradient](config, in_flight=in_flight)
-        self.gradient = Gradient(config)
+        self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
         self.roi_updater = RoiUpdater(config)
         self.probe = Probe(config) if config.confidence else None

@@ -82,7 +82,7 @@ class IterationControl(wiring.Component):
     """
 
     #: Cycles between the last event's count and the division: hand over, know T, judge.
-    hand_over = 3
+    hand_over = 4
 
     def __init__(self, config, *, replay_delay, move, settle, probe_delay=0):
         if replay_delay < 0:
@@ -120,7 +120,7 @@ class IterationControl(wiring.Component):
             too_few.eq(few | (run.planned == 0)),
             final.eq(self.iterations + 1 == run.planned),  # two cycles after ``updated``, long before it counts
         ]
-        judged = delay(m, run.take, self.hand_over, name="take", valid=True)
+        judged = delay(m, run.take, self.hand_over - 1, name="take", valid=True)
         another = self.complete & self.iterating & ~final
         if config.confidence:
             another |= self.complete & self.probing[0]

@@ -51,6 +51,8 @@ def busy_places(events, config, hot, recording):
     """Corners of ROIs with many events, the busiest first."""
     columns = recording.width or config.sensor_width
     rows = recording.height or config.sensor_height
+    if columns < config.roi_width or rows < config.roi_height:
+        return []
     # A short beginning, so that an object is seen where it is, not where it went.
     events = events[: max(len(events) // 8, 5000)]
     inside = (events.x < columns) & (events.y < rows)

@@ -8,7 +8,7 @@ results give equal lengths. Figures: docs/track.md.
 import math
 
 from ..config.defaults import BATCH_EVENTS
-from ..events import BatchCutter
+from ..events import WAITING, BatchCutter
 from ..imaging.iwe import events_in_roi
 from ..protocol.confidence import confidence, is_judged, is_sure
 
@@ -82,13 +82,18 @@ class FittedCutter(BatchCutter):
         trial : callable
             ``trial(events)``: the :class:`BatchResult` of these events in a batch that starts cold.
         roi : (x, y, width, height)
+
+        Yields
+        ------
+        None
+            Where the source has no events yet.
         """
         if self._surveyed:
             return
         self._surveyed, found = True, None
-        length = self._shortest = self._first_length(roi)
+        length = self._shortest = yield from self._first_length(roi)
         while True:
-            ahead = self.peek(2 * length)
+            ahead = yield from self._ahead(2 * length)
             half = min(length, len(ahead) // 2)
             if half and self._agree(one := trial(ahead[:half]), trial(ahead[half : 2 * half])):
                 found = half, one.v
@@ -96,7 +101,13 @@ class FittedCutter(BatchCutter):
                 break
             length = min(int(length * _GROWTH) + 1, self.max_events)
         self.size = min(fit(*found, True) if found else length, self.max_events)
-        self.size = max(len(self.peek(self.size)), 1)
+        self.size = max(len((yield from self._ahead(self.size))), 1)
+
+    def _ahead(self, count):
+        """:meth:`peek`, once the events are there."""
+        while (ahead := self.peek(count)) is WAITING:
+            yield None
+        return ahead
 
     def _agree(self, *windows):
         """Whether two windows, one after the other, saw the same motion."""
@@ -113,7 +124,7 @@ class FittedCutter(BatchCutter):
         """Events of the whole sensor among which some are in the ROI."""
         length = 2 * _FIRST_ROI_EVENTS
         while True:
-            ahead = self.peek(length)
+            ahead = yield from self._ahead(length)
             inside, _, _ = events_in_roi(ahead, roi[:2], *roi[2:])
             if len(inside) >= _FIRST_ROI_EVENTS:
                 return int(inside[_FIRST_ROI_EVENTS - 1]) + 1

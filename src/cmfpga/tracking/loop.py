@@ -9,7 +9,7 @@ import itertools
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from ..events import Events
+from ..events import WAITING, Events
 from ..imaging.iwe import contrast
 from ..protocol.confidence import confidence, covariance, is_sure
 from ..protocol.flags import Flag
@@ -122,7 +122,8 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
 
     Yields
     ------
-    TrackedBatch
+    TrackedBatch or None
+        None where the source has no events yet.
     """
     config, replay, course = engine.config, Replay(engine.config), _Course(engine.config)
     size = config.roi_width, config.roi_height
@@ -135,10 +136,11 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
         return result, replay.settings_of(result, settings)
 
     if fitted:
-        cutter.survey(lambda events: run(events, roi, True)[0], (*roi, *size))
+        yield from cutter.survey(lambda events: run(events, roi, True)[0], (*roi, *size))
     start = roi
     for index in itertools.count() if batches is None else range(batches):
-        events = cutter.next((*(start or engine.roi), *size))
+        while (events := cutter.next((*(start or engine.roi), *size))) is WAITING:
+            yield None
         if events is None:
             return
         # v is per half batch: that of a batch of another length is no start.

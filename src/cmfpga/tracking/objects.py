@@ -63,7 +63,7 @@ class TrackedObject:
         if result.cycles is not None:
             self.cycles.append(result.cycles)
 
-    def collect(self, stack, folder, *, recording, motion, engine, picture, report_mhz, wave):
+    def collect(self, stack, folder, *, recording, motion, engine, pictures, report_mhz, wave):
         """Begin to collect what the object's files show.
 
         Parameters
@@ -76,15 +76,22 @@ class TrackedObject:
         motion : Motion or None
             The true motion, where it is known.
         engine : str
-        picture : bool
+        pictures : list of Path
+            Of several objects each adds its name.
         report_mhz : float or None
             Assumed clock of the hardware in the report, MHz; None: no report.
         wave : int or None
             Number of the batch whose waveforms are written.
         """
-        if picture:
+        if pictures:
             gallery = Gallery(self.config, recording, motion)
-            self._later(gallery, lambda one: gallery.save(one._file(folder, "track", ".png"), one.verdict.share))
+            self.consumers.append(gallery)
+
+            def write(one):
+                for path in pictures:
+                    gallery.save(one._file(path.parent, path.stem, path.suffix), verdict=one.verdict.share)
+
+            self._writers.append(write)
         if report_mhz is not None:
             from ..report.page import plotly_script, write_page
 

@@ -187,7 +187,8 @@ class BatchTrace:
         level = entry.level
         columns, rows = config.geometry.level_size(level)
         x, y, dt = self._used(k)
-        now = floating.evaluate(x, y, dt, self.v[k], width=config.roi_width, height=config.roi_height, level=level)
+        size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
+        now = floating.evaluate(x, y, dt, self.v[k], level=level, **size)
         warped = (floating.at_level(axis, level).numpy() for axis in floating.warp(x, y, dt, self.v[k]))
         images = (image.numpy()[:rows, :columns] for image in (now.image, now.derivative_x, now.derivative_y))
         pairs = ((now.sum_dx, now.sum_dy), (now.s_x, now.s_y), (now.g_x, now.g_y))

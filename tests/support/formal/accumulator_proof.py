@@ -53,7 +53,7 @@ class AccumulatorHarness(Harness):
         word = dut.o.payload[0].shape()
         for number in range(4):
             vote = votes.payload.banks[number]
-            shadow = RowShadow(word, f"expected_{number}")
+            shadow = RowShadow(word, f"expected_{number}", dut.latency)
             voted = votes.valid & vote.valid & (vote.address == row)
             after = {name: Mux(sweep.valid, 0, shadow.shadow[name] + vote[name]) for name in word.members}
             shadow.follow(m, hit=voted | swept[0], after=after)
@@ -127,7 +127,7 @@ class TaggedAccumulatorHarness(Harness):
         dut = self.dut
         vote, step = dut.i.payload.banks[number], dut.o[number]
         pixel = payloads.pixel(dut.config)
-        shadow = RowShadow(tagged_word(dut.config), f"bank_{number}")
+        shadow = RowShadow(tagged_word(dut.config), f"bank_{number}", dut.latency)
         voted = Signal(name=f"voted_{number}")
         m.d.comb += voted.eq(dut.i.valid & vote.valid & (vote.address == row))
         swept = ~dut.i.valid & (self.address == row)

@@ -7,9 +7,6 @@ from amaranth.lib import data
 from cmfpga.rtl import payloads
 from support.formal.harness import Harness
 
-# An operation reaches the RAM's write port this many cycles after it was offered.
-WRITE = 3
-
 
 def anything(target):
     """Drive an input freely."""
@@ -29,12 +26,14 @@ class RowShadow:
         Members of the row.
     name : str
         Prefix of the signals' names.
+    write : int
+        An operation reaches the RAM's write port this many cycles after it was offered.
     """
 
-    def __init__(self, word, name):
-        self.word, self.name = word, name
+    def __init__(self, word, name, write):
+        self.word, self.name, self.write = word, name, write
         self.shadow = Signal(word, name=f"{name}_shadow")
-        self.stages = range(WRITE + 1)
+        self.stages = range(write + 1)
 
     def line(self, m, name, now, shape=1):
         """A delay line of ``now``, a value or a dictionary of a layout's members."""
@@ -64,12 +63,12 @@ class RowShadow:
         if len(memories) == 1:
             ((content, written),) = parts
             parts = [(content[name], written[name]) for name in self.word.members]
-        m.d.comb += [Assert(memory.written == self.hit[WRITE]) for memory in memories]
+        m.d.comb += [Assert(memory.written == self.hit[self.write]) for memory in memories]
         for name, (content, written) in zip(self.word.members, parts, strict=True):
             # The induction stands on this: what is not under way any more is in the RAM.
-            m.d.comb += Assert(content == self.before[WRITE][name])
-            with m.If(self.hit[WRITE]):
-                m.d.comb += Assert(written == self.after[WRITE][name])
+            m.d.comb += Assert(content == self.before[self.write][name])
+            with m.If(self.hit[self.write]):
+                m.d.comb += Assert(written == self.after[self.write][name])
 
 
 def tagged_word(config):
@@ -84,7 +83,7 @@ class BankHarness(Harness):
         dut = self.dut
         m.d.comb += [anything(dut.i.valid), anything(dut.i.payload.as_value())]
         word, after, answers = self.operation()
-        self.shadow = shadow = RowShadow(word, "expected")
+        self.shadow = shadow = RowShadow(word, "expected", dut.latency)
         hit = dut.i.valid & (dut.i.payload.address == row)
         shadow.follow(m, hit=hit, after=after(shadow.shadow))
         shadow.check_memory(m, memories)
@@ -150,7 +149,7 @@ class ReadAddWriteHarness(BankHarness):
 class TaggedBankHarness(BankHarness):
     """Of :class:`TaggedBank`, with any tags."""
 
-    COVERS = 11
+    COVERS = 13
 
     def __init__(self, dut):
         super().__init__(dut, dut.config.geometry.bank_depth)
@@ -179,17 +178,19 @@ class TaggedBankHarness(BankHarness):
         tag = self.shadow.line(m, "tag", self.dut.i.payload.tag, self.dut.config.tag_bits)
         grows = [hit[n] & (before[n].tag == tag[n]) & (before[n].i != 0) & (before[n].i != after[n].i) for n in stages]
         anew = [hit[n] & (before[n].tag != tag[n]) & (before[n].i != 0) for n in stages]
-        alone = ~hit[0] & ~hit[1] & ~hit[2] & ~collided[2]
+        alone = ~hit[0] & ~hit[1] & ~hit[2] & ~hit[3] & ~collided[3]
         return [
-            grows[0] & grows[1] & grows[2] & grows[3],  # four in a row
+            grows[0] & grows[1] & grows[2] & grows[3] & grows[4],  # five in a row
             grows[0] & elsewhere[1] & grows[2],  # two apart, another row between
             grows[0] & elsewhere[1] & ~valid[2] & grows[3],  # three apart
+            grows[0] & elsewhere[1] & elsewhere[2] & ~valid[3] & grows[4],  # four apart
             anew[0] & hit[1],  # another tag right behind
             anew[0] & elsewhere[1] & hit[2],  # another tag two behind
             anew[0] & elsewhere[1] & elsewhere[2] & hit[3],  # another tag three behind
+            anew[0] & elsewhere[1] & elsewhere[2] & elsewhere[3] & hit[4],  # another tag four behind
             anew[0] & anew[1] & hit[2] & (tag[0] == tag[2]),  # the first tag again: its sum must not come back
             grows[0] & (after[0].i < before[0].i),  # a total that wraps
-            hit[3] & collided[2] & (before[3].i != 0),  # an answer whose read collided
-            grows[3] & alone,  # a word of this tag out of the RAM
-            anew[3] & alone,  # a word of another tag out of the RAM
+            hit[4] & collided[3] & (before[4].i != 0),  # an answer whose read collided
+            grows[4] & alone,  # a word of this tag out of the RAM
+            anew[4] & alone,  # a word of another tag out of the RAM
         ]

@@ -35,27 +35,32 @@ def tagged(name, old, new):
 
 
 _MATCH = "valid[stage - 1] & (address[stage - 1] == address[1])"
-#: The stages whose sums are forwarded, the oldest first.
+#: The stages whose sums are forwarded, the oldest first, counted from that of the write.
 _FORWARDED = {
-    "youngest sum not forwarded": (5, 4),
-    "second sum not forwarded": (5, 3),
-    "third sum not forwarded": (4, 3),
-    "oldest sum wins": (3, 4, 5),
-    "second sum wins over youngest": (5, 3, 4),
-    "third sum wins over second": (4, 5, 3),
+    "youngest sum not forwarded": (2, 1),
+    "second sum not forwarded": (2, 0),
+    "third sum not forwarded": (1, 0),
+    "oldest sum wins": (0, 1, 2),
+    "second sum wins over youngest": (2, 0, 1),
+    "third sum wins over second": (1, 2, 0),
 }
 
 
-def _in_both(make, written):
-    """Mutants of what both banks have; ``written(stages)`` is how the stages stand in the source."""
+def _in_both(make, write, written):
+    """Mutants of what both banks have: one that writes at that stage; how the stages stand in the source."""
+
+    def stages(offsets):
+        return written(tuple(write + offset for offset in offsets))
+
+    second, third = f"total[{write + 1}]", f"total[{write + 2}]"
     return [
-        *(make(name, written((5, 4, 3)), written(stages)) for name, stages in _FORWARDED.items()),
+        *(make(name, stages((2, 1, 0)), stages(offsets)) for name, offsets in _FORWARDED.items()),
         make("match ignores valid", _MATCH, "address[stage - 1] == address[1]"),
         make("match one cycle early", _MATCH, "valid[stage - 1] & (address[stage - 1] == address[0])"),
         make("match ignores an address bit", _MATCH, "valid[stage - 1] & (address[stage - 1][1:] == address[1][1:])"),
-        make("third sum is the second", "total[5].eq(total[4])", "total[5].eq(total[3])"),
-        make("write ignores valid", "write.en.eq(valid[3])", "write.en.eq(1)"),
-        make("write at a younger address", "write.addr.eq(address[3])", "write.addr.eq(address[2])"),
+        make("third sum is the second", f"{third}.eq({second})", f"{third}.eq(total[{write}])"),
+        make("write ignores valid", f"write.en.eq(valid[{write}])", "write.en.eq(1)"),
+        make("write at a younger address", f"write.addr.eq(address[{write}])", f"write.addr.eq(address[{write - 1}])"),
     ]
 
 
@@ -67,7 +72,7 @@ _CLEAR_IN_RAM_ONLY = """clear_s3 = Signal()
 """
 
 READ_ADD_WRITE = [
-    *_in_both(Mutant, lambda stages: f"for stage in {stages}:"),
+    *_in_both(Mutant, 3, lambda stages: f"for stage in {stages}:"),
     Mutant("clear lost", _CLEAR, "pass\n"),
     Mutant("clear not forwarded", _CLEAR, _CLEAR_IN_RAM_ONLY),
     Mutant("sum of the wrong operation", "base[name] + operation_s2.add[name]", "base[name] + operation_s1.add[name]"),
@@ -79,25 +84,34 @@ READ_ADD_WRITE = [
 
 _SAME = "read_s2.tag == tag[2], same_s2)"
 _RAM = "read_s2.tag == tag[2]"
+_BEHIND = "valid[2] & (address[2] == address[1])"
 
 TAGGED_BANK = [
-    *_in_both(tagged, lambda stages: f"in {tuple((stage - 2, stage) for stage in stages)}:"),
+    *_in_both(tagged, 4, lambda stages: f"in {tuple((stage - 3, stage) for stage in stages)}:"),
     tagged("forwarded sums count with any tag", _SAME, _SAME.replace("same_s2", "1")),
     tagged("sums forwarded from one stage too far", "Mux(low, words[3], words[2])", "Mux(low, words[2], words[3])"),
     tagged("forwarded sums never count", _SAME, _SAME.replace("same_s2", "0")),
     tagged("tags compared one cycle early", "tag[stage - 1] == tag[1]", "tag[stage - 1] == tag[0]"),
     tagged("tags match in part", "tag[stage - 1] == tag[1]", "tag[stage - 1][0] == tag[1][0]"),
     tagged("another tag is the match's end", _MATCH, f"{_MATCH} & (tag[stage - 1] == tag[1])"),
+    tagged("sum right before not forwarded", _BEHIND, "0"),
+    tagged("sum right before forwarded without valid", _BEHIND, "address[2] == address[1]"),
+    tagged("sum right before forwarded to any row", _BEHIND, "valid[2]"),
+    tagged(
+        "sum right before counts with any tag", "behind_s3.eq(behind_s2 & same_behind_s2)", "behind_s3.eq(behind_s2)"
+    ),
+    tagged("sum right before never counts", "behind_s3.eq(behind_s2 & same_behind_s2)", "behind_s3.eq(0)"),
+    tagged("older sums stay under the one right before", "~counts | behind_s2", "~counts"),
     tagged("words count with any tag", _RAM, "1"),
     tagged("words with any tag but zero count", _RAM, "read_s2.tag != 0"),
     tagged("words compared with a younger tag", _RAM, _RAM.replace("tag[2]", "tag[1]")),
-    tagged("tag not written", "write.data.tag.eq(tag[3])", "write.data.tag.eq(0)"),
-    tagged("tag of a younger operation written", "write.data.tag.eq(tag[3])", "write.data.tag.eq(tag[2])"),
-    tagged("sum of the wrong operation", "add_s2[name] + base[name]", "add_s1[name] + base[name]"),
-    tagged("told of the wrong operation", "self.o.payload.add.eq(add_s2)", "self.o.payload.add.eq(add_s1)"),
-    tagged("told past the forwarding", "self.o.payload.i.eq(found.i)", "self.o.payload.i.eq(read_s2.i)"),
-    tagged("told of a word that does not count", "with m.If(~counts | ~valid[2]):", "with m.If(~valid[2]):"),
-    tagged("told early", "self.o.valid.eq(valid[3])", "self.o.valid.eq(valid[2])"),
+    tagged("tag not written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(0)"),
+    tagged("tag of a younger operation written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(tag[3])"),
+    tagged("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
+    tagged("told of the wrong operation", "self.o.payload.add.eq(add[3])", "self.o.payload.add.eq(add[2])"),
+    tagged("told past the forwarding", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(base_s3.i)"),
+    tagged("told of a word that does not count", "with m.If(~counts | behind_s2):", "with m.If(behind_s2):"),
+    tagged("told early", "self.o.valid.eq(valid[4])", "self.o.valid.eq(valid[3])"),
 ]
 
 ACCUMULATOR = [

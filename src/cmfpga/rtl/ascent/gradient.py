@@ -16,18 +16,25 @@ class Gradient(wiring.Component):
 
     One item per ``lead`` cycles; latency :attr:`latency` cycles.
 
+    Parameters
+    ----------
+    config : Config
+    lead : int
+        Cycles by which the plain sums are final before ``valid``, :attr:`lead` or more.
+
     Members
     -------
     i : ``In``, flow of :func:`payloads.sums`
-        ``i``, ``dx`` and ``dy`` must be final ``lead`` cycles before ``valid``, and stay until then.
+        ``i``, ``dx`` and ``dy`` are final ``lead`` cycles before ``valid``, and stay until then.
     o : ``Out``, flow of :func:`payloads.gradient`
     """
 
     #: Registers of a multiplication, the last two inside DSPs.
     lead = 3
 
-    def __init__(self, config):
+    def __init__(self, config, *, lead=lead):
         self.config = config
+        self._early = lead > self.lead
         self.latency = 1 if self._is_shift(config.geometry.pixels) else 1 + self.lead
         super().__init__(
             {"i": In(payloads.flow(payloads.sums(config))), "o": Out(payloads.flow(payloads.gradient(config)))}
@@ -58,8 +65,11 @@ class Gradient(wiring.Component):
             first, second = means
             turn = Signal()
             product = Signal(shape, reset_less=True)
-            m.d.sync += [turn.eq(~turn), product.eq(sums.i * Mux(turn, sums[f"d{second}"], sums[f"d{first}"]))]
-            with m.If(turn):  # of the second now, so the product is the first's
+            factor, ready = Mux(turn, sums[f"d{second}"], sums[f"d{first}"]), turn
+            if self._early:  # there is time for a register in front of the multiplier, too
+                factor, ready = delay(m, factor, 1, name="factor"), ~turn
+            m.d.sync += [turn.eq(~turn), product.eq(sums.i * factor)]
+            with m.If(ready):  # without that register it is the second's turn now, so the product is the first's
                 m.d.sync += means[first].eq(product)
             with m.Else():
                 m.d.sync += means[second].eq(product)

@@ -48,7 +48,7 @@ class Judge(wiring.Component):
         by_n, by_limit = widths.judge_scales
         self._drop = widths.curvature_bits - widths.kept_bits  # steps of 3
         self._factor_bits = max(bits_for(by_n * config.buffer_events), widths.limit_bits + by_limit.bit_length() - 1)
-        self.latency = 3 + self._drop + 3 * self._factor_bits + widths.judge_bits
+        self.latency = 4 + self._drop + 3 * self._factor_bits + widths.judge_bits
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "iterating", "begin"), In(1)),
@@ -78,23 +78,25 @@ class Judge(wiring.Component):
         # 3: two's complement, so the highest bits of a register are its value, rounded down.
         full = Cat(*(value[-1] ^ value[-2] for value in wide.values())).any()
         kept = {name: value[-widths.kept_bits :].as_signed() for name, value in wide.items()}
-        # 4
+        # 4, in two stages, so that three numbers are never added at once.
         factors = [Signal(self._factor_bits, name=f"factor_{name}") for name in ("n", "limit")]
-        bits = [factor.bit_select(timer, 1) for factor in factors]
-        m.d.comb += [
-            factor.eq(value * scale)
-            for factor, value, scale in zip(factors, (self.events, self.limit), widths.judge_scales, strict=True)
-        ]
         a, c, b = (Signal(signed(widths.judge_bits), name=name, reset_less=True) for name in "acb")
         side = Signal.like(b, name="side")
-        turn = Signal(2)
+        turn, adding, ends = Signal(2), Signal(), Signal()
         curvature = select(turn, [kept[name] for name in ("xx", "yy", "cross")])
-        limit = Mux(bits[1] & (turn != 2), kept["contrast"], 0)
+        limit = Mux(factors[1][-1] & (turn != 2), kept["contrast"], 0)
+        addend = Signal(signed(widths.kept_bits + 1), reset_less=True)
+        m.d.sync += [addend.eq(Mux(factors[0][-1], curvature, 0) - limit), adding.eq(0), ends.eq(timer == 0)]
         scaled = Signal.like(b, name="scaled")
-        m.d.comb += scaled.eq((side << 1) + Mux(bits[0], curvature, 0) - limit)
-        # 5
+        m.d.comb += scaled.eq((side << 1) + addend)
+        with m.If(adding):
+            m.d.sync += side.eq(scaled)
+            with m.If(ends):
+                m.d.sync += [a.eq(c), c.eq(b), b.eq(scaled), side.eq(Mux(turn == 3, scaled, 0))]
+        # 5, as well: the bits of a, and of b in ``side``, move up.
         difference = Signal(signed(2 * widths.judge_bits + 3), reset_less=True)
-        growth = Mux(a.bit_select(timer, 1), c << 2, 0) - Mux(b.bit_select(timer, 1), b, 0)
+        growth = Signal(signed(widths.judge_bits + 3), reset_less=True)
+        first, none = Signal(), Signal()
 
         with m.FSM(name="judge"):
             with m.State("COLLECT"):
@@ -106,28 +108,33 @@ class Judge(wiring.Component):
                 with m.If(~full):
                     m.d.sync += [value.eq(value << 1) for value in wide.values()]
                 m.d.sync += [side.eq(0), turn.eq(0)]
+                for factor, value, scale in zip(factors, (self.events, self.limit), widths.judge_scales, strict=True):
+                    m.d.sync += factor.eq(value * scale)
                 with m.If(timer == 0):
                     m.d.sync += timer.eq(self._factor_bits - 1)
                     m.next = "SCALE"
             with m.State("SCALE"):
-                m.d.sync += side.eq(scaled)
+                m.d.sync += [adding.eq(1), *(factor.eq(factor.rotate_left(1)) for factor in factors)]
                 with m.If(timer == 0):
-                    m.d.sync += [a.eq(c), c.eq(b), b.eq(scaled), side.eq(0), turn.eq(turn + 1)]
-                    m.d.sync += timer.eq(self._factor_bits - 1)
+                    m.d.sync += [turn.eq(turn + 1), timer.eq(self._factor_bits - 1)]
                     with m.If(turn == 2):
-                        m.d.sync += timer.eq(widths.judge_bits - 1)
-                        m.next = "COMPARE"
+                        m.next = "SCALED"
+            with m.State("SCALED"):
+                m.d.sync += [timer.eq(widths.judge_bits - 1), first.eq(1)]
+                m.next = "COMPARE"
             with m.State("COMPARE"):
+                m.d.sync += [first.eq(0), a.eq(a << 1), side.eq(side << 1)]
+                m.d.sync += growth.eq(Mux(a[-2], c << 2, 0) - Mux(side[-2], b, 0))
                 # The sign's bit of b counts negative, and that of a is 0 where it matters.
-                with m.If(timer == widths.judge_bits - 1):
-                    m.d.sync += difference.eq(Mux(b[-1], b, 0))
+                with m.If(first):
+                    m.d.sync += [difference.eq(Mux(side[-1], b, 0)), none.eq(a <= 0)]
                 with m.Else():
                     m.d.sync += difference.eq((difference << 1) + growth)
                 with m.If(timer == 0):
                     m.next = "DONE"
             with m.State("DONE"):
                 m.d.comb += self.done.eq(1)
-                m.d.sync += self.doubtful.eq((a <= 0) | (difference <= 0))
+                m.d.sync += self.doubtful.eq(none | (difference <= 0))
                 m.next = "COLLECT"
         with m.If(self.new_batch):
             m.d.sync += self.doubtful.eq(0)
@@ -159,12 +166,11 @@ class Judge(wiring.Component):
 
     def _square(self, m):
         """(ΣI)²: as many cycles as ΣI has bits, which the probes take anyway."""
-        bits = len(self.sum_i)
-        square = Signal(2 * bits, reset_less=True)
-        left = Signal(range(bits + 1))
+        bits = Signal.like(self.sum_i, name="bits", reset_less=True)
+        square, left = Signal(2 * len(bits), reset_less=True), Signal(range(len(bits) + 1))
         with m.If(self.begin):
-            m.d.sync += [left.eq(bits), square.eq(0)]
+            m.d.sync += [bits.eq(self.sum_i), left.eq(len(bits)), square.eq(0)]
         with m.Elif(left != 0):
-            m.d.sync += left.eq(left - 1)
-            m.d.sync += square.eq((square << 1) + Mux(self.sum_i.bit_select((left - 1)[: len(left)], 1), self.sum_i, 0))
+            m.d.sync += [bits.eq(bits << 1), left.eq(left - 1)]
+            m.d.sync += square.eq((square << 1) + Mux(bits[-1], self.sum_i, 0))
         return square

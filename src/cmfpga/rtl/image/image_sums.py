@@ -41,7 +41,9 @@ class ImageSums(wiring.Component):
     Attributes
     ----------
     latency : int
-        Cycles from ``complete`` to ``sums``. ΣI and ΣD are final :attr:`Gradient.lead` cycles before that.
+        Cycles from ``complete`` to ``sums``.
+    lead : int
+        ΣI and ΣD are final so many cycles before ``sums``, :attr:`Gradient.lead` or more.
     sweep_cycles : int
         Cycles from an iteration's last vote to ``complete``, if there is always room.
     exact_cycles : bool
@@ -50,6 +52,7 @@ class ImageSums(wiring.Component):
         The parts by name, in the order of data flow.
     """
 
+    lead = 3
     sweep_cycles = 0
     exact_cycles = True
 

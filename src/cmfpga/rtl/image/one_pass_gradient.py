@@ -39,15 +39,14 @@ class OnePassGradient(wiring.Component):
         Σ I², with ``o``. Only where v's confidence is measured.
     """
 
-    #: Cycles by which the plain sums are final before the sums of products, as :class:`Gradient` needs.
-    lead = 3
-
     _stages = 4  # multiply, add pairs, add both kinds of products, total
 
     def __init__(self, config, *, accumulator_latency):
         self.config = config
         self.accumulator_latency = accumulator_latency
         self.latency = accumulator_latency + self._stages
+        #: Cycles by which the plain sums, which take two, are final before the sums of products.
+        self.lead = self.latency - 2
         super().__init__(
             {
                 "votes": In(payloads.flow(payloads.votes(config))),

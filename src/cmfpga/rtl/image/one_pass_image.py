@@ -20,7 +20,7 @@ class OnePassImage(ImageSums):
     def __init__(self, config, *, in_flight):
         self.tagged_accumulator = TaggedAccumulator(config)
         self.one_pass_gradient = OnePassGradient(config, accumulator_latency=self.tagged_accumulator.latency)
-        self.latency = self.one_pass_gradient.latency
+        self.latency, self.lead = self.one_pass_gradient.latency, self.one_pass_gradient.lead
         super().__init__(config, in_flight=in_flight)
 
     @property

@@ -10,8 +10,15 @@ from .. import payloads
 class TaggedBank(wiring.Component):
     """Read–add–write of whole pixels {tag, Dy, Dx, I}; a word with another tag than the operation's reads as zero.
 
-    The pipeline, and why three forwarded sums are enough, is that of
-    :class:`cmfpga.rtl.image.accumulator.ReadAddWrite`; a forwarded sum, too, counts only if its tag is the operation's.
+    The pipeline is that of :class:`cmfpga.rtl.image.accumulator.ReadAddWrite` with a register between choosing a word
+    and adding to it. So four operations may not have been written when a word is read: the sums of the three older ones
+    are forwarded when the word is chosen, that of the youngest when it is added to. A forwarded sum, too, counts only
+    if its tag is the operation's::
+
+        stage   0 ........ 1 ........ 2 ............... 3 ............ 4 ......... 5 ....... 6
+                address    RAM reads  output register   base + add ──► RAM writes  │         │
+                                      choose ─────────►   ▲────────────┤ youngest  │         │
+                                        ▲──────────────────────────────┴───────────┴─────────┘  second, third, fourth
 
     One operation per cycle; ``o`` tells what it did, :attr:`latency` cycles after it.
 
@@ -21,7 +28,7 @@ class TaggedBank(wiring.Component):
     o : ``Out``, flow of :func:`payloads.tagged_step`
     """
 
-    latency = 3
+    latency = 4
 
     def __init__(self, config):
         self.config = config
@@ -55,53 +62,68 @@ class TaggedBank(wiring.Component):
                 address[stage].eq(address[stage - 1]),
                 tag[stage].eq(tag[stage - 1]),
             ]
-        add_s1 = Signal(operation["add"].shape, reset_less=True)
-        add_s2 = Signal(operation["add"].shape, reset_less=True)
+        add = [self.i.payload.add] + [
+            Signal(operation["add"].shape, name=f"add_s{stage}", reset_less=True) for stage in range(1, 4)
+        ]
+        m.d.sync += [add[stage].eq(add[stage - 1]) for stage in range(1, 4)]
         read_s2 = Signal(word, reset_less=True)
-        total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (3, 4, 5)}
+        base_s3 = Signal(pixel, reset_less=True)
+        total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (4, 5, 6)}
         found, base = Signal(pixel), Signal(pixel)
         counts = Signal()
 
         # Stage 1: the RAM reads. Which younger sum, if any, will replace what it returns, and does it count?
-        m.d.sync += [add_s1.eq(self.i.payload.add), add_s2.eq(add_s1), read_s2.eq(read.data)]
-        forwarded_s2 = Signal(2, reset_less=True)  # none, or the sum of stage 3, 4, 5: a word bit's choice is one LUT6
+        m.d.sync += read_s2.eq(read.data)
+        forwarded_s2 = Signal(2, reset_less=True)  # none, or the sum of stage 4, 5, 6: a word bit's choice is one LUT6
         same_s2 = Signal(reset_less=True)
         forwarded, same = Const(0, 2), Const(0, 1)
-        for number, stage in ((3, 5), (2, 4), (1, 3)):  # the youngest wins
+        for number, stage in ((3, 6), (2, 5), (1, 4)):  # the youngest wins
             match = Signal(name=f"match_s{stage}")
             m.d.comb += match.eq(valid[stage - 1] & (address[stage - 1] == address[1]))
             forwarded = Mux(match, number, forwarded)
             same = Mux(match, tag[stage - 1] == tag[1], same)
         m.d.sync += [forwarded_s2.eq(forwarded), same_s2.eq(same)]
+        # The operation right before wins over all of them, a stage later.
+        behind_s2, same_behind_s2, behind_s3 = (
+            Signal(name=name, reset_less=True) for name in ("behind_s2", "same_behind_s2", "behind_s3")
+        )
+        m.d.sync += [
+            behind_s2.eq(valid[2] & (address[2] == address[1])),
+            same_behind_s2.eq(tag[2] == tag[1]),
+            behind_s3.eq(behind_s2 & same_behind_s2),
+        ]
 
         # Stage 2: output register; another tag means zero.
-        words = [read_s2.as_value()[: pixel.size], *(total[stage].as_value() for stage in (3, 4, 5))]
+        words = [read_s2.as_value()[: pixel.size], *(total[stage].as_value() for stage in (4, 5, 6))]
         low, high = forwarded_s2
         m.d.comb += [
-            found.eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
+            found.as_value().eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
             counts.eq(Mux(forwarded_s2 == 0, read_s2.tag == tag[2], same_s2)),
-            base.as_value().eq(Mux(counts, found, 0)),
         ]
+        m.d.sync += base_s3.eq(found)
+        with m.If(~counts | behind_s2):  # the registers' reset, no logic
+            m.d.sync += base_s3.eq(0)
 
-        # Stage 3: write. Stages 4, 5 only remember.
+        # Stage 3: add. Stage 4: write. Stages 5, 6 only remember.
         m.d.comb += [
+            base.as_value().eq(base_s3.as_value() | Mux(behind_s3, total[4].as_value(), 0)),
             read.addr.eq(address[0]),
-            write.addr.eq(address[3]),
-            write.data.tag.eq(tag[3]),
-            write.en.eq(valid[3]),
-            self.o.valid.eq(valid[3]),
-            self.o.payload.total.eq(total[3]),
+            write.addr.eq(address[4]),
+            write.data.tag.eq(tag[4]),
+            write.en.eq(valid[4]),
+            self.o.valid.eq(valid[4]),
+            self.o.payload.total.eq(total[4]),
         ]
         m.d.sync += [
-            total[4].eq(total[3]),
             total[5].eq(total[4]),
-            self.o.payload.i.eq(found.i),
-            self.o.payload.add.eq(add_s2),
+            total[6].eq(total[5]),
+            self.o.payload.i.eq(base.i),
+            self.o.payload.add.eq(add[3]),
         ]
         for name in pixel.members:
-            m.d.comb += write.data[name].eq(total[3][name])
-            m.d.sync += total[3][name].eq(add_s2[name] + base[name])
-        with m.If(~counts | ~valid[2]):  # not valid: for who adds up I·d of all banks. The registers' reset, no logic
+            m.d.comb += write.data[name].eq(total[4][name])
+            m.d.sync += total[4][name].eq(add[3][name] + base[name])
+        with m.If(~valid[3]):  # for who adds up I·d of all banks
             m.d.sync += self.o.payload.i.eq(0)
         return m
 

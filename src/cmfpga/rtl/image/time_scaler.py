@@ -12,7 +12,8 @@ from ..arithmetic import delay
 class TimeScaler(wiring.Component):
     """Scales times to −1 … 1 (Eqs. t_ref and dt of the article) by the reciprocal of the batch's range.
 
-    dt = (2t − span)/span with t counted from t_1, so t_ref's half microsecond is not lost. One multiplier.
+    dt = (2t − span)/span with t counted from t_1, so t_ref's half microsecond is not lost. Two multipliers, one
+    for each half of a number that is too wide for those of some devices.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -24,7 +25,7 @@ class TimeScaler(wiring.Component):
         The range and its reciprocal; may change only while no event is in flight.
     """
 
-    latency = 5
+    latency = 6
 
     def __init__(self, config):
         self.config = config
@@ -45,7 +46,10 @@ class TimeScaler(wiring.Component):
         numerator_s1 = Signal(signed(width), reset_less=True)
         numerator_s2 = Signal(signed(width), reset_less=True)
         numerator_s3 = Signal(signed(width), reset_less=True)
-        product_s4 = Signal(signed(width + config.reciprocal_bits + 1), reset_less=True)
+        low = width // 2
+        low_s4 = Signal(low + config.reciprocal_bits + 1, reset_less=True)
+        high_s4 = Signal(signed(width - low + config.reciprocal_bits + 1), reset_less=True)
+        product_s5 = Signal(signed(width + config.reciprocal_bits + 1), reset_less=True)
 
         # Stage 1: twice the distance to t_ref.
         m.d.sync += numerator_s1.eq((self.i.payload.t << 1) - self.span)
@@ -53,10 +57,15 @@ class TimeScaler(wiring.Component):
         m.d.sync += numerator_s2.eq(numerator_s1 << Cat(Const(0, 2), self.shift[2:]))
         m.d.sync += numerator_s3.eq(numerator_s2 << self.shift[:2])
         # Stage 4: multiply.
-        m.d.sync += product_s4.eq(numerator_s3 * self.mantissa)
-        # Stage 5: round.
+        m.d.sync += [
+            low_s4.eq(numerator_s3[:low] * self.mantissa),
+            high_s4.eq(numerator_s3[low:].as_signed() * self.mantissa),
+        ]
+        # Stage 5: add.
+        m.d.sync += product_s5.eq((high_s4 << low) + low_s4)
+        # Stage 6: round.
         fraction = config.span_bits - 1 + config.reciprocal_bits - config.dt_frac
-        m.d.sync += self.o.payload.dt.eq(round_half_up(product_s4, fraction))
+        m.d.sync += self.o.payload.dt.eq(round_half_up(product_s5, fraction))
 
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),

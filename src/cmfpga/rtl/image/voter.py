@@ -2,7 +2,7 @@
 
 import operator
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,8 +15,9 @@ class BilinearVoter(wiring.Component):
     """Weights and derivatives of the four corners of an event's cell (Eqs. weights and w_dx_x), sorted by bank.
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
-    dropped alone. With fx, fy the fractions and one product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have
-    at most four bits), all others follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
+    dropped alone; with ``border = whole`` its event then changes no derivative. With fx, fy the fractions and one
+    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others follow by
+    subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -56,22 +57,30 @@ class BilinearVoter(wiring.Component):
         dt_fx_s1 = register(signed(config.formats.dt.width + frac), "dt_fx_s1")
         dt_fy_s1 = register(signed(config.formats.dt.width + frac), "dt_fy_s1")
         fx_s1, fy_s1 = register(frac, "fx_s1"), register(frac, "fy_s1")
+        rest_s1 = register(signed(frac + 2), "rest_s1")
         # dt·1, and what rounds dt·(1 − fy) half up, so that one subtraction is left.
         shift = config.dt_frac + frac - config.derivative_frac
         dt_half_s1 = register(signed(config.formats.dt.width + frac + 1), "dt_half_s1")
         product = small_product if frac <= 4 else operator.mul
         m.d.sync += [
-            fx_fy_s1.eq(fx * fy),
+            fx_fy_s1.eq(product(fx, fy)),
             dt_fx_s1.eq(product(dt, fx)),
             dt_fy_s1.eq(product(dt, fy)),
             fx_s1.eq(fx),
             fy_s1.eq(fy),
+            rest_s1.eq(one - fx - fy),
             dt_half_s1.eq(dt * one + half_of(shift)),
         ]
 
         # Stage 2: round. Corners are (right, down).
+        weight_shift = 2 * frac - config.weight_frac
+
+        def whole(value):
+            half = half_of(weight_shift)  # below the value's last bit, it takes no adder of its own
+            return (value << frac) + half if half >> frac else (value << frac) | half
+
         def weight(product):
-            return round_half_up(product, 2 * frac - config.weight_frac)
+            return floor_shift(product, weight_shift)
 
         def derivative(product):
             return round_half_up(product, shift)
@@ -88,10 +97,10 @@ class BilinearVoter(wiring.Component):
         dx_s2 = [register(slope, "dx_up_s2"), register(slope, "dx_down_s2")]
         dy_s2 = [register(slope, "dy_left_s2"), register(slope, "dy_right_s2")]
         m.d.sync += [
-            w_s2[0, 0].eq(weight((one - fx_s1 - fy_s1) * one + fx_fy_s1)),
-            w_s2[1, 0].eq(weight(fx_s1 * one - fx_fy_s1)),
-            w_s2[0, 1].eq(weight(fy_s1 * one - fx_fy_s1)),
-            w_s2[1, 1].eq(weight(fx_fy_s1)),
+            w_s2[0, 0].eq(weight(whole(rest_s1) + fx_fy_s1)),
+            w_s2[1, 0].eq(weight(whole(fx_s1) - fx_fy_s1)),
+            w_s2[0, 1].eq(weight(whole(fy_s1) - fx_fy_s1)),
+            w_s2[1, 1].eq(round_half_up(fx_fy_s1, weight_shift)),
             dx_s2[0].eq(rest(dt_fy_s1)),
             dx_s2[1].eq(derivative(dt_fy_s1)),
             dy_s2[0].eq(rest(dt_fx_s1)),
@@ -105,11 +114,13 @@ class BilinearVoter(wiring.Component):
 
         # Stage 3: give each bank the corner of its parity.
         valid_s2 = delay(m, self.i.valid, 2, name="valid", valid=True)
+        parities = [*column_s2, *row_s2]
+        counted = Cat(inside for _, _, inside in parities).all() if self.config.border == "whole" else Const(1)
         for number in range(4):
             bank = self.o.payload.banks[number]
             right, column, column_inside = column_s2[number & 1]
             down, row, row_inside = row_s2[number >> 1]
-            dx, dy = Mux(down, dx_s2[1], dx_s2[0]), Mux(right, dy_s2[1], dy_s2[0])
+            dx, dy = (Mux(counted, Mux(far, slope[1], slope[0]), 0) for far, slope in ((down, dx_s2), (right, dy_s2)))
             m.d.sync += [
                 bank.valid.eq(valid_s2 & column_inside & row_inside),
                 bank.address.eq((row << config.geometry.bank_column_bits) | column[: config.geometry.bank_column_bits]),

@@ -44,25 +44,24 @@ class Warp(wiring.Component):
         config = self.config
         m = Module()
         frac = config.dt_frac + config.v_frac
-        half, scaled_half = 1 << (frac - 1), 1 << (config.position_frac - 1)
+        # Without coarse levels the halves cancel.
+        half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)
         for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
             coordinate = self.i.payload[axis]
             align = frac - config.dither_frac
             product_s1 = Signal(
                 signed(config.formats.dt.width + config.formats.v.width), reset_less=True, name=f"product_{axis}_s1"
             )
-            coordinate_s1 = Signal(coordinate.shape(), reset_less=True, name=f"coordinate_{axis}_s1")
             # Both terms at full precision: x' + ½ cannot overflow before it is clamped.
             full = signed(max(len(coordinate) + align, len(product_s1)) + 2)
-            start = Signal(full, name=f"start_{axis}")
+            start_s1 = Signal(full, reset_less=True, name=f"start_{axis}_s1")
             inverse_s2 = Signal(full, reset_less=True, name=f"inverse_{axis}_s2")
             m.d.sync += [  # stage 1: multiply
                 product_s1.eq(self.i.payload.dt * self.v[axis]),
-                coordinate_s1.eq(coordinate),
+                start_s1.eq((coordinate << align) + half),
             ]
             # Stage 2: subtract. a − b = ~(~a + b), because an addition is what all tools find in a DSP.
-            m.d.comb += start.eq((coordinate_s1 << align) + half)
-            m.d.sync += inverse_s2.eq(~start + product_s1)
+            m.d.sync += inverse_s2.eq(~start_s1 + product_s1)
             position_s2 = ~inverse_s2
             # Stage 3, with coarse levels only: the level's pixels. Last stage: floor, clamp.
             levels = [

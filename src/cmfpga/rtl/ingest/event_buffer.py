@@ -9,7 +9,7 @@ from ...fixed import bits_for
 from ...protocol.results import thins
 from ...protocol.settings import by_signs
 from .. import payloads
-from ..arithmetic import select
+from ..arithmetic import delay, select
 
 
 def stored(config):
@@ -63,7 +63,7 @@ class EventBuffer(wiring.Component):
     stored : ``Out``, :func:`stored`
     """
 
-    latency = 3
+    latency = 4
 
     def __init__(self, config):
         self.config = config
@@ -86,12 +86,13 @@ class EventBuffer(wiring.Component):
         count = self.stored.count
         m = Module()
         two = self.config.buffers == 2
-        offset = 1 << bits_for(depth - 1)  # the second buffer begins at a power of two
-        words = offset if thins(self.config) else depth  # rotated addresses are of all those bits
-        m.submodules.events = events = memory.Memory(
-            shape=payloads.roi_event(self.config), depth=offset + words if two else words, init=[]
-        )
-        write, read = events.write_port(), events.read_port()
+        # Rotated addresses are of all those bits.
+        words = 1 << bits_for(depth - 1) if thins(self.config) else depth
+        ports = []
+        for number in range(self.config.buffers):
+            events = memory.Memory(shape=payloads.roi_event(self.config), depth=words, init=[])
+            m.submodules[f"events_{number}"] = events
+            ports.append((events.write_port(), events.read_port()))
 
         filling, replaying = Signal(), Signal()  # which of two buffers
         replayed = Signal.like(count)  # events of the one that is replayed
@@ -103,37 +104,34 @@ class EventBuffer(wiring.Component):
 
         full = Signal()
         stays, place, placed = (self._thin if thins(self.config) else self._drop)(m, full)
-        m.d.comb += [
-            full.eq(count == depth),
-            write.addr.eq(place | Mux(filling, offset, 0)),
-            write.data.eq(self.i.payload),
-            write.en.eq(stays),
-        ]
+        m.d.comb += full.eq(count == depth)
+        for number, (write, _) in enumerate(ports):  # a cycle later
+            mine = stays & (filling == number)
+            m.d.sync += [write.addr.eq(place), write.data.eq(self.i.payload), write.en.eq(mine)]
 
         # Stage 1: address.
         reading_s1 = Signal()
         address_s1 = Signal(range(max(2, depth)))
         last_s1 = Signal()
         first, step = self._subset(m, replayed) if by_signs(self.config) else (0, 1)
-        m.d.comb += [
-            last_s1.eq(address_s1 + step >= replayed if by_signs(self.config) else address_s1 + 1 == replayed),
-            read.addr.eq(placed(address_s1) | Mux(replaying, offset, 0)),
-        ]
+        m.d.comb += last_s1.eq(address_s1 + step >= replayed if by_signs(self.config) else address_s1 + 1 == replayed)
         with m.If(self.replay):
             m.d.sync += [reading_s1.eq(1), address_s1.eq(first)]
         with m.Elif(reading_s1 & self.room):
             m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(address_s1 + step)]
 
-        # Stage 2: the memory's own register. Stage 3: its output register.
-        reading_s2 = Signal()
-        last_s2 = Signal(reset_less=True)
-        m.d.sync += [
-            reading_s2.eq(reading_s1 & self.room),
-            last_s2.eq(last_s1),
-            self.o.valid.eq(reading_s2),
-            self.o.payload.eq(read.data),
-            self.o.payload.last.eq(last_s2),
-        ]
+        # Stage 2: where that is. Stage 3: the memory's own register. Stage 4: its output register, then which memory.
+        place_s2 = Signal(range(max(2, words)), reset_less=True)
+        m.d.sync += place_s2.eq(placed(address_s1))
+        outputs = []
+        for number, (_, read) in enumerate(ports):
+            m.d.comb += read.addr.eq(place_s2)
+            outputs.append(delay(m, read.data, 1, name=f"output_{number}"))
+        output = outputs[0]
+        if two:
+            output = Mux(delay(m, replaying, 3, name="which"), outputs[1].as_value(), output.as_value())
+        m.d.comb += [self.o.payload.eq(output), self.o.payload.last.eq(delay(m, last_s1, 3, name="last"))]
+        m.d.sync += self.o.valid.eq(delay(m, reading_s1 & self.room, 2, name="reading", valid=True))
         return m
 
     def _drop(self, m, full):

@@ -55,6 +55,8 @@ class IngestControl(wiring.Component):
         Accept one event per cycle until one is ``last`` or the batch's length is reached.
     DRAIN
         Wait until the last event is counted, then until the iterations are free.
+    TAKE
+        Hand the batch over. One cycle.
     WAIT
         With one event buffer: until the result is taken.
 
@@ -64,7 +66,7 @@ class IngestControl(wiring.Component):
         i.valid   ─┐████████████████████┐_________________________________
         i.ready   ______┌───────────────┐_________________________________
         opened    ─┐____________________________________________________     one cycle before the first is accepted
-        take      ___________________________________┌────┐______________     drain cycles after the last
+        take      ___________________________________┌────┐______________     drain + 1 cycles after the last
         batch     ────────────────────────────────────────╳══════════════     until the next take
 
     Parameters
@@ -133,6 +135,7 @@ class IngestControl(wiring.Component):
             room.eq(room + (pending[-1] & (parity == count[0])) - self.o.valid),
             reached.eq(by_roi & (count == current.batch_roi_events)),
         ]
+        m.d.sync += handover.take.eq(0)
         # Outside the state machine, so that these are the registers' resets and enables, and no logic.
         m.d.sync += handover.cycles.eq(handover.cycles + 1)
         with m.If(handover.opened):
@@ -191,8 +194,10 @@ class IngestControl(wiring.Component):
             with m.State("DRAIN"):
                 m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
                 with m.If((timer == 0) & handover.free & handover.settled):
-                    m.d.comb += handover.take.eq(1)
-                    m.next = "WAIT" if config.buffers == 1 else "OPEN"
+                    m.d.sync += handover.take.eq(1)
+                    m.next = "TAKE"
+            with m.State("TAKE"):  # a register, because many wait for it
+                m.next = "WAIT" if config.buffers == 1 else "OPEN"
             if config.buffers == 1:
                 with m.State("WAIT"):
                     with m.If(handover.finished):
