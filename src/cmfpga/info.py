@@ -48,6 +48,7 @@ def _parser():
     made.add_argument("--no-frame", action="store_true", help="do not show the events in the terminal")
     cli.files(made.add_argument("--png", metavar="FILE", help="write a picture of the events and the ROIs to FILE"))
     cli.add_recording_options(made)
+    cli.add_layout_options(made)
     made.add_argument("--json", action="store_true", help="print all of it as JSON")
     cli.add_config_options(made)
     return made
@@ -64,7 +65,7 @@ def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
     broken = None
-    with open_recording(options.recording, time_unit=options.time_unit, sensor=options.sensor) as recording:
+    with cli.noted(open_recording(options.recording, **cli.reading(options))) as recording:
         survey = Survey(recording.width, recording.height)
         try:
             survey_all(recording, survey)
@@ -127,7 +128,7 @@ def track_arguments(proposal):
 
 def _command(options, proposal):
     words = ["cmfpga", "track", options.recording, *track_arguments(proposal)]
-    for name in ("sensor", "time_unit"):
+    for name in ("sensor", "time_unit", "columns", "dataset"):
         if (value := getattr(options, name)) is not None:
             words += [f"--{name.replace('_', '-')}", value if isinstance(value, str) else "{},{}".format(*value)]
     words += ["--preset", options.preset, *(word for text in options.assignments for word in ("--set", text))]

@@ -14,11 +14,15 @@ import types
 from tqdm import tqdm
 
 from . import cli
+from .cli.lines import Lines, Truth
 from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, check_roi, open_engine
 from .errors import ConfigError
-from .events import BatchCutter, generate, open_recording
+from .events import LiveSource, generate, open_source
+from .events.live import FORMATS as STREAM_FORMATS
+from .imaging.gallery import check_suffix
 from .tracking import api
+from .tracking.fit import FittedCutter, batch_cutter
 from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
 from .tracking.source import sensor_fields, unit_note
@@ -49,13 +53,19 @@ DEMO_FIELDS = {"eta": 4.0}
 
 def _parser():
     made = cli.parser("track", "Follow an object through a recording of events.", EXAMPLES)
-    cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
+    cli.files(made.add_argument(
+        "recording", nargs="?", metavar="RECORDING",
+        help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, or a named pipe",
+    ))  # fmt: skip
     made.add_argument(
         "--roi", type=_roi_option, action="append", metavar="[NAME=]X,Y",
         help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects, each with its own core "
         "and CSV",
     )  # fmt: skip
-    cli.add_batch_options(made)
+    cli.add_batch_options(
+        made, f"as many events as suit the motion, chosen anew for each batch; --batch-events {BATCH_EVENTS} without "
+        "confidence, as with --preset paper",
+    )  # fmt: skip
     made.add_argument("--batches", type=cli.positive, metavar="B", help="stop after B batches (default: at the end)")
     made.add_argument(
         "--engine",
@@ -65,10 +75,20 @@ def _parser():
         "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
     )
     cli.add_recording_options(made)
+    cli.add_layout_options(made)
+    made.add_argument("--format", choices=STREAM_FORMATS, help="of a stream without a header")
+    made.add_argument(
+        "--drop", action="store_true", help="of a stream: drop events that come too fast, do not hold the sender up"
+    )
     made.add_argument(
         "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
     )
-    made.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    pictures = made.add_mutually_exclusive_group()
+    pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    cli.files(pictures.add_argument(
+        "--picture", type=_picture, action="append", metavar="FILE",
+        help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
+    ))  # fmt: skip
     made.add_argument(
         "--report", action="store_true", help="write report.html, and track.npz for python -m cmfpga.report"
     )
@@ -79,9 +99,21 @@ def _parser():
         metavar="BATCH",
         help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
     )
-    made.add_argument("--json", action="store_true", help="print a summary as JSON")
+    made.add_argument(
+        "--json", action="store_true", help="print a summary as JSON; of a stream, a line per batch, and one at the end"
+    )
     cli.add_config_options(made)
     return made
+
+
+def _picture(text):
+    try:
+        path = check_suffix(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    if not path.parent.is_dir():  # before the work
+        raise argparse.ArgumentTypeError(f"{text!r}: no such folder")
+    return path
 
 
 def _roi_option(text):
@@ -102,45 +134,32 @@ def main(arguments=None):
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
         config = cli.make_config(options, **_sensor_fields(options, recording), **demo)
-        objects = _objects(options, truth, config)
+        objects = _objects(options, truth, config, recording)
         _choose(options, objects, recording, config)
         found = []
         for one in objects:
             _prepare(options, one, config, recording)
             if truth and not options.json:
-                found.append(_Truth(truth.motion))
+                found.append(Truth(truth.motion))
                 one.consumers.append(found[-1])
+            if isinstance(recording, LiveSource):
+                one.consumers.append(Lines(options.json))
         with cli.locked(options.out) as folder:
             name = _track(options, objects, recording, folder, truth.motion if truth else None)
-    _summarise(options, config, name, objects)
+        _summarise(options, config, name, objects, recording.counts() if isinstance(recording, LiveSource) else None)
     for lines in found:
         print("\n".join(lines))
     return 0
 
 
-class _Truth(list):
-    """Lines that show the true motion beside the found one, batch by batch; a consumer."""
-
-    def __init__(self, motion):
-        super().__init__(["batch   true vx, vy [px/s]      found vx, vy [px/s]"])
-        self._motion = motion
-
-    def add(self, batch):
-        speed = batch.v_px_per_s
-        if speed is None:
-            self.append(f"{batch.index:5}   (degenerate)")
-            return
-        true = batch.true_px_per_s(self._motion)
-        self.append(f"{batch.index:5}   {true[0]:8.1f} {true[1]:8.1f}       {speed[0]:8.1f} {speed[1]:8.1f}")
-
-
 def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
-        return None, open_recording(options.recording, time_unit=options.time_unit, sensor=options.sensor)
-    for name, value in (("--sensor W,H", options.sensor), ("--time-unit", options.time_unit)):
-        if value is not None:
-            raise ConfigError(f"{name}: a RECORDING is needed; the synthetic scene has its own")
+        told = {"form": options.format, "drop": options.drop, **cli.reading(options)}
+        return None, cli.noted(open_source(options.recording, **told))
+    for name in ("sensor", "time_unit", "columns", "dataset", "format", "drop"):
+        if getattr(options, name):
+            raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
 
@@ -154,13 +173,15 @@ def _sensor_fields(options, recording):
     return fields
 
 
-def _objects(options, truth, config):
+def _objects(options, truth, config, recording):
     """The objects that ``--roi`` asks for; of several, those without a name have their number."""
     asked = options.roi
     if not asked:
         if truth is None:
             raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto")
         asked = [(None, truth.roi_start(config.roi_width, config.roi_height))]
+    if len(asked) > 1 and not recording.seekable:
+        raise ConfigError(f"{recording.name}: a stream comes only once; one --roi is needed")
     objects = []
     for k, (name, roi) in enumerate(asked):
         if roi is not None:
@@ -178,14 +199,12 @@ def _choose(options, objects, recording, config):
     wanted = [one for one in objects if one.roi is None]
     if not wanted:
         return
-    from .survey import Survey, propose, require, survey_all
+    from .survey import survey_and_propose
 
     # Where the user or the other objects are; or else where something moves.
     start = options.start_event if options.start_event or len(wanted) < len(objects) else None
-    survey = Survey(recording.width, recording.height)
-    survey_all(recording, survey)
-    proposals = propose(recording, survey, config, count=len(wanted), start_event=start)
-    for one, found in zip(wanted, require(proposals, len(wanted), recording), strict=True):
+    proposals = survey_and_propose(recording, config, count=len(wanted), start_event=start)
+    for one, found in zip(wanted, proposals, strict=True):
         one.roi, one.proposal = found.roi, found
         print(f"note: {one.named('track')}: {found.text}", file=sys.stderr)
     options.start_event = proposals[0].start_event
@@ -193,18 +212,18 @@ def _choose(options, objects, recording, config):
 
 def _prepare(options, one, config, recording):
     """An object's configuration and cutter."""
-    size, changes = cli.batch_size(options, BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS), {}
-    if one.proposal and not (options.batch_events or options.batch_us or options.batch_roi_events):
-        size = {"events": one.proposal.batch_events}
-        given = cli.config_changes(options)
-        changes = {name: value for name, value in one.proposal.fields.items() if name not in given}
-    one.config = config.replace(**changes)
+    size, one.config, first = cli.batch_size(options), config, None
+    if one.proposal and not size:
+        first, one.config = one.proposal.batch_events, one.proposal.suited(config, cli.config_changes(options))
     limit = one.config.max_batch_events
     for mode in ("events", "roi_events"):
         if size.get(mode, 0) > limit:
             option = f"--batch-{mode.replace('_', '-')}"
             raise ConfigError(f"{option} {size[mode]}: at most {limit} is allowed (max_batch_events)")
-    one.cutter = BatchCutter(recording, start_event=options.start_event, max_events=limit, **size)
+    usual = BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS
+    one.cutter = batch_cutter(
+        recording, one.config, start_event=options.start_event, first=first, usual=usual, **size
+    )  # fmt: skip
 
 
 def _track(options, objects, recording, folder, motion):
@@ -213,6 +232,7 @@ def _track(options, objects, recording, folder, motion):
         raise ConfigError(
             f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
         )
+    pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
     with contextlib.ExitStack() as stack:
         running = []
         for one in objects:
@@ -221,16 +241,21 @@ def _track(options, objects, recording, folder, motion):
                 print(f"note: {engine.note}", file=sys.stderr)
             one.collect(
                 stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
-                picture=not options.no_picture, report_mhz=options.clock if options.report else None,
+                pictures=pictures, report_mhz=options.clock if options.report else None,
             )  # fmt: skip
             consumers = (one, *one.consumers)
             running.append(track(engine, one.cutter, roi=one.roi, batches=options.batches, consumers=consumers))
-        total = None
+        total, live = None, isinstance(recording, LiveSource)
         if _shows_bar():
             totals = [_total(options, recording, one.cutter) for one in objects]
             total = None if None in totals else sum(totals)
-        for _ in tqdm(in_turn(running), total=total, unit="batch", disable=None):
-            pass
+        try:
+            for _ in tqdm(in_turn(running), total=total, unit="batch", disable=live or None):
+                pass
+        except KeyboardInterrupt:
+            if not live:
+                raise
+            print("note: interrupted; this is the end of the stream", file=sys.stderr)
     for one in objects:
         one.check()
     for one in objects:
@@ -244,7 +269,7 @@ def _shows_bar():
 
 def _total(options, recording, cutter):
     """Number of batches that will come, as far as it can be known soon."""
-    if cutter.mode == "roi_events" or (extent := recording.extent()) is None:
+    if cutter.mode == "roi_events" or isinstance(cutter, FittedCutter) or (extent := recording.extent()) is None:
         return options.batches
     events, last = extent
     if cutter.mode == "events":
@@ -255,16 +280,19 @@ def _total(options, recording, cutter):
     return min(whole, options.batches or whole)
 
 
-def _summarise(options, config, engine, objects):
+def _summarise(options, config, engine, objects, counts):
     alone = len(objects) == 1
     cycles = [count for one in objects for count in one.cycles]
+    for one in objects:
+        for kind, sentence in one.remarks:
+            print(f"{kind}: {one.name}{': ' if one.name else ''}{sentence}", file=sys.stderr)
     if options.json:
         entries = [one.summary() for one in objects]
         if alone:
             summary = {"engine": engine, **entries[0], "config": objects[0].config.to_dict()}
         else:
             summary = {"engine": engine, "objects": entries, "config": config.to_dict()}
-        print(json.dumps(summary, indent=2))
+        print(json.dumps(summary, indent=2) if counts is None else json.dumps({"summary": {**summary, **counts}}))
         return
     for one in objects:
         who = "" if alone and not one.name else f"{one.name}: "
@@ -272,14 +300,19 @@ def _summarise(options, config, engine, objects):
             f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
-        if one.judged:
-            limit = one.config.confidence_limit
-            print(f"{who}{one.trusted} of {one.batches} batches are to be trusted: confidence {limit:g} or more")
+        for sentence in (one.verdict.share, one.verdict.velocity):
+            if sentence:
+                print(f"{who}{sentence}")
     if cycles:
         print(
             f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "
             f"{sum(cycles) / len(cycles) / options.clock / 1e3:.3f} ms "
             f"at an assumed clock of {options.clock:g} MHz"
+        )
+    if counts:
+        print(
+            f"{counts['received']} events came, {counts['lost']} were dropped; the sender was held up for "
+            f"{counts['held_up_s']:g} s"
         )
     for one in objects:
         for path in one.files:

@@ -5,12 +5,17 @@ import re
 
 import numpy as np
 import pytest
+from matplotlib.image import AxesImage
+from matplotlib.text import Text
+from PIL import Image, ImageSequence
 
+import cmfpga
 from cmfpga import cli, track
 from cmfpga.config import Config
 from cmfpga.events import Events, write_hdf5
 from cmfpga.verilog.compiler import find_compiler
 from support.recordings import text_lines
+from support.small_core import PAPER
 from support.tracks import but_cycles, flags, floats, looks_like_a_track
 
 DOT = ["--roi", "8,9"]
@@ -48,7 +53,7 @@ def test_verilog_and_model_write_the_same(compiler, follow, rows, tmp_path, mode
     assert len(measured) > 5
     for row in measured:
         # N + T·(n + 16 + L) + constant, from a core of 8×8 px
-        assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 44
+        assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 55
         assert row["iterations"] == "15"
 
 
@@ -85,12 +90,12 @@ def test_batches_begin_where_they_are_told_and_stop(follow, rows, dot_events, tm
 
 
 def test_the_defaults(command, rows, tmp_path):
-    """5000 events, preset fast, ./cmfpga-track; here with a text file that says its sensor's size."""
+    """Preset fast, ./cmfpga-track, 5000 events without confidence; with a text file that says its sensor's size."""
     lines = ["240 180"] + [f"{k * 1e-5:.6f} {k % 64} {k % 7} {k % 2}" for k in range(5001)]
     (tmp_path / "events.txt").write_text("\n".join(lines))
     done = command(
         track, tmp_path / "events.txt", "--roi", "0,0", "--engine", "model", "--set", "buffer_events=5000",
-        "--out", tmp_path / "a",
+        "--set", "judge=0", "--time-unit", "s", "--out", tmp_path / "a",
     )  # fmt: skip
     assert done.err == "" and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
     options = track._parser().parse_args(["x"])
@@ -108,7 +113,10 @@ def test_a_summary_as_json(follow, tmp_path):
         "engine": "model", "batches": 6, "events_left_over": 60,
         "batches_with_warnings": summary["batches_with_warnings"], "cycles": None,
         "files": [str(tmp_path / "track.csv"), str(tmp_path / "track.png")],
+        "trusted_batches": None, "lost_batches": [],
+        **{name: summary[name] for name in ("vx_px_per_s", "vy_px_per_s", "px_per_s", "median_px_per_half_batch")},
     }  # fmt: skip
+    assert 2300 < summary["vx_px_per_s"] < 2900 and set(summary["px_per_s"]) == {"lowest", "median", "highest"}
 
 
 def test_every_format_gives_the_same_track(follow, rows, dot, dot_events, tmp_path):
@@ -155,6 +163,41 @@ def test_any_name_of_a_recording(follow, dot, tmp_path, name):
     assert (tmp_path / "track.png").stat().st_size > 10_000
 
 
+def test_pictures_as_files_of_other_kinds(follow, tmp_path):
+    done = follow("--picture", tmp_path / "a.pdf", "--picture", tmp_path / "b.gif", roi=["--roi", "one=8,9"])
+    assert done.status == 0 and [*map(str, tmp_path.glob("*.png"))] == []
+    assert (tmp_path / "a-one.pdf").read_bytes().startswith(b"%PDF") and f"wrote {tmp_path}/b-one.gif" in done.out
+    with Image.open(tmp_path / "b-one.gif") as moving:
+        assert moving.n_frames == 6 and moving.info["loop"] == 0  # a batch each, over and over
+        frames = [np.asarray(frame.convert("RGB")).astype(int) for frame in ImageSequence.Iterator(moving)]
+    # The ROI's frame, tab:red, moves to the right.
+    left = [np.nonzero(np.abs(frame - (214, 39, 40)).max(axis=2) < 12)[1].min() for frame in (frames[0], frames[-1])]
+    assert left[1] > left[0] + 50
+
+
+@pytest.mark.parametrize("name, message", [
+    ("a.bmp", "picture a.bmp: a name that ends in .png, .pdf, .svg, .gif is needed"),
+    ("nowhere/a.pdf", "'nowhere/a.pdf': no such folder"),
+])  # fmt: skip
+def test_pictures_that_cannot_be(follow, name, message):
+    assert f"argument --picture: {message}" in follow("--picture", name).error
+    assert "not allowed with argument" in follow("--picture", "a.pdf", "--no-picture").error
+
+
+def test_nothing_of_the_picture_is_cut(dot, tmp_path):
+    """All text lies on the page, whatever the recording is called; ON and OFF have their colours and a legend."""
+    path = tmp_path / f"{'a long name ' * 15}.h5"
+    path.write_bytes(dot.read_bytes())
+    figure = cmfpga.track(path, roi=(8, 9), batch_events=90, engine="model", **PAPER).plot()
+    figure.canvas.draw()
+    texts = {text.get_text() for text in figure.findobj(Text)}
+    assert {"OFF (darker)", "ON (brighter)", "ROI", "recording's clock [s]", "batch 0, 0.050445 s"} <= texts
+    drawn, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert 0 <= drawn.x0 and drawn.x1 <= width and 0 <= drawn.y0 and drawn.y1 <= height
+    frame = figure.findobj(AxesImage)[0].get_array()
+    assert len({tuple(colour) for colour in frame.reshape(-1, 3)}) == 3
+
+
 # ---------------------------------------------------------------- without a recording
 
 
@@ -162,26 +205,40 @@ def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_
     done = command(track, "--out", tmp_path)
     assert done.status == 0 and done.err == ""
     lines = done.out.splitlines()
+    assert re.search(
+        r"^\d of 9 batches are to be trusted\nvelocity 1[78]\d px/s in the median, ", done.out, re.MULTILINE
+    )
     head = lines.index("batch   true vx, vy [px/s]      found vx, vy [px/s]")
     table = np.array([line.split() for line in lines[head + 1 :]], float)
     written = rows(tmp_path)
-    assert len(table) == len(written) >= 20
+    assert len(table) == len(written) == 9
     np.testing.assert_array_equal(table[:, 0], range(len(table)))
     # What is printed as found is what is written.
     for column, name in ((3, "vx_px_per_s"), (4, "vy_px_per_s")):
         np.testing.assert_allclose(table[:, column], floats(written, name), atol=0.051)
-    # It turns a corner: down to the right, then up to the right; found to within half a pixel per batch or so.
+    # It turns a corner: down to the right, then up to the right, in batch 5.
     assert table[0, 1:3].tolist() == [150, 100] and table[-1, 1:3].tolist() == [120, -100]
-    np.testing.assert_allclose(np.median(table[:, 3:] - table[:, 1:3], axis=0), 0, atol=25)
-    assert np.abs(table[:, 3:] - table[:, 1:3]).max() < 100
-    assert flags(written) == [""] * len(written)
+    np.testing.assert_allclose(table[:5, 3:], table[:5, 1:3], atol=12)
+    assert set(flags(written)) <= {"", "thinned", "doubtful", "thinned|doubtful"}
     share = looks_like_a_track(tmp_path / "track.png")
     assert share((0.1216, 0.4667, 0.7059)) > 1e-4 and share((1.0, 0.498, 0.0549)) > 1e-4  # vx, vy
 
 
 def test_the_synthetic_scene_as_json_is_only_json(command, tmp_path):
     done = command(
-        track, "--engine", "model", "--set", "cold=0:0", "--batches", 2, "--json", "--no-picture", "--out", tmp_path
+        track,
+        "--engine",
+        "model",
+        "--set",
+        "cold=0:0",
+        "--batch-events",
+        1640,
+        "--batches",
+        2,
+        "--json",
+        "--no-picture",
+        "--out",
+        tmp_path,
     )
     assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["cold"] == "0:0"
 
@@ -202,12 +259,12 @@ def test_the_scene_with_other_options(command, rows, tmp_path):
 def flagged(follow, rows, dot_events, tmp_path):
     """``flagged(option, …, x=…)``: rows of the track of the dot with changed columns, and what was said."""
 
-    def flagged(*options, status=0, picture=False, **given):
+    def flagged(*options, status=0, picture=False, note="", **given):
         columns = {name: given.pop(name) for name in "txyp" if name in given}
         events = Events(**{name: columns.get(name, getattr(dot_events, name)) for name in "txyp"})
         write_hdf5(tmp_path / "events.h5", events, 32, 24)
         done = follow(*options, *["--no-picture"] * (not picture), recording=tmp_path / "events.h5", **given)
-        assert done.status == status and (status or not done.err)
+        assert done.status == status and (status or re.fullmatch(note, done.err))
         found = rows(tmp_path)
         if picture:
             moves = len({(row["roi_x"], row["roi_y"]) for row in found}) > 1
@@ -224,7 +281,8 @@ def test_a_full_buffer(flagged):
 
 
 def test_all_events_at_one_moment(flagged):
-    found, _ = flagged(t=np.full(600, 77), picture=True)
+    note = "note: .*: 100% of the first 600 events share the time 77 µs, so no motion .* too coarse\\?\n"
+    found, _ = flagged(t=np.full(600, 77), picture=True, note=note)
     for row in found:
         assert row["flags"].split("|")[0] == "degenerate" and float(row["vx"]) == float(row["vy"]) == 0
         assert row["t_ref_us"] == "77.0" and (row["vx_px_per_s"], row["vy_px_per_s"]) == ("", "")

@@ -4,38 +4,28 @@ import struct
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, open_recording
-from support.recordings import assert_reads, assert_same, cut, damaged, make_events, refusal, write_by_faery
+from support.recordings import (
+    assert_reads,
+    assert_same,
+    cut,
+    damaged,
+    evt2,
+    evt3,
+    integers,
+    make_events,
+    packed,
+    refusal,
+    write_by_faery,
+)  # fmt: skip
 
 pytest.importorskip("faery")
 
 SENSOR = (240, 180)
 EVENTS = Events([70_000, 70_003, 70_003, 70_080, 4_300_001], [0, 239, 7, 100, 3], [0, 179, 8, 90, 2], [0, 1, 1, 0, 1])
-
-
-def packed(form, *columns):
-    """Little-endian words of the columns, event after event."""
-    return np.stack(columns, axis=1).astype(form).tobytes()
-
-
-def integers(events):
-    return (getattr(events, name).astype(np.int64) for name in "txyp")
-
-
-def evt2(events):
-    """EVT 2.0: 4 bits of type, then the 28 upper bits of the time, or its 6 lower bits, x and y (11 bits each)."""
-    t, x, y, p = integers(events)
-    return packed("<u4", 0x8 << 28 | t >> 6, p << 28 | (t & 63) << 22 | x << 11 | y)
-
-
-def evt3(events):
-    """EVT 3.0: words of 16 bits, of which 4 are the type: time high (8) and low (6), y (0), single x (2)."""
-    t, x, y, p = integers(events)
-    return packed("<u2", 8 << 12 | t >> 12 & 0xFFF, 6 << 12 | t & 0xFFF, y, 2 << 12 | p << 11 | x)
 
 
 def dat(events):

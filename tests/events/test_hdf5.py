@@ -56,6 +56,25 @@ def test_table_in_another_order_says_which_is_read(h5, rng):
     assert "columns t, x, y, p" in refusal(h5(table(make_events(rng), "int64", "xytp")), "read")
 
 
+@pytest.mark.parametrize("prefix", ["cam0/", "prophesee/left/"])
+def test_the_only_events_are_found_anywhere_or_named(h5, rng, prefix):
+    events, other = make_events(rng), make_events(rng)
+    assert_reads(h5({**columns(events, "txyp", prefix), "imu/t": [1]}), events)
+    path = h5({**columns(events, "txyp", prefix), **columns(other, "txyp")})
+    assert_reads(path, other)
+    assert_reads(path, events, dataset=prefix)
+    assert f"{prefix}p (1000 uint8), {prefix}t (1000 int64), " in refusal(path, dataset="imu")
+
+
+def test_columns_in_another_order(h5, rng):
+    events = make_events(rng)
+    assert_reads(h5(table(events, "int64", "xypt")), events, columns="x,y,p,t")
+    wide = np.insert(table(events, "int64", "pxyt")["events"], 1, 7, axis=1)
+    assert_reads(h5({"deep/inside": wide}), events, columns=["p", "id", "x", "y", "t"], dataset="deep/inside")
+    assert "array of 1000×5; N×4 with columns t, x, y, p" in refusal(h5({"events": wide}))
+    assert "columns x,y,t,p: they have names" in refusal(h5(columns(events, "txyp")), columns="x,y,t,p")
+
+
 def test_mvsec(h5, rng):
     events = make_events(rng)
     table = np.stack([events.x, events.y, events.t * 1e-6 + 1.5e9, events.p * 2.0 - 1], axis=1)
@@ -132,8 +151,10 @@ def test_missing_column(h5, rng, missing, prefix):
 
 
 @pytest.mark.parametrize("content, message", [
-    ({}, "no events found"),
-    ({"images": np.zeros((4, 4))}, "no events found"),
+    ({}, "no events found; it holds no data sets"),
+    ({"images": np.zeros((4, 4))}, "no events found; it holds images (4×4 float64); --dataset PATH"),
+    ({f"a/{k:02}": [k] for k in range(20)}, "a/06 (1 int64), a/07 (1 int64), 12 more; --dataset PATH"),
+    ({f"{side}/{name}": [1] for side in ("left", "right") for name in "txyp"}, "events in /left and /right; it holds "),
     ({"events": np.zeros((5, 3))}, "array of 5×3; N×4"),
     ({"events": np.zeros((0, 4))}, "no events"),
     ({"events": np.float64(3)}, "a single value"),

@@ -12,7 +12,7 @@ import pytest
 from cmfpga.events import BatchCutter, Events, open_recording
 from support.recordings import aedat2_words, write_aedat2, write_by_faery
 
-COUNT = 3_000_000
+COUNT = 1_500_000
 COLUMN_BYTES = COUNT * (8 + 2 + 2 + 1)
 CHUNK = 50_000
 
@@ -61,7 +61,7 @@ def read(path, **options):
 
 @pytest.mark.parametrize("name, limit", [("a.h5", 8), ("a.npz", 8), ("table.npz", 12), ("a.npy", 12), ("a.txt", 30)])
 def test_reading(large, name, limit):
-    """Peak in MB, of NumPy's and Python's memory; all events would be 39 MB (text: 8 MB of 300,000 lines in blocks)."""
+    """Peak in MB, of NumPy's and Python's memory; all events would be 20 MB (text: 4 MB of 150,000 lines in blocks)."""
     found = []
     assert peak(lambda: found.append(read(large / name, size=CHUNK))) < limit * 1e6
     assert found == [COUNT // 10 if name == "a.txt" else COUNT]

@@ -1,5 +1,6 @@
 """Text recordings: exact times, forms of lines, odd lines."""
 
+import gzip
 import re
 import time
 import zipfile
@@ -25,6 +26,33 @@ def txt(tmp_path):
         return path
 
     return write
+
+
+@pytest.mark.parametrize("head", ["", "240 180\n", "foo bar baz qux quux\n", "# mine\n"])
+def test_columns_in_the_order_that_is_told(txt, head):
+    """Names that are not known, and those that say otherwise, are passed over."""
+    path = txt(head + "3 4 9 1000 1\n5 6 9 2000 0\n")
+    with open_recording(path, columns="x, y, id, T, p", time_unit="us") as recording:
+        (found,) = recording.chunks()
+    assert [getattr(found, name).tolist() for name in "txyp"] == [[1000, 2000], [3, 5], [4, 6], [1, 0]]
+    path = txt("t x y p\n1 2 3 0\n")
+    with open_recording(path, columns="p,x,y,t") as recording:
+        assert next(recording.chunks()).t.tolist() == [0]
+    assert "line 2: t is 'x'" in refusal(txt("1 2 3 0\n1 2 3 x\n"), columns="p,x,y,t")
+
+
+@pytest.mark.parametrize("columns", ["x,y,t", "x,y,t,t,p", "", "txyp", 3, [1, 2, 3, 4]])
+def test_columns_that_are_none(txt, columns):
+    assert "t, x, y and p, each once, in their order are needed" in refusal(txt("1 2 3 0\n"), columns=columns)
+
+
+def test_what_cannot_be_told(txt, tmp_path):
+    path = txt("1 2 3 0\n")
+    assert "text; dataset can be told of HDF5 only" in refusal(path, dataset="a")
+    path.write_bytes(gzip.compress(b"\0\1\2"))
+    assert "gzip of something else than text; text is needed" in refusal(path)
+    path.write_bytes(gzip.compress(b""))
+    assert "an empty text; text is needed" in refusal(path)
 
 
 # -------------------------------------------------------------------- times

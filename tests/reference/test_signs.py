@@ -211,14 +211,14 @@ def compare(config, rng, batches=12, tiny=0.06):
     unit, core = 2.0 ** -(config.weight_frac + config.derivative_frac), IntegerCore(config)
     for _ in range(batches):
         t, x, y = (torch.from_numpy(column) for column in moving_object(rng, rng.uniform(-6, 6, 2)))
-        span = int(t[-1])
+        span, size = int(t[-1]), {"width": 48, "height": 36, "border": config.border}
         raw = *integer_dither(config, x, y), time_scaler(config, t, span=span)
         exact = [axis.double() + offset for axis, offset in zip((x, y), dither(len(t)), strict=True)]
         v = (0, 0)
         for entry in schedule:
             step, _ = core.iterate(*raw, v, entry=entry)
             real_v = [config.formats.v.real(axis) for axis in v]
-            it = evaluate(*exact, scaled_times(t, 0, span), real_v, level=entry.level, width=48, height=36)
+            it = evaluate(*exact, scaled_times(t, 0, span), real_v, level=entry.level, **size)
             centred = (it.image - it.image.mean()).abs()
             for got, g, d in zip(step.g, (it.g_x, it.g_y), (it.derivative_x, it.derivative_y), strict=True):
                 scale = float(config.geometry.pixels * (centred * (d - d.mean()).abs()).sum())

@@ -37,9 +37,7 @@ CONFIGS = {
     "fast, one pixel wide bank": preset("fast").replace(
         sensor_width=8, sensor_height=6, roi_width=2, roi_height=3, buffer_events=16, tag_bits=2
     ),
-    "fast, by sweep": preset("fast").replace(
-        gradient="sweep", confidence=0, roi_width=32, roi_height=24, buffer_events=200
-    ),
+    "fast, by sweep": preset("fast").replace(gradient="sweep", roi_width=32, roi_height=24, buffer_events=200),
     "paper, in one pass": Config(gradient="one_pass", roi_width=40, roi_height=30, buffer_events=300),
 }
 BATCHES = {"paper": 300, "fast": 300}  # 60 for the others

@@ -6,7 +6,6 @@ recorded in the cycle in which it is visible, and a latency is the difference of
 
 from dataclasses import dataclass, field
 
-from amaranth.hdl import Fragment, MemoryData, MemoryInstance, Shape, Value
 from amaranth.sim import Simulator
 
 from support.values import Port, random_values
@@ -31,32 +30,9 @@ class Recording:
         return [cycle for cycle, _ in self.flows[name]]
 
 
-class AnyContent:
-    """A platform whose memories start with random words: what a reset, which clears no RAM, may leave there."""
-
-    def __init__(self, rng):
-        self.rng = rng
-
-    def get_memory(self, memory):
-        """Hook of :class:`amaranth.lib.memory.Memory`: what is elaborated in its place."""
-        width = Shape.cast(memory.shape).width
-        bits = self.rng.integers(0, 2, (memory.depth, width)).tolist()
-        words = [sum(bit << n for n, bit in enumerate(word)) for word in bits]
-        # The memory itself is frozen by now: the same ports on one that is not.
-        content = MemoryData(shape=width, depth=memory.depth, init=words)
-        instance = MemoryInstance(data=content)
-        for port in memory.write_ports:
-            instance.write_port(domain=port.domain, addr=port.addr, data=Value.cast(port.data), en=port.en)
-        for port in memory.read_ports:
-            assert not port.transparent_for
-            word = Value.cast(port.data)
-            instance.read_port(domain=port.domain, addr=port.addr, data=word, en=port.en, transparent_for=())
-        return instance
-
-
-def simulate(top, *benches, platform=None):
+def simulate(top, *benches):
     """Run until every bench has finished."""
-    simulator = Simulator(Fragment.get(top, platform))
+    simulator = Simulator(top)
     simulator.add_clock(1e-6)
     for bench in benches:
         simulator.add_testbench(bench)
@@ -70,7 +46,7 @@ def member(block, path):
     return block
 
 
-def play(block, script, *, flows=("o",), watch=(), platform=None):
+def play(block, script, *, flows=("o",), watch=()):
     """Play a script and record.
 
     ``script`` has one dictionary ``{path: value}`` per cycle. Inputs of one bit go back to 0 in a cycle that does not
@@ -101,7 +77,7 @@ def play(block, script, *, flows=("o",), watch=(), platform=None):
                 recording.watch[name].append(port.get(ctx))
             await ctx.tick()
 
-    simulate(block, bench, platform=platform)
+    simulate(block, bench)
     return recording
 
 

@@ -1,5 +1,6 @@
 """Events, files of them in every format written without the code under test, and how a file is refused."""
 
+import gzip
 import zipfile
 
 import h5py
@@ -102,6 +103,7 @@ def _write_h5(path, *columns):
 WRITERS = {
     "h5": _write_h5,
     "txt": lambda path, *columns: path.write_text(text_lines(*columns)),
+    "txt.gz": lambda path, *columns: path.write_bytes(gzip.compress(text_lines(*columns).encode())),
     "zip": _write_zip,
     "npy": lambda path, *columns: np.save(path, structured(*columns)),
     "npz": lambda path, *columns: np.savez_compressed(path, **dict(zip("txyp", columns, strict=True))),
@@ -133,3 +135,24 @@ def aedat2_words(events, width=240, height=180):
 def write_aedat2(path, words, header=AEDAT2_HEADER):
     path.write_bytes(header + np.asarray(words).astype(">u4").tobytes())
     return path
+
+
+def packed(form, *columns):
+    """Little-endian words of the columns, event after event."""
+    return np.stack(columns, axis=1).astype(form).tobytes()
+
+
+def integers(events):
+    return (getattr(events, name).astype(np.int64) for name in "txyp")
+
+
+def evt2(events):
+    """EVT 2.0: 4 bits of type, then the 28 upper bits of the time, or its 6 lower bits, x and y (11 bits each)."""
+    t, x, y, p = integers(events)
+    return packed("<u4", 0x8 << 28 | t >> 6, p << 28 | (t & 63) << 22 | x << 11 | y)
+
+
+def evt3(events):
+    """EVT 3.0: words of 16 bits, of which 4 are the type: time high (8) and low (6), y (0), single x (2)."""
+    t, x, y, p = integers(events)
+    return packed("<u2", 8 << 12 | t >> 12 & 0xFFF, 6 << 12 | t & 0xFFF, y, 2 << 12 | p << 11 | x)

@@ -9,7 +9,7 @@ import pytest
 from cmfpga.config import Config
 from cmfpga.engines import Engine, make_engine
 from cmfpga.engines.floating import FloatEngine
-from cmfpga.events import BatchCutter, Events, generate
+from cmfpga.events import BatchCutter, Events, Feed, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.imaging.iwe import contrast
 from cmfpga.protocol.flags import Flag
@@ -91,6 +91,20 @@ def test_batches_by_roi_events_are_cut_with_the_roi_of_the_moment():
 
     list(track(Recorder(), Cutter(), roi=(4, 5), batches=3))
     assert Cutter.asked == [(4, 5, 12, 8), (6, 6, 12, 8), (8, 7, 12, 8)]
+
+
+def test_where_there_are_no_events_yet_the_track_waits():
+    feed, engine = Feed((40, 30), "made up"), Recorder()
+    batches = track(engine, BatchCutter(feed, start_event=2, events=30, max_events=1000), roi=(4, 5))
+    assert next(batches) is None and next(batches) is None
+    events = next(recording(range(0, 1000, 10)).chunks())
+    feed.push(events[:1])
+    feed.push(events[1:31])
+    assert next(batches) is None
+    feed.push(events[31:])
+    feed.end()
+    assert [batch.index for batch in batches] == [0, 1, 2]
+    np.testing.assert_array_equal(np.concatenate([taken.t for taken, _ in engine.asked]), range(20, 920, 10))
 
 
 def test_an_empty_window_keeps_the_roi_waiting_for_events():

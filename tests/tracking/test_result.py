@@ -9,6 +9,7 @@ import sys
 import numpy as np
 import pytest
 import torch
+from matplotlib.text import Text
 
 import cmfpga
 from cmfpga import track as command_module
@@ -80,12 +81,23 @@ def test_arrays_are_the_columns_of_the_csv(command, rows, dot, small, tmp_path, 
     assert (tmp_path / "again.csv").read_bytes() == (tmp_path / "track.csv").read_bytes()
 
 
+def test_a_notebook_shows_the_table_and_the_picture(dot, monkeypatch):
+    tracking = follow(dot, batches=5)
+    shown = tracking._repr_html_()
+    assert shown.count("<tr>") == 6 and f"<td>{tracking.vx[4].item()!r}</td>" in shown
+    assert "middle of the batch [µs]" in shown and "data:image/png;base64,iVBORw0KGgo" in shown
+    monkeypatch.setattr("cmfpga.tracking.result._SHOWN", 2)
+    shown = tracking._repr_html_()
+    assert shown.count("<tr>") == 6 and shown.count("<td>…</td>") == len(COLUMNS)
+
+
 def test_data_frame(dot):
     pandas = pytest.importorskip("pandas")
     tracking = follow(dot, batches=3)
-    frame = tracking.to_dataframe()
+    frame = tracking.to_pandas()
     assert list(frame.columns) == list(COLUMNS) and len(frame) == 3
-    assert frame["roi_x"].tolist() == tracking.roi_x.tolist() and frame["vx"].tolist() == tracking.vx.tolist()
+    assert list(tracking.to_arrays()) == list(COLUMNS) and frame["roi_x"].tolist() == tracking.roi_x.tolist()
+    assert frame["vx"].tolist() == tracking.vx.tolist()
     text = frame.to_csv(index=False)
     assert next(csv.reader(io.StringIO(text))) == list(COLUMNS)
     assert pandas.isna(frame["cycles"]).all()
@@ -95,14 +107,16 @@ def test_data_frame_without_pandas(dot, monkeypatch):
     tracking = follow(dot, batches=1)
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ConfigError, match=r"pip install 'cmfpga\[pandas\]'"):
-        tracking.to_dataframe()
+        tracking.to_pandas()
 
 
 def test_plot_is_the_picture_of_the_command(dot, tmp_path):
     figure = follow(dot).plot(tmp_path / "a.png")
-    assert figure.get_suptitle().endswith("6 batches (cyan: trail of the ROI's centre)")
+    shown = [text.get_text() for text in figure.findobj(Text)]
+    assert "dot.h5: 6 batches" in shown and "trail of its centre" in shown
     assert (tmp_path / "a.png").stat().st_size > 20_000
-    assert follow(dot, batches=1).plot().get_suptitle().endswith("1 batches")  # of one place there is no trail
+    of_one_place = [text.get_text() for text in follow(dot, batches=1).plot().findobj(Text)]
+    assert "ROI" in of_one_place and "trail of its centre" not in of_one_place
 
 
 def test_what_can_be_tracked(dot, dot_events):
@@ -111,6 +125,11 @@ def test_what_can_be_tracked(dot, dot_events):
         found = [follow(opened, batches=3)]
     found.append(follow(dot_events, batches=3, sensor=(32, 24)))
     found.append(follow(MemoryRecording(dot_events, 32, 24), batches=3))
+    columns = tuple(getattr(dot_events, name) for name in "txyp")
+    for data in (columns, np.stack(columns, axis=1).astype(int), dict(zip("txyp", columns, strict=True))):
+        found.append(follow(data, batches=3, sensor=(32, 24)))
+    seconds = (dot_events.t / 1e6, *columns[1:])
+    found.append(follow(seconds, batches=3, sensor=(32, 24), time_unit="s"))
     for tracking in found:
         assert tracking.vx.tolist() == expected.vx.tolist() and tracking.contrast.tolist() == expected.contrast.tolist()
     scene = generate(seed=1, velocity=(150.0, 100.0), duration_us=100_000)
@@ -171,7 +190,7 @@ def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
         follow(dot_events)
     with pytest.raises(RecordingError, match="events in memory: sensor '240x180'; "):
         follow(dot_events, sensor="240x180")
-    with pytest.raises(RecordingError, match="list: a path, a Recording"):
+    with pytest.raises(RecordingError, match="events: list; \\(t, x, y, p\\), a structured array, or N×4"):
         follow([1, 2, 3])
     np.savez(tmp_path / "a.npz", t=dot_events.t, x=dot_events.x, y=dot_events.y, p=dot_events.p)
     with pytest.warns(UserWarning) as told:
@@ -183,7 +202,7 @@ def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
 # ---------------------------------------------------------------- traces
 
 
-@pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
+@pytest.mark.parametrize("config", [PAPER, {**FAST, "cold_after_doubtful": 0}], ids=["paper", "fast"])
 @pytest.mark.parametrize("engine", ["rtl", "model"])
 def test_every_intermediate_is_that_of_the_model(dot, engine, config):
     """Of the integer core itself, run over the same batches and asked to keep everything."""

@@ -2,9 +2,11 @@
 
 from . import aedat2, cameras, hdf5, numpy_files, text
 from .arrays import Events
-from .batches import Batch, BatchCutter
-from .columns import MemoryRecording
+from .batches import WAITING, Batch, BatchCutter
+from .columns import MemoryRecording, as_events
+from .feed import Feed
 from .hdf5 import Hdf5Writer, write_hdf5
+from .live import LiveSource, is_live, open_source
 from .motion import Motion
 from .recording import Format, Recording, formats, open_recording, register_format
 from .source import EventSource
@@ -15,20 +17,26 @@ for _format in (*text.FORMATS, *aedat2.FORMATS, *cameras.FORMATS, *hdf5.FORMATS,
     register_format(_format)
 
 __all__ = [
+    "WAITING",
     "Batch",
     "BatchCutter",
     "EventSource",
     "Events",
+    "Feed",
     "Format",
     "Hdf5Writer",
+    "LiveSource",
     "MemoryRecording",
     "Motion",
     "Recording",
     "Scene",
     "Synthetic",
+    "as_events",
     "formats",
     "generate",
+    "is_live",
     "open_recording",
+    "open_source",
     "register_format",
     "write_hdf5",
 ]

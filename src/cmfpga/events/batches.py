@@ -9,6 +9,10 @@ from ..errors import ConfigError
 from .arrays import Events
 from .recording import CHUNK_EVENTS
 
+#: What :meth:`BatchCutter.next` returns where the source has no events *yet*: ask again later.
+WAITING = object()
+_END = object()
+
 # Events whose coordinates are looked at in one go when ROI events are counted: little more than a batch.
 _SCAN_EVENTS = 4096
 
@@ -88,6 +92,7 @@ class BatchCutter:
         self._position = self._start
         self._window_begin = None
         self._leftover = None
+        self._parts, self._count, self._inside = [], 0, 0  # of the batch that is being filled
 
     @property
     def position(self):
@@ -104,8 +109,19 @@ class BatchCutter:
         left = f"({self.leftover} left)"
         return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
+    def peek(self, count):
+        """The next ``count`` events, which stay; fewer at the end of the source; or :data:`WAITING`."""
+        parts, chunk = [self._chunk[self._at :]], _END
+        while sum(map(len, parts)) < count:
+            chunk = next(self._chunks, _END)
+            if chunk is None or chunk is _END:
+                break
+            parts.append(chunk)
+        self._chunk, self._at = Events.concatenate(parts), 0
+        return WAITING if chunk is None else self._chunk[:count]
+
     def next(self, roi=None):
-        """The next :class:`Batch`, or None at the end.
+        """The next :class:`Batch`, None at the end, or :data:`WAITING`.
 
         Parameters
         ----------
@@ -117,12 +133,16 @@ class BatchCutter:
             return None
         if self.mode == "roi_events":
             roi = _checked_roi(roi)
-        parts, count, inside = [], 0, 0
         while True:
-            rest = self._rest()
-            if rest is None:
-                self._leftover = count
-                return None
+            while self._at == len(self._chunk):
+                chunk = next(self._chunks, _END)
+                if chunk is None:
+                    return WAITING
+                if chunk is _END:
+                    self._leftover = self._count
+                    return None
+                self._chunk, self._at = chunk, 0
+            rest, count = self._chunk[self._at :], self._count
             cut_short = False
             if self.mode == "events":
                 take = min(self.size - count, len(rest))
@@ -130,24 +150,17 @@ class BatchCutter:
             elif self.mode == "duration_us":
                 take, complete, cut_short = self._take_window(rest, count)
             else:
-                take, hits = _take_roi(rest[: min(_SCAN_EVENTS, self.max_events - count)], roi, self.size - inside)
-                inside += hits
-                complete = inside == self.size
+                take, hits = _take_roi(
+                    rest[: min(_SCAN_EVENTS, self.max_events - count)], roi, self.size - self._inside
+                )
+                self._inside += hits
+                complete = self._inside == self.size
                 cut_short = not complete and count + take == self.max_events
-            parts.append(rest[:take])
-            count += take
+            self._parts.append(rest[:take])
+            self._count += take
             self._at += take
             if complete or cut_short:
-                return self._batch(parts, count, cut_short)
-
-    def _rest(self):
-        """Events of the current chunk that are in no batch yet, at least one; None at the end of the recording."""
-        while self._at == len(self._chunk):
-            chunk = next(self._chunks, None)
-            if chunk is None:
-                return None
-            self._chunk, self._at = chunk, 0
-        return self._chunk[self._at :]
+                return self._batch(cut_short)
 
     def _take_window(self, rest, count):
         if self._window_begin is None:
@@ -158,8 +171,9 @@ class BatchCutter:
             return self.max_events - count, False, True
         return take, complete, False
 
-    def _batch(self, parts, count, cut_short):
-        first = self._position
+    def _batch(self, cut_short):
+        parts, count, first = self._parts, self._count, self._position
+        self._parts, self._count, self._inside = [], 0, 0
         self._position += count
         window = None
         if self.mode == "duration_us":

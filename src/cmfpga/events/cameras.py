@@ -111,7 +111,7 @@ class CameraRecording(StreamedRecording):
             return None
         fields, begin = prophesee_header(head)
         if self._kind == "evt":
-            word = _WORD_BYTES[_evt_version(fields)]
+            word = _WORD_BYTES[evt_version(fields)]
             rest = (size - begin) % word
         else:
             word = _DAT_EVENT_BYTES
@@ -147,7 +147,7 @@ def prophesee_header(head):
     return fields, at
 
 
-def _evt_version(fields):
+def evt_version(fields):
     """``"2.0"``, ``"2.1"`` or ``"3.0"``; None if the header names none of them."""
     return _VERSIONS.get(fields.get("format", "").partition(";")[0].upper()) or _VERSIONS.get(fields.get("evt", ""))
 
@@ -167,7 +167,7 @@ def _is_raw(head, path):
     return _is_prophesee(head) and not _is_dat(head, path)
 
 
-def _raw_sensor(fields):
+def raw_sensor(fields):
     sizes = (
         re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", "")),
         re.search(r";height=(?P<height>\d+);width=(?P<width>\d+)", fields.get("format", "")),
@@ -186,7 +186,7 @@ def open_raw(path, *, time_unit=None, sensor=None):
     """The :class:`Recording` of a Prophesee RAW file."""
     with path.open("rb") as file:
         fields, _ = prophesee_header(file.read(HEAD_BYTES))
-    version = _evt_version(fields)
+    version = evt_version(fields)
     if version is None:
         said = fields.get("format") or fields.get("evt")
         raise RecordingError(
@@ -196,7 +196,7 @@ def open_raw(path, *, time_unit=None, sensor=None):
         )
     return CameraRecording(
         path, kind="evt", format=f"Prophesee RAW (EVT {version})", time_unit=time_unit, sensor=sensor,
-        file_sensor=_raw_sensor(fields),
+        file_sensor=raw_sensor(fields),
     )  # fmt: skip
 
 

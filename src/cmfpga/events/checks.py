@@ -51,6 +51,7 @@ class EventChecker:
         self._check_order(t)
         x, y, p = self.coordinate("x", x, self.width), self.coordinate("y", y, self.height), self.polarity(p)
         self.next_event += len(t)
+        self._last_t = int(t[-1]) if len(t) else self._last_t
         return t, x, y, p
 
     def _fail(self, k, message):
@@ -65,7 +66,6 @@ class EventChecker:
         if back.any():
             k = int(back.argmax())
             self._fail_order(k + 1, t[k], t[k + 1])
-        self._last_t = int(t[-1])
 
     def _fail_order(self, k, before, after):
         self._fail(

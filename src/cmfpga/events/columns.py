@@ -2,16 +2,19 @@
 
 import contextlib
 
+import numpy as np
+
 from ..errors import RecordingError
+from .arrays import Events
 from .recording import Recording, check_sensor
-from .units import SAMPLE_EVENTS, guess_unit, parse_unit, to_us
+from .units import SAMPLE_EVENTS, guess_unit, to_us
 
 # Names under which the four columns are found, in data sets, archives and structured arrays.
 NAMES = {
     "t": ("t", "ts", "timestamp", "timestamps", "time", "times"),
     "x": ("x", "xs", "col", "column"),
     "y": ("y", "ys", "row"),
-    "p": ("p", "ps", "polarity", "polarities", "pol"),
+    "p": ("p", "ps", "polarity", "polarities", "pol", "on"),
 }
 
 
@@ -34,6 +37,42 @@ def require_names(names, where):
     return found
 
 
+def as_events(data, time_unit=None):
+    """:class:`Events` of whatever holds them in memory.
+
+    Parameters
+    ----------
+    data : Events, tuple, mapping or array
+        A tuple (t, x, y, p) of arrays; a structured array, a dictionary or a pandas ``DataFrame`` with columns named as
+        in :data:`NAMES` (so those of tonic, Metavision, expelliarmus, faery and dv-processing); or N×4 with columns
+        t, x, y, p.
+    time_unit : {"s", "ms", "us", "ns"}, optional
+        Of t; whole numbers are µs by default.
+
+    Raises
+    ------
+    RecordingError
+        It is nothing of that kind, or holds what :class:`Events` refuse; one line.
+    """
+    if isinstance(data, Events):
+        return data if time_unit is None else Events(data.t, data.x, data.y, data.p, time_unit=time_unit)
+    if isinstance(data, tuple) and len(data) == len(NAMES):
+        return Events(*data, time_unit=time_unit)
+    names = getattr(getattr(data, "dtype", None), "names", None) or (hasattr(data, "keys") and list(data.keys()))
+    if names:
+        found = require_names(names, "events")
+        return Events(*(data[found[column]] for column in NAMES), time_unit=time_unit)
+    with contextlib.suppress(ValueError, TypeError):  # lists of other lengths
+        table = np.asarray(data)
+        if table.ndim == 2 and table.shape[1] == len(NAMES):
+            return Events(*table.T, time_unit=time_unit)
+    shape = getattr(data, "shape", ())
+    raise RecordingError(
+        f"events: {type(data).__name__}{' of ' * bool(shape)}{'×'.join(map(str, shape))}; (t, x, y, p), a structured "
+        "array, or N×4 with columns t, x, y, p is needed"
+    )
+
+
 class Columns:
     """The four columns of events, read by slices.
 
@@ -44,20 +83,23 @@ class Columns:
         N×4. An array is anything with ``shape``, ``dtype`` and slicing.
     where : str
         Start of messages.
-    order : str
-        Columns of an N×4 array.
+    order : sequence of str, optional
+        Columns of an N×4 array, by default t, x, y, p; of a wider one, other names are not read.
     close : callable, optional
         Releases what reading has opened.
 
     Raises
     ------
     RecordingError
-        The arrays have another shape, lengths that differ, or hold something else than numbers; or hold no events.
+        The arrays have another shape, lengths that differ, or hold something else than numbers; or hold no events; or
+        an order is given though the columns have names.
     """
 
-    def __init__(self, source, where, order="txyp", close=lambda: None):
+    def __init__(self, source, where, order=None, close=lambda: None):
         self.close = close
-        self._order = order
+        if order and (isinstance(source, dict) or source.dtype.names):
+            raise RecordingError(f"{where}: columns {','.join(order)}: they have names of their own")
+        self._order = order = order or (*NAMES,)
         self._source = source
         self._names = None
         if isinstance(source, dict):
@@ -78,15 +120,19 @@ class Columns:
         else:
             dtypes = dict.fromkeys(NAMES, source.dtype)
             shape = source.shape
-            if len(shape) != 2 or shape[1] != 4:
+            if len(shape) != 2 or shape[1] != len(order):
                 size = "×".join(map(str, shape)) or "a single value"
-                raise RecordingError(f"{where}: array of {size}; N×4 with columns {', '.join(order)} is needed")
+                raise RecordingError(
+                    f"{where}: array of {size}; N×{len(order)} with columns {', '.join(order)} is needed"
+                )
         for name, dtype in dtypes.items():
             if dtype.kind not in ("iuf" if name == "t" else "biuf"):
                 raise RecordingError(f"{where}: {name} holds {dtype}; real numbers are needed")
         if not shape[0]:
             raise RecordingError(f"{where}: no events")
         self._length = shape[0]
+        #: What messages add to the name.
+        self.layout = "" if isinstance(source, dict) or self._names else f" (columns {', '.join(order)})"
 
     def __len__(self):
         return self._length
@@ -114,8 +160,6 @@ class ColumnsRecording(Recording):
         As the file says.
     t_offset : int or float
         Added to all time stamps, in the unit of the recording.
-    layout : str
-        What messages add to the name, such as the order of the columns.
     read_errors : tuple of exceptions
         What reading damaged content raises.
     """
@@ -123,14 +167,14 @@ class ColumnsRecording(Recording):
     _file = None  # what close() closes
 
     def __init__(
-        self, columns, *, path, format, sensor, name=None, time_unit=None, file_unit=None, t_offset=None, layout="",
+        self, columns, *, path, format, sensor, name=None, time_unit=None, file_unit=None, t_offset=None,
         read_errors=(),
     ):  # fmt: skip
         self._open_columns = columns
-        self._layout = layout
         name = name or str(path)
         self._read_errors = read_errors
         first = columns()
+        self._layout = first.layout
         source = "given" if time_unit else "file" if file_unit else "assumed"
         unit = time_unit or file_unit
         super().__init__(
@@ -182,17 +226,12 @@ class MemoryRecording(ColumnsRecording):
         Size of the sensor, px.
     name : str
         For people.
-    time_unit : {"s", "ms", "us", "ns"}, optional
-        What the whole numbers in ``events.t`` count; µs by default.
     """
 
-    def __init__(self, events, width, height, name="events in memory", time_unit=None):
+    def __init__(self, events, width, height, name="events in memory"):
         columns = Columns({key: getattr(events, key) for key in NAMES}, name)
         sensor = check_sensor((width, height), name)
-        time_unit = None if time_unit is None else parse_unit(time_unit, name)
-        super().__init__(
-            lambda: columns, path=None, name=name, format="memory", sensor=sensor, time_unit=time_unit, file_unit="us"
-        )
+        super().__init__(lambda: columns, path=None, name=name, format="memory", sensor=sensor, file_unit="us")
 
 
 def one_line(error):

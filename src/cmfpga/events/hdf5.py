@@ -5,15 +5,18 @@ Read, in this order (names of the columns: see ``columns.NAMES``):
 - ``events/{t,x,y,p}``, ours and the common one; a scalar ``t_offset`` at the root is added to t (DSEC);
 - ``events`` as a compound data set, or of N×4 with columns t, x, y, p;
 - ``{t,x,y,p}`` at the root;
-- ``davis/left/events`` of N×4 with columns x, y, t, p (MVSEC, 346×260 px).
+- ``CD/events`` as a compound data set (Prophesee, in µs; its compression, ECF, is decoded in :mod:`~.ecf`);
+- ``davis/left/events`` of N×4 with columns x, y, t, p (MVSEC, 346×260 px);
+- the only other group of t, x, y, p, or compound data set of them, wherever it lies; or the one that the caller names.
 
 Attributes, of the data set, its group or the root: ``unit``, ``units`` or ``time_unit`` (of t; of groups only
-``time_unit``), ``sensor_width`` and ``sensor_height``, ``width`` and ``height``, or ``sensor_resolution`` as (height,
-width). A file with ``t_offset`` and ``ms_to_idx`` is of DSEC, 640×480 px.
+``time_unit``), ``sensor_width`` and ``sensor_height``, ``width`` and ``height``, ``sensor_resolution`` as (height,
+width), or ``geometry`` as ``"WxH"``. A file with ``t_offset`` and ``ms_to_idx`` is of DSEC, 640×480 px.
 """
 
 import contextlib
 import os
+import re
 from pathlib import Path
 
 import h5py
@@ -21,12 +24,15 @@ import numpy as np
 
 from ..errors import RecordingError
 from .columns import NAMES, Columns, ColumnsRecording, match_names, one_line, readable, require_names
+from .ecf import EcfDataset, EcfError, is_compressed
 from .recording import Format, check_sensor
 from .units import parse_unit
 
-_READ_ERRORS = (OSError, RuntimeError, KeyError)
+_READ_ERRORS = (OSError, RuntimeError, KeyError, EcfError)
 _MAGIC = b"\x89HDF\r\n\x1a\n"
-_MVSEC = "davis/left/events"
+_MVSEC, _PROPHESEE = "davis/left/events", "CD/events"
+# Data sets that a message names.
+_SHOWN = 8
 _DSEC_SENSOR = (640, 480)
 _MVSEC_SENSOR = (346, 260)
 
@@ -35,52 +41,87 @@ _STORED_CHUNK = 1 << 14
 
 
 class Hdf5Recording(ColumnsRecording):
-    """Events of an HDF5 file; see the module for the layouts. Chunks are read from the file as they are asked for."""
+    """Events of an HDF5 file; see the module for the layouts. Chunks are read from the file as they are asked for.
 
-    def __init__(self, path, *, time_unit=None, sensor=None):
+    ``dataset`` is the path of a data set or of a group; ``columns`` the names of the columns of N×4.
+    """
+
+    def __init__(self, path, *, time_unit=None, sensor=None, columns=None, dataset=None):
         errors = (*_READ_ERRORS, ValueError, TypeError)
         with readable(f"{path}: not a readable HDF5 file", errors), contextlib.ExitStack() as opened:
             self._file = opened.enter_context(h5py.File(path, "r"))
-            source, order, holders = _find_events(self._file, path)
+            source, order, holders = _find_events(self._file, path, dataset)
             offset = self._file.get("t_offset")
             dsec = offset is not None and "ms_to_idx" in self._file
-            layout_sensor = _MVSEC_SENSOR if order == "xytp" else _DSEC_SENSOR if dsec else None
-            columns = Columns(source, str(path), order)
+            layout_sensor = _MVSEC_SENSOR if order else _DSEC_SENSOR if dsec else None
+            found = Columns(source, str(path), columns or order)
             super().__init__(
-                lambda: columns,
+                lambda: found,
                 path=path,
                 format="HDF5",
                 sensor=sensor or _sensor(holders, path) or layout_sensor,
                 time_unit=time_unit,
-                file_unit=_unit(holders, path),
+                file_unit=_unit(holders, path) or ("us" if holders[0].name == f"/{_PROPHESEE}" else None),
                 t_offset=None if offset is None else np.reshape(offset[()], (1,)),
-                layout=f" (columns {', '.join(order)})" if not isinstance(source, dict) else "",
                 read_errors=_READ_ERRORS,
             )
             opened.pop_all()
 
 
-def _find_events(file, path):
+def _find_events(file, path, dataset):
     """Source and order of the columns for :class:`Columns`, and the objects whose attributes count, nearest first."""
-    mvsec = file.get(_MVSEC)
-    if isinstance(mvsec, h5py.Dataset):
-        return mvsec, "xytp", (mvsec, file)
+    if dataset is not None:
+        node = file.get(dataset)
+        if node is None:
+            raise RecordingError(f"{path}: no data set {dataset!r}; it holds {_contents(file)}")
+        return _events_at(node, file, path)
+    for name in (_MVSEC, _PROPHESEE):
+        if isinstance(file.get(name), h5py.Dataset):
+            return _events_at(file[name], file, path)
     events = file.get("events")
     if isinstance(events, h5py.Dataset):
-        return events, "txyp", (events, file)
+        return _events_at(events, file, path)
     groups = [group for group in (events, file) if group is not None]
     group = max(groups, key=lambda group: len(match_names(group)))  # the first of equals
-    if not match_names(group):
-        raise RecordingError(
-            f"{path}: no events found among its data sets; events/{{t,x,y,p}}, t, x, y, p at the root, or events as "
-            "one data set is needed"
-        )
-    names = require_names(group, path if group is file else f"{path}: events")
-    source = {column: group[name] for column, name in names.items()}
+    if match_names(group):
+        return _events_at(group, file, path)
+    elsewhere = []
+    file.visititems(lambda _, node: elsewhere.append(node) if _has_columns(node) else None)
+    if len(elsewhere) != 1:
+        what = f"events in {' and '.join(node.name for node in elsewhere)}" if elsewhere else "no events found"
+        raise RecordingError(f"{path}: {what}; it holds {_contents(file)}; --dataset PATH (dataset=) says which it is")
+    return _events_at(elsewhere[0], file, path)
+
+
+def _has_columns(node):
+    """Whether it is a group, or a compound data set, of t, x, y and p."""
+    names = node.dtype.names or () if isinstance(node, h5py.Dataset) else node.keys()
+    return len(match_names(names)) == len(NAMES)
+
+
+def _contents(file):
+    """The data sets of a file, for people."""
+    found = []
+    file.visititems(lambda name, node: found.append((name, node)) if isinstance(node, h5py.Dataset) else None)
+    shown = [
+        f"{name} ({'×'.join(map(str, node.shape or ())) or 'one'} {'compound' if node.dtype.names else node.dtype})"
+        for name, node in found[:_SHOWN]
+    ]
+    more = [f"{len(found) - _SHOWN} more"] if len(found) > _SHOWN else []
+    return ", ".join(shown + more) or "no data sets"
+
+
+def _events_at(node, file, path):
+    """As :func:`_find_events`, of a data set or a group."""
+    if isinstance(node, h5py.Dataset):
+        source = EcfDataset(node) if is_compressed(node) else node
+        return source, "xytp" if node.name == f"/{_MVSEC}" else None, (node, node.parent, file)
+    names = require_names(node, path if node == file else f"{path}: {node.name.strip('/')}")
+    source = {column: node[name] for column, name in names.items()}
     for column, dataset in source.items():
         if not isinstance(dataset, h5py.Dataset):
             raise RecordingError(f"{path}: {dataset.name} is a group; {column} needs to be a data set")
-    return source, "txyp", (source["t"], group, file)
+    return source, None, (source["t"], node, file)
 
 
 def _unit(holders, path):
@@ -102,6 +143,10 @@ def _sensor(holders, path):
         if "sensor_resolution" in attrs:
             height_width = np.ravel(attrs["sensor_resolution"])[:2]
             return check_sensor(list(map(_scalar, height_width))[::-1], f"{path}: attribute sensor_resolution")
+        geometry = attrs.get("geometry")
+        geometry = geometry.decode("latin-1") if isinstance(geometry, bytes) else geometry
+        if isinstance(geometry, str) and (size := re.fullmatch(r"(\d+)x(\d+)", geometry)):
+            return check_sensor(map(int, size.groups()), f"{path}: attribute geometry")
     return None
 
 
@@ -241,4 +286,4 @@ def _matches(head, path):
     return head.startswith(_MAGIC) or any(head[at : at + 8] == _MAGIC for at in (512, 1024, 2048))
 
 
-FORMATS = (Format("HDF5", (".h5", ".hdf5", ".hdf"), _matches, Hdf5Recording),)
+FORMATS = (Format("HDF5", (".h5", ".hdf5", ".hdf"), _matches, Hdf5Recording, ("columns", "dataset")),)

@@ -23,28 +23,26 @@ _NPY_ERRORS = (OSError, EOFError, ValueError, SyntaxError, TypeError, OverflowEr
 # RuntimeError, with NotImplementedError below it: encryption, compressions and versions that zipfile does not know.
 _NPZ_ERRORS = (*_NPY_ERRORS, RuntimeError, zipfile.BadZipFile, zlib.error)
 _SKIP_BYTES = 1 << 20
-_ORDER = "txyp"
 
 
-def open_npy(path, *, time_unit=None, sensor=None):
+def open_npy(path, *, time_unit=None, sensor=None, columns=None):
     """The :class:`Recording` of a ``.npy`` file."""
     with readable(f"{path}: not a readable .npy file of numbers", _NPY_ERRORS):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    columns = Columns(array, str(path), _ORDER)
-    return ColumnsRecording(
-        lambda: columns, path=path, format="NumPy array", sensor=sensor, time_unit=time_unit, layout=_layout(array)
-    )
+    found = Columns(array, str(path), columns)
+    return ColumnsRecording(lambda: found, path=path, format="NumPy array", sensor=sensor, time_unit=time_unit)
 
 
 class NpzRecording(ColumnsRecording):
     """Events of a ``.npz`` archive, streamed from its members."""
 
-    def __init__(self, path, *, time_unit=None, sensor=None):
+    def __init__(self, path, *, time_unit=None, sensor=None, columns=None):
+        self._order = columns
         with readable(f"{path}: not a readable .npz archive", _NPZ_ERRORS), contextlib.ExitStack() as opened:
             self._file = opened.enter_context(zipfile.ZipFile(path))
             super().__init__(
                 self._open, path=path, format="NumPy archive", sensor=sensor, time_unit=time_unit,
-                layout=_layout(self._find()), read_errors=_NPZ_ERRORS,
+                read_errors=_NPZ_ERRORS,
             )  # fmt: skip
             opened.pop_all()
 
@@ -65,7 +63,7 @@ class NpzRecording(ColumnsRecording):
             for member in members:
                 member.close()
 
-        return Columns(source, self._file.filename, _ORDER, close)
+        return Columns(source, self._file.filename, self._order, close)
 
 
 class _Member:
@@ -121,11 +119,6 @@ class _Member:
         return np.frombuffer(content, self.dtype)
 
 
-def _layout(source):
-    table = not isinstance(source, dict) and not source.dtype.names
-    return f" (columns {', '.join(_ORDER)})" if table else ""
-
-
 def _is_npz(head, path):
     if not head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return False
@@ -137,6 +130,6 @@ def _is_npz(head, path):
 
 
 FORMATS = (
-    Format("NumPy array", (".npy",), lambda head, path: head.startswith(b"\x93NUMPY"), open_npy),
-    Format("NumPy archive", (".npz",), _is_npz, NpzRecording),
+    Format("NumPy array", (".npy",), lambda head, path: head.startswith(b"\x93NUMPY"), open_npy, ("columns",)),
+    Format("NumPy archive", (".npz",), _is_npz, NpzRecording, ("columns",)),
 )

@@ -1,17 +1,23 @@
 """Recordings of events: the interface, the registry of formats, and :func:`open_recording`."""
 
 import abc
+import contextlib
 import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import RecordingError
 from .arrays import Events
 from .checks import EventChecker
-from .units import parse_unit
+from .units import SAMPLE_EVENTS, parse_unit
 
 CHUNK_EVENTS = 1 << 16
+
+# Of the first events, so many at least, this share at one time is odd.
+_MIN_SAMPLE, _ONE_TIME = 100, 0.9
 
 # Bytes of a file that a format is recognised by.
 HEAD_BYTES = 4096
@@ -94,6 +100,19 @@ class Recording(abc.ABC):
         (last,) = self.chunks(self.num_events - 1)
         return self.num_events, int(last.t[0])
 
+    def notes(self):
+        """What is odd about the first events, for people; empty for most recordings."""
+        with contextlib.suppress(RecordingError):  # told where the events are used
+            t = next(self.chunks(0, SAMPLE_EVENTS)).t
+            times, counts = np.unique(t, return_counts=True)
+            most = int(counts.argmax())
+            if len(t) >= _MIN_SAMPLE and counts[most] > _ONE_TIME * len(t):
+                return [
+                    f"{self.name}: {counts[most] / len(t):.0%} of the first {len(t):,} events share the time "
+                    f"{times[most]} µs, so no motion can be seen in them: is the unit of time too coarse?"
+                ]
+        return []
+
     @property
     def where(self):
         """Start of messages about events."""
@@ -128,12 +147,15 @@ class Format:
         ``matches(head, path)``: whether the file is of this format, from its first ``HEAD_BYTES`` bytes.
     open : callable
         ``open(path, time_unit=, sensor=)``: the :class:`Recording`; both arguments are checked, or None.
+    options : tuple of str
+        Which of ``columns=`` and ``dataset=`` it takes beside them; each comes checked, and only where it is given.
     """
 
     name: str
     extensions: tuple[str, ...]
     matches: Callable[[bytes, Path], bool]
     open: Callable[..., Recording]
+    options: tuple[str, ...] = ()
 
 
 _FORMATS: list[Format] = []
@@ -149,7 +171,7 @@ def formats():
     return tuple(_FORMATS)
 
 
-def open_recording(path, *, time_unit=None, sensor=None):
+def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=None):
     """Opens a recording of any registered format. The content decides which, then the extension.
 
     Parameters
@@ -160,6 +182,10 @@ def open_recording(path, *, time_unit=None, sensor=None):
         Unit of the time stamps; by default found as ``cmfpga.events.units`` says.
     sensor : (int, int), optional
         Width and height of the sensor, px; goes before what the file says.
+    columns : str or sequence of str, optional
+        Names of the columns in their order, ``"x,y,t,p"``, for text without names and for N×4; others are skipped.
+    dataset : str, optional
+        Path inside of HDF5: a data set, or a group of them.
 
     Returns
     -------
@@ -176,10 +202,15 @@ def open_recording(path, *, time_unit=None, sensor=None):
         time_unit = parse_unit(time_unit, path)
     if sensor is not None:
         sensor = check_sensor(sensor, path)
+    given = {"dataset": dataset, "columns": None if columns is None else check_columns(columns, path)}
+    given = {name: value for name, value in given.items() if value is not None}
     head = _read_head(path)
     for fmt in _FORMATS:
         if fmt.matches(head, path):
-            return fmt.open(path, time_unit=time_unit, sensor=sensor)
+            for name in given.keys() - {*fmt.options}:
+                able = ", ".join(other.name for other in _FORMATS if name in other.options)
+                raise RecordingError(f"{path}: {fmt.name}; {name} can be told of {able} only")
+            return fmt.open(path, time_unit=time_unit, sensor=sensor, **given)
     known = "; ".join(f"{fmt.name} ({', '.join(fmt.extensions)})" for fmt in _FORMATS)
     for fmt in _FORMATS:
         if path.suffix.lower() in fmt.extensions:
@@ -198,6 +229,18 @@ def check_sensor(sensor, where):
     if not (1 <= width <= 1 << 16 and 1 <= height <= 1 << 16):
         raise RecordingError(f"{where}: sensor of {width}×{height} px; 1 to 65536 each is allowed")
     return width, height
+
+
+def check_columns(columns, where):
+    """The names of columns as a tuple. Raises :exc:`RecordingError`, starting with ``where``."""
+    names = columns.split(",") if isinstance(columns, str) else columns
+    try:
+        names = tuple(name.strip().lower() for name in names)
+    except (AttributeError, TypeError):
+        names = ()
+    if any(names.count(name) != 1 for name in "txyp"):
+        raise RecordingError(f"{where}: columns {columns!r}; t, x, y and p, each once, in their order are needed")
+    return names
 
 
 def _read_head(path):

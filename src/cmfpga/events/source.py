@@ -27,4 +27,8 @@ class EventSource(Protocol):
     seekable: bool
 
     def chunks(self, start: int, size: int) -> Iterator[Events]:
-        """Iterator of :class:`Events` from event ``start`` (from 0) to the end, at most ``size`` at a time."""
+        """Iterator of :class:`Events` from event ``start`` (from 0) to the end, at most ``size`` at a time.
+
+        None in their place says that no more are there yet: a track then yields None, and goes on when it is asked
+        again.
+        """

@@ -1,4 +1,4 @@
-"""Text recordings, plain or in a zip archive: one event ``t x y p`` per line, as in the DAVIS 240C data set, or CSV.
+"""Text recordings: one event ``t x y p`` per line, as in the DAVIS 240C data set, or CSV; also gzipped or zipped.
 
 Fields are separated by blanks, commas or semicolons. Empty lines and what follows ``#`` are skipped. One line with two
 integers, width and height of the sensor, may stand before the first event. An archive holds one ``.txt`` or ``.csv``
@@ -6,7 +6,8 @@ file, or several of which one is ``events.txt``.
 
 A line of names before the first event, also as a comment, says which column is which (names: see ``columns.NAMES``,
 and ``on`` for the polarity); other columns are skipped. Behind a name may stand the unit of t (``t [us]``, ``t_us``),
-or the sensor's size (``x@240,y@180``, as ``faery`` writes it). Without names the columns are t, x, y, p.
+or the sensor's size (``x@240,y@180``, as ``faery`` writes it). Without names the columns are t, x, y, p, or as the
+caller says.
 
 Times are converted from their decimal digits, so they are exact to half a microsecond. The text is read in blocks,
 never as a whole; how many events there are is only known at its end.
@@ -14,6 +15,7 @@ never as a whole; how many events there are is only known at its end.
 
 import codecs
 import contextlib
+import gzip
 import re
 import zipfile
 import zlib
@@ -23,7 +25,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from .columns import match_names, one_line, readable
-from .recording import Format, check_sensor
+from .recording import HEAD_BYTES, Format, check_sensor
 from .streamed import StreamedRecording
 from .textlines import PLAIN, Layout, LineError, parse_fast, parse_line, split_line
 from .units import POWER, SAMPLE_EVENTS, find_unit, guess_unit
@@ -36,15 +38,18 @@ _FRACTION_LINES = 1000
 
 
 class TextRecording(StreamedRecording):
-    """Events of a text file, or of the text member ``member`` of a zip archive."""
+    """Events of a text file, of a gzipped one, or of the text member ``member`` of a zip archive.
+
+    ``columns`` are the names of a line's fields, such as ``("x", "y", "t", "p")``; others than those four are skipped.
+    """
 
     fast = False
 
-    def __init__(self, path, *, time_unit=None, sensor=None, member=None):
-        self._member = member
-        name, kind = (str(path), "text") if member is None else (f"{path}/{member}", "zipped text")
+    def __init__(self, path, *, time_unit=None, sensor=None, columns=None, member=None, kind="text"):
+        self._member, self._gzipped = member, kind == "gzipped text"
+        name = str(path) if member is None else f"{path}/{member}"
         super().__init__(path, kind, sensor=sensor, time_unit=time_unit, name=name)
-        self._skip_lines, self._layout, header_sensor, header_unit = self._read_header()
+        self._skip_lines, self._layout, header_sensor, header_unit = self._read_header(columns)
         if sensor is None and header_sensor is not None:
             self.width, self.height = header_sensor
         if time_unit is None and header_unit is not None:
@@ -53,9 +58,10 @@ class TextRecording(StreamedRecording):
             self.time_unit, self.time_unit_source = self._guess_unit(), "assumed"
         self._require_events()
 
-    def _read_header(self):
+    def _read_header(self, columns):
         """Number of lines before the first event, the layout of a line, and the sensor and unit that they give."""
         layout, sensor, unit, skip = None, None, None, 0
+        told = columns and Layout(**{name: columns.index(name) for name in "txyp"}, fields=len(columns))
         with contextlib.closing(self._lines()) as lines:
             for number, line in lines:
                 fields = split_line(line)
@@ -66,10 +72,12 @@ class TextRecording(StreamedRecording):
                     sensor = check_sensor(size, where) if size else sensor
                 elif len(fields) == 2 and sensor is None and all(field.isdecimal() for field in fields):
                     sensor = check_sensor(map(int, fields), where)
-                elif fields:
+                elif fields and not (told and layout is None and not any(map(_is_number, fields))):
                     break
+                elif fields:  # names of any kind
+                    layout = told
                 skip = number
-        return skip, layout or PLAIN, sensor, unit
+        return skip, told or layout or PLAIN, sensor, unit
 
     def _guess_unit(self):
         with contextlib.closing(self._lines()) as lines:
@@ -94,7 +102,7 @@ class TextRecording(StreamedRecording):
         try:
             with contextlib.ExitStack() as stack:
                 if self._member is None:
-                    file = stack.enter_context(open(self.path, "rb"))
+                    file = stack.enter_context((gzip.open if self._gzipped else open)(self.path, "rb"))
                 else:
                     file = stack.enter_context(zipfile.ZipFile(self.path)).open(self._member)
                     stack.enter_context(file)
@@ -146,6 +154,12 @@ class TextRecording(StreamedRecording):
                 yield columns
 
 
+def _is_number(field):
+    with contextlib.suppress(ValueError):
+        return float(field) is not None
+    return False
+
+
 # A column's name, and what may follow it: its unit in brackets or after an underscore, or @ and the sensor's size.
 _NAME = re.compile(r"([a-z]+)(?:(?:\s*[\[(]|_|\s+)([a-zµμ]+)[\])]?|@(\d+))?")
 
@@ -158,7 +172,6 @@ def _column_names(line, comment):
     fields = re.split(r"\s*[,;\t]\s*" if re.search(r"[,;\t]", text) else r"\s+", text.lower())
     matches = [_NAME.fullmatch(field.strip("\"' ")) for field in fields]
     names = [match[1] if match else "" for match in matches]
-    names = ["p" if name == "on" else name for name in names]
     found = match_names(names)
     if len(found) < 4 or len(names) != len(fields):
         return None
@@ -180,7 +193,19 @@ def _is_zip(head, path):
     return head.startswith((b"PK\x03\x04", b"PK\x05\x06")) and (zipfile.is_zipfile(path) or path.suffix == ".zip")
 
 
-def _open_zip(path, *, time_unit=None, sensor=None):
+def _is_gzip(head, path):
+    return head.startswith(b"\x1f\x8b")
+
+
+def _open_gzip(path, **options):
+    with readable(f"{path}: not a readable gzip file", _READ_ERRORS), gzip.open(path, "rb") as file:
+        head = file.read(HEAD_BYTES)
+    if not head or not _is_text(head, path):
+        raise RecordingError(f"{path}: {'gzip of something else than' if head else 'an empty'} text; text is needed")
+    return TextRecording(path, kind="gzipped text", **options)
+
+
+def _open_zip(path, **options):
     errors = (*_READ_ERRORS, ValueError)  # ValueError: undecodable names
     with readable(f"{path}: not a readable zip archive", errors), zipfile.ZipFile(path) as archive:
         names = [name for name in archive.namelist() if name.lower().endswith((".txt", ".csv"))]
@@ -189,10 +214,11 @@ def _open_zip(path, *, time_unit=None, sensor=None):
         names = events
     if len(names) != 1:
         raise RecordingError(f"{path}: archive without one .txt or .csv file, or one events.txt among several")
-    return TextRecording(path, time_unit=time_unit, sensor=sensor, member=names[0])
+    return TextRecording(path, member=names[0], kind="zipped text", **options)
 
 
 FORMATS = (
-    Format("text", (".txt", ".csv"), _is_text, TextRecording),
-    Format("zipped text", (".zip",), _is_zip, _open_zip),
+    Format("text", (".txt", ".csv"), _is_text, TextRecording, ("columns",)),
+    Format("zipped text", (".zip",), _is_zip, _open_zip, ("columns",)),
+    Format("gzipped text", (".gz",), _is_gzip, _open_gzip, ("columns",)),
 )

@@ -7,7 +7,7 @@ longer or shorter until the image moves by 4 px per half of it, and the next win
 """
 
 from .motion import estimate
-from .proposal import ALLOWED_PX, Proposal, propose, require
+from .proposal import ALLOWED_PX, Proposal, propose, require, survey_and_propose
 from .statistics import Survey, survey_all
 
-__all__ = ["ALLOWED_PX", "Proposal", "Survey", "estimate", "propose", "require", "survey_all"]
+__all__ = ["ALLOWED_PX", "Proposal", "Survey", "estimate", "propose", "require", "survey_all", "survey_and_propose"]

@@ -9,6 +9,7 @@ from ..errors import ConfigError
 from ..imaging.iwe import events_in_roi
 from .motion import REACH_PX, estimate
 from .places import Window, busy_places
+from .statistics import Survey, survey_all
 
 #: Motion that the proposal aims at, px per half batch, and what is accepted.
 TARGET_PX = 4.0
@@ -60,6 +61,10 @@ class Proposal:
     gain: float
     clarity: float
     fields: dict = field(default_factory=dict)
+
+    def suited(self, config, given):
+        """``config`` with the fields that these batches need, but for those whose names are in ``given``."""
+        return config.replace(**{name: value for name, value in self.fields.items() if name not in given})
 
     @property
     def px(self):
@@ -234,6 +239,18 @@ def _confirmed(window, place, duration, measured, config):
         batch_us=round(duration * share), roi_events=roi_events, v=tuple((v * share).tolist()),
         px_per_s=tuple((v / half_s).tolist()), gain=float(np.median(gains)), clarity=clarity, fields=fields,
     )  # fmt: skip
+
+
+def survey_and_propose(recording, config, *, count=1, start_event=None):
+    """What ``--roi auto`` takes: ``count`` proposals of :func:`propose`, after a :class:`Survey` of all events.
+
+    Raises :exc:`ConfigError` where there are fewer, or the events cannot be read twice.
+    """
+    if not recording.seekable:
+        raise ConfigError(f"{recording.name}: --roi auto: its events come only once; --roi X,Y is needed")
+    survey = Survey(recording.width, recording.height)
+    survey_all(recording, survey)
+    return require(propose(recording, survey, config, count=count, start_event=start_event), count, recording)
 
 
 def require(proposals, count, recording):

@@ -1,11 +1,11 @@
 """Following objects through a recording: batches in order, and what is kept of them.
 
-``track``, ``Tracking``, ``Source`` and ``open_engine`` are loaded when they are asked for.
+``track``, ``Tracker``, ``Tracking``, ``Source`` and ``open_engine`` are loaded when they are asked for.
 """
 
 import importlib
 
-_HOMES = {"track": "api", "Tracking": "result", "Source": "source", "open_engine": "api"}
+_HOMES = {"track": "api", "Tracker": "api", "Tracking": "result", "Source": "source", "open_engine": "api"}
 
 
 def __getattr__(name):

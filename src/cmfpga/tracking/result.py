@@ -1,5 +1,9 @@
 """What a track found, from Python."""
 
+import base64
+import html
+import io
+
 import numpy as np
 
 from ..config.defaults import CLOCK_MHZ
@@ -9,6 +13,10 @@ from ..imaging.gallery import Gallery
 from ..protocol.confidence import covariance, is_sure
 from .columns import COLUMNS, csv_writer, row
 from .kept import Kept
+from .verdict import Verdict
+
+# Lines at either end of a notebook's table.
+_SHOWN = 5
 
 
 class Tracking:
@@ -69,6 +77,11 @@ class Tracking:
         return np.array([is_sure(result) for result in self.results], bool)
 
     @property
+    def verdict(self):
+        """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
+        return Verdict.of(self._values)
+
+    @property
     def covariance(self):
         """Covariance of (vx, vy) of each batch, (px/half batch)²: float64 [batches, 2, 2]; NaN where not trusted."""
         found = (covariance(self.config, result) or (np.nan,) * 3 for result in self.results)
@@ -85,11 +98,28 @@ class Tracking:
         with naming(path), open(path, "w", newline="") as file:
             csv_writer(file).writerows(map(row, self._values))
 
-    def to_dataframe(self):
-        """A pandas ``DataFrame`` with the columns of ``track.csv``. Needs pandas: ``pip install 'cmfpga[pandas]'``."""
-        with needs("pandas", "pandas", "to_dataframe"):
+    def to_arrays(self):
+        """``{name: array}`` of all columns of ``track.csv``."""
+        return {name: getattr(self, name) for name in COLUMNS}
+
+    def to_pandas(self):
+        """The same as a pandas ``DataFrame``. Needs pandas: ``pip install 'cmfpga[pandas]'``."""
+        with needs("pandas", "pandas", "to_pandas"):
             import pandas
-        return pandas.DataFrame({name: getattr(self, name) for name in COLUMNS})
+        return pandas.DataFrame(self.to_arrays())
+
+    def _repr_html_(self):
+        """In a notebook: the first and last batches as a table, and the picture."""
+        shown = self._values if len(self) <= 2 * _SHOWN else [*self._values[:_SHOWN], None, *self._values[-_SHOWN:]]
+        lines = [[column.title + (f" [{column.unit}]" if column.unit else "") for column in COLUMNS.values()]]
+        lines += [row(values) if values else ["…"] * len(COLUMNS) for values in shown]
+        table = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in line)}</tr>" for line in lines)
+        picture = io.BytesIO()
+        self.plot().savefig(picture)
+        return (
+            f"<p>{html.escape(repr(self)[1:-1])}</p><table>{table}</table>"
+            f'<img src="data:image/png;base64,{base64.b64encode(picture.getvalue()).decode()}">'
+        )
 
     def plot(self, path=None):
         """The picture that the command writes as ``track.png``: a Matplotlib ``Figure``.
@@ -97,11 +127,11 @@ class Tracking:
         Parameters
         ----------
         path : str or Path, optional
-            Write it there as well (PNG, or what the suffix says).
+            Write it there as well: ``.png``, ``.pdf``, ``.svg``; or ``.gif``, which shows the object as it moves.
         """
-        figure = self._gallery.figure()
+        figure = self._gallery.figure(self.verdict.share)
         if path is not None:
-            figure.savefig(path)
+            self._gallery.save(path, figure)
         return figure
 
     def report(self, path, *, clock_mhz=CLOCK_MHZ):

