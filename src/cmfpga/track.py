@@ -18,10 +18,11 @@ from .cli.lines import Lines, Truth
 from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, check_roi, open_engine
 from .errors import ConfigError
-from .events import BatchCutter, LiveSource, generate, open_source
+from .events import LiveSource, generate, open_source
 from .events.live import FORMATS as STREAM_FORMATS
 from .imaging.gallery import check_suffix
 from .tracking import api
+from .tracking.fit import FittedCutter, batch_cutter
 from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
 from .tracking.source import sensor_fields, unit_note
@@ -61,7 +62,10 @@ def _parser():
         help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects, each with its own core "
         "and CSV",
     )  # fmt: skip
-    cli.add_batch_options(made)
+    cli.add_batch_options(
+        made, f"as many events as suit the motion, chosen anew for each batch; --batch-events {BATCH_EVENTS} without "
+        "confidence, as with --preset paper",
+    )  # fmt: skip
     made.add_argument("--batches", type=cli.positive, metavar="B", help="stop after B batches (default: at the end)")
     made.add_argument(
         "--engine",
@@ -208,16 +212,18 @@ def _choose(options, objects, recording, config):
 
 def _prepare(options, one, config, recording):
     """An object's configuration and cutter."""
-    size, one.config = cli.batch_size(options, BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS), config
-    if one.proposal and not (options.batch_events or options.batch_us or options.batch_roi_events):
-        size = {"events": one.proposal.batch_events}
-        one.config = one.proposal.suited(config, cli.config_changes(options))
+    size, one.config, first = cli.batch_size(options), config, None
+    if one.proposal and not size:
+        first, one.config = one.proposal.batch_events, one.proposal.suited(config, cli.config_changes(options))
     limit = one.config.max_batch_events
     for mode in ("events", "roi_events"):
         if size.get(mode, 0) > limit:
             option = f"--batch-{mode.replace('_', '-')}"
             raise ConfigError(f"{option} {size[mode]}: at most {limit} is allowed (max_batch_events)")
-    one.cutter = BatchCutter(recording, start_event=options.start_event, max_events=limit, **size)
+    usual = BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS
+    one.cutter = batch_cutter(
+        recording, one.config, start_event=options.start_event, first=first, usual=usual, **size
+    )  # fmt: skip
 
 
 def _track(options, objects, recording, folder, motion):
@@ -263,7 +269,7 @@ def _shows_bar():
 
 def _total(options, recording, cutter):
     """Number of batches that will come, as far as it can be known soon."""
-    if cutter.mode == "roi_events" or (extent := recording.extent()) is None:
+    if cutter.mode == "roi_events" or isinstance(cutter, FittedCutter) or (extent := recording.extent()) is None:
         return options.batches
     events, last = extent
     if cutter.mode == "events":
@@ -277,6 +283,9 @@ def _total(options, recording, cutter):
 def _summarise(options, config, engine, objects, counts):
     alone = len(objects) == 1
     cycles = [count for one in objects for count in one.cycles]
+    for one in objects:
+        for kind, sentence in one.remarks:
+            print(f"{kind}: {one.name}{': ' if one.name else ''}{sentence}", file=sys.stderr)
     if options.json:
         entries = [one.summary() for one in objects]
         if alone:
@@ -291,9 +300,9 @@ def _summarise(options, config, engine, objects, counts):
             f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
-        if one.judged:
-            limit = one.config.confidence_limit
-            print(f"{who}{one.trusted} of {one.batches} batches are to be trusted: confidence {limit:g} or more")
+        for sentence in (one.verdict.share, one.verdict.velocity):
+            if sentence:
+                print(f"{who}{sentence}")
     if cycles:
         print(
             f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "

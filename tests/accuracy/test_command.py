@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmfpga import accuracy, cli
-from cmfpga.accuracy import real, scores, studies, suites
+from cmfpga.accuracy import bias, real, scores, studies, suites
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.engines import make_engine
@@ -35,6 +35,8 @@ def test_command(capsys, tmp_path, monkeypatch):
 def test_studies(study, capsys, monkeypatch):
     monkeypatch.delenv("CMFPGA_DATA", raising=False)
     monkeypatch.setattr(studies, "PLAIN_ETAS", (2.0,))
+    monkeypatch.setattr(bias, "SPEEDS", (4.0,))
+    monkeypatch.setattr(bias, "BATCHES", 1)
     assert run("--study", study, "--batches", 2) == 0
     out = capsys.readouterr().out
     assert "px" in out and out.count("\n| ") >= 3

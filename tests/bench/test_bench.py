@@ -7,6 +7,7 @@ import re
 import sys
 import time
 
+import numpy as np
 import pytest
 
 from cmfpga import bench, cli
@@ -87,7 +88,7 @@ def test_json_has_the_keys(quick):
     numbers, _, _ = quick
     assert set(numbers) == {
         "version", "clock_mhz_assumed", "processor", "runs", "quick", "seconds", "missing", "programs", "cases",
-        "limits", "speed_ups", "accuracy",
+        "limits", "speed_ups", "accuracy", "foreign",
     }  # fmt: skip
     assert numbers["clock_mhz_assumed"] == 210 and numbers["quick"] and numbers["runs"] == 1
     assert [case["ascent"] for case in numbers["cases"]] == ["constant", "cold", "warm"]
@@ -109,6 +110,8 @@ def test_json_has_the_keys(quick):
             for what in ("batch", "ascent"):
                 assert 0 < program[what]["low"] <= program[what]["median"] <= program[what]["high"]
     assert numbers["cases"][0]["article_cycles"] == 194_100
+    for row in numbers["foreign"]:  # none where it is not installed
+        assert np.allclose(row["v"], numbers["cases"][0]["true_v"], atol=0.6) and row["batch"]["median"] > 0
 
 
 def test_programs_agree_in_the_run_itself(quick):
@@ -159,9 +162,16 @@ def test_what_is_missing_is_a_line(monkeypatch, capsys):
     monkeypatch.setattr(c_program.shutil, "which", lambda name: None)  # the C++ compiler is found the same way
     monkeypatch.setitem(sys.modules, "numba", None)
     monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.setitem(sys.modules, "eventcv", None)
     assert command("--quick", "--clock", "100") == 0
     text = capsys.readouterr().out
-    for line in ("no C compiler", "numba is not installed", "PyTorch is not installed", "no C++ compiler was found"):
+    for line in (
+        "no C compiler",
+        "numba is not installed",
+        "PyTorch is not installed",
+        "the comparison with eventcv: eventcv is not",
+        "no C++ compiler was found",
+    ):
         assert len(re.findall(f"^  {re.escape(line)}", text, re.MULTILINE)) == 1
     without, shipped = (rf"core, preset fast{what} +15 +1{k},\d\d\d computed +8\d\d +{k + 5},\d\d\d cycles .* µs .* µs$"
                         for what, k in ((", judge=0", 2), ("", 3)))  # fmt: skip

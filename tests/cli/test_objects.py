@@ -30,7 +30,9 @@ def roi(place, name=""):
     return f"--roi={name}{place[0]},{place[1]}"
 
 
-@pytest.mark.parametrize("size", [["--batch-events", "4000"], ["--batch-us", "50000"], ["--batch-roi-events", "900"]])
+@pytest.mark.parametrize(
+    "size", [[], ["--batch-events", "4000"], ["--batch-us", "50000"], ["--batch-roi-events", "900"]]
+)
 @pytest.mark.parametrize("engine", ["rtl", "model"])
 def test_each_is_tracked_as_if_alone(command, tmp_path, two, size, engine):
     if engine == "rtl" and find_compiler() is None:
@@ -38,15 +40,15 @@ def test_each_is_tracked_as_if_alone(command, tmp_path, two, size, engine):
     path, places = two
     options = [*OPTIONS, "--engine", engine, *size, "--batches", 4]
     done = command(track, path, roi(places[0], "slow="), roi(places[1]), *options, "--out", tmp_path / "both")
-    assert (done.status, done.err) == (0, "")
+    assert done.status == 0 and all(line.startswith(("note: ", "warning: ")) for line in done.err.splitlines())
     assert sorted(file.name for file in (tmp_path / "both").iterdir()) == ["track-1.csv", "track-slow.csv"]
-    lines = done.out.splitlines()
-    assert lines[0].startswith(f"slow: 4 batches tracked ({engine} engine), ") and lines[1].startswith("1: 4 batches ")
+    heads = [line.split(" batches tracked ")[0] for line in done.out.splitlines() if " batches tracked " in line]
+    assert [head.split()[0] for head in heads] == ["slow:", "1:"]
     for place, name in zip(places, ("slow", "1"), strict=True):
         command(track, path, roi(place), *options, "--out", tmp_path / "alone")
         alone = (tmp_path / "alone" / "track.csv").read_bytes()
         assert alone == (tmp_path / "both" / f"track-{name}.csv").read_bytes()
-        assert alone.count(b"\n") == 5
+        assert alone.count(b"\n") == 5 or (not size and alone.count(b"\n") >= 3)
 
 
 def test_summary_and_pictures(command, tmp_path, two):

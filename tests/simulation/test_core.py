@@ -191,7 +191,7 @@ def test_sustained_rate_of_the_article_s_workload(rng):
 
 def test_strides_at_their_limits(rng):
     """One event more or less than a stride needs; a full buffer; one that has thinned out, by little and by much."""
-    config = CONFIGS["fast"].replace(cold="2:1/4*5 1:0/2*3 0:-1 0:-2/4 0:-3/2", warm="0:-2/2 0:-3/4*4 1:0/4 2:-2")
+    config = CONFIGS["fast"].replace(cold="2:1/4*5 1:0/2*3 0:-1 0:-2/4 0:-3/2 0:-3", warm="0:-2/2 0:-3/4*4 1:0/4 2:-2")
     core, model = VerilatedCore(config), IntegerCore(config)
     settings = replace(BatchSettings.from_config(config, (0, 0)), roi_gain=0)
     full = config.buffer_events

@@ -16,6 +16,7 @@ import psutil
 import pytest
 
 from cmfpga import sweep
+from cmfpga.events import generate, write_hdf5
 from cmfpga.sweep import plan, task, workers
 from cmfpga.verilog.compiler import find_compiler
 from support.sweeping import FILES, OPTIONS, finish, make_recording, run_here, small, started
@@ -304,6 +305,23 @@ def test_help_names_every_option_and_the_examples_parse():
         words = shlex.split(example, comments=True)[3:]
         options = sweep._parser().parse_args(words)
         plan.choices(options.preset, options.assignments, options.vary)
+
+
+def test_a_false_peak_at_rest_is_not_ranked_first(tmp_path):
+    """Events on whole pixels have sharp edges at v = 0. Preset paper, which does not dither, stays near it: its
+    contrast is higher than where the object really moves to."""
+    scene = generate(
+        seed=1, width=96, height=96, texture="dense", size=(40, 40), position=(40, 40), velocity=(120.0, 80.0),
+        duration_us=40_000, noise=0.1,
+    )  # fmt: skip
+    write_hdf5(tmp_path / "a.h5", scene.events, 96, 96)
+    options = ["--vary", "preset=paper,fast", "--set", "iterations=20", "--batch-us", 12_000, "--batches", 2, "--json"]
+    roi = "{},{}".format(*scene.roi_start(64, 64))
+    done = run_here(tmp_path / "a.h5", "--roi", roi, *options, *MODEL, "--out", tmp_path / "out")
+    assert [entry["label"] for entry in json.loads(done.out)["ranking"]] == ["preset = fast", "preset = paper"]
+    found = pandas.read_csv(tmp_path / "out" / "results.csv").set_index("preset")
+    assert found.contrast_mean["paper"] > 1.05 * found.contrast_mean["fast"]
+    assert found.gain_median["fast"] > 1.04 > 1 > found.gain_median["paper"]
 
 
 def test_json(recordings, tmp_path):

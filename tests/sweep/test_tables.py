@@ -22,8 +22,8 @@ def batch(index, **changes):
     """One batch as a task returns it."""
     values = {
         "batch": index, "t_ref_us": 10.5, "events": 100, "roi_events": 40, "roi_x": 3, "roi_y": 4, "vx": 1.0, "vy": 0.5,
-        "vx_px_per_s": 10.0, "vy_px_per_s": 5.0, "iterations": 8, "cycles": 1000, "contrast": 2.0, "flags": "",
-        "true_vx": 1.0, "true_vy": 0.0, "error_px": 0.5,
+        "vx_px_per_s": 10.0, "vy_px_per_s": 5.0, "iterations": 8, "cycles": 1000, "contrast": 2.0, "confidence": None,
+        "flags": "", "gain": 2.0, "true_vx": 1.0, "true_vy": 0.0, "error_px": 0.5,
     }  # fmt: skip
     return {**values, **changes}
 
@@ -39,22 +39,24 @@ def row(number=0, *, name="rec.h5", truth=TRUTH, **fields):
     return Row(subject=subject, choice=choice, roi=(3, 4), task=task)
 
 
-DEGENERATE = {"flags": "degenerate", "vx_px_per_s": None, "vy_px_per_s": None, "error_px": None, "contrast": 0.0}
+NOTHING = dict.fromkeys(("vx_px_per_s", "vy_px_per_s", "error_px", "gain"))
+DEGENERATE = {**NOTHING, "flags": "degenerate", "contrast": 0.0}
 
 
 def test_summary():
     found = tables.summary(
         row(),
         ok(
-            batch(0, cycles=900, contrast=1.0, error_px=0.2, roi_events=10),
-            batch(1, flags="overflow|roi_clamped", error_px=0.7, vx_px_per_s=-2.0),
+            batch(0, cycles=900, contrast=1.0, confidence=40.0, error_px=0.2, roi_events=10),
+            batch(1, flags="overflow|doubtful|roi_clamped", confidence=-3.0, gain=1.2, error_px=0.7, vx_px_per_s=-2.0),
             batch(2, **DEGENERATE, cycles=20),
             batch(3, flags="overflow", error_px=0.59, cycles=1100),
         ),
     )
     assert (found["status"], found["reason"]) == ("ok", None)
     assert (found["batches"], found["degenerate_batches"], found["batches_with_warnings"]) == (4, 1, 3)
-    assert found["flags"] == "overflow|roi_clamped|degenerate"
+    assert found["flags"] == "overflow|doubtful|roi_clamped|degenerate"
+    assert (found["gain_median"], found["trusted_batches"]) == (pytest.approx(1.6), 1)
     assert (found["events"], found["events_left_over"], found["roi_events_mean"]) == (400, 7, 32.5)
     assert found["vx_px_per_s_median"] == 10.0 and found["contrast_mean"] == 1.25
     assert found["error_px_median"] == pytest.approx(0.645) and found["error_px_max"] == math.inf
@@ -95,7 +97,7 @@ def test_the_tables_hold_the_whole_configuration_and_read_back(tmp_path, suffix)
 
     by_batch = tables.batches(planned, outcomes)
     assert list(by_batch.columns) == [
-        "recording", "first_roi", "configuration", "config.eta", *COLUMNS, "true_vx", "true_vy", "error_px",
+        "recording", "first_roi", "configuration", "config.eta", *COLUMNS, "gain", "true_vx", "true_vy", "error_px",
     ]  # fmt: skip
     assert by_batch["config.eta"].tolist() == [0.5, 0.5] and by_batch["first_roi"].tolist() == ["3,4", "3,4"]
     assert by_batch["error_px"].isna().tolist() == [False, True] and by_batch["cycles"].dtype == "Int64"
@@ -103,8 +105,8 @@ def test_the_tables_hold_the_whole_configuration_and_read_back(tmp_path, suffix)
 
 def ranked_example():
     """Four configurations on two recordings: the errors of one, the cycles of another, are best; one is incomplete."""
-    good, other = {"error_px": 0.1, "cycles": 2000, "contrast": 3.0}, {"error_px": 0.3, "cycles": 500, "contrast": 3.3}
-    worse = {"error_px": 0.4, "cycles": 2500, "contrast": 1.5}
+    good, other = {"error_px": 0.1, "cycles": 2000, "gain": 3.0}, {"error_px": 0.3, "cycles": 500, "gain": 3.3}
+    worse = {"error_px": 0.4, "cycles": 2500, "gain": 1.5, "contrast": 9.0}
     planned, outcomes = [], []
     for number, (eta, values) in enumerate([(1.0, worse), (2.0, other), (3.0, good), (4.0, good)]):
         for name, truth in (("a.h5", TRUTH), ("<b>.h5", None)):
@@ -130,11 +132,11 @@ def test_ranking():
     assert [entry["configuration"] for entry in ranked] == [2, 1, 0, 3]
     assert [entry["best"] for entry in ranked] == [True, True, False, False]
     assert [entry["ranks"] for entry in ranked] == [
-        {"error_px": 1, "contrast": 2, "cycles": 2}, {"error_px": 2, "contrast": 1, "cycles": 1},
-        {"error_px": 3, "contrast": 3, "cycles": 3}, {},
+        {"error_px": 1, "gain": 2, "cycles": 2}, {"error_px": 2, "gain": 1, "cycles": 1},
+        {"error_px": 3, "gain": 3, "cycles": 3}, {},
     ]  # fmt: skip
     assert [entry["error_px"] for entry in ranked] == [0.1, 0.3, 0.4, 0.1]
-    assert [entry["contrast"] for entry in ranked] == pytest.approx([3 / 3.3, 1, 1.5 / 3.3, 3 / 3.3])
+    assert [entry["gain"] for entry in ranked] == pytest.approx([3 / 3.3, 1, 1.5 / 3.3, 3 / 3.3])
     assert [entry["below"] for entry in ranked] == [1.0] * 4
     assert [(entry["rows_ok"], entry["rows"], entry["complete"]) for entry in ranked][3] == (1, 2, False)
 
@@ -148,7 +150,7 @@ def test_ranking_without_truth_and_with_resources():
     }
     ranked = tables.ranking(planned, outcomes, estimates)
     assert [entry["configuration"] for entry in ranked] == [1, 0]
-    assert ranked[0]["ranks"] == {"contrast": 1, "cycles": 1, "lut": 1} and ranked[1]["ranks"]["lut"] == 2
+    assert ranked[0]["ranks"] == {"gain": 1, "cycles": 1, "lut": 1} and ranked[1]["ranks"]["lut"] == 2
     assert ranked[0]["error_px"] is None and [entry["best"] for entry in ranked] == [True, False]
     assert "700" in tables.text(ranked)
     estimates[planned[1].task.config.hardware_hash] = {"status": "failed", "reason": "x"}
@@ -212,7 +214,13 @@ def test_the_page_says_that_contrasts_of_several_sizes_do_not_compare():
     ranked = tables.ranking(planned, outcomes, {})
     text = page(ranked=ranked, frame=frame, run=Run(), preset="paper", assignments=[], files=[])
     assert "ROI has several sizes" in text and "no error to rank by" in text
-    assert Cells(text).tables["ranking"][0] == ["", "configuration", "no.", "contrast, share of the best", "rows"]
+    assert Cells(text).tables["ranking"][0] == [
+        "",
+        "configuration",
+        "no.",
+        "contrast gained by v, share of the best",
+        "rows",
+    ]
 
 
 @pytest.mark.parametrize("value, shown", [

@@ -202,7 +202,7 @@ def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
 # ---------------------------------------------------------------- traces
 
 
-@pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
+@pytest.mark.parametrize("config", [PAPER, {**FAST, "cold_after_doubtful": 0}], ids=["paper", "fast"])
 @pytest.mark.parametrize("engine", ["rtl", "model"])
 def test_every_intermediate_is_that_of_the_model(dot, engine, config):
     """Of the integer core itself, run over the same batches and asked to keep everything."""

@@ -20,6 +20,7 @@ EXAMPLES = (
     "python -m cmfpga.accuracy --data recordings --engine all # all suites, by Verilog, model and float",
     "python -m cmfpga.accuracy --set weight_frac=3 --batches 100 --json scores.json",
     "python -m cmfpga.accuracy --seeds 1-3                    # 900 synthetic batches",
+    "python -m cmfpga.accuracy --known --data recordings      # and recordings of known motion, in the default use",
     "python -m cmfpga.accuracy --study widths --data recordings",
 )
 
@@ -44,8 +45,15 @@ def _parser():
     made.add_argument(
         "--study", choices=STUDIES,
         help="instead of the suites: plain, the article's ascent; peaks, where the objective's own peak lies; "
-        "edges, edges of other strengths; schedules; widths of words",
+        "edges, edges of other strengths; schedules; widths of words; confidence, whether it tells right from wrong; "
+        "bias, of slow dense scenes",
     )  # fmt: skip
+    made.add_argument(
+        "--known", action="store_true",
+        help="recordings whose motion is known as well, tracked without an option about batches: how many batches are "
+        "trusted, and of these wrong; generated ones, and with --data real ones",
+    )  # fmt: skip
+    made.add_argument("--eventcv", action="store_true", help="rows of the program eventcv, on the same batches")
     made.add_argument("--json", metavar="FILE", help="write all scores, and those of each batch")
     cli.add_config_options(made)
     return made

@@ -1,10 +1,12 @@
-"""Studies: the article's ascent, the objective's own peak, other edges, schedules and word widths."""
+"""Studies: the article's ascent, the objective's own peak, other edges, schedules, word widths, confidence and bias."""
 
 import numpy as np
 
 from ..config import preset
 from ..config.schedule import MEASURED
 from ..errors import ConfigError
+from .bias import study_bias
+from .judged import study_confidence
 from .real import real_cases
 from .scores import contrast_shares, error_scores, errors, measure
 from .suites import BEFORE
@@ -90,7 +92,7 @@ def _study_peaks(config, engine, cases, real, report, **_):
     report.table("Distance of the dithered objective's peak (float64) from the truth", ("suite", *ERROR_HEADS), rows)
 
 
-def _study_edges(config, engine, cases, real, report, **suite):
+def _study_edges(config, engine, cases, real, report, *, data, **suite):
     rows = []
     for strength in (0.0, 1.0, 2.0, EVENTS_PER_EDGE, 8.0):
         cases = synthetic_cases(**suite, events_per_edge=strength)
@@ -148,13 +150,18 @@ STUDIES = {
     "edges": _study_edges,
     "schedules": _study_schedules,
     "widths": _study_widths,
+    "confidence": study_confidence,
+    "bias": study_bias,
 }
+
+#: Those that use the real batches.
+REAL = ("plain", "schedules", "widths")
 
 
 def run_study(options, config, report):
     """Print the tables of ``options.study``."""
     suite = {"count": options.batches, "seeds": options.seeds}
     cases = synthetic_cases(**suite)
-    real = real_cases(options.data) if options.data else []
+    real = real_cases(options.data) if options.data and options.study in REAL else []
     engine = "model" if options.engine == "all" else options.engine
-    STUDIES[options.study](config, engine, cases, real, report, **suite)
+    STUDIES[options.study](config, engine, cases, real, report, data=options.data, **suite)

@@ -1,15 +1,20 @@
 """The suites: synthetic batches, real batches, and the tracked checkerboard."""
 
+import math
+
 import numpy as np
 
 from ..config import preset
 from ..config.schedule import AUTO
 from ..engines import ENGINES
 from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
+from .default_use import run_known
+from .foreign import FOREIGN, find
 from .real import real_cases
 from .scores import contrast_shares, error_scores, errors, measure, share_scores
 from .synthetic import BATCHES, synthetic_cases
 from .table import ERROR_HEADS, SHARE_HEADS, binned, percent
+from .yardstick import ROI
 
 STARTS = (("cold", False), ("warm", True))
 
@@ -36,10 +41,22 @@ def run_suites(options, config, report):
     report.table("Synthetic batches: error of v, px per half batch", ("engine", "start", *ERROR_HEADS), rows)
     rows = binned(cases, found[names[0], "cold"])
     report.table(f"The same by kind of batch (cold start, {names[0]})", ("batches with", *ERROR_HEADS), rows)
+    if options.eventcv:
+        _run_foreign(cases, report)
     if options.data is not None:
         _run_real(runs, options, report, found)
         _run_checkerboard(runs, options, report, found)
     compare_with_model(found)
+    if options.known:
+        run_known(names, options, config, report)
+
+
+def _run_foreign(cases, report):
+    values = np.array(
+        [math.dist(find(case.events, case.roi, ROI, ROI)[0], case.truth) for case in report.progress(cases)]
+    )
+    row = (FOREIGN, "cold", *report.errors(f"synthetic, cold, {FOREIGN}", values))
+    report.table(f"The same batches by {FOREIGN}, from v = 0", ("program", "start", *ERROR_HEADS), [row])
 
 
 def _run_real(runs, options, report, found):

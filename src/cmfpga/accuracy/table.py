@@ -31,9 +31,9 @@ class Report:
     def __init__(self):
         self.results = {}
 
-    def progress(self, cases):
+    def progress(self, cases, unit="batch"):
         """``cases``, with a bar while they are gone through."""
-        return tqdm(cases, unit="batch", disable=None, leave=False)
+        return tqdm(cases, unit=unit, disable=None, leave=False)
 
     def keep(self, name, values, scores):
         """Keep the values of each batch, and their scores; returns the scores."""

@@ -17,7 +17,7 @@ from ..verilog.compiler import find_compiler
 from .cases import WARM, make_cases
 from .cycles import measure
 from .opponents import make_programs
-from .programs import processor, time_programs
+from .programs import processor, time_foreign, time_programs
 from .table import ASCENTS, table
 
 EXAMPLES = (
@@ -79,7 +79,7 @@ def main(arguments=None):
             bar.set_description(f"{case.workload.name}, {ASCENTS[case.ascent]}")
             before = measured[-1] if measured else None
             measured.append(_measured(case, programs, before, runs=runs, seconds=seconds, step=bar.update))
-    scores = _accuracy(options, missing)
+    scores, foreign = _accuracy(options, missing), _foreign(cases[0], missing, runs=runs, seconds=seconds)
     report = {
         "version": __version__,
         "clock_mhz_assumed": options.clock,
@@ -90,6 +90,7 @@ def main(arguments=None):
         "missing": missing,
         "programs": {program.name: program.how for program in programs},
         "cases": measured,
+        "foreign": foreign,
         "accuracy": scores,
     }
     lines, report["limits"], report["speed_ups"] = table(report)
@@ -111,6 +112,14 @@ def _accuracy(options, missing):
     except MissingPackage as error:
         missing.append(str(error))
         return None
+
+
+def _foreign(case, missing, **options):
+    try:
+        return time_foreign(case, **options)
+    except MissingPackage as error:
+        missing.append(str(error))
+        return []
 
 
 def _measured(case, programs, before, *, step, **options):

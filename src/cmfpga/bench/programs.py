@@ -3,7 +3,9 @@
 import contextlib
 import platform
 import statistics
-from dataclasses import dataclass
+import time
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 from .opponents import Job
@@ -58,6 +60,24 @@ def time_programs(case, programs, *, runs, seconds, v_start, step=lambda: None):
         ProgramRow(name=program.name, how=program.how, batch=batch, ascent=ascent, v=at, error=error)
         for program, batch, ascent, at, error in rows
     ]
+
+
+def time_foreign(case, *, runs, seconds):
+    """A row, JSON-ready, of each foreign program: the whole batch from v = 0, by its own search, on all its threads.
+
+    Raises :exc:`~cmfpga.errors.MissingPackage` where it is not installed.
+    """
+    from ..accuracy.foreign import FOREIGN
+    from ..accuracy.foreign import find as find_v
+
+    batch = case.workload
+
+    def find(count=1):
+        return [find_v(batch.events, batch.roi, batch.width, batch.height)[0] for _ in range(count)][-1]
+
+    v = find()
+    (times,) = side_by_side([find], runs=runs, seconds=seconds, clocks=[time.perf_counter])
+    return [{"name": FOREIGN, "how": f"{FOREIGN} {version(FOREIGN)}", "batch": asdict(times), "v": v}]
 
 
 def _errors(case, programs, loaded):

@@ -59,6 +59,10 @@ def table(report):
         errors = [row["error"] for case in report["cases"] for row in case["programs"] if row["name"] == name]
         known = [error for error in errors if error]
         lines.append(f"  {name}: {how}" + (f"; gradients differ from float64's by {max(known):.0e}" if known else ""))
+    if report["foreign"]:
+        lines += ["", f"Foreign programs ({ARTICLE}, from v = 0, by their own search, on all their threads)"]
+        for row in report["foreign"]:
+            lines.append(f"  {row['how']}: {_times(row['batch'])}; v, px/half batch: {_v(row['v'])}")
     if report["missing"]:
         lines += ["", "Not measured", *(f"  {line}" for line in report["missing"])]
     return lines, limits, speed_ups

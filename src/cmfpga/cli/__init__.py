@@ -11,7 +11,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..config import DEFAULT_PRESET, PRESETS, Config, preset
-from ..config.defaults import BATCH_EVENTS, CLOCK_MHZ
+from ..config.defaults import CLOCK_MHZ
 from ..errors import ConfigError, UserError
 
 #: What stands before a command's name in its help: that of ``python -m cmfpga.NAME``, or of the command ``cmfpga``.
@@ -134,23 +134,19 @@ class _ListFields(argparse.Action):
         parser.exit()
 
 
-def add_batch_options(made):
-    """How a recording is cut into batches, and where the first one begins."""
-    title = f"batches (one of; default: --batch-events {BATCH_EVENTS})"
-    size = made.add_argument_group(title).add_mutually_exclusive_group()
+def add_batch_options(made, default):
+    """How a recording is cut into batches, and where the first one begins; ``default`` says how, without an option."""
+    size = made.add_argument_group(f"batches (one of; default: {default})").add_mutually_exclusive_group()
     size.add_argument("--batch-events", type=positive, metavar="N", help="events of the whole sensor")
     size.add_argument("--batch-us", type=positive, metavar="D", help="duration, µs")
     size.add_argument("--batch-roi-events", type=positive, metavar="M", help="events in the ROI")
     made.add_argument("--start-event", type=natural, default=0, metavar="K", help="first event (default: 0)")
 
 
-def batch_size(options, events=BATCH_EVENTS):
-    """What makes a batch complete, as :class:`~cmfpga.events.BatchCutter` takes it: ``{"events": N}`` or another."""
-    if options.batch_us:
-        return {"duration_us": options.batch_us}
-    if options.batch_roi_events:
-        return {"roi_events": options.batch_roi_events}
-    return {"events": options.batch_events or events}
+def batch_size(options):
+    """What makes a batch complete, as :class:`~cmfpga.events.BatchCutter` takes it; empty without such an option."""
+    sizes = {"events": options.batch_events, "duration_us": options.batch_us, "roi_events": options.batch_roi_events}
+    return {name: value for name, value in sizes.items() if value}
 
 
 def add_clock_option(made):

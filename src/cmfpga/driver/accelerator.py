@@ -114,20 +114,23 @@ class Accelerator:
             First event.
         consumers : sequence of cmfpga.tracking.loop.Consumer
             Each takes every batch, such as a :class:`cmfpga.tracking.loop.CsvConsumer`.
-        events, duration_us, roi_events : int
-            One of them: what makes a batch complete, as :class:`cmfpga.events.BatchCutter` has it.
+        events, duration_us, roi_events : int, optional
+            One of them: what makes a batch complete, as :class:`cmfpga.events.BatchCutter` has it. Without, batches
+            suit the motion (:func:`cmfpga.tracking.fit.batch_cutter`).
 
         Yields
         ------
         cmfpga.tracking.loop.TrackedBatch
         """
-        from ..events import BatchCutter
+        from ..tracking.fit import batch_cutter
         from ..tracking.loop import track
         from ..tracking.source import Source
 
         with contextlib.ExitStack() as stack:
-            source, limit = Source(recording).open(stack), self.config.max_batch_events
-            cutter = BatchCutter(source, start_event=start_event, max_events=limit, **size)
+            source = Source(recording).open(stack)
+            # At most two words an event.
+            most = self.backend.max_words // 2
+            cutter = batch_cutter(source, self.config, start_event=start_event, most=most, **size)
             yield from track(self.engine, cutter, roi=roi, batches=batches, consumers=consumers)
 
     # ---------------------------------------------------------------- streams

@@ -109,6 +109,17 @@ class BatchCutter:
         left = f"({self.leftover} left)"
         return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
+    def peek(self, count):
+        """The next ``count`` events, which stay; fewer at the end of the source; or :data:`WAITING`."""
+        parts, chunk = [self._chunk[self._at :]], _END
+        while sum(map(len, parts)) < count:
+            chunk = next(self._chunks, _END)
+            if chunk is None or chunk is _END:
+                break
+            parts.append(chunk)
+        self._chunk, self._at = Events.concatenate(parts), 0
+        return WAITING if chunk is None else self._chunk[:count]
+
     def next(self, roi=None):
         """The next :class:`Batch`, None at the end, or :data:`WAITING`.
 

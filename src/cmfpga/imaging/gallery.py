@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import ConfigError, naming
+from ..protocol.flags import Flag
 from .iwe import image_of_warped_events, scaled_roi_events
 
 FRAMES = 4
@@ -64,7 +65,7 @@ class Gallery:
         self._frames = []  # of every stride-th batch
         self._stride = 1
         self._sharpest = None  # of the batch whose contrast grew most: growth, index, v, images before and after
-        self._times, self._speeds, self._truths, self._corners = [], [], [], []
+        self._times, self._speeds, self._truths, self._doubtful, self._corners = [], [], [], [], []
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
@@ -73,6 +74,7 @@ class Gallery:
             self._times.append(batch.t_ref)
             self._speeds.append(batch.v_px_per_s)
             self._truths.append(batch.true_px_per_s(self.motion))
+            self._doubtful.append(Flag.DOUBTFUL in batch.flags)
             self._keep_sharpest(batch)
         if batch.index % self._stride == 0 and len(batch.events):
             self._frames.append(self._frame(batch))
@@ -101,11 +103,11 @@ class Gallery:
         if self._sharpest is None or gain > self._sharpest[0]:
             self._sharpest = (gain, batch.index, batch.result.v, still, self._image(batch, batch.result.v))
 
-    def save(self, path, figure=None):
+    def save(self, path, figure=None, verdict=""):
         """Write the picture as what the suffix says: one of :data:`SUFFIXES`; ``.gif`` shows the object as it moves."""
         animated = check_suffix(path).suffix.lower() == ".gif"
         with naming(path):
-            self._animate(path) if animated else (figure or self.figure()).savefig(path, dpi=DPI)
+            self._animate(path) if animated else (figure or self.figure(verdict)).savefig(path, dpi=DPI)
 
     def _animate(self, path):
         """Write all frames that are kept, and beside each the object as it is at v."""
@@ -128,8 +130,8 @@ class Gallery:
                 right.set(title="its events, moved back at v", xlabel="x in ROI [px]", ylabel="y in ROI [px]")
                 writer.grab_frame()
 
-    def figure(self):
-        """The picture as a Matplotlib ``Figure``."""
+    def figure(self, verdict=""):
+        """The picture as a Matplotlib ``Figure``; ``verdict`` stands in its title."""
         from matplotlib.figure import Figure  # Matplotlib takes a second to import; no window, so no pyplot
 
         figure = Figure(figsize=(14, 8.4), layout="constrained", dpi=DPI)
@@ -143,7 +145,7 @@ class Gallery:
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_speed(right.subplots())
-        figure.suptitle(f"{_plain(self.name)}: {len(self._corners)} batches")
+        figure.suptitle(f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'}")
         return figure
 
     def _handles(self, trail):
@@ -178,14 +180,21 @@ class Gallery:
         figure.colorbar(shown, ax=axes, label="events per pixel", shrink=0.7)
 
     def _draw_speed(self, axis):
-        seconds = np.array(self._times) / 1e6
+        seconds, doubtful = np.array(self._times) / 1e6, np.array(self._doubtful)
         for k, (name, colour) in enumerate((("vx", "tab:blue"), ("vy", "tab:orange"))):
-            axis.plot(seconds, np.array(self._speeds)[:, k], "o-", color=colour, markersize=4, label=f"{name} found")
+            speed = np.array(self._speeds)[:, k]
+            axis.plot(seconds, speed, "o-", color=colour, markersize=4, label=f"{name} found", markevery=~doubtful)
+            if doubtful.any():
+                axis.plot(seconds[doubtful], speed[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
             if self.motion:
                 style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
                 axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{name} true")
         axis.axhline(0, color="gray", linewidth=0.5)
-        axis.set(title="velocity of the object", xlabel="recording's clock [s]", ylabel="velocity [px/s]")
+        axis.set(
+            title="velocity of the object" + " (hollow: doubtful)" * bool(doubtful.any()),
+            xlabel="recording's clock [s]",
+            ylabel="velocity [px/s]",
+        )
         axis.legend()
         axis.grid(alpha=0.3)
 

@@ -84,6 +84,16 @@ def image_of_warped_events(x, y, dt, v, *, width, height, level=0, spread=False)
     return image[_RIM:-_RIM, _RIM:-_RIM]
 
 
+def gain(x, y, dt, v, *, width, height):
+    """How many times the contrast at v = 0 that at ``v`` is, where the image shows motion only.
+
+    Dithered, whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
+    """
+    size = {"width": width, "height": height}
+    still, moved = (image_of_warped_events(*dithered(x, y), dt, at, **size).var() for at in ((0.0, 0.0), v))
+    return float(moved / max(still, 1e-12))
+
+
 def contrast(config, events, roi, v, *, thinned=False):
     """Population variance of the image of warped events (Eq. C), in squared events per pixel."""
     x, y, dt = scaled_roi_events(config, events, roi, thinned=thinned)

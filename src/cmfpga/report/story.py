@@ -9,10 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 from amaranth.hdl import UnusedElaboratable
 
-from ..imaging.iwe import dithered, image_of_warped_events
+from ..imaging.iwe import gain
 from ..protocol.flags import Flag
+from ..protocol.settings import BatchSettings
 from ..rtl.core import Core
 from ..tracking.replay import Replay
+from ..tracking.verdict import Verdict
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
 DIRECTIONS = (
@@ -61,15 +63,15 @@ def hardware_cycles(kept):
     names = ("events", "roi_events", "iterations")
     unknown = {"thinned": 0, "overflow": 0}  # not in track.csv; they decide the thinning, which is not asked for here
     columns = [[int(number) for number in kept.numbers(name)] for name in names]
-    replay = Replay(kept.config)
+    replay, rule = Replay(kept.config), kept.config.ascent_rule
+    warm = len(rule.plan(BatchSettings.from_config(kept.config), True))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
         core = Core(kept.config)
-        cycles, doubtful = [], False
+        cycles = []
         for *batch, flags in zip(*columns, kept.column("flags"), strict=True):
             result = SimpleNamespace(**dict(zip(names, batch, strict=True)), **unknown, flags=Flag.parse(flags))
-            result.restarted = doubtful and kept.config.cold_after_doubtful
-            doubtful = Flag.DOUBTFUL in result.flags if result.events else doubtful
+            result.restarted = result.iterations != warm  # or it began cold for another reason
             plan, _ = replay.settings_of(result)
             size = {"events": result.events, "roi_events": result.roi_events}
             cycles.append(core.cycles(**size, iterations=plan) if plan else np.nan)
@@ -112,6 +114,11 @@ class Story:
         """Of each batch."""
         return [Flag.parse(text) for text in self.kept.column("flags")]
 
+    @functools.cached_property
+    def verdict(self):
+        """How far the batches are to be trusted."""
+        return Verdict(self.kept.numbers, self.flags)
+
     @property
     def lead(self):
         """The answer in one sentence."""
@@ -129,11 +136,15 @@ class Story:
         kept = self.kept
         begin, end = kept.numbers("t_ref_us")[self.measured][[0, -1]]
         seconds = (end - begin + np.array(kept.spans)[self.measured][[0, -1]].sum() / 2) / 1e6
-        speed = np.hypot(kept.numbers("vx_px_per_s"), kept.numbers("vy_px_per_s"))[self.measured]
-        fastest = f", up to {speed.max():.0f} px/s" if speed.max() > 1.3 * np.median(speed) else ""
+        if not self.verdict.px_per_s:
+            return (
+                f"None of the {len(self.flags)} batches is to be trusted: what moves in the orange frame is not known;"
+            )
+        _, median, highest = self.verdict.px_per_s
+        fastest = f", up to {highest:.0f} px/s" if highest > 1.3 * median else ""
         return (
             f"The object in the orange frame {self._path()} within {seconds:.2f} s, "
-            f"at about {np.median(speed):.0f} px/s{fastest}{self._lost()};"
+            f"at about {median:.0f} px/s{fastest}{self._lost()};"
         )
 
     def _lost(self):
@@ -177,12 +188,13 @@ class Story:
     @property
     def notes(self):
         """Further sentences, each by itself: how far to trust the first."""
-        found = []
-        gain = self.gain
-        if gain is not None:
+        verdict, sharper = self.verdict, self.gain
+        sentences = filter(None, (verdict.share, *verdict.warnings(), *verdict.notes()))
+        found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
+        if sharper is not None:
             found.append(
-                f"Moved back by the velocities found, the events make an image of {gain:.2f} times the contrast that "
-                "they have as they came (dithered; median over the batches)"
+                f"Moved back by the velocities found, the events make an image of {sharper:.2f} times the contrast "
+                "that they have as they came (dithered; median over the batches)"
                 + (": the velocities fit." if self.fits else ". That is hardly more: do not trust the velocities.")
             )
         truths = np.array(self.kept.truths)
@@ -219,13 +231,8 @@ class Story:
             if not len(detail.levels) or not span:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
-            # Dithered whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
-            x, y = dithered(detail.x, detail.y)
-            still, moved = (
-                image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height)
-                for v in ((0.0, 0.0), detail.v[-1])
-            )
-            ratios.append(moved.var() / still.var())
+            size = {"width": config.roi_width, "height": config.roi_height}
+            ratios.append(gain(detail.x, detail.y, dt, detail.v[-1], **size))
         return float(np.median(ratios)) if ratios else None
 
 

@@ -7,6 +7,7 @@ import sys
 from tqdm import tqdm
 
 from .. import cli
+from ..config.defaults import BATCH_EVENTS
 from ..engines import ENGINES
 from ..errors import ConfigError
 from . import plan
@@ -35,7 +36,7 @@ def _parser():
     made.add_argument(
         "--roi", type=cli.pair("X,Y"), metavar="X,Y", help="ROI of the recordings that have none behind an @"
     )
-    cli.add_batch_options(made)
+    cli.add_batch_options(made, f"--batch-events {BATCH_EVENTS}")
     made.add_argument(
         "--batches", type=cli.positive, metavar="B", help="stop each after B batches (default: at the end)"
     )
@@ -68,7 +69,7 @@ def main(arguments=None):
         resources.require_yosys()
     run = plan.Run(
         engine=options.engine,
-        size=cli.batch_size(options),
+        size=cli.batch_size(options) or {"events": BATCH_EVENTS},
         start_event=options.start_event,
         batches=options.batches,
         sensor=options.sensor,

@@ -11,7 +11,7 @@ from ..protocol.flags import Flag
 from ..tracking.columns import COLUMNS
 from ..verilog import resources
 from .store import write_atomically
-from .task import TRUTH_COLUMNS, version
+from .task import MORE_COLUMNS, version
 
 #: An error below this counts as found, px per half batch; the bound of ``cmfpga.accuracy``.
 FOUND_PX = 0.6
@@ -34,6 +34,12 @@ RESULTS = {
     "vx_px_per_s_median": ("Float64", "median velocity, px/s"),
     "vy_px_per_s_median": ("Float64", "the same along y"),
     "contrast_mean": ("Float64", "contrast at the v found, mean over the batches, (events/px)²"),
+    "gain_median": (
+        "Float64",
+        "how many times the contrast at v = 0 that at the v found is, both dithered, median over the batches; 1 for a "
+        "degenerate batch",
+    ),
+    "trusted_batches": ("Int64", "batches that are to be trusted; empty where the confidence was not measured"),
     "error_px_median": (
         "Float64",
         "distance of v from the truth, median over the batches, px per half batch; a degenerate batch errs by "
@@ -114,6 +120,7 @@ def summary(row, outcome):
         return {"status": "failed", "reason": outcome["reason"]}
     batches = outcome["batches"]
     flags = [batch["flags"].split("|") if batch["flags"] else [] for batch in batches]
+    judged = [names for names, batch in zip(flags, batches, strict=True) if batch["confidence"] is not None]
     degenerate = sum("degenerate" in names for names in flags)
     status, reason = "ok", None
     if degenerate == len(batches):
@@ -137,6 +144,8 @@ def summary(row, outcome):
         "vx_px_per_s_median": _median(batch["vx_px_per_s"] for batch in batches),
         "vy_px_per_s_median": _median(batch["vy_px_per_s"] for batch in batches),
         "contrast_mean": _mean(batch["contrast"] for batch in batches),
+        "gain_median": _median(1.0 if batch["gain"] is None else batch["gain"] for batch in batches),
+        "trusted_batches": sum("doubtful" not in names for names in judged) if judged else None,
         "cycles_mean": _mean(cycles_of(outcome)),
         "cycles_max": max(cycles_of(outcome), default=None),
     }
@@ -186,7 +195,7 @@ def batches(rows, outcomes):
     ]
     types = {"recording": "string", "first_roi": "string", "configuration": "Int64"}
     types |= {f"config.{name}": config_types().get(name, "string") for name in varied}
-    types |= {name: _TYPES[column.dtype] for name, column in COLUMNS.items()} | dict.fromkeys(TRUTH_COLUMNS, "Float64")
+    types |= {name: _TYPES[column.dtype] for name, column in COLUMNS.items()} | dict.fromkeys(MORE_COLUMNS, "Float64")
     return _frame(lines, types)
 
 
@@ -210,7 +219,7 @@ def write(frame, path):
 #: What configurations are ranked by, in the order in which it decides: title, and whether less is better.
 CRITERIA = {
     "error_px": ("error, median [px/half batch]", True),
-    "contrast": ("contrast, share of the best", False),
+    "gain": ("contrast gained by v, share of the best", False),
     "cycles": ("cycles per batch, mean", True),
     "lut": ("LUT (estimate)", True),
 }
@@ -223,7 +232,8 @@ def ranking(rows, outcomes, estimates):
     recording that no configuration has a result for does not count.
 
     - ``error_px``: median over all batches of all recordings whose truth is known, ``below`` the share below 0.6 px;
-    - ``contrast``: each recording's mean as a share of the best configuration's, mean over the recordings;
+    - ``gain``: each recording's ``gain_median`` as a share of the best configuration's, mean over the recordings. Not
+      the contrast itself: without dither it has a false peak at v = 0;
     - ``cycles``: mean over all batches that are not degenerate;
     - ``resources``: estimates, where they were asked for; LUTs are ranked.
 
@@ -233,13 +243,13 @@ def ranking(rows, outcomes, estimates):
     groups = {}
     for row, outcome in zip(rows, outcomes, strict=True):
         groups.setdefault(row.choice.number, []).append((row, outcome, summary(row, outcome)))
-    contrasts = {}  # the best of each object that some configuration has a result for
+    gains = {}  # the best of each object that some configuration has a result for
     for group in groups.values():
         for row, _, found in group:
             if found["status"] == "ok":
                 key = row.subject.name, row.subject.roi
-                contrasts[key] = max(contrasts.get(key, 0.0), found["contrast_mean"])
-    listed = [_aggregate(group, contrasts, estimates) for group in groups.values()]
+                gains[key] = max(gains.get(key, 0.0), found["gain_median"])
+    listed = [_aggregate(group, gains, estimates) for group in groups.values()]
     ranked = [entry for entry in listed if entry["complete"]]
     for name, (_, less) in CRITERIA.items():
         values = {entry["configuration"]: entry[name] for entry in ranked if entry[name] is not None}
@@ -259,14 +269,12 @@ def ranking(rows, outcomes, estimates):
     )
 
 
-def _aggregate(group, contrasts, estimates):
+def _aggregate(group, gains, estimates):
     ok = [(row, outcome, found) for row, outcome, found in group if found["status"] == "ok"]
     errors = [error for row, outcome, _ in ok if row.subject.truth for error in errors_of(outcome)]
     cycles = [count for _, outcome, _ in ok for count in cycles_of(outcome)]
     shares = [
-        found["contrast_mean"] / best
-        for row, _, found in ok
-        if (best := contrasts[row.subject.name, row.subject.roi]) > 0
+        found["gain_median"] / best for row, _, found in ok if (best := gains[row.subject.name, row.subject.roi]) > 0
     ]
     hashes = {row.task.config.hardware_hash for row, _, _ in group if row.task}
     totals = [estimates[key]["total"] for key in sorted(hashes) if estimates.get(key, {}).get("status") == "ok"]
@@ -279,10 +287,10 @@ def _aggregate(group, contrasts, estimates):
         "label": choice.label,
         "rows": len(group),
         "rows_ok": len(ok),
-        "complete": bool(ok) and len(ok) == len(contrasts),
+        "complete": bool(ok) and len(ok) == len(gains),
         "error_px": statistics.median(errors) if errors else None,
         "below": _mean(error < FOUND_PX for error in errors),
-        "contrast": _mean(shares),
+        "gain": _mean(shares),
         "cycles": _mean(cycles),
         "resources": used,
         "lut": used["lut"] if used else None,

@@ -13,13 +13,15 @@ from dataclasses import asdict, dataclass
 from .. import __version__
 from ..config import Config
 from ..errors import ConfigError, UserError
+from ..imaging.iwe import gain, scaled_roi_events
 from .truth import Truth
 
-#: Contrasts are kept with so many digits, so that another order of summation on another machine does not show.
+#: Contrasts and gains are kept with so many digits, so that an order of summation does not show.
 DIGITS = 9
 
-#: Columns of a batch behind those of ``track.csv``: the true motion, and the distance from it, px per half batch.
-TRUTH_COLUMNS = ("true_vx", "true_vy", "error_px")
+#: Columns of a batch behind those of ``track.csv``: how many times the contrast at v = 0 that at v is, dithered; the
+#: true motion, and the distance from it, px per half batch.
+MORE_COLUMNS = ("gain", "true_vx", "true_vy", "error_px")
 
 
 @functools.cache
@@ -125,20 +127,24 @@ def _track(task):
         cutter = BatchCutter(recording, start_event=task.start_event, **task.size, max_events=limit)
         engine = stack.enter_context(contextlib.closing(open_engine(task.engine, task.config, option="--engine")))
         tracked = track(engine, cutter, roi=task.roi, batches=task.batches)
-        batches = [_batch(batch, motion) for batch in tracked]
+        batches = [_batch(batch, motion, task.config) for batch in tracked]
         if not batches:
             raise cutter.too_few()
         return {"batches": batches, "events_left_over": cutter.leftover, "note": engine.note}
 
 
-def _batch(batch, motion):
-    """The columns of track.csv as numbers, and :data:`TRUTH_COLUMNS`."""
-    row = {**batch.values, "contrast": float(f"{batch.contrast:.{DIGITS}g}"), **dict.fromkeys(TRUTH_COLUMNS)}
+def _batch(batch, motion, config):
+    """The columns of track.csv as numbers, and :data:`MORE_COLUMNS`."""
+    row = {**batch.values, **dict.fromkeys(MORE_COLUMNS)}
+    if batch.v_px_per_s:  # a degenerate batch measures nothing
+        events = scaled_roi_events(config, batch.events, batch.result.roi, thinned=True)
+        row["gain"] = gain(*events, batch.result.v, width=config.roi_width, height=config.roi_height)
+    row |= {name: row[name] and float(f"{row[name]:.{DIGITS}g}") for name in ("contrast", "gain")}
     if motion is not None and len(batch.events):
         first = int(batch.events.t[0])
         true = motion.per_half_batch(first, first + batch.result.span).tolist()
         row["true_vx"], row["true_vy"] = true
-        if batch.v_px_per_s:  # a degenerate batch measures nothing
+        if batch.v_px_per_s:
             row["error_px"] = math.dist(batch.result.v, true)
     return row
 

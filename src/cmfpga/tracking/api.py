@@ -5,14 +5,14 @@ import itertools
 import warnings
 
 from ..config import DEFAULT_PRESET, preset
-from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
-from ..events import BatchCutter, Feed, Recording, as_events
+from ..events import Feed, Recording, as_events
 from ..events.batches import whole
 from ..events.recording import check_sensor
 from ..survey import survey_and_propose
 from . import loop
+from .fit import batch_cutter
 from .result import Tracking
 from .source import Source, sensor_fields, unit_note
 
@@ -53,7 +53,8 @@ def track(
     engine : {"rtl", "axi", "model", "float"}
         As ``--engine`` of the command.
     batch_events, batch_us, batch_roi_events : int, optional
-        One of them: events of the whole sensor (default: 5000), µs, or events in the ROI.
+        One of them: events of the whole sensor, µs, or events in the ROI. Without, as many events as suit the motion
+        (:mod:`cmfpga.tracking.fit`), chosen anew for each batch; 5000 where the confidence is not measured.
     start_event, batches : int
         First event; stop after so many batches (default: at the end).
     sensor : (int, int), optional
@@ -168,7 +169,8 @@ class Tracker:
         self._feed.end()
         with self._open:
             self._open = None
-            next(self._batches, None)
+            for _ in self._batches:  # those that waited for a first length
+                pass
 
     def __enter__(self):
         return self
@@ -185,7 +187,7 @@ def _batch_size(events, us, roi_events):
 
 def _begin(stack, source, roi, preset, engine, size, start_event, batches, fields, keep=True):
     """``(the loop's batches, their cutter, the Tracking that collects them)``; ``stack`` closes what is opened."""
-    opened = source.open(stack)
+    opened, first = source.open(stack), None
     for note in opened.notes() if isinstance(opened, Recording) else ():
         warnings.warn(note, stacklevel=3)
     config = _config(opened, preset, fields)
@@ -193,7 +195,7 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
         (found,) = survey_and_propose(opened, config, start_event=start_event or None)
         roi, start_event = found.roi, found.start_event
         if not size:
-            size, config = {"events": found.batch_events}, found.suited(config, fields)
+            first, config = found.batch_events, found.suited(config, fields)
     elif roi is None:
         if source.motion is None:
             raise ConfigError("roi: the ROI's left column and top row are needed, or 'auto'")
@@ -201,8 +203,7 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
     check_roi(config, roi)
     if batches is not None:
         batches = whole("batches", batches)
-    size = size or {"events": BATCH_EVENTS}
-    cutter = BatchCutter(opened, start_event=start_event, max_events=config.max_batch_events, **size)
+    cutter = batch_cutter(opened, config, start_event=start_event, first=first, **size)
     running = stack.enter_context(contextlib.closing(open_engine(engine, config)))
     if running.note:
         warnings.warn(running.note, stacklevel=3)

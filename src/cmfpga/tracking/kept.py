@@ -117,7 +117,7 @@ class Kept:
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
         self.rows.append(batch.row())
         self.spans.append(batch.result.span)
-        self.roi_next = batch.result.roi_next
+        self.roi_next = batch.roi_next
         self.truths.append(batch.true_px_per_s(self._motion) or (np.nan, np.nan))
         if batch.index % self._stride:
             return

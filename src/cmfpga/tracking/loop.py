@@ -6,16 +6,17 @@ have. What is kept of the batches is up to the consumers that the caller chooses
 
 import functools
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from ..events import WAITING, Events
 from ..imaging.iwe import contrast
-from ..protocol.confidence import confidence, covariance
+from ..protocol.confidence import confidence, covariance, is_sure
 from ..protocol.flags import Flag
 from ..protocol.results import BatchResult
-from ..protocol.settings import BatchSettings
+from ..protocol.settings import BatchSettings, clamp_roi
 from .columns import COLUMNS, csv_writer, row
+from .fit import LOST_BATCHES, FittedCutter
 from .replay import Replay
 
 
@@ -45,6 +46,8 @@ class TrackedBatch:
         A ``ScheduleEntry`` per iteration, None for a constant η.
     thinning : int
         The engine stored one ROI event in so many.
+    roi_next : pair of int or None
+        Where the next batch is cropped, if not where the engine moved the ROI.
     """
 
     index: int
@@ -57,6 +60,7 @@ class TrackedBatch:
     covariance: tuple | None = None
     plan: tuple = ()
     thinning: int = 1
+    roi_next: tuple | None = None
 
     @property
     def v_px_per_s(self):
@@ -101,14 +105,14 @@ class CsvConsumer:
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=()):
-    """Follow one object.
+    """Follow one object. After a doubtful batch the next one starts cold, with the ROI where :class:`_Course` has it.
 
     Parameters
     ----------
     engine : Engine
         Runs the batches; its configuration gives the run-time settings.
     cutter : BatchCutter
-        Cuts the events.
+        Cuts the events; a :class:`~cmfpga.tracking.fit.FittedCutter` learns from each batch how long the next one is.
     roi : pair of int
         Left column and top row of the first batch's ROI, px.
     batches : int, optional
@@ -121,17 +125,27 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
     TrackedBatch or None
         None where the source has no events yet.
     """
-    config, replay = engine.config, Replay(engine.config)
+    config, replay, course = engine.config, Replay(engine.config), _Course(engine.config)
+    size = config.roi_width, config.roi_height
+    fitted, length = isinstance(cutter, FittedCutter), None
+
+    def run(events, roi, cold):
+        settings = BatchSettings.from_config(config, roi)
+        settings = replace(settings, start_last=False) if cold else settings
+        result = engine.run(events, settings)
+        return result, replay.settings_of(result, settings)
+
+    if fitted:
+        yield from cutter.survey(lambda events: run(events, roi, True)[0], (*roi, *size))
     start = roi
     for index in itertools.count() if batches is None else range(batches):
-        at = engine.roi if index else roi
-        while (events := cutter.next((*at, config.roi_width, config.roi_height))) is WAITING:
+        while (events := cutter.next((*(start or engine.roi), *size))) is WAITING:
             yield None
         if events is None:
             return
-        result = engine.run(events, BatchSettings.from_config(config, start))
-        start = None
-        plan, thinning = replay.settings_of(result)
+        # v is per half batch: that of a batch of another length is no start.
+        result, (plan, thinning) = run(events, start, fitted and len(events) != length)
+        start, length = course.after(result), len(events)
         batch = TrackedBatch(
             index,
             events,
@@ -143,10 +157,36 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
             covariance=covariance(config, result),
             plan=plan,
             thinning=thinning,
+            roi_next=start or result.roi_next,
         )
+        if fitted:
+            cutter.add(batch)
         for consumer in consumers:
             consumer.add(batch)
         yield batch
+
+
+class _Course:
+    """Where the ROI goes after a doubtful batch: on at the last trusted velocity; nowhere once the object is lost.
+
+    With ``cold_after_doubtful=0`` a doubtful batch is like any other.
+    """
+
+    def __init__(self, config):
+        self._config = config
+        self._doubtful, self._speed = 0, (0.0, 0.0)  # batches in a row; px per half µs
+
+    def after(self, result):
+        """The next ROI's left column and top row, px; None where the engine moves it."""
+        if Flag.DOUBTFUL not in result.flags or not self._config.cold_after_doubtful:
+            self._doubtful = 0
+            if is_sure(result):
+                self._speed = tuple(axis / result.span for axis in result.v)
+            return None
+        self._doubtful += 1
+        share = self._config.roi_gain * result.span * (self._doubtful < LOST_BATCHES)
+        ahead = (round(at + share * axis) for at, axis in zip(result.roi, self._speed, strict=True))
+        return clamp_roi(self._config, tuple(ahead))[0]
 
 
 def in_turn(tracks):

@@ -1,14 +1,13 @@
 """One of the objects that the command ``track`` follows: its files, and its part of the summary."""
 
-import math
-import statistics
 from dataclasses import dataclass, field
 
 from ..errors import ConfigError, naming
 from ..imaging.gallery import Gallery
-from ..protocol.confidence import is_judged, is_sure
+from .fit import FittedCutter
 from .kept import Kept
 from .loop import CsvConsumer
+from .verdict import Verdict
 
 
 @dataclass(kw_only=True)
@@ -41,11 +40,9 @@ class TrackedObject:
     cutter: object = None
     batches: int = 0
     warned: int = 0
-    judged: int = 0  # batches whose confidence was measured
-    trusted: int = 0  # of them not in doubt
     seen: int = 0  # ROI events of all batches
     cycles: list = field(default_factory=list)
-    speeds: list = field(default_factory=list)  # |v| of each batch that measured one, px per half batch
+    values: list = field(default_factory=list)  # of the columns of each batch
     roi_next: tuple | None = None
     consumers: list = field(default_factory=list)
     files: list = field(default_factory=list)
@@ -60,14 +57,11 @@ class TrackedObject:
         result = batch.result
         self.batches += 1
         self.warned += bool(result.flags.warnings)
-        self.judged += is_judged(result)
-        self.trusted += is_sure(result)
         self.seen += result.roi_events + result.overflow + result.thinned
-        self.roi_next = result.roi_next
+        self.roi_next = batch.roi_next
+        self.values.append(batch.values)
         if result.cycles is not None:
             self.cycles.append(result.cycles)
-        if batch.v_px_per_s is not None:
-            self.speeds.append(math.hypot(*result.v))
 
     def collect(self, stack, folder, *, recording, motion, engine, pictures, report_mhz, wave):
         """Begin to collect what the object's files show.
@@ -95,7 +89,7 @@ class TrackedObject:
 
             def write(one):
                 for path in pictures:
-                    gallery.save(one._file(path.parent, path.stem, path.suffix))
+                    gallery.save(one._file(path.parent, path.stem, path.suffix), verdict=one.verdict.share)
 
             self._writers.append(write)
         if report_mhz is not None:
@@ -141,13 +135,24 @@ class TrackedObject:
         for write in self._writers:
             write(self)
 
+    @property
+    def verdict(self):
+        """Of the batches so far."""
+        return Verdict.of(self.values)
+
+    @property
+    def remarks(self):
+        """Warnings and notes on the whole track: ``(kind, sentence)``."""
+        found, fitted = self.verdict, isinstance(self.cutter, FittedCutter)
+        return [("warning", text) for text in found.warnings()] + [("note", text) for text in found.notes(fitted)]
+
     def summary(self):
         """The object's part of the command's summary, JSON-ready."""
         entry = {
             "batches": self.batches,
             "events_left_over": self.cutter.leftover,
             "batches_with_warnings": self.warned,
-            "trusted_batches": self.trusted if self.config.confidence else None,
+            **self.verdict.summary(),
             "cycles": sum(self.cycles) if self.cycles else None,
             "roi_next": list(self.roi_next),
             "files": [str(path) for path in self.files],
@@ -156,8 +161,7 @@ class TrackedObject:
             entry = {"name": self.name, "roi": list(self.roi), **entry}
         if self.proposal:
             entry["roi"] = list(self.roi)
-            entry["batch_events"] = self.cutter.size if self.cutter.mode == "events" else None
+            entry["batch_events"] = self.proposal.batch_events if isinstance(self.cutter, FittedCutter) else None
             entry["start_event"] = self.proposal.start_event
             entry["fields"] = self.proposal.fields
-            entry["median_px_per_half_batch"] = statistics.median(self.speeds) if self.speeds else None
         return entry

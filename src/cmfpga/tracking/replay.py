@@ -13,14 +13,15 @@ class Replay:
         self._following = False  # the batch before measured v, so the warm schedule applies
         self._thinning = None  # what the batch before asks for
 
-    def settings_of(self, result):
-        """``(plan, thinning)`` of the next batch, whose :class:`BatchResult` this is.
+    def settings_of(self, result, settings=None):
+        """``(plan, thinning)`` of the next batch, whose :class:`BatchResult` this is; by default as configured.
 
         ``plan`` has a ``ScheduleEntry`` per iteration; the engine stored one ROI event in
         ``thinning``.
         """
         config, rule = self._config, self._config.ascent_rule
-        settings = BatchSettings.from_config(config)
+        settings = settings or BatchSettings.from_config(config)
+        self._following &= settings.roi is None
         warm = rule.warm(settings, self._following) and not result.restarted
         plan = rule.plan(settings, warm)[: result.iterations]
         thinning = self._thinning if config.thin_target and self._thinning else config.thinning

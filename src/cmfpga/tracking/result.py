@@ -13,6 +13,7 @@ from ..imaging.gallery import Gallery
 from ..protocol.confidence import covariance, is_sure
 from .columns import COLUMNS, csv_writer, row
 from .kept import Kept
+from .verdict import Verdict
 
 # Lines at either end of a notebook's table.
 _SHOWN = 5
@@ -76,6 +77,11 @@ class Tracking:
         return np.array([is_sure(result) for result in self.results], bool)
 
     @property
+    def verdict(self):
+        """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
+        return Verdict.of(self._values)
+
+    @property
     def covariance(self):
         """Covariance of (vx, vy) of each batch, (px/half batch)²: float64 [batches, 2, 2]; NaN where not trusted."""
         found = (covariance(self.config, result) or (np.nan,) * 3 for result in self.results)
@@ -123,7 +129,7 @@ class Tracking:
         path : str or Path, optional
             Write it there as well: ``.png``, ``.pdf``, ``.svg``; or ``.gif``, which shows the object as it moves.
         """
-        figure = self._gallery.figure()
+        figure = self._gallery.figure(self.verdict.share)
         if path is not None:
             self._gallery.save(path, figure)
         return figure

@@ -1,0 +1,164 @@
+"""How long batches are chosen: so that the image moves by 3 to 5 px in half of one.
+
+In shorter batches v is measured too large and scatters, in longer ones objects turn and deform. A track begins with a
+:meth:`~FittedCutter.survey`; from then on each batch says how long the next one is (:func:`fit`). Equal events and
+results give equal lengths. Figures: docs/track.md.
+"""
+
+import math
+
+from ..config.defaults import BATCH_EVENTS
+from ..events import WAITING, BatchCutter
+from ..imaging.iwe import events_in_roi
+from ..protocol.confidence import confidence, is_judged, is_sure
+
+#: Motion of the image that is aimed at, and between what a batch keeps its length, px per half batch.
+TARGET_PX, ALLOWED_PX = 4.0, (3.0, 5.0)
+
+#: Batches in a row that are not to be trusted, after which an object counts as lost.
+LOST_BATCHES = 3
+
+_FIRST_ROI_EVENTS = 150  # of the survey's first window
+_GROWTH = 1.6  # from window to window
+_AGREE = 0.25  # how far the velocities of two windows may differ, relative
+_AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it is the object that speeds up
+_MIN_PX = 2.0  # of a survey's window
+
+
+def fit(events, v, trusted):
+    """Number of events of the next batch.
+
+    Parameters
+    ----------
+    events : int
+        Of the batch that is over, of the whole sensor.
+    v : (float, float)
+        What it found, px per half batch.
+    trusted : bool
+        Whether v is to be trusted; if not, the length stays.
+
+    Returns
+    -------
+    int
+        As many where the image moved by :data:`ALLOWED_PX`; else so many that it moves by :data:`TARGET_PX`, but no
+        less than half and no more than twice as many.
+    """
+    moved = math.hypot(*v)
+    if not trusted or ALLOWED_PX[0] <= moved <= ALLOWED_PX[1]:
+        return events
+    return max(round(events * min(max(TARGET_PX / max(moved, 1e-9), 0.5), 2.0)), 1)
+
+
+class FittedCutter(BatchCutter):
+    """Cuts batches of as many events as suit the motion; ``size`` is that of the next one.
+
+    Parameters
+    ----------
+    source : EventSource
+    config : Config
+    start_event : int
+        Index of the first event to cut.
+    first : int, optional
+        Events of the first batch; without, a :meth:`survey` chooses it.
+    max_events : int
+        Largest batch, in events of the whole sensor.
+    """
+
+    def __init__(self, source, config, *, start_event=0, first=None, max_events):
+        super().__init__(source, start_event=start_event, events=min(first or 1, max_events), max_events=max_events)
+        self._config, self._surveyed = config, first is not None
+        self._shortest = self.size
+        self._doubtful = 0  # batches in a row
+
+    def survey(self, trial, roi):
+        """Choose the first length by batches on trial; their events stay, and are cut afterwards.
+
+        Two windows, one after the other, grow until one is to be trusted and the other nearly, their velocities agree,
+        and the image moves far enough. Where that is not so before the events or ``max_events`` end, the longest window
+        counts.
+
+        Parameters
+        ----------
+        trial : callable
+            ``trial(events)``: the :class:`BatchResult` of these events in a batch that starts cold.
+        roi : (x, y, width, height)
+
+        Yields
+        ------
+        None
+            Where the source has no events yet.
+        """
+        if self._surveyed:
+            return
+        self._surveyed, found = True, None
+        length = self._shortest = yield from self._first_length(roi)
+        while True:
+            ahead = yield from self._ahead(2 * length)
+            half = min(length, len(ahead) // 2)
+            if half and self._agree(one := trial(ahead[:half]), trial(ahead[half : 2 * half])):
+                found = half, one.v
+            if half < length or length == self.max_events or (found and math.hypot(*found[1]) >= ALLOWED_PX[0]):
+                break
+            length = min(int(length * _GROWTH) + 1, self.max_events)
+        self.size = min(fit(*found, True) if found else length, self.max_events)
+        self.size = max(len((yield from self._ahead(self.size))), 1)
+
+    def _ahead(self, count):
+        """:meth:`peek`, once the events are there."""
+        while (ahead := self.peek(count)) is WAITING:
+            yield None
+        return ahead
+
+    def _agree(self, *windows):
+        """Whether two windows, one after the other, saw the same motion."""
+        if not all(map(is_judged, windows)) or not any(map(is_sure, windows)) or math.hypot(*windows[0].v) < _MIN_PX:
+            return False
+        share = min(confidence(self._config, window) for window in windows) / self._config.confidence_limit
+        if share < 0.5:
+            return False
+        one, two = ((window.v[0] / window.span, window.v[1] / window.span) for window in windows)
+        allowed = _AGREE if share < 2 else _AGREE_SURE
+        return math.dist(one, two) <= allowed * max(math.hypot(*one), math.hypot(*two))
+
+    def _first_length(self, roi):
+        """Events of the whole sensor among which some are in the ROI."""
+        length = 2 * _FIRST_ROI_EVENTS
+        while True:
+            ahead = yield from self._ahead(length)
+            inside, _, _ = events_in_roi(ahead, roi[:2], *roi[2:])
+            if len(inside) >= _FIRST_ROI_EVENTS:
+                return int(inside[_FIRST_ROI_EVENTS - 1]) + 1
+            if len(ahead) < length or length == self.max_events:
+                return length
+            length = min(2 * length, self.max_events)
+
+    def add(self, batch):
+        """Take a :class:`~cmfpga.tracking.loop.TrackedBatch`, and choose the length of the next one."""
+        trusted = is_sure(batch.result)
+        self._doubtful = 0 if trusted else self._doubtful + 1
+        self.size = min(fit(self.size, batch.result.v, trusted), self.max_events)
+        if self._doubtful and self._doubtful % LOST_BATCHES == 0:
+            self.size = 2 * self.size if 2 * self.size <= self.max_events else self._shortest
+
+
+def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENTS, most=None, **size):
+    """What cuts a track's batches: as ``size`` says, or else as suits the motion.
+
+    Parameters
+    ----------
+    source : EventSource
+    config : Config
+    start_event : int
+    first : int, optional
+        Events of the first batch, where the length is chosen.
+    usual : int
+        Events of each batch, where the length cannot be chosen because the confidence is not measured.
+    most : int, optional
+        Events of the longest batch, where the length is chosen, if that are less than ``config.max_batch_events``.
+    **size
+        None, or one of :class:`BatchCutter`.
+    """
+    limit = config.max_batch_events
+    if not size and config.confidence and config.judge:
+        return FittedCutter(source, config, start_event=start_event, first=first, max_events=min(limit, most or limit))
+    return BatchCutter(source, start_event=start_event, max_events=limit, **(size or {"events": first or usual}))

@@ -1,0 +1,134 @@
+"""What a track amounts to, and how far it is to be trusted: for terminal, JSON, picture, report and Python."""
+
+import functools
+import itertools
+
+import numpy as np
+
+from ..protocol.flags import Flag
+from .columns import COLUMNS
+from .fit import LOST_BATCHES
+
+#: Where the image moves less, velocities are measured too large, px per half batch.
+BIASED_PX = 1.5
+
+_RUNS = 3  # that are told one by one
+
+
+class Verdict:
+    """The batches of a track in few numbers and sentences.
+
+    Velocities are those of the trusted batches; where the confidence was not measured, of all that measured one.
+
+    Parameters
+    ----------
+    numbers : callable
+        ``numbers(name)``: a column of ``track.csv``, float64 [batches]; NaN where it is empty.
+    flags : list of Flag
+        Of each batch.
+
+    Attributes
+    ----------
+    judged, trusted : bool [batches]
+        Whose confidence was measured; which of them are to be trusted.
+    speeds : float64 [used, 2]
+        (vx, vy) in px/s.
+    px : float or None
+        |v|, px per half batch, in the median.
+    lost : list of (int, int)
+        First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, none of them to be
+        trusted; empty where the confidence was not measured.
+    """
+
+    def __init__(self, numbers, flags):
+        self.judged = ~np.isnan(numbers("confidence"))
+        self.trusted = self.judged & np.array([Flag.DOUBTFUL not in flag for flag in flags], bool)
+        measured = ~np.isnan(numbers("vx_px_per_s"))
+        used = self.trusted if self.judged.any() else measured
+        self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
+        moved = np.hypot(numbers("vx"), numbers("vy"))[used if used.any() else measured]
+        self.px = float(np.median(moved)) if len(moved) else None
+        self.lost = self._lost() if self.judged.any() else []
+        self._times = numbers("t_ref_us")
+
+    @classmethod
+    def of(cls, values):
+        """Of a list of :attr:`TrackedBatch.values <cmfpga.tracking.loop.TrackedBatch.values>`."""
+
+        def numbers(name):
+            return COLUMNS[name].array([batch[name] for batch in values]).astype(np.float64)
+
+        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values])
+
+    def _lost(self):
+        runs = itertools.groupby(range(len(self.trusted)), key=lambda k: bool(self.trusted[k]))
+        found = [[*run] for trusted, run in runs if not trusted]
+        return [(run[0], run[-1]) for run in found if len(run) >= LOST_BATCHES]
+
+    @functools.cached_property
+    def px_per_s(self):
+        """|velocity|: smallest, median and largest, px/s; None where there is none."""
+        speed = np.hypot(*self.speeds.T)
+        return (float(speed.min()), float(np.median(speed)), float(speed.max())) if len(speed) else None
+
+    @property
+    def share(self):
+        """How many batches are to be trusted, in words; empty where that was not measured."""
+        if not self.judged.any():
+            return ""
+        return f"{self.trusted.sum()} of {len(self.trusted)} batches are to be trusted"
+
+    @property
+    def velocity(self):
+        """The velocity, in words; empty where there is none."""
+        if not self.px_per_s:
+            return ""
+        low, median, high = self.px_per_s
+        vx, vy = np.median(self.speeds, axis=0)
+        return (
+            f"velocity {median:,.0f} px/s in the median, {low:,.0f} to {high:,.0f} (vx {vx:,.0f}, vy {vy:,.0f}); "
+            f"{self.px:.1f} px per half batch"
+        )
+
+    def warnings(self):
+        """Sentences about what went wrong."""
+        if not self.lost:
+            return []
+        told = [f"{first} to {last}{self._when(first, last)}" for first, last in self.lost[:_RUNS]]
+        more = f", and {len(self.lost) - _RUNS} times more" if len(self.lost) > _RUNS else ""
+        return [
+            f"the object was lost in batches {', '.join(told)}{more}: none of these is to be trusted; the ROI stayed, "
+            "and each next batch started cold"
+        ]
+
+    def _when(self, first, last):
+        times = self._times[first : last + 1] / 1e6
+        times = times[~np.isnan(times)]
+        return f" ({times[0]:.3f} to {times[-1]:.3f} s)" if len(times) else ""
+
+    def notes(self, fitted=False):
+        """Sentences about what could be measured better; ``fitted``: the lengths of batches were chosen."""
+        found = []
+        if not self.judged.any():
+            return found
+        if self.px < BIASED_PX:
+            found.append(
+                f"the image moves by {self.px:.1f} px per half batch in the median; below {BIASED_PX:g} px velocities "
+                "are measured too large, by about 14 % on dense scenes"
+            )
+        if not fitted and (found or self.trusted.mean() < 0.5):
+            found.append("without a batch option, batches are as long as suits the motion: 3 to 5 px per half batch")
+        return found
+
+    def summary(self):
+        """The same, JSON-ready."""
+        low, median, high = self.px_per_s or (None, None, None)
+        vx, vy = np.median(self.speeds, axis=0).tolist() if len(self.speeds) else (None, None)
+        return {
+            "trusted_batches": int(self.trusted.sum()) if self.judged.any() else None,
+            "lost_batches": [list(run) for run in self.lost],
+            "median_px_per_half_batch": self.px,
+            "vx_px_per_s": vx,
+            "vy_px_per_s": vy,
+            "px_per_s": {"lowest": low, "median": median, "highest": high},
+        }

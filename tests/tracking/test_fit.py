@@ -1,0 +1,155 @@
+"""How long batches are: the rule, the survey, the loop that follows them, and the verdict on the whole."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.engines import make_engine
+from cmfpga.events import BatchCutter, Events, generate
+from cmfpga.events.columns import MemoryRecording
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import BatchResult
+from cmfpga.tracking.fit import FittedCutter, batch_cutter, fit
+from cmfpga.tracking.loop import track
+from cmfpga.tracking.verdict import Verdict
+
+CONFIG = preset("fast").replace(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8)
+
+
+@pytest.mark.parametrize("v, trusted, expected", [
+    ((3.0, 0.0), True, 1000), ((0.0, -5.0), True, 1000), ((3.0, 4.0), True, 1000),  # 3 to 5 px: as they are
+    ((2.0, 0.0), True, 2000), ((2.5, 0.0), True, 1600), ((0.1, 0.0), True, 2000), ((0.0, 0.0), True, 2000),
+    ((6.0, 0.0), True, 667), ((-6.0, 8.0), True, 500), ((0.1, 0.0), False, 1000), ((9.0, 0.0), False, 1000),
+])  # fmt: skip
+def test_the_rule(v, trusted, expected):
+    assert fit(1000, v, trusted) == expected
+    assert fit(1, v, trusted) >= 1
+
+
+def recording(count=20_000, step=10):
+    """An event every ``step`` µs, each in the ROI."""
+    events = Events(np.arange(count) * step, np.full(count, 10), np.full(count, 10), np.zeros(count))
+    return MemoryRecording(events, 40, 30, "made up")
+
+
+class Moving:
+    """An engine that sees a motion of ``speed(t_µs)`` px/s along x, and is in doubt where that is None."""
+
+    def __init__(self, speed, config=CONFIG):
+        self.config, self.speed, self.roi, self.asked = config, speed, (0, 0), []
+
+    def run(self, events, settings):
+        self.roi = settings.roi or self.roi
+        first, span = int(events.t[0]), int(events.t[-1] - events.t[0])
+        speed = self.speed(first + span / 2)
+        self.asked.append((first, len(events), settings))
+        doubt = Flag.DEGENERATE if not span else Flag(0) if speed else Flag.DOUBTFUL
+        counts = dict.fromkeys(("outside", "overflow", "thinned", "time_back", "time_span", "restarted"), 0)
+        # For v to the right: a confidence of 40.
+        sharp = {
+            "sums": (0,) * 5,
+            "sum_squares": len(events),
+            "probe_x": (0, 0, 0, 15, 0),
+            "probe_y": (0, 0, 0, 0, -15),
+        }
+        return BatchResult(
+            **counts, **sharp, events=len(events), roi_events=len(events), span=span, roi=self.roi, roi_next=self.roi,
+            v=((speed or 0) * span / 2e6, 0.0), iterations=15, flags=doubt, trace=None, confidence_limit=90,
+            thinning_used=1,
+        )  # fmt: skip
+
+
+def followed(speed, count=20_000, roi=(4, 5), first=None, **size):
+    engine = Moving(speed)
+    cutter = batch_cutter(recording(count), CONFIG, first=first, **size)
+    batches = [*track(engine, cutter, roi=roi)]
+    trials = len(engine.asked) - len(batches)
+    return batches, engine.asked[:trials], engine.asked[trials:], cutter
+
+
+def test_two_windows_grow_until_the_image_moves_far_enough():
+    """200 px/s are 4 px in half of 40 ms: 4,000 events. The windows grow by 1.6, the last moves by 3 to 5 px."""
+    batches, trials, asked, cutter = followed(lambda t: 200)
+    lengths = [length for _, length, _ in trials]
+    assert lengths[:4] == [150, 150, 241, 241] and lengths[-1] in range(3000, 5001)
+    assert [first for first, _, _ in trials] == [at for length in lengths[::2] for at in (0, 10 * length)]
+    assert {len(batch.events) for batch in batches} == {lengths[-1]}
+    # Each event is tracked once, from the first on.
+    assert [batch.events.first_event for batch in batches] == [lengths[-1] * k for k in range(len(batches))]
+    assert sum(len(batch.events) for batch in batches) + cutter.leftover == 20_000
+    assert all(settings.roi == (4, 5) and not settings.start_last for _, _, settings in trials)
+    # The first batch starts cold where it was asked to; the others, as long as it, from its v.
+    assert [settings.start_last for _, _, settings in asked] == [False] + [True] * (len(asked) - 1)
+    assert [settings.roi for _, _, settings in asked] == [(4, 5)] + [None] * (len(asked) - 1)
+
+
+@pytest.mark.parametrize("speed", [lambda t: None, lambda t: 3e6 / t, lambda t: 20])
+def test_what_the_survey_does_not_accept(speed):
+    """Windows in doubt, velocities that differ, too slow a motion: the longest window is the first batch."""
+    batches, trials, _, _ = followed(speed, count=3000)
+    assert trials[-1][1] == 1500 and (len(batches[0].events), batches[0].events.first_event) == (1583, 0)
+
+
+@pytest.mark.parametrize("count, expected", [(1, 1), (3, 3), (200, 150)])
+def test_a_recording_that_is_shorter_than_two_windows(count, expected):
+    assert [len(batch.events) for batch in followed(lambda t: 200, count=count)[0]] == [expected]
+
+
+def test_the_length_follows_the_motion():
+    """It becomes three times as fast: then batches become shorter, each that has another length starts cold."""
+    batches, _, asked, _ = followed(lambda t: 200 if t < 100_000 else 600, count=30_000, first=4000)
+    lengths = [len(batch.events) for batch in batches]
+    assert lengths[:3] == [4000, 4000, 4000] and 1300 <= lengths[-1] <= 1400
+    starts = [settings.start_last for _, _, settings in asked]
+    assert starts == [False] + [one == other for one, other in itertools.pairwise(lengths)]
+
+
+def test_a_lost_object():
+    """The ROI goes on for two batches, then stays; after three in doubt batches are twice as long."""
+    batches, _, asked, _ = followed(lambda t: 200 if t < 70_000 else None, first=2000, count=40_000)
+    lengths = [len(batch.events) for batch in batches]
+    assert lengths == [2000, 4000, 4000, 4000, 4000, 8000, 8000]
+    lost = [k for k, batch in enumerate(batches) if Flag.DOUBTFUL in batch.flags]
+    rois = [asked[k][2].roi for k in range(len(asked))]
+    moved = round(200 * (4000 - 1) * 1e-5)
+    assert rois[lost[0]] is None
+    assert rois[lost[0] + 1] == (4 + moved, 5) and rois[lost[0] + 2] == (4 + 2 * moved, 5)
+    assert set(rois[lost[0] + 3 :]) == {(4 + 2 * moved, 5)}
+    verdict = Verdict.of([batch.values for batch in batches])
+    assert verdict.lost == [(lost[0], lost[-1])] and verdict.trusted.sum() == lost[0]
+    assert "was lost in batches" in verdict.warnings()[0]
+
+
+def test_where_lengths_are_chosen():
+    """Not where the user gives one, nor without confidence."""
+    for size, config, fitted in (
+        ({}, CONFIG, True),
+        ({}, CONFIG.replace(judge=0), False),
+        ({"events": 9}, CONFIG, False),
+    ):
+        cutter = batch_cutter(recording(), config, most=700, **size)
+        assert isinstance(cutter, FittedCutter) == fitted
+        assert fitted or (type(cutter), cutter.size) == (BatchCutter, size.get("events", 5000))
+    assert (
+        cutter.max_events == CONFIG.max_batch_events and batch_cutter(recording(), CONFIG, most=700).max_events == 700
+    )
+
+
+def test_an_object_is_tracked_in_batches_that_suit_it():
+    """With the integer model: without an option, and twice the same."""
+    scene = generate(seed=3, texture="dense", velocity=(160.0, 60.0), position=(50.0, 60.0), duration_us=300_000)
+    config = preset("fast")
+    tracks = []
+    for _ in range(2):
+        cutter = batch_cutter(scene.recording(), config)
+        tracks.append([*track(make_engine("model", config), cutter, roi=scene.roi_start(64, 64))])
+    found = [batch.values for batch in tracks[0]]
+    assert found == [batch.values for batch in tracks[1]] and len(found) >= 5
+    verdict = Verdict.of(found)
+    assert 3 <= verdict.px <= 5 and verdict.trusted.mean() > 0.8 and not verdict.lost and not verdict.notes()
+    np.testing.assert_allclose(np.median(verdict.speeds, axis=0), (160, 60), atol=12)
+    short = [*track(make_engine("model", config), BatchCutter(scene.recording(), events=1500, max_events=9999),
+                    roi=scene.roi_start(64, 64), batches=4)]  # fmt: skip
+    assert "below 1.5 px velocities are measured too large" in Verdict.of([batch.values for batch in short]).notes()[0]
