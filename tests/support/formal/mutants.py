@@ -101,7 +101,7 @@ TAGGED_BANK = [
         "sum right before counts with any tag", "behind_s3.eq(behind_s2 & same_behind_s2)", "behind_s3.eq(behind_s2)"
     ),
     tagged("sum right before never counts", "behind_s3.eq(behind_s2 & same_behind_s2)", "behind_s3.eq(0)"),
-    tagged("older sums stay under the one right before", "~counts | behind_s2", "~counts"),
+    tagged("older sums stay under the one right before", "counts & ~behind_s2", "counts"),
     tagged("words count with any tag", _RAM, "1"),
     tagged("words with any tag but zero count", _RAM, "read_s2.tag != 0"),
     tagged("words compared with a younger tag", _RAM, _RAM.replace("tag[2]", "tag[1]")),
@@ -110,7 +110,7 @@ TAGGED_BANK = [
     tagged("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
     tagged("told of the wrong operation", "self.o.payload.add.eq(add[3])", "self.o.payload.add.eq(add[2])"),
     tagged("told past the forwarding", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(base_s3.i)"),
-    tagged("told of a word that does not count", "with m.If(~counts | behind_s2):", "with m.If(behind_s2):"),
+    tagged("told of a word that does not count", "counts & ~behind_s2", "~behind_s2"),
     tagged("told early", "self.o.valid.eq(valid[4])", "self.o.valid.eq(valid[3])"),
 ]
 

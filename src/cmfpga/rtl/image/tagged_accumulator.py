@@ -93,20 +93,19 @@ class TaggedBank(wiring.Component):
             behind_s3.eq(behind_s2 & same_behind_s2),
         ]
 
-        # Stage 2: output register; another tag means zero.
+        # Stage 2: output register; with another tag it does not count.
         words = [read_s2.as_value()[: pixel.size], *(total[stage].as_value() for stage in (4, 5, 6))]
         low, high = forwarded_s2
         m.d.comb += [
             found.as_value().eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
             counts.eq(Mux(forwarded_s2 == 0, read_s2.tag == tag[2], same_s2)),
         ]
-        m.d.sync += base_s3.eq(found)
-        with m.If(~counts | behind_s2):  # the registers' reset, no logic
-            m.d.sync += base_s3.eq(0)
+        counts_s3 = Signal(reset_less=True)  # beside the word: a reset of all its bits would come late
+        m.d.sync += [base_s3.eq(found), counts_s3.eq(counts & ~behind_s2)]
 
         # Stage 3: add. Stage 4: write. Stages 5, 6 only remember.
         m.d.comb += [
-            base.as_value().eq(base_s3.as_value() | Mux(behind_s3, total[4].as_value(), 0)),
+            base.as_value().eq(Mux(counts_s3, base_s3.as_value(), 0) | Mux(behind_s3, total[4].as_value(), 0)),
             read.addr.eq(address[0]),
             write.addr.eq(address[4]),
             write.data.tag.eq(tag[4]),
