@@ -14,6 +14,8 @@ from cmfpga.rtl.ascent.gradient import Gradient
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from cmfpga.rtl.ascent.sign import SignAscent
 from cmfpga.rtl.ascent.velocity import Velocity
+from cmfpga.rtl.confidence.judge import Judge
+from cmfpga.rtl.confidence.probe import Probe
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image.accumulator import Accumulator
 from cmfpga.rtl.image.dither import Dither
@@ -113,6 +115,11 @@ BLOCKS = {
     ),
     "constant ascent": Timing(ConstantAscent(DEFAULT), 5, out="run.updated", every=2),
     "sign ascent": Timing(SignAscent(FAST), 2, out="run.updated", every=3),
+    # The last of its cycles is the velocity's.
+    "probe": Timing(Probe(FAST), 3, item=lambda k: {"begin": 1}, late=-1),
+    "judge": Timing(
+        Judge(FAST), 107, out="done", item=lambda k: {"i.valid": 1, "probing": 2}, every=108
+    ),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
     ),
