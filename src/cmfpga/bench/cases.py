@@ -45,9 +45,9 @@ def make_cases(quick=False):
     full, name = preset("full-frame"), "full-frame"
     size = {"width": full.roi_width, "height": full.roi_height}
     batch = make_workload(KIM, events=5000, roi_events=5000, **size)
-    size = {key: getattr(full, key) for key in ("roi_width", "roi_height", "buffer_events", "tag_bits", "ram_style")}
+    size = {key: getattr(full, key) for key in ("roi_width", "roi_height", "buffer_events", "ram_style")}
     large = paper.replace(**size)
-    one_pass = large.replace(gradient="one_pass")
+    one_pass = large.replace(gradient="one_pass", tag_bits=full.tag_bits)
     designs = {"core, paper at 240×180": large, "core, the same in one pass": one_pass}
     cases += [constant_case(batch, designs, 90), *sign_cases(batch, name, full)]
 
