@@ -203,7 +203,7 @@ def test_nothing_of_the_picture_is_cut(dot, tmp_path):
 
 def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_path):
     done = command(track, "--out", tmp_path)
-    assert done.status == 0 and done.err == ""
+    assert done.status == 0 and set(line.split(":")[0] for line in done.err.splitlines()) <= {"warning"}
     lines = done.out.splitlines()
     assert re.search(
         r"^\d of 9 batches are to be trusted\nvelocity 1[78]\d px/s in the median, ", done.out, re.MULTILINE

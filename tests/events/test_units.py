@@ -84,7 +84,7 @@ def test_real_recordings_as_integers(data_dir, name):
 def test_in_files(write, rng):
     us = clock(rng, 1e5, 2000, start=7)
     x, p = us % 200, us % 2
-    if (write_ns := write(us * 1000, x, x, p)).suffix not in (".txt", ".zip"):  # the text is in seconds
+    if (write_ns := write(us * 1000, x, x, p)).suffix not in (".txt", ".zip", ".gz"):  # the text is in seconds
         recording, unit = assert_reads(write_ns, {"t": us.tolist()}), "ns"
     else:
         recording, unit = open_recording(write(us, x, x, p)), "s"
