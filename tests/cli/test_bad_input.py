@@ -149,7 +149,6 @@ OPTIONS = [
      "DOT: too few events for one batch after event 0 (600 left)"),
     *(([option, value], f"{option} {value}: at most 100 is allowed (max_batch_events)") for option, value in
       (("--batch-events", "101"), ("--batch-roi-events", "101"), ("--batch-events", HUGE))),
-    ([], "--batch-events 5000: at most 100 is allowed (max_batch_events)"),
     (["--engine", "fpga"], "argument --engine: invalid choice: 'fpga' (choose from "),
     (["--time-unit", "h"], "argument --time-unit: invalid choice: 'h' (choose from "),
     *((["--preset", name], f"preset '{name}': one of paper, fast, ") for name in ("Paper", "")),

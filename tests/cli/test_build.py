@@ -105,7 +105,9 @@ def test_runtime_fields_do_not_change_the_verilog(emitted):
 
 # Fields that only shape the fast architecture, and words that are others than the default.
 FAST_ONLY = ("schedule_entries", "max_level", "tag_bits", "dither_frac", "ram_style")
-WORDS = {"gradient": "one_pass", "ascent": "sign", "ram_style": "block", "when_full": "thin"}
+WORDS = {"gradient": "one_pass", "ascent": "sign", "ram_style": "block", "when_full": "thin", "border": "whole"}
+# The confidence needs formats of its own.
+NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confidence": 0}}
 QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
 
 
@@ -113,7 +115,7 @@ QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
     "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in Config().hardware_fields]
 )
 def test_hardware_fields_change_the_verilog(emitted, name):
-    fields = {**TINY, **(FAST if name in FAST_ONLY else {}), **({"max_level": 2} if name == "ascent" else {})}
+    fields = {**TINY, **(FAST if name in FAST_ONLY else {}), **NEEDED.get(name, {})}
     base = emitted(**fields)
     step = 2 if name in ("roi_width", "roi_height") else 1
     value = WORDS[name] if name in WORDS else {**Config().to_dict(), **fields}[name] + step

@@ -152,7 +152,8 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
     first : int, optional
         Events of the first batch, where the length is chosen.
     usual : int
-        Events of each batch, where the length cannot be chosen because the confidence is not measured.
+        Events of each batch, where the length cannot be chosen because the confidence is not measured; fewer where the
+        hardware does not count so far.
     most : int, optional
         Events of the longest batch, where the length is chosen, if that are less than ``config.max_batch_events``.
     **size
@@ -161,4 +162,4 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
     limit = config.max_batch_events
     if not size and config.confidence and config.judge:
         return FittedCutter(source, config, start_event=start_event, first=first, max_events=min(limit, most or limit))
-    return BatchCutter(source, start_event=start_event, max_events=limit, **(size or {"events": first or usual}))
+    return BatchCutter(source, start_event=start_event, max_events=limit, **(size or {"events": first or min(usual, limit)}))
