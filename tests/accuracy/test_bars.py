@@ -116,7 +116,9 @@ def test_track(engine, what, data_dir):
 
 def test_the_thinned_track(data_dir):
     """Too few events for strides, for cold starts and for whole events only, as the documentation says."""
-    scores = track_bars("model", FAST.replace(**BEFORE, border="corners", cold_after_doubtful=0), data_dir, "thinned track")
+    scores = track_bars(
+        "model", FAST.replace(**BEFORE, border="corners", cold_after_doubtful=0), data_dir, "thinned track"
+    )
     assert scores["batches"] == scores["within_bounds"] == TRACK_BATCHES
 
 
