@@ -79,7 +79,7 @@ def test_a_sender_that_stalls_and_resumes(send, follow, expected, dot_events, tm
     lines = done.out.splitlines()
     assert [line.split()[0] for line in lines[:6]] == list("012345") and lines[0].split()[1:3] == ["0.050445", "s"]
     assert lines[6].startswith("6 batches tracked (model engine), ") and lines[6].endswith(" 60 events left over")
-    assert lines[7] == "600 events came, 0 were dropped; the sender was held up for 0 s"
+    assert "600 events came, 0 were dropped; the sender was held up for 0 s" in lines
 
 
 def test_a_file_of_the_same_bytes_gives_the_same(send, follow, dot_events, expected, tmp_path):

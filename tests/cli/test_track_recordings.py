@@ -76,15 +76,17 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
     recording, options, slow, _ = star
     for engine in ("rtl", "model"):
         done = command(track, recording, *options, "--engine", engine, "--no-picture", "--out", tmp_path / engine)
-        assert (done.status, done.err) == (0, "")
+        assert (done.status, done.complaints) == (0, [])
     found = rows(tmp_path / "rtl")
-    assert rows(tmp_path / "model") == but_cycles(found) and flags(found) == [""] * 20
-    assert [row["iterations"] for row in found] == ["15"] + ["6"] * 19
+    # Where the star turns, the core is not sure, and begins anew.
+    assert rows(tmp_path / "model") == but_cycles(found) and flags(found) == [""] * 18 + ["doubtful", ""]
+    assert [row["iterations"] for row in found] == ["15"] + ["6"] * 18 + ["15"]
     x, vx = floats(found, "roi_x"), floats(found, "vx")
     assert (np.diff(x[:18]) >= 0).all() and (np.abs(np.diff(x)) <= 4).all() and (vx[:17] > 0.8).all()
     np.testing.assert_allclose(x[:18], floats(slow, "roi_x")[:18], atol=2)
-    # Where it turns, the ROI goes on for a batch: with two buffers a move shows a batch later.
-    np.testing.assert_allclose(x[18:], floats(slow, "roi_x")[18:], atol=5)
+    # Where it turns, the ROI goes on for a batch: with two buffers a move shows a batch later. In doubt it stays.
+    np.testing.assert_allclose(x[18], floats(slow, "roi_x")[18], atol=5)
+    assert x[19] == x[18]
     assert floats(found, "cycles").sum() < floats(slow, "cycles").sum() / 15
 
 
@@ -103,9 +105,9 @@ def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, n
     if engine == "rtl" and find_compiler() is None:
         pytest.skip("no C++ compiler")
     done = command(track, data_dir / name, *options, "--engine", engine, "--out", tmp_path, "--no-picture")
-    assert (done.status, done.err) == (0, "")
+    assert (done.status, done.complaints) == (0, [])
     found = rows(tmp_path)
-    assert len(found) >= 4 and flags(found) == [""] * len(found)
+    assert len(found) >= 4 and set(flags(found)) <= {"", "doubtful"}  # these batches are shorter than suits the motion
     for axis, (low, high) in (("vx_px_per_s", vx), ("vy_px_per_s", vy)):
         assert low < np.median(floats(found, axis)) < high
     if "--batch-roi-events" in options:
@@ -130,9 +132,9 @@ def test_a_real_overflow(data_dir, command, rows, tmp_path):
         track, data_dir / "prophesee_spinner_640x480.h5", "--roi", "216,85", "--batches", 2, "--engine", "model",
         "--set", "cold=0:0", "--set", "when_full=drop", "--out", tmp_path, "--json",
     )  # fmt: skip
-    assert done.status == 0 and done.err == ""
+    assert (done.status, done.complaints) == (0, [])
     assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["batches_with_warnings"] == 2
-    assert flags(rows(tmp_path)) == ["overflow"] * 2
+    assert all(flag.startswith("overflow") for flag in flags(rows(tmp_path)))
     looks_like_a_track(tmp_path / "track.png", moves=False)
 
 

@@ -35,9 +35,14 @@ class Done:
     err: str
 
     @property
+    def complaints(self):
+        """Lines on standard error that are no notes."""
+        return [line for line in self.err.splitlines() if not line.startswith("note: ")]
+
+    @property
     def error(self):
         """The one line of a refusal, without what all of them begin with; checks that it is one. Notes may precede."""
-        lines = [line for line in self.err.splitlines() if not line.startswith("note: ")]
+        lines = self.complaints
         assert self.status == 2 and len(lines) == 1, (self.status, self.err)
         assert lines[0].startswith("error: ") and self.err.endswith("\n") and "Traceback" not in self.err
         return lines[0].removeprefix("error: ")

@@ -162,4 +162,5 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
     limit = config.max_batch_events
     if not size and config.confidence and config.judge:
         return FittedCutter(source, config, start_event=start_event, first=first, max_events=min(limit, most or limit))
-    return BatchCutter(source, start_event=start_event, max_events=limit, **(size or {"events": first or min(usual, limit)}))
+    size = size or {"events": first or min(usual, limit)}
+    return BatchCutter(source, start_event=start_event, max_events=limit, **size)

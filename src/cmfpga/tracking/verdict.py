@@ -114,7 +114,7 @@ class Verdict:
         if self.px < BIASED_PX:
             found.append(
                 f"the image moves by {self.px:.1f} px per half batch in the median; below {BIASED_PX:g} px velocities "
-                "are measured too large, by about 14 % on dense scenes"
+                "may be measured too large, by up to 15 %"
             )
         if not fitted and (found or self.trusted.mean() < 0.5):
             found.append("without a batch option, batches are as long as suits the motion: 3 to 5 px per half batch")
