@@ -54,7 +54,7 @@ def test_what_a_result_without_a_trace_shows(tmp_path, capsys):
     with pytest.raises(ConfigError, match=r"^trace: the axi engine gives only results; rtl, model or float is needed$"):
         found.trace(1)
 
-    arguments = ["--preset", "fast", "--engine", "axi", "--batches", "3", "--out", str(tmp_path), "--no-picture"]
+    arguments = ["--engine", "axi", "--batch-events", "1640", "--batches", "3", "--out", str(tmp_path), "--no-picture"]
     assert cli.run(track.main, [*arguments, "--report"]) == 0
     kept = Kept.load(tmp_path / "track.npz")
     assert [detail.v.tolist() for detail in kept.details] == [[list(result.v)] for result in found.results]

@@ -94,7 +94,8 @@ def test_nothing_measured(config):
     kept.rows = [(*row[:at], "0", *row[at + 1 :]) for row in kept.rows]
     story = Story(kept, 210.0)
     assert story.lead.startswith("Nothing could be measured") and story.lead.endswith("the hardware's speed.")
-    assert story.notes == ["3 of 3 batches have warnings: degenerate in 3."]
+    assert story.notes[0] == "0 of 3 batches are to be trusted."
+    assert story.notes[-1] == "3 of 3 batches have warnings: degenerate in 3."
 
 
 def test_of_a_synthetic_track(turning):
@@ -104,8 +105,9 @@ def test_of_a_synthetic_track(turning):
     assert 40 < int(found[1]) < 56 and 28 < int(found[2]) < 45
     assert " px up and to the right within 0.48 s, at about 1" in story.lead
     assert "keep up" in story.lead and "not keep up" not in story.lead
-    assert story.notes[0].endswith("the velocities fit.") and "px/s off in the median" in story.notes[1]
-    assert story.notes[2] == f"1 of {len(turning.rows)} batches have warnings: doubtful in 1."
+    assert story.notes[0] == f"{len(turning.rows) - 1} of {len(turning.rows)} batches are to be trusted."
+    assert story.notes[1].endswith("the velocities fit.") and "px/s off in the median" in story.notes[2]
+    assert story.notes[3] == f"1 of {len(turning.rows)} batches have warnings: doubtful in 1."
 
 
 def test_cycles_by_the_formula(turning):
@@ -129,8 +131,8 @@ def test_velocities_that_do_not_fit(turning):
     wrong.__dict__.update(turning.__dict__)
     wrong.details = [dataclasses.replace(detail, v=-detail.v) for detail in turning.details]
     story = Story(wrong, 210.0)
-    assert "do not trust the velocities" in story.notes[0]
-    assert story.lead.startswith("Doubtful, see the first remark: the object in the orange frame moved")
+    assert "do not trust the velocities" in story.notes[1]
+    assert story.lead.startswith("Doubtful, see the remarks: the object in the orange frame moved")
 
 
 def test_an_object_that_is_lost(config):

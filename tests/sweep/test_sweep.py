@@ -14,6 +14,7 @@ import numpy as np
 import pandas
 import psutil
 import pytest
+from filelock import FileLock
 
 from cmfpga import sweep
 from cmfpga.events import generate, write_hdf5
@@ -126,7 +127,7 @@ def test_what_is_there_is_not_run_again(recordings, serial, tmp_path, monkeypatc
 
 
 def test_two_sweeps_do_not_write_to_one_folder(recordings, tmp_path):
-    with sweep.FileLock(tmp_path / ".lock"):
+    with FileLock(tmp_path / ".lock"):
         done = run_here(recordings[0], *small(), *MODEL, "--out", tmp_path)
     assert done.error == f"--out {tmp_path}: another command is writing there; another folder is needed"
 
@@ -315,7 +316,7 @@ def test_a_false_peak_at_rest_is_not_ranked_first(tmp_path):
         duration_us=40_000, noise=0.1,
     )  # fmt: skip
     write_hdf5(tmp_path / "a.h5", scene.events, 96, 96)
-    options = ["--vary", "preset=paper,fast", "--set", "iterations=20", "--batch-us", 12_000, "--batches", 2, "--json"]
+    options = ["--vary", "preset=paper,fast", "--batch-us", 12_000, "--batches", 2, "--json"]
     roi = "{},{}".format(*scene.roi_start(64, 64))
     done = run_here(tmp_path / "a.h5", "--roi", roi, *options, *MODEL, "--out", tmp_path / "out")
     assert [entry["label"] for entry in json.loads(done.out)["ranking"]] == ["preset = fast", "preset = paper"]

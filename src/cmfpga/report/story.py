@@ -123,7 +123,7 @@ class Story:
     def lead(self):
         """The answer in one sentence."""
         sentence = f"{self._motion()} {self._hardware()}"
-        return sentence if self.fits else f"Doubtful, see the first remark: {sentence[0].lower()}{sentence[1:]}"
+        return sentence if self.fits else f"Doubtful, see the remarks: {sentence[0].lower()}{sentence[1:]}"
 
     @property
     def measured(self):

@@ -42,8 +42,9 @@ class Verdict:
 
     def __init__(self, numbers, flags):
         self.judged = ~np.isnan(numbers("confidence"))
-        self.trusted = self.judged & np.array([Flag.DOUBTFUL not in flag for flag in flags], bool)
         measured = ~np.isnan(numbers("vx_px_per_s"))
+        sure = np.array([not flag & (Flag.DOUBTFUL | Flag.DEGENERATE) for flag in flags], bool)
+        self.trusted = self.judged & measured & sure
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
         moved = np.hypot(numbers("vx"), numbers("vy"))[used if used.any() else measured]
@@ -111,7 +112,7 @@ class Verdict:
         found = []
         if not self.judged.any():
             return found
-        if self.px < BIASED_PX:
+        if self.px is not None and self.px < BIASED_PX:
             found.append(
                 f"the image moves by {self.px:.1f} px per half batch in the median; below {BIASED_PX:g} px velocities "
                 "may be measured too large, by up to 15 %"

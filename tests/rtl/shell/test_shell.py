@@ -5,6 +5,7 @@ from amaranth.hdl import ClockDomain, Module, Signal
 from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.words import encode, result_values, setting_words, split_packets
 from cmfpga.reference.wire import to_beats
@@ -76,6 +77,6 @@ def test_a_board_without_a_processor_equals_the_model(name, rng):
     (words,) = split_packets([value["data"] for value in passage.values])
     found = result_values(block.shell.registers, words.tolist())
     same(found, model.result(batch, settings))
-    assert found["roi_events"] > 10 and found["sums_sx"] and not found["flags"]
+    assert found["roi_events"] > 10 and found["sums_sx"] and not found["flags"] & ~Flag.DOUBTFUL
     first, _ = passage.out[0]
     assert min(passage.pulses["irq"]) <= first and min(passage.pulses["lamp"]) > first - 2
