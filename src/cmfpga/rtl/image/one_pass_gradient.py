@@ -99,8 +99,9 @@ class OnePassGradient(wiring.Component):
         products = []
         for n in (a, b):
             step = self.steps[n]
-            both_s1 = delay(m, step.i + step.total.i, 1, name=f"both_{n}")  # I before and after
-            w_s1 = delay(m, Mux(step.valid, step.add.i, 0), 1, name=f"w_{n}")
+            w = Mux(step.valid, step.add.i, 0)
+            both_s1 = delay(m, 2 * step.i + w, 1, name=f"both_{n}")  # I before and after
+            w_s1 = delay(m, w, 1, name=f"w_{n}")
             products.append(delay(m, both_s1 * w_s1, 1, name=f"square_{n}"))
         return delay(m, products[0] + products[1], 1, name=f"squares_{a}")
 
