@@ -9,7 +9,7 @@
 // The last line says PASS or FAIL.
 
 module tb_cmfpga_core;
-  localparam SHOWN = 40;  // mismatches that are printed
+  localparam SHOWN = 64;  // mismatches that are printed
 
   reg clk = 0;
   reg rst = 1;
