@@ -247,7 +247,7 @@ def evaluate(x, y, dt, v, *, width, height, level=0, border="corners"):
     dt, v = float64(dt), float64(v)
     size = level_size(width, level), level_size(height, level)
     votes = bilinear_votes(*(at_level(position, level) for position in warp(x, y, dt, v)), *size)
-    image = accumulate(votes.pixel, votes.weight, *size)
+    image, pixels = accumulate(votes.pixel, votes.weight, *size), width * height
     if border == "whole":
         dt = dt * (votes.pixel < size[0] * size[1]).all(0)
     d_x, d_y = _derivative_images(votes, dt, *size)
@@ -256,7 +256,6 @@ def evaluate(x, y, dt, v, *, width, height, level=0, border="corners"):
         image, d_x, d_y = (torch.nn.functional.pad(part, rest) for part in (image, d_x, d_y))
     sum_i, sum_dx, sum_dy = image.sum(), d_x.sum(), d_y.sum()
     s_x, s_y = (image * d_x).sum(), (image * d_y).sum()
-    pixels = width * height
     return Iteration(
         v=v,
         image=image,
