@@ -168,7 +168,7 @@ def _is_raw(head, path):
 
 
 def raw_sensor(fields):
-    """``(width, height)`` in pixels: what a Prophesee header's fields tell, or the sensor of its plugin; None if neither."""
+    """``(width, height)`` in pixels that a Prophesee header's fields or its plugin tell; None if neither does."""
     sizes = (
         re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", "")),
         re.search(r";height=(?P<height>\d+);width=(?P<width>\d+)", fields.get("format", "")),
