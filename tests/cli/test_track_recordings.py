@@ -90,24 +90,25 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
     assert floats(found, "cycles").sum() < floats(slow, "cycles").sum() / 15
 
 
-@pytest.mark.parametrize("name, engine, options, vx, vy", [
+@pytest.mark.parametrize("name, engine, options, vx, vy, doubtful", [
     # Up at 500 to 620 px/s, and slowing.
     ("davis240c_shapes_translation_52.0s.h5", "rtl",
-     ["--roi", "100,60", "--batch-events", 4000, "--preset", "paper"], (-30, 30), (-700, -420)),
+     ["--roi", "100,60", "--batch-events", 4000, "--preset", "paper"], (-30, 30), (-700, -420), ()),
     # To the left at about 120 px/s (ground truth from the gyroscope).
     ("davis240c_shapes_rotation_2.1s_gtflow.h5", "rtl",
-     ["--roi", "100,60", "--batch-us", 20000], (-150, -110), (-30, 0)),
+     ["--roi", "100,60", "--batch-us", 20000], (-150, -110), (-30, 0), (0, 2)),
     # Up, measured at 30 to 33 px/s over the whole image.
     ("davis240b_evbench_seq0002.h5", "model",
-     ["--roi", "60,100", "--batch-roi-events", 1500, "--batches", 5], (-10, 10), (-50, -28)),
+     ["--roi", "60,100", "--batch-roi-events", 1500, "--batches", 5], (-10, 10), (-50, -28), (0,)),
 ])  # fmt: skip
-def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, name, engine, options, vx, vy):
+def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, name, engine, options, vx, vy, doubtful):
     if engine == "rtl" and find_compiler() is None:
         pytest.skip("no C++ compiler")
     done = command(track, data_dir / name, *options, "--engine", engine, "--out", tmp_path, "--no-picture")
     assert (done.status, done.complaints) == (0, [])
     found = rows(tmp_path)
-    assert len(found) >= 4 and set(flags(found)) <= {"", "doubtful"}  # these batches are shorter than suits the motion
+    # These batches are shorter than suits the motion.
+    assert len(found) >= 4 and flags(found) == ["doubtful" if k in doubtful else "" for k in range(len(found))]
     for axis, (low, high) in (("vx_px_per_s", vx), ("vy_px_per_s", vy)):
         assert low < np.median(floats(found, axis)) < high
     if "--batch-roi-events" in options:
@@ -134,7 +135,7 @@ def test_a_real_overflow(data_dir, command, rows, tmp_path):
     )  # fmt: skip
     assert (done.status, done.complaints) == (0, [])
     assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["batches_with_warnings"] == 2
-    assert all(flag.startswith("overflow") for flag in flags(rows(tmp_path)))
+    assert flags(rows(tmp_path)) == ["overflow", "overflow|doubtful"]
     looks_like_a_track(tmp_path / "track.png", moves=False)
 
 

@@ -82,7 +82,8 @@ def waves(command, dot, tmp_path):
     def waves(config, batch, *more):
         arguments = ["--roi", "8,9", "--batch-events", 90, *options(config), "--out", tmp_path, "--no-picture"]
         done = command(track, dot, *arguments, "--wave", batch, *more)
-        assert done.status == 0
+        # Batches of 90 events are few for a confidence.
+        assert done.status == 0 and all("the object was lost in batches" in line for line in done.complaints)
         assert all(f"wrote {tmp_path}/batch-{batch}{suffix}\n" in done.out for suffix in (".vcd", ".gtkw", ".sucl"))
         return Vcd(tmp_path / f"batch-{batch}.vcd")
 
