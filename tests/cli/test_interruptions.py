@@ -51,7 +51,7 @@ def test_interrupted_in_a_destructor(capsys):
 
     def main(_):
         Held()
-        time.sleep(60)
+        time.sleep(20)
 
     assert cli.run(main) == 130
     assert capsys.readouterr().err == "interrupted\n"

@@ -1,12 +1,12 @@
 """What the command lines share: the configuration's options, and errors in one line."""
 
-import _thread
 import argparse
 import contextlib
 import dataclasses
 import functools
 import math
 import re
+import signal
 import sys
 import threading
 import warnings
@@ -298,7 +298,7 @@ def run(main, arguments=None):
 def _unraisable(hook, unraisable):
     """Python drops what a destructor raises; an interrupt that came there comes again, a little later."""
     if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        again = threading.Timer(0.01, _thread.interrupt_main)
+        again = threading.Timer(0.01, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
         again.daemon = True
         again.start()
     else:
