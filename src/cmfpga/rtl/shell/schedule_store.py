@@ -24,7 +24,7 @@ class ScheduleStore(wiring.Component):
     Members
     -------
     bus : ``In``, :func:`payloads.register_bus`
-        Data that are read come ``latency`` cycles after their address; 0 for addresses outside the table.
+        Always ready; answers 0 outside the table.
     lock, quiet : ``In(1)``
         Do not copy now; no batch is under way.
     o : ``Out``, flow of :func:`cmfpga.rtl.payloads.schedule_write`
@@ -34,10 +34,9 @@ class ScheduleStore(wiring.Component):
         An entry was out of range when the table was copied.
     """
 
-    def __init__(self, config, register, *, latency):
+    def __init__(self, config, register):
         self.config = config
         self.register = register
-        self._latency = latency
         super().__init__(
             {
                 "bus": In(payloads.register_bus()),
@@ -69,12 +68,8 @@ class ScheduleStore(wiring.Component):
             put.en.eq(Mux(self.bus.write.valid & mine, write.strobe[: len(put.en)], 0)),
             show.addr.eq((self.bus.read_address - first)[:bits]),
         ]
-        shown = Mux((self.bus.read_address >= first) & (self.bus.read_address < first + count), show.data, 0)
-        for k in range(self._latency - 1):
-            stage = Signal(entry.size, name=f"read_s{k + 1}")
-            m.d.sync += stage.eq(shown)
-            shown = stage
-        m.d.sync += self.bus.read_data.eq(shown)
+        shown = (self.bus.read_address >= first) & (self.bus.read_address < first + count)
+        m.d.comb += [self.bus.write.ready.eq(1), self.bus.read_data.eq(Mux(shown, show.data, 0))]
 
         # The core.
         position, copying = Signal(range(count)), Signal()
