@@ -65,7 +65,7 @@ class Settings(wiring.Component):
         bus, address = self.bus, self.bus.write.payload.address
         m.submodules.store = store = memory.Memory(shape=32, depth=WORDS, init=[])
         put = store.write_port(granularity=8)
-        show, get = (store.read_port(domain="comb") for _ in range(2))
+        get = store.read_port(domain="comb")
         place = {register.offset // 4: register.offset // 4 % WORDS for register in self.kept}
         fresh = Signal(WORDS)  # written since the reset
 
@@ -76,22 +76,23 @@ class Settings(wiring.Component):
             resets = {r.offset // 4 % WORDS: r.reset for r in self.kept}
             return Cat(address.matches(*(k for k, reset in resets.items() if reset >> bit & 1)) for bit in range(32))
 
-        # All words in turn behind a lock; else the one that was just written.
-        locked, walking = Signal(), Signal()
-        taking, current = Signal(), Signal(range(WORDS))
-        mine = Signal()
+        # All words in turn behind a lock; else the one that was just written, but not while software reads.
+        locked, walking, taking, mine = Signal(), Signal(), Signal(), Signal()
+        current = Signal(range(WORDS))
         m.d.comb += [
             self.blocking.eq(locked & ~self.lock | walking),
-            bus.write.ready.eq(~self.blocking),
+            bus.write.ready.eq(~(self.blocking | taking & bus.read)),
             mine.eq(bus.write.valid & bus.write.ready & address.matches(*place)),
         ]
-        m.d.sync += [locked.eq(self.lock), current.eq(address), taking.eq(mine & ~self.lock)]
-        with m.If(self.blocking):
-            m.d.sync += [walking.eq(~(walking & (current == WORDS - 1))), taking.eq(1)]
-            m.d.sync += current.eq(Mux(walking, current + 1, 0))
+        m.d.sync += locked.eq(self.lock)
+        with m.If(~(taking & bus.read)):
+            m.d.sync += [current.eq(address), taking.eq(mine & ~self.lock)]
+            with m.If(self.blocking):
+                m.d.sync += [walking.eq(~(walking & (current == WORDS - 1))), taking.eq(1)]
+                m.d.sync += current.eq(Mux(walking, current + 1, 0))
 
         # The memory; a first write fills the bytes that it leaves with those of the reset value.
-        first = Signal()
+        first, found = Signal(), Signal()
         write = bus.write.payload
         mask = Cat(bit.replicate(8) for bit in write.strobe)
         m.d.comb += [
@@ -99,20 +100,16 @@ class Settings(wiring.Component):
             first.eq(~is_fresh(put.addr)),
             put.data.eq((write.data & mask) | (default(put.addr) & ~mask)),
             put.en.eq(Mux(mine, write.strobe | first.replicate(4), 0)),
-            show.addr.eq(bus.read_address),
-            get.addr.eq(current),
+            get.addr.eq(Mux(bus.read, bus.read_address, current)),
+            found.eq(is_fresh(get.addr)),
         ]
         for k in place.values():
             with m.If(mine & (put.addr == k)):
                 m.d.sync += fresh[k].eq(1)
-        ours, shown = Signal(), Signal()
-        m.d.comb += [
-            ours.eq(bus.read_address.matches(*place)),
-            shown.eq(ours & is_fresh(show.addr)),
-            bus.read_data.eq(Mux(shown, show.data, default(show.addr) & (ours & ~shown).replicate(32))),
-        ]
+        with m.If(bus.read_address.matches(*place)):
+            m.d.comb += bus.read_data.eq(Mux(found, get.data, default(get.addr)))
         taken = Signal()
-        m.d.comb += taken.eq(taking & is_fresh(current))
+        m.d.comb += taken.eq(taking & found & ~bus.read)
         self._limit(m, taken, current, get.data)
         self._narrow(m)
         m.d.comb += self.used_roi.eq(self.opened & ~self.lock)

@@ -249,6 +249,7 @@ class Shell(wiring.Component):
                 m.d.comb += [
                     block.bus.write.valid.eq(bus.write.valid & bus.write.ready),
                     block.bus.write.payload.eq(bus.write.payload),
+                    block.bus.read.eq(bus.read),
                     block.bus.read_address.eq(bus.read_address),
                 ]
                 answers.append(block.bus.read_data)
