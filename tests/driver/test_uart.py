@@ -13,11 +13,12 @@ from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
 from cmfpga.driver import __main__ as command_line
 from cmfpga.driver.uart import SerialLine, UartBackend
 from cmfpga.engines.model import ModelEngine
+from cmfpga.events import write_hdf5
 from cmfpga.protocol import link
 from cmfpga.protocol.registers import FORMATS
 from cmfpga.protocol.words import encode
 from cmfpga.simulation.uart_top import SimulatedLine
-from support.driving import CONFIG, batch, differences, model_run
+from support.driving import CONFIG, SMALL, batch, differences, model_run
 from support.genx320 import levels, to_bytes
 
 
@@ -121,9 +122,9 @@ def test_events_of_the_sensors_port(accelerator, line, rng):
     events, model = batch(rng, 900), ModelEngine(CONFIG)
     words = encode(events, "EVT20").view("<u4")
     line.play(levels(to_bytes(words)))  # paused
-    accelerator.backend.select("cpi", big_endian=True, hsync_low=True)
+    accelerator.backend.select("cpi", big_endian=True, vsync_low=True)
     accelerator.start(roi=(8, 4), events=300, form="EVT20")
-    line.play(levels(to_bytes(words, big_endian=True), low=(True, False), gaps=rng, packet=320, packets=4))
+    line.play(levels(to_bytes(words, big_endian=True), low=(False, True), gaps=rng, packet=320, packets=4))
     for k, result in enumerate(accelerator.results(3)):
         part = dataclasses.replace(events, **{n: getattr(events, n)[300 * k : 300 * k + 300] for n in "txyp"})
         expected = model_run(model, part, (8, 4) if k == 0 else None)
@@ -135,6 +136,20 @@ def test_events_of_the_sensors_port(accelerator, line, rng):
     accelerator.backend.select("uart")
     accelerator.reset()
     assert accelerator.self_test()
+
+
+def test_a_recording_is_tracked(command, compiler, monkeypatch, rng, rows, tmp_path):
+    """By the command, batch after batch; the same as by the integer model."""
+    monkeypatch.setattr("cmfpga.driver.uart.SerialLine", lambda port: SimulatedLine(CONFIG))
+    write_hdf5(tmp_path / "rec.h5", batch(rng, 900), CONFIG.sensor_width, CONFIG.sensor_height)
+    sizes = [f"{name}={value}" for name, value in SMALL.items() if not name.startswith("sensor")]
+    sets = [part for size in sizes for part in ("--set", size)]
+    found = []
+    for engine in ("serial:/dev/ttyUSB0", "model"):
+        options = ("--roi", "8,4", "--batch-events", 300, "--engine", engine, "--out", tmp_path / engine[:5])
+        assert command(track, tmp_path / "rec.h5", *sets, *options).status == 0
+        found.append([{**row, "cycles": None} for row in rows(tmp_path / engine[:5])])
+    assert found[0] == found[1] and len(found[0]) == 3
 
 
 # ---------------------------------------------------------------- what is no board
@@ -153,15 +168,14 @@ def test_nobody_answers(command):
     assert "no reply to 4 requests at 3000000 baud: is the bitstream loaded?" in done.error
 
 
-@pytest.mark.parametrize("arguments", [("track", "--engine"), ("driver",)])
-def test_a_bad_port(command, arguments, tmp_path):
+@pytest.mark.parametrize("name", ["track", "driver"])
+def test_a_bad_port(command, name, dot, small, tmp_path):
     pytest.importorskip("serial", reason="needs pyserial")
     port = tmp_path / "ttyNONE"
-    if arguments[0] == "driver":
+    if name == "driver":
         done = command(command_line, "--backend", "serial", "--port", port)
     else:
-        options = ("--synthetic", "--roi", "8,4", "--batches", 1, "--engine", f"serial:{port}", "--out", tmp_path / "o")
-        done = command(track, *options)
+        done = command(track, dot, *small, "--roi", "8,4", "--engine", f"serial:{port}", "--out", tmp_path / "out")
     assert done.status == 2 and f"serial port {port}: " in done.error and "No such file" in done.error
 
 

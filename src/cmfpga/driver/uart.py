@@ -13,8 +13,7 @@ from ..protocol import link
 from .accelerator import Accelerator
 from .backend import Backend
 
-#: A request without a reply is sent again after this time, beyond what its bytes take, s; and at most so often.
-REPLY_SECONDS = 0.25
+#: How often a request is sent that no reply comes to.
 TRIES = 4
 #: Bits on the wire of a byte, and how many bytes escapes may make of one.
 _BITS, _ESCAPED = 10, 2
@@ -29,6 +28,11 @@ class SerialLine:
         Such as ``/dev/ttyUSB0``, or a URL of pyserial's.
     baud : int
     """
+
+    #: A reply that is later than this, beyond what bytes take, does not come, s. USB keeps them back for 16 ms.
+    reply_seconds = 0.25
+    #: The clock of :attr:`reply_seconds` and of :meth:`read`, s.
+    time = staticmethod(time.monotonic)
 
     def __init__(self, port, baud=ULX3S.baud):
         with needs("serial", "serial", f"serial port {port}"):
@@ -100,11 +104,11 @@ class UartBackend(Backend):
         self._number = (self._number + 1) % 256
         message = link.frame(bytes([self._number, command]) + arguments)
         self._replies.clear()
-        patience = REPLY_SECONDS + _ESCAPED * _BITS * (len(message) + 8 * link.FRAME_BEATS) / self._line.baud
+        line, longest = self._line, len(message) + _ESCAPED * 8 * link.FRAME_BEATS
         for _ in range(TRIES):
-            self._line.write(message)
-            deadline = time.monotonic() + patience
-            while (left := deadline - time.monotonic()) > 0:
+            line.write(message)
+            deadline = line.time() + line.reply_seconds + _BITS * longest / line.baud
+            while (left := deadline - line.time()) > 0:
                 self._listen(left)
                 if self._number in self._replies:
                     status, word = self._replies.pop(self._number)
@@ -163,7 +167,8 @@ class UartBackend(Backend):
         deadline = time.monotonic() + timeout
         while not self._packets:
             self._pump()
-            self._listen(max(deadline - time.monotonic(), 0))
+            left = max(deadline - time.monotonic(), 0)
+            self._listen(min(left, self._line.reply_seconds))
             if not self._packets and time.monotonic() >= deadline:
                 raise DeviceTimeout(f"{self.name}: no packet within {timeout:g} s")
         return self._packets.pop(0)

@@ -2,16 +2,18 @@
 
 import ctypes
 import functools
-import time
+import math
 
 import numpy as np
 
 from ..rtl.uart.top import UartTop
 from ..verilog.compile import compile_uart_library, load
 
-#: Clock cycles between two looks at the time, and bytes that one call takes.
+#: Clock cycles that one call runs for, and bytes that it takes.
 SLICE_CYCLES = 20_000
 ROOM = 4096
+#: Of the time that the line shows, not of the board's design.
+CLOCK_HZ = 1_000_000
 
 
 @functools.cache
@@ -24,7 +26,9 @@ def _library(config, divisor):
 
 
 class SimulatedLine:
-    """Bytes to and from one simulated board. The simulated clock only runs in :meth:`read`.
+    """Bytes to and from one simulated board, whose clock only runs in :meth:`read` and :meth:`play`.
+
+    Its times are the board's, in seconds of a clock of 1 MHz, which is about what a computer simulates.
 
     Parameters
     ----------
@@ -39,7 +43,8 @@ class SimulatedLine:
 
     def __init__(self, config, *, divisor=5, sensor_clock=0.83, seed=1):
         self.name = "simulated board"
-        self.baud = 10_000  # what a slow computer simulates, for who waits by the computer's clock
+        self.baud = CLOCK_HZ / divisor
+        self.reply_seconds = 0.02
         self._library = _library(config, divisor)
         step = ctypes.c_int64(round(500 / sensor_clock))
         self._handle = ctypes.c_void_p(self._library.uart_new(seed, ctypes.c_int64(divisor), step))
@@ -50,14 +55,9 @@ class SimulatedLine:
 
     def read(self, timeout):
         """Bytes that came, at least one unless the time is over."""
-        deadline, room = time.monotonic() + timeout, np.zeros(ROOM, np.uint8)
-        while True:
-            cycles = ctypes.c_int64(SLICE_CYCLES)
-            count = self._library.uart_run(
-                self._handle, cycles, ctypes.c_void_p(room.ctypes.data), ctypes.c_int64(ROOM)
-            )
-            if count or time.monotonic() >= deadline:
-                return room[:count].tobytes()
+        room, cycles = np.zeros(ROOM, np.uint8), ctypes.c_int64(math.ceil(timeout * CLOCK_HZ))
+        count = self._library.uart_run(self._handle, cycles, ctypes.c_void_p(room.ctypes.data), ctypes.c_int64(ROOM))
+        return room[:count].tobytes()
 
     def play(self, levels):
         """Put levels on the sensor's pins, and wait until they were there.
@@ -72,10 +72,9 @@ class SimulatedLine:
         while self._library.uart_sensor_left(self._handle):
             self._library.uart_run(self._handle, ctypes.c_int64(SLICE_CYCLES), None, ctypes.c_int64(0))
 
-    @property
-    def cycles(self):
-        """Clock cycles since the begin."""
-        return self._library.uart_cycles(self._handle)
+    def time(self):
+        """Seconds since the begin."""
+        return self._library.uart_cycles(self._handle) / CLOCK_HZ
 
     def close(self):
         """Free the simulation. Safe to call twice."""
