@@ -9,13 +9,9 @@ has the reply, and the same one again, with the same number, when none came: a n
 answered, and not carried out again. Results come unasked: :data:`PACKET`, 64-bit words, and a byte that says whether
 the packet ends here. Numbers of several bytes are little-endian.
 
-====================  ==============================================
-:data:`HELLO`         forget the last sequence number
-:data:`READ`          byte address (2)
-:data:`WRITE`         byte address (2), word (4)
-:data:`EVENTS`        32-bit words of events (4 each); two make a beat of 64 bits, the lower one first
-:data:`EVENTS_LAST`   the same, and TLAST behind them
-====================  ==============================================
+Arguments: of :data:`HELLO` none, it makes the board forget the last number; of :data:`READ` a byte address (2); of
+:data:`WRITE` a byte address (2) and a word (4); of :data:`EVENTS` 32-bit words of events (4 each), of which two make a
+beat of 64 bits, the lower one first; :data:`EVENTS_LAST` is the same with TLAST behind them.
 
 Imports neither Amaranth nor NumPy.
 """

@@ -162,7 +162,7 @@ class Pads(Elaboratable):
             o_LOCK=locked,
         )
         m.submodules.reset = ResetSynchronizer(~locked, domain="sync")
-        uart, cpi = platform.request("uart", dir={"rx": "-", "tx": "-"}), platform.request("cpi", dir="-")
+        uart, cpi = platform.request("uart", dir="-"), platform.request("cpi", dir="-")
         sensor = {f"i_cpi_{name}": pad(getattr(cpi, name), "i") for name in board.sensor_pins}
         m.submodules.top = Instance(
             board.top,

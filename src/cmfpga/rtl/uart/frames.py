@@ -32,7 +32,7 @@ class FrameReader(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.crc = check = crc()
+        m.submodules.check = check = crc()
         kept = Signal(data.ArrayLayout(8, 2))
         count = Signal(range(3))
         escaped, wrong = Signal(), Signal()
@@ -80,7 +80,7 @@ class FrameWriter(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.crc = check = crc()
+        m.submodules.check = check = crc()
         byte, special, escaped = Signal(8), Signal(), Signal()
         offered, sent = Signal(), Signal()  # the byte is there; it has gone, escape and all
         m.d.comb += [

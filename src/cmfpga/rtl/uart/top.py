@@ -69,7 +69,9 @@ class UartTop(Elaboratable):
         sync, cpi = ClockDomain("sync", local=True), ClockDomain("cpi", local=True)
         sync.clk, sync.rst, cpi.clk = ports["clk"], ports["rst"], ports["cpi_pclk"]
         m.domains += [sync, cpi]
-        m.submodules.cpi_reset = ResetSynchronizer(sync.rst, domain="cpi")
+        held = Signal(init=1, reset_less=True)  # a register, because it resets without a clock there
+        m.d.sync += held.eq(sync.rst)
+        m.submodules.cpi_reset = ResetSynchronizer(held, domain="cpi")
         m.submodules.receiver = receiver = Receiver(self.divisor)
         m.submodules.transmitter = transmitter = Transmitter(self.divisor)
         m.submodules.bridge = bridge = self.bridge
