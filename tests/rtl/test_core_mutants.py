@@ -13,7 +13,7 @@ from support.core_batches import CONFIGS, random_batch, run, spread
 MUTANTS = {  # module, old, new, configuration
     "a pair does not cancel": (one_pass_gradient, "Mux(valid[a] ^ valid[b], Mux(", "Mux(1, Mux(", "one pass"),
     "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, total)", "growth + total", "one pass"),
-    "squares of another step": (one_pass_gradient, "step.i + step.total.i", "step.i + step.i", "fast"),
+    "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
     "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),

@@ -22,16 +22,16 @@ OPTIONS = f"-noiopad -noclkbuf -top {TOP} -run begin:map_ffs"
 PACKED = {
     # Input, product.
     "voter": {(1, 1, 1, 0): 3},
-    "time_scaler": {(1, 1, 1, 0): 1},
+    # Of the two halves of its product the upper one's sum is in the DSP, too.
+    "time_scaler": {(1, 1, 1, 0): 1, (1, 1, 1, 1): 1},
     # The addition of the position is in the DSP, too.
     "warp": {(1, 1, 1, 1): 2},
-    "roi_updater": {(1, 1, 1, 1): 2},
     # Of a product of two DSPs the second one's sum has its register. Yosys moves no registers between the two, so the
     # other stages of the product stay outside; Vivado does.
     "image": {(1, 1, 0, 0): 8, (1, 1, 0, 1): 8},
     "gradient": {(1, 1, 0, 0): 2, (1, 1, 0, 1): 2},
     # Of four DSPs. Yosys adds their products in fabric, or the registers behind would be inside, too.
-    "ascent": {(0, 1, 0, 0): 8},
+    "ascent": {(1, 1, 0, 0): 8},
 }
 
 

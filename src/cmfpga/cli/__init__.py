@@ -3,9 +3,12 @@
 import argparse
 import contextlib
 import dataclasses
+import functools
 import math
 import re
+import signal
 import sys
+import threading
 import warnings
 from pathlib import Path
 
@@ -274,6 +277,7 @@ def run(main, arguments=None):
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal or a pipe may not have every sign of a path or a unit
             stream.reconfigure(errors="backslashreplace")
+    hook, sys.unraisablehook = sys.unraisablehook, functools.partial(_unraisable, sys.unraisablehook)
     try:
         return main(arguments)
     except UserError as error:
@@ -287,6 +291,18 @@ def run(main, arguments=None):
         warnings.simplefilter("ignore")  # Amaranth's, of each block whose elaboration was not finished
         print("interrupted", file=sys.stderr)
         return 130
+    finally:
+        sys.unraisablehook = hook
+
+
+def _unraisable(hook, unraisable):
+    """Python drops what a destructor raises; an interrupt that came there comes again, a little later."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
+        again = threading.Timer(0.01, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
+        again.daemon = True
+        again.start()
+    else:
+        hook(unraisable)
 
 
 def _fail(message):

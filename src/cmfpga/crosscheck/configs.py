@@ -53,11 +53,13 @@ def _fields(rng):
     values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
     v = Q(known["v_int"], known["v_frac"])
     values |= {name: v.real(int(rng.integers(v.min, v.max + 1))) for name in ("v_start_x", "v_start_y")}
+    limit = _FIELDS["confidence_limit"].metadata
+    values["confidence_limit"] = float(np.exp(rng.uniform(np.log(limit["low"]), np.log(limit["high"]))))
     for name in ("eta", "roi_gain"):
         fmt = Q(known[f"{name}_int"], known[f"{name}_frac"], signed=False)
         values[name] = fmt.real(int(rng.integers(fmt.max + 1) >> rng.integers(fmt.width)))
     for name in ("cold", "warm"):
-        values[name] = AUTO if rng.random() < 0.3 else _schedule(rng, known["max_level"], v)
+        values[name] = AUTO if rng.random() < 0.3 else _schedule(rng, known["max_level"], v, known["confidence"])
     idle = unread(defaults | values)
     return {name: value for name, value in values.items() if name not in idle}
 
@@ -76,10 +78,12 @@ def _integer(field, rng):
     return int(np.exp(rng.uniform(np.log(max(1, low)), np.log(high + 1))))
 
 
-def _schedule(rng, max_level, v):
+def _schedule(rng, max_level, v, judged):
+    """Where a batch is judged, the last step has all events: nothing else is allowed."""
     words = []
-    for _ in range(rng.integers(1, 8)):
+    for left in reversed(range(rng.integers(1, 8))):
         count = int(rng.choice([1, 1, 1, 2, 4]))
-        step = f"{rng.integers(max_level + 1)}:{rng.integers(-v.f, v.i)}/{rng.choice(STRIDES)}"
+        stride = rng.choice(STRIDES) if left or not judged else 1
+        step = f"{rng.integers(max_level + 1)}:{rng.integers(-v.f, v.i)}/{stride}"
         words.append(step + (f"*{count}" if count > 1 else ""))
     return " ".join(words)

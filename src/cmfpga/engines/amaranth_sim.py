@@ -1,5 +1,7 @@
 """The core in Amaranth's own simulator: no compiler needed, and a thousand times slower than Verilator."""
 
+import functools
+
 import numpy as np
 from amaranth.lib import data
 from amaranth.sim import Simulator
@@ -27,9 +29,14 @@ class AmaranthEngine(RtlEngine):
         self._job = None  # (events, settings, table of schedules, words of the mask) of the batch to simulate
         self._mask = None  # as it stands
         self._outcome = None
-        self._simulator = Simulator(self.core)
-        self._simulator.add_clock(1e-6)
-        self._simulator.add_testbench(self._bench)
+
+    @functools.cached_property
+    def _simulator(self):
+        """Made when it is needed: a test bench that never began is a warning when it is collected."""
+        simulator = Simulator(self.core)
+        simulator.add_clock(1e-6)
+        simulator.add_testbench(self._bench)
+        return simulator
 
     def _simulate(self, events, settings):
         table = schedule_table(self.config, settings)
