@@ -105,7 +105,7 @@ class BackgroundFilter(wiring.Component):
 
     After Delbruck, "Frame-free dynamic digital vision" (2008), where every event writes its time to its eight
     neighbours. Here the neighbourhood is the cell, whose borders divide neighbours; in return it takes one read and one
-    write an event, and a hundredth of the memory.
+    write an event, and, with cells 4 px wide, a ninth of the memory.
 
     One event per cycle, also of one cell in a row; latency :attr:`latency` cycles. A RAM of ``geometry.cell_depth``
     words of :func:`stamps`.
