@@ -84,7 +84,7 @@ class _Cells(ReadModifyWrite):
 
     def changed(self, name, before, event):
         after = Signal(before.shape(), name="after")
-        same = before.known & (before.pixel == event.pixel)
+        same = before.pixel == event.pixel  # or the cell has none: then neither time is known
         return after, [
             after.latest.eq(event.t),
             after.pixel.eq(event.pixel),
@@ -171,7 +171,7 @@ class BackgroundFilter(wiring.Component):
         before = cells.o.payload.cell
         pixel = delay(m, Cat(event.x[:bits], event.y[:bits]), cells.latency, name="pixel")
         t = delay(m, event.t[: config.span_bits], cells.latency, name="t_low")
-        same = before.known & (before.pixel == pixel)
+        same = before.pixel == pixel
         judged = delay(m, ~hot, cells.latency + 1, name="judged") & (period != 0)
         age_s1 = Signal(config.span_bits, reset_less=True)
         known_s1 = Signal(reset_less=True)
