@@ -1,4 +1,4 @@
-"""Prophesee's HDF5: the layout ``CD/events``, and its compression, against chunks that were encoded as the format is published."""
+"""Prophesee's HDF5: the layout ``CD/events``, and its compression, against chunks encoded as it is published."""
 
 import base64
 
