@@ -103,3 +103,10 @@ class ReadModifyWrite(wiring.Component):
             m.d.sync += total[3].eq(0)
         m.d.sync += self.o.valid.eq(valid[2])
         return m
+
+
+class ReadAddWrite(ReadModifyWrite):
+    """Memory words that grow by what arrives: ``add`` has the same members as ``word``."""
+
+    def changed(self, name, before, operand):
+        return before + operand[name], []

@@ -1,18 +1,11 @@
-"""12-bank accumulator: words that grow."""
+"""12-bank accumulator: images whose words grow."""
 
 from amaranth.hdl import Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from .. import payloads
-from ..read_modify_write import ReadModifyWrite
-
-
-class ReadAddWrite(ReadModifyWrite):
-    """Memory words that grow by what arrives: ``add`` has the same members as ``word``."""
-
-    def changed(self, name, before, operand):
-        return before + operand[name], []
+from ..read_modify_write import ReadAddWrite
 
 
 class Accumulator(wiring.Component):
