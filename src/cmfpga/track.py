@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from . import cli
 from .cli.lines import Lines, Truth
+from .cli.noise import add_noise_options, noise_fields
 from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from .errors import ConfigError
@@ -33,6 +34,7 @@ EXAMPLES = (
     "python -m cmfpga.track events.txt --roi 60,40 --batch-us 20000 --engine model --out track",
     "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set thinning=2",
     "python -m cmfpga.track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
+    "python -m cmfpga.track rec.h5 --roi 100,30 --hot-pixels auto --background-us 5000    # drop noise first",
     "python -m cmfpga.track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
     "python -m cmfpga.track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
 )
@@ -76,6 +78,7 @@ def _parser():
         "model: the same in integers (needs torch); float: the article's equations (needs torch); "
         "serial:PORT: a board at a serial port, such as /dev/ttyUSB0 (default: rtl)",
     )
+    add_noise_options(made)
     cli.add_recording_options(made)
     cli.add_layout_options(made)
     made.add_argument("--format", choices=STREAM_FORMATS, help="of a stream without a header")
@@ -143,7 +146,8 @@ def main(arguments=None):
     with recording:
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
-        config = cli.make_config(options, **_sensor_fields(options, recording), **demo)
+        fields = {**_sensor_fields(options, recording), **demo, **noise_fields(options, recording)}
+        config = cli.make_config(options, **fields)
         objects = _objects(options, truth, config, recording)
         _choose(options, objects, recording, config)
         found = []
@@ -310,7 +314,7 @@ def _summarise(options, config, engine, objects, counts):
             f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
-        for sentence in (one.verdict.share, one.verdict.velocity):
+        for sentence in (one.dropped_text, one.verdict.share, one.verdict.velocity):
             if sentence:
                 print(f"{who}{sentence}")
     if cycles:

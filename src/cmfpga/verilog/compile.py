@@ -185,6 +185,9 @@ def _ports_include(core):
         for name in ("valid", "address", "entry_level", "entry_shift", "entry_stride")
         if f"schedule_{name}" in core.inputs
     ]
+    mask = [
+        setter(f"mask_{name}", name) for name in ("valid", "column", "row", "bits") if f"mask_{name}" in core.inputs
+    ]
     entry = ", ".join(f"int64_t {name}" for name in ("valid", "address", "level", "shift", "stride"))
     pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
     lines = [
@@ -192,6 +195,9 @@ def _ports_include(core):
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
         f"static void set_schedule(Vcore &top, {entry}) {{",
         *schedule,
+        "}",
+        "static void set_mask(Vcore &top, int64_t valid, int64_t column, int64_t row, int64_t bits) {",
+        *mask,
         "}",
         "static void set_settings(Vcore &top, const int64_t *from) {",
         *settings,
