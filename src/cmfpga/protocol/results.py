@@ -13,14 +13,13 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .settings import with_confidence
+from .settings import with_background, with_confidence, with_hot_pixels
 from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
 
 #: Parts of a result's sums.
 SUMS = ("i", "dx", "dy", "sx", "sy")
-_SUM_NAMES = ("ΣI", "ΣDx", "ΣDy", "Σ I·Dx", "Σ I·Dy")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +87,12 @@ def squares_shape(config):
     return Q(config.widths.squares_bits - 2 * config.weight_frac, 2 * config.weight_frac, signed=False)
 
 
+def curvature_shape(config):
+    """How far the gradient falls between the probes: along x, along y, and crosswise."""
+    fraction = config.weight_frac + config.derivative_frac
+    return dict.fromkeys(("xx", "yy", "cross"), Q(config.widths.curvature_bits - 1 - fraction, fraction))
+
+
 def trace_shape(config):
     """One iteration: the velocity that it used, and its sums."""
     return {"v": pair(config.formats.v), "sums": sums_shape(config)}
@@ -109,6 +114,7 @@ _FLAGS = tuple(
 )  # fmt: skip
 _JUDGED = {"scope": "region", "when": with_confidence, "default": None}
 _COUNT = {"shape": _events, "scope": "region", "counts": True, "taken_in": True, "unit": "events"}
+_FILTERED = {"scope": "batch", "default": 0}
 
 #: In the order of the Verilog ports, behind which come those of the AXI top. Words never change.
 RESULTS = (
@@ -120,7 +126,7 @@ RESULTS = (
     ResultField(name="span", shape=lambda c: whole(c.span_bits), scope="batch", taken_in=True, doc="t_N − t_1",
                 unit="µs", places=(Place(word=7),)),
     ResultField(name="events", shape=_events, scope="batch", taken_in=True, unit="events",
-                doc="N; the sum of the six counts that follow", places=(Place(word=9),)),
+                doc="N; the sum of all counts of events that follow", places=(Place(word=9),)),
     ResultField(name="roi_events", **_COUNT | {"shape": lambda c: up_to(c.buffer_events)},
                 doc="n: in the ROI, and stored", places=(Place(word=10),),
                 total=Place(word=18, doc="stored, of all results")),
@@ -158,16 +164,18 @@ RESULTS = (
                 places=(Place(word=29),)),
     ResultField(name="sum_squares", shape=squares_shape, **_JUDGED, read=int, doc="Σ I² of the last iteration",
                 places=_long(30, "RESULT_SQUARES", "", "Σ I² of the last iteration, raw")),
-    *(ResultField(name=f"probe_{axis}", shape=sums_shape, **_JUDGED, nothing=(0,) * len(SUMS), read=lambda *raw: raw,
-                  doc=f"sums of the probe along {axis}; 0 if there was none",
-                  places=tuple(place for k, part in enumerate(SUMS) for place in
-                               _long(word + 2 * k, f"RESULT_PROBE_{axis}_{part}".upper(), f"_{part}",
-                                     f"of the probe along {axis}: {_SUM_NAMES[k]}")))
-      for axis, word in (("x", 32), ("y", 42))),
+    ResultField(name="curvature", shape=curvature_shape, **_JUDGED, nothing=(0,) * 3, read=lambda *raw: raw,
+                doc="how far the gradient falls between the probes; 0 if there were none",
+                places=(*_long(32, "RESULT_CURVATURE_XX", "_xx", "fall of G_x along x, raw; 0 if nothing was probed"),
+                        *_long(34, "RESULT_CURVATURE_YY", "_yy", "fall of G_y along y"),
+                        *_long(36, "RESULT_CURVATURE_CROSS", "_cross", "falls of G_y along x and of G_x along y"))),
     ResultField(name="restarted", shape=lambda c: whole(1), **_JUDGED, read=int, unit="batches",
                 doc="1: began cold, because the batch before was doubtful",
                 places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),
                 total=Place(word=27, doc="began cold, because the batch before was doubtful")),
+    ResultField(name="hot", **_COUNT | _FILTERED, when=with_hot_pixels, doc="dropped: of pixels marked as hot"),
+    ResultField(name="noise", **_COUNT | _FILTERED, when=with_background,
+                doc="dropped: no other pixel of the cell had an event shortly before"),
     ResultField(name="batch", shape=lambda c: whole(32), scope="wrapper", places=(Place(word=0),),
                 doc="number of the batch, from 1 after a reset; 0: no result yet"),
     ResultField(name="t_ref", shape=lambda c: whole(32), scope="wrapper", nothing=None, places=(Place(word=8),),
@@ -183,8 +191,8 @@ RESULTS = (
 #: 64-bit words of a result packet.
 PACKET_BEATS = max(place.word for f in RESULTS for place in f.places) // 2 + 1
 
-#: Fields that add up to ``events``: every event is counted once.
-COUNTS = tuple(f.name for f in RESULTS if f.counts)
+#: Fields that add up to ``events`` in hardware without filters of noise: every event is counted once.
+COUNTS = tuple(f.name for f in RESULTS if f.counts and f.when is always)
 
 
 def fields_of(*scopes, config=None):
@@ -193,6 +201,11 @@ def fields_of(*scopes, config=None):
     With ``config``, only those that its hardware has.
     """
     return tuple(f for f in RESULTS if f.scope in scopes and (config is None or f.when(config)))
+
+
+def counts_of(config):
+    """:data:`COUNTS`, and those of the filters that the hardware has."""
+    return tuple(f.name for f in RESULTS if f.counts and f.when(config))
 
 
 def not_judged(config):
@@ -249,8 +262,8 @@ class RegionOutcome(_record("_RegionFields", "region")):
 class BatchResult(_record("_BatchFields", "batch")):
     """What came of one batch, wherever it was computed: the fields of :data:`RESULTS` with the scope ``batch``.
 
-    ``events = roi_events + outside + overflow + thinned + time_back + time_span``, always: nothing is lost without
-    being counted.
+    ``events = roi_events + outside + overflow + thinned + time_back + time_span + hot + noise``, always: nothing is
+    lost without being counted.
 
     While a batch has exactly one region, that region's fields are the outcome's too: ``outcome.v`` is
     ``outcome.regions[0].v``, ``BatchResult(events=…, v=…)`` makes the region, and ``dataclasses.replace`` replaces

@@ -7,7 +7,7 @@ from amaranth.lib import data, stream
 
 from ..config.schedule import STRIDES
 from ..fixed import Q, bits_for
-from ..protocol.results import fields_of, squares_shape, sums_shape, trace_shape
+from ..protocol.results import curvature_shape, fields_of, squares_shape, sums_shape, trace_shape
 from ..protocol.settings import settings_of
 
 #: Width of a stride's logarithm.
@@ -55,6 +55,20 @@ def event(config):
     """An event as the camera sends it; ``last`` ends the batch. Polarity is not used."""
     return data.StructLayout(
         {"t": config.time_bits, "x": config.geometry.x_bits, "y": config.geometry.y_bits, "last": 1}
+    )
+
+
+def marked_event(config, *marks):
+    """An event, and what it is dropped for: ``hot``, ``noise``; by default all that the hardware has."""
+    marks = marks or [name for name, there in (("hot", config.hot_pixels), ("noise", config.background)) if there]
+    return data.StructLayout({**event(config).members, **dict.fromkeys(marks, 1)})
+
+
+def mask_write(config):
+    """A word of the mask of hot pixels: bit k is the pixel 32·column + k."""
+    geometry = config.geometry
+    return data.StructLayout(
+        {"column": geometry.mask_column_bits, "row": geometry.y_bits, "bits": geometry.mask_pixels}
     )
 
 
@@ -157,6 +171,11 @@ def squares(config):
     return shaped(squares_shape(config))
 
 
+def curvature(config):
+    """How far the gradient falls between the probes."""
+    return shaped(curvature_shape(config))
+
+
 def of_parameters(config, shape, prefix=""):
     """Members of a layout: a number of this shape for each parameter of the motion."""
     return {prefix + name: shape for name in config.motion.names}
@@ -214,8 +233,8 @@ def batch(config):
 def result(config):
     """One batch's result (:data:`cmfpga.protocol.results.RESULTS`).
 
-    ``events = roi_events + outside + overflow + thinned + time_back + time_span``: no event is lost without being
-    counted.
+    ``events = roi_events + outside + overflow + thinned + time_back + time_span + hot + noise``: no event is lost
+    without being counted.
     """
     return data.StructLayout({f.name: shaped(f.shape(config)) for f in fields_of("batch", "region", config=config)})
 

@@ -20,7 +20,7 @@ ADDRESS_BITS = 16
 ID = 0x434D4158  # "CMAX"
 
 #: Changes when a register moves or changes its meaning.
-MAP_VERSION = 2
+MAP_VERSION = 3
 
 #: Values of ``INPUT.FORMAT``.
 FORMATS = {"EVT21": 0, "EVT20": 1, "PACKED": 2}
@@ -43,6 +43,9 @@ def check(config):
     ):
         if getattr(config, name) > limit:
             raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the AXI top ({why})")
+    for name in ("hot_pixels", "background"):
+        if getattr(config, name):
+            raise ConfigError(f"{name} = 1: the AXI top has no such filter")
 
 
 def register_map(config):
