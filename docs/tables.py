@@ -22,6 +22,7 @@ from cmfpga.protocol.results import RESULTS, trace_shape
 from cmfpga.protocol.settings import SETTINGS, BatchSettings
 from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
+from cmfpga.rtl.ingest.noise_filter import stamps
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import article
 from cmfpga.verilog.description import formats, ports
@@ -266,6 +267,19 @@ def _fields(shape):
     return ""
 
 
+def noise_table():
+    rows = []
+    for width, height in ((240, 180), (346, 260), (640, 480), (1280, 720)):
+        bits = [f"{32 * preset().replace(sensor_width=width, sensor_height=height).geometry.mask_depth:,}"]
+        for cell in (2, 3, 4):
+            sized = {"sensor_width": width, "sensor_height": height, "background": 1, "background_cell": cell}
+            config = preset().replace(**sized)
+            bits.append(f"{Shape.cast(stamps(config).as_shape()).width * config.geometry.cell_depth:,}")
+        rows.append((f"{width}×{height} px", *bits))
+    heads = ("sensor", "mask, bits", *(f"cells of {1 << cell}×{1 << cell} px, bits" for cell in (2, 3, 4)))
+    return table(heads, rows, right=(1, 2, 3, 4))
+
+
 TABLES = {
     **DECLARED,
     "formats": formats_table,
@@ -273,6 +287,7 @@ TABLES = {
     "constants": constants_table,
     "cycles": cycles_table,
     "memories": memories_table,
+    "noise": noise_table,
     "ports": ports_table,
     "blocks": blocks_table,
 }

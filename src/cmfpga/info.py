@@ -16,8 +16,11 @@ from . import cli
 from .engines import make_engine
 from .errors import RecordingError, needs
 from .events import BatchCutter, open_recording
+from .protocol.settings import BatchSettings
+from .reference.integer.noise_filter import NoiseFilter
 from .survey import Survey, propose, survey_all
 from .survey.pictures import draw, frame
+from .survey.statistics import pixels_text
 from .tracking.loop import track
 
 EXAMPLES = (
@@ -30,6 +33,7 @@ EXAMPLES = (
 
 _BARS = " ▁▂▃▄▅▆▇█"
 _HOT_SHOWN = 5
+_NOISE_EVENTS = 1_000_000  # of which noise_shares are measured
 
 
 def _parser():
@@ -80,13 +84,18 @@ def main(arguments=None):
                 proposals = propose(
                     recording, survey, config, count=options.objects, start_event=options.start_event, tick=bar.update
                 )
+        noise = noise_shares(recording, survey, config, proposals)
         checked = [check(recording, config, found, options.check) for found in proposals] if options.check else []
         if options.png is not None:
             draw(options.png, survey, config, proposals)
     if options.json:
-        print(json.dumps(_report(options, recording, survey, config, proposals, checked), indent=2, ensure_ascii=False))
+        print(
+            json.dumps(
+                _report(options, recording, survey, config, proposals, checked, noise), indent=2, ensure_ascii=False
+            )
+        )
     else:
-        print("\n".join(_text(options, recording, survey, config, proposals, checked)))
+        print("\n".join(_text(options, recording, survey, config, proposals, checked, noise)))
     if broken is not None:
         raise broken
     return 0
@@ -135,7 +144,38 @@ def _command(options, proposal):
     return shlex.join(words)
 
 
-def _report(options, recording, survey, config, proposals, checked):
+def noise_shares(recording, survey, config, proposals):
+    """What the filters in front of the ROI would drop of the recording's first events, and the options that say so.
+
+    Background activity: what no other pixel of the cell supports in the time in which the image of the first proposal
+    moves by a cell.
+
+    Returns
+    -------
+    dict of str to float
+        ``{options of track: share}``; empty where neither filter has a reason.
+    """
+    hot, found, fields = survey.hot_pixels(), {}, {}
+    if hot:
+        fields = {"hot_pixels": 1, "hot_mask": pixels_text(hot)}
+        found["--hot-pixels auto"] = sum(events for *_, events in hot) / survey.events
+    speed = math.hypot(*proposals[0].px_per_s) if proposals else 0
+    if speed:
+        cell_us = (1 << config.background_cell) / speed * 1e6
+        unit = 10 ** math.floor(math.log10(cell_us))
+        period = min(round(cell_us / unit) * unit, config.widths.background_us_max)
+        filtering = config.replace(background=1, background_us=period, **fields)
+        model, settings, dropped, seen = NoiseFilter(filtering), BatchSettings.from_config(filtering), 0, 0
+        for chunk in recording.chunks():
+            dropped += int(model.judge(chunk.t, chunk.x, chunk.y, settings)[1].sum())
+            seen += len(chunk)
+            if seen >= min(_NOISE_EVENTS, survey.events):
+                break
+        found[f"--background-us {period}"] = dropped / seen
+    return found
+
+
+def _report(options, recording, survey, config, proposals, checked, noise):
     bin_us, rate = survey.rate()
     return {
         "file": options.recording,
@@ -151,6 +191,7 @@ def _report(options, recording, survey, config, proposals, checked):
         "rate_bin_us": bin_us,
         "rate_per_s": [round(value, 3) for value in rate.tolist()],
         "hot_pixels": [{"x": x, "y": y, "events": events} for x, y, events in survey.hot_pixels()],
+        "noise": [{"options": name, "share": round(share, 4)} for name, share in noise.items()],
         "roi_size": [config.roi_width, config.roi_height],
         "proposals": [
             {
@@ -165,7 +206,7 @@ def _report(options, recording, survey, config, proposals, checked):
     }
 
 
-def _text(options, recording, survey, config, proposals, checked):
+def _text(options, recording, survey, config, proposals, checked, noise):
     """Lines for people."""
     rows, columns = survey.counts.shape
     sensor = f"{recording.width}×{recording.height} px"
@@ -187,6 +228,8 @@ def _text(options, recording, survey, config, proposals, checked):
     shown = ", ".join(f"{x},{y} ({events:,} events)" for x, y, events in hot[:_HOT_SHOWN])
     more = f", and {len(hot) - _HOT_SHOWN} more" if len(hot) > _HOT_SHOWN else ""
     yield f"hot pixels  {shown + more if hot else 'none'}"
+    for k, (name, share) in enumerate(noise.items()):
+        yield f"{'' if k else 'noise':12}{name} drops {share:.1%} of the events{' more' if k else ''}"
     if not options.no_frame:
         yield ""
         yield from frame(survey, config, proposals)

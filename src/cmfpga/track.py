@@ -15,8 +15,9 @@ from tqdm import tqdm
 
 from . import cli
 from .cli.lines import Lines, Truth
+from .cli.noise import add_noise_options, noise_fields
 from .config.defaults import BATCH_EVENTS
-from .engines import AXI, ENGINES, check_roi, open_engine
+from .engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from .errors import ConfigError
 from .events import LiveSource, generate, open_source
 from .events.live import FORMATS as STREAM_FORMATS
@@ -33,6 +34,7 @@ EXAMPLES = (
     "python -m cmfpga.track events.txt --roi 60,40 --batch-us 20000 --engine model --out track",
     "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set thinning=2",
     "python -m cmfpga.track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
+    "python -m cmfpga.track rec.h5 --roi 100,30 --hot-pixels auto --background-us 5000    # drop noise first",
     "python -m cmfpga.track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
     "python -m cmfpga.track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
 )
@@ -70,10 +72,13 @@ def _parser():
     made.add_argument(
         "--engine",
         default="rtl",
-        choices=(*ENGINES, AXI),
+        type=_engine,
+        metavar="{" + ",".join((*ENGINES, AXI, f"{SERIAL}:PORT")) + "}",
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
-        "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
+        "model: the same in integers (needs torch); float: the article's equations (needs torch); "
+        "serial:PORT: a board at a serial port, such as /dev/ttyUSB0 (default: rtl)",
     )
+    add_noise_options(made)
     cli.add_recording_options(made)
     cli.add_layout_options(made)
     made.add_argument("--format", choices=STREAM_FORMATS, help="of a stream without a header")
@@ -126,6 +131,14 @@ def _roi_option(text):
     return name or None, None if place == "auto" else cli.pair("X,Y")(place)
 
 
+def _engine(text):
+    """A parser of ``--engine`` for argparse."""
+    try:
+        return engine_name(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
@@ -133,7 +146,8 @@ def main(arguments=None):
     with recording:
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
-        config = cli.make_config(options, **_sensor_fields(options, recording), **demo)
+        fields = {**_sensor_fields(options, recording), **demo, **noise_fields(options, recording)}
+        config = cli.make_config(options, **fields)
         objects = _objects(options, truth, config, recording)
         _choose(options, objects, recording, config)
         found = []
@@ -300,7 +314,7 @@ def _summarise(options, config, engine, objects, counts):
             f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
-        for sentence in (one.verdict.share, one.verdict.velocity):
+        for sentence in (one.dropped_text, one.verdict.share, one.verdict.velocity):
             if sentence:
                 print(f"{who}{sentence}")
     if cycles:

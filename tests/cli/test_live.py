@@ -82,6 +82,14 @@ def test_a_sender_that_stalls_and_resumes(send, follow, expected, dot_events, tm
     assert "600 events came, 0 were dropped; the sender was held up for 0 s" in lines
 
 
+def test_a_header_that_comes_by_itself(send, follow, expected, dot_events, tmp_path):
+    """Its end is the end of what came, and the events take their time."""
+    head = HEADS["evt2"] + b"% end\n"
+    done = follow(send(head, 0.3, evt2(dot_events)))
+    assert (done.status, done.err) == (0, "")
+    assert (tmp_path / "live" / "track.csv").read_bytes() == expected
+
+
 def test_a_file_of_the_same_bytes_gives_the_same(send, follow, dot_events, expected, tmp_path):
     pytest.importorskip("faery")
     (tmp_path / "a.raw").write_bytes(HEADS["evt3"] + evt3(dot_events))

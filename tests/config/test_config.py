@@ -16,10 +16,10 @@ from cmfpga.errors import ConfigError, UserError
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
 REAL = [name for name, field in FIELDS.items() if field.type is float and name != "confidence_limit"]
-TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full", "border"}
+TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full", "border", "hot_mask"}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
-    "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful",
+    "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful", "hot_mask", "background_us",
 }  # fmt: skip
 
 # Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
@@ -34,6 +34,7 @@ ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
+    "background_us": {"time_bits": 48, "span_bits": 32},
 }  # fmt: skip
 # What reads a field that the defaults do not.
 PROBED = {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20}
@@ -41,6 +42,7 @@ SURE = PROBED | {"confidence": 1}
 READER = {
     "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"},
     **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
+    "hot_mask": {"hot_pixels": 1}, "background_cell": {"background": 1}, "background_us": {"background": 1},
 }  # fmt: skip
 
 
@@ -354,3 +356,30 @@ def test_an_roi_as_large_as_the_sensor_has_one_position():
     config = Config(roi_width=240, roi_height=180)
     assert (config.geometry.roi_x_max, config.geometry.roi_y_max) == (0, 0)
     assert config.formats.roi_x.i == 1  # no format of no bits
+
+
+# ---------------------------------------------------------------- noise
+
+
+def test_a_mask_of_hot_pixels_is_read_once():
+    mask = Config(hot_pixels=1, hot_mask="7,5; 3,4;7,5;;239,179")
+    assert mask.hot == ((3, 4), (7, 5), (239, 179)) and Config().hot == ()
+
+
+@pytest.mark.parametrize("text, message", [
+    ("3", "hot_mask: '3': X,Y of a pixel is needed, pixels separated by ';'"),
+    ("3,4,5", "hot_mask: '3,4,5': X,Y of a pixel is needed, pixels separated by ';'"),
+    ("-1,4", "hot_mask: '-1,4': X,Y of a pixel is needed, pixels separated by ';'"),
+    ("1,2;240,4", "hot_mask: pixel 240,4: 0,0 to 239,179 is needed"),
+    ("²,4", "hot_mask: '²,4': X,Y of a pixel is needed, pixels separated by ';'"),
+])  # fmt: skip
+def test_a_mask_that_is_none_is_refused(text, message):
+    assert refusal(hot_pixels=1, hot_mask=text) == message
+
+
+def test_the_period_fits_the_time_stamps():
+    assert Config(background=1, span_bits=10, background_us=511).background_us == 511
+    assert refusal(background=1, span_bits=10, background_us=512) == (
+        "background_us = 512: at most 511 is allowed (span_bits)"
+    )
+    assert refusal(background_us=5) == "background_us = 5: background = 1 is needed; background = 0 ignores it"

@@ -1,4 +1,4 @@
-"""Prophesee's HDF5: the layout ``CD/events``, and its compression, against chunks that its own encoder wrote."""
+"""Prophesee's HDF5: the layout ``CD/events``, and its compression, against chunks encoded as it is published."""
 
 import base64
 
@@ -9,7 +9,8 @@ import pytest
 from cmfpga.errors import RecordingError
 from cmfpga.events import ecf, open_recording
 
-#: What https://github.com/prophesee-ai/hdf5_ecf (its encoder, compiled) made of :func:`events`.
+#: :func:`events`, encoded as https://github.com/prophesee-ai/hdf5_ecf describes it. No file of a camera, nor of
+#: Prophesee's software, was tried.
 CHUNKS = {
     "scattered": (
         "VgLXDKub&j000004-"

@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from cmfpga import track
+from cmfpga.events import generate, write_hdf5
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
@@ -56,9 +59,28 @@ def test_word_widths(tmp_path):
     assert (tmp_path / "sweep.html").exists()
 
 
+def test_send_at_its_own_speed(command, tmp_path):
+    """The CSV is that of the file, and nobody waits for the track."""
+    path = tmp_path / "slow.h5"
+    scene = generate(seed=4, velocity=(24.0, 8.0), duration_us=3_000_000, noise=0.1)
+    write_hdf5(path, scene.events, width=240, height=180)
+    sending = subprocess.Popen(
+        [sys.executable, EXAMPLES / "send_at_its_own_speed.py", path, "0"],
+        stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    address = re.fullmatch(r"listening at (tcp://127\.0\.0\.1:\d+)\n", sending.stdout.readline())[1]
+    options = ["--engine", "model", "--roi", "88,58", "--batch-events", 5000, "--no-picture", "--out"]
+    live = command(track, address, *options, tmp_path / "live")
+    said = re.fullmatch(r"(\d+) events of (\d\.\d+) s sent in (\d+\.\d+) s\n", sending.communicate(timeout=60)[0])
+    assert int(said[1]) == len(scene.events) and float(said[3]) >= float(said[2])
+    assert live.status == 0 and command(track, path, *options, tmp_path / "file").status == 0
+    assert (tmp_path / "live" / "track.csv").read_bytes() == (tmp_path / "file" / "track.csv").read_bytes()
+    assert f"{len(scene.events)} events came, 0 were dropped; the sender was held up for 0 s\n" in live.out
+
+
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda path: path.name)
 def test_each_is_short_and_tested(path):
-    assert f'run("{path.name}"' in Path(__file__).read_text()
+    assert re.search(rf'(run\(|EXAMPLES / )"{path.name}"', Path(__file__).read_text())
     assert len(path.read_text().splitlines()) <= 100
-    extras = {"block_in_a_design": "no extra", "track_and_plot": "[reference]", "word_widths": "[reference,sweep]"}
-    assert extras[path.stem] in "".join(path.read_text().splitlines()[:3])  # what it needs
+    extras = {"track_and_plot": "[reference]", "word_widths": "[reference,sweep]"}
+    assert extras.get(path.stem, "no extra") in "".join(path.read_text().splitlines()[:3])  # what it needs

@@ -1,11 +1,14 @@
 """Arithmetic that several blocks share: products in LUTs and limits, for every operand."""
 
+import itertools
+import random
+
 import pytest
 from amaranth.hdl import Module, Shape, Signal
 from amaranth.sim import Simulator
 
 from cmfpga import fixed
-from cmfpga.rtl.arithmetic import saturate, small_product
+from cmfpga.rtl.arithmetic import saturate, small_product, wide_product
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4, 6])
@@ -43,5 +46,36 @@ def test_saturate(shape, low, high):
             assert ctx.get(limited) == fixed.saturate(number, low, high)
 
     simulator = Simulator(m)
+    simulator.add_testbench(bench)
+    simulator.run()
+
+
+@pytest.mark.parametrize("cycles", [2, 3, 4])
+@pytest.mark.parametrize("a, b", [
+    (Shape(20), Shape(21, signed=True)), (Shape(36, signed=True), Shape(24)), (Shape(17), Shape(18, signed=True)),
+    (Shape(18), Shape(9, signed=True)), (Shape(35, signed=True), Shape(53)),
+], ids=str)  # fmt: skip
+def test_wide_product(a, b, cycles):
+    m = Module()
+    factors = Signal(a), Signal(b)
+    product = Signal(Shape(a.width + b.width, signed=True))
+    m.d.comb += product.eq(wide_product(m, *factors, cycles, name="product"))
+    low = [-(1 << shape.width - 1) if shape.signed else 0 for shape in (a, b)]
+    high = [first + (1 << shape.width) - 1 for first, shape in zip(low, (a, b), strict=True)]
+    ends = [(first, last, 0, 1, last // 2 + 1, last - 1) for first, last in zip(low, high, strict=True)]
+    rng = random.Random(a.width)
+    pairs = [*itertools.product(*ends), *(list(map(rng.randint, low, high)) for _ in range(300))]
+
+    async def bench(ctx):
+        for k in range(len(pairs) + cycles):
+            if k >= cycles:
+                x, y = pairs[k - cycles]
+                assert ctx.get(product) == x * y
+            for factor, value in zip(factors, pairs[min(k, len(pairs) - 1)], strict=True):
+                ctx.set(factor, value)
+            await ctx.tick()
+
+    simulator = Simulator(m)
+    simulator.add_clock(1e-6)
     simulator.add_testbench(bench)
     simulator.run()

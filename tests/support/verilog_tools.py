@@ -74,9 +74,9 @@ def icarus_compile(folder, language="2005"):
     return output
 
 
-def icarus_run(folder):
+def icarus_run(folder, timeout=300):
     """Lines that the compiled bench prints."""
-    status, output = run(["vvp", "-n", "bench.vvp"], cwd=folder, timeout=300)
+    status, output = run(["vvp", "-n", "bench.vvp"], cwd=folder, timeout=timeout)
     assert status == 0, output
     return output.splitlines()
 

@@ -346,7 +346,7 @@ def test_other_settings_than_the_engines_are_noticed(dot):
     tracking = follow(dot, config=FAST)
     with open_recording(dot) as recording:
         events = next(recording.chunks(0, 90))
-    result, (_, plan, thinning) = tracking.results[0], tracking._runs[0]
+    result, (_, plan, thinning, _) = tracking.results[0], tracking._runs[0]
     for config, steps in (
         (tracking.config.replace(dither_frac=3), plan),
         (tracking.config.replace(weight_frac=5), plan),

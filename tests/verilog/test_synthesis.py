@@ -26,12 +26,10 @@ PACKED = {
     "time_scaler": {(1, 1, 1, 0): 1, (1, 1, 1, 1): 1},
     # The addition of the position is in the DSP, too.
     "warp": {(1, 1, 1, 1): 2},
-    # Of a product of two DSPs the second one's sum has its register. Yosys moves no registers between the two, so the
-    # other stages of the product stay outside; Vivado does.
-    "image": {(1, 1, 0, 0): 8, (1, 1, 0, 1): 8},
-    "gradient": {(1, 1, 0, 0): 2, (1, 1, 0, 1): 2},
-    # Of four DSPs. Yosys adds their products in fabric, or the registers behind would be inside, too.
-    "ascent": {(1, 1, 0, 0): 8},
+    # Products of wide factors: of pieces, each with its register; the smallest piece is multiplied in LUTs.
+    "image": {(1, 1, 1, 0): 16, (1, 1, 1, 1): 8},
+    "gradient": {(1, 1, 1, 0): 4, (1, 1, 1, 1): 2},
+    "ascent": {(1, 1, 1, 0): 12},
 }
 
 

@@ -20,6 +20,7 @@ from .confidence import check_confidence
 from .formats import Formats
 from .geometry import Geometry
 from .motion import translation
+from .noise import parse_pixels
 from .one_pass import OnePass
 from .schedule import AUTO, Schedules
 from .widths import Widths
@@ -41,12 +42,17 @@ def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=
 #: Whether the hardware tells how sure v is, and what only that reads.
 CONFIDENCE = {0: (), 1: ("judge", "confidence_limit", "cold_after_doubtful")}
 
+#: Whether the hardware has the filters in front of the ROI, and what only each reads.
+HOT_PIXELS = {0: (), 1: ("hot_mask",)}
+BACKGROUND = {0: (), 1: ("background_cell", "background_us")}
+
 
 def unread(fields):
     """``{name: why}`` of those ``fields``, a dictionary of all, that the choices among them do not read."""
     fields, found = {**fields}, {}
     ascents = {name: rule.fields for name, rule in ASCENTS.items()}
-    for choice, own in (("gradient", GRADIENTS), ("ascent", ascents), ("confidence", CONFIDENCE)):
+    choices = {"gradient": GRADIENTS, "ascent": ascents, "confidence": CONFIDENCE}
+    for choice, own in (choices | {"hot_pixels": HOT_PIXELS, "background": BACKGROUND}).items():
         chosen = fields[choice]
         for other, names in own.items():
             for name in names if chosen != other and chosen in [*own] else ():
@@ -72,6 +78,20 @@ class Config:
     sensor_height: int = _field(180, "rows of the sensor", unit="px", low=2, high=4096)
     roi_width: int = _field(64, "columns of the region of interest (ROI), even", unit="px", low=2, high=4096)
     roi_height: int = _field(64, "rows of the ROI, even", unit="px", low=2, high=4096)
+
+    # Noise
+    hot_pixels: int = _field(0, "1: the hardware has a mask of hot pixels", low=0, high=1)
+    hot_mask: str = _field("", "hot pixels, whose events are dropped: X,Y;X,Y;…", runtime=True)
+    background: int = _field(0, "1: the hardware has a filter of background activity", low=0, high=1)
+    background_cell: int = _field(2, "cells of that filter are 2^background_cell px wide", low=1, high=6)
+    background_us: int = _field(
+        0,
+        "drop events without one of another pixel of their cell in so many µs before them; 0: drop none",
+        unit="µs",
+        low=0,
+        high=(1 << 31) - 1,
+        runtime=True,
+    )
 
     # Batches
     buffer_events: int = _field(2048, "ROI events that the event buffer holds", unit="events", low=1, high=1 << 17)
@@ -173,6 +193,11 @@ class Config:
             raise ConfigError(
                 f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
                 "or a step back in time could not be told from a long batch"
+            )
+        self.hot  # noqa: B018 - raises where the text is malformed
+        if self.background_us > self.widths.background_us_max:
+            raise ConfigError(
+                f"background_us = {self.background_us}: at most {self.widths.background_us_max} is allowed (span_bits)"
             )
         self._check_size("min_roi_events", "buffer_events")
         self._check_size("thin_target", "buffer_events")
@@ -295,6 +320,11 @@ class Config:
     widths = cached_property(Widths)
     schedules = cached_property(Schedules)
     one_pass = cached_property(OnePass)
+
+    @cached_property
+    def hot(self):
+        """The pixels of ``hot_mask``: tuple of (column, row)."""
+        return parse_pixels(self.hot_mask, self)
 
     @cached_property
     def motion(self):

@@ -6,6 +6,8 @@ from ..fixed import bits_for
 class Geometry:
     """Sizes that follow from the sensor's and the ROI's, of a :class:`~cmfpga.config.Config`: whole numbers."""
 
+    mask_pixels = 32  #: side by side in a word of the mask of hot pixels
+
     def __init__(self, config):
         width, height = self._roi = config.roi_width, config.roi_height
         self.pixels = width * height  #: P, of the ROI
@@ -20,6 +22,13 @@ class Geometry:
         self.roi_y_max = config.sensor_height - height  #: largest row of its top edge
         self.x_bits = bits_for(config.sensor_width - 1)  #: of a sensor column
         self.y_bits = bits_for(config.sensor_height - 1)  #: of a sensor row
+        self.mask_columns = -(-config.sensor_width // self.mask_pixels)  #: words of a row of the mask of hot pixels
+        self.mask_column_bits = bits_for(self.mask_columns - 1)  #: the row stands above them
+        self.mask_depth = config.sensor_height << self.mask_column_bits  #: words of the mask, those unused included
+        cell = config.background_cell
+        self.cell_columns, self.cell_rows = (-(-size >> cell) for size in (config.sensor_width, config.sensor_height))
+        self.cell_column_bits = bits_for(self.cell_columns - 1)  #: the row stands above them
+        self.cell_depth = self.cell_rows << self.cell_column_bits  #: cells of the background's filter, as mask_depth
 
     def level_size(self, level):
         """Columns and rows of the image whose pixels are 2^level px wide."""

@@ -14,6 +14,11 @@ class Widths(Derived):
     limit_bits, kept_bits = 10, 17
 
     @property
+    def background_us_max(self):
+        """Longest time of the filter of background activity, µs: half of what its time stamps count to."""
+        return (1 << (self._c.span_bits - 1)) - 1
+
+    @property
     def weight_max(self):
         """Largest single vote: weight 1."""
         return 1 << self._c.weight_frac

@@ -183,9 +183,23 @@ def random_settings(config, rng, previous_roi):
         judge=int(rng.random() < 0.8),
         cold_after_doubtful=int(rng.random() < 0.8),
         confidence_limit=int(rng.choice([1, 20, 90, 90, 1023])),
+        hot_mask=random_mask(config, rng, roi or previous_roi),
+        background_us=min(config.widths.background_us_max, int(rng.choice([0, 1, 30, 300, 5000, 1 << 31]))),
         **(random_schedules(config, rng) if config.ascent_rule.has_table else {}),
     )
     return settings, clamp_roi(config, roi or previous_roi)[0]
+
+
+def random_mask(config, rng, roi):
+    """No pixel, some of the ROI, or of the whole sensor."""
+    if not config.hot_pixels or rng.random() < 0.3:
+        return ()
+    count = int(rng.choice([1, 5, 100]))
+    if rng.random() < 0.3:
+        x, y = rng.integers(config.sensor_width, size=count), rng.integers(config.sensor_height, size=count)
+    else:
+        x, y = _inside(config, rng, clamp_roi(config, roi)[0], count)
+    return tuple(sorted(set(zip(x.tolist(), y.tolist(), strict=True))))
 
 
 def random_schedules(config, rng):

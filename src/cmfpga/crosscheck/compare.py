@@ -10,7 +10,7 @@ from ..events import Events
 from ..protocol.results import fields_of
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
 from ..verilog.compiler import find_compiler
-from .batches import PATTERNS, random_events, random_schedules, random_settings
+from .batches import PATTERNS, random_events, random_mask, random_schedules, random_settings
 
 BATCHES = 3 * len(PATTERNS)
 #: Clock cycles after which no further batch begins: seconds of Verilator, and of Amaranth's simulator.
@@ -94,11 +94,12 @@ def compare_stream(core, rng, most, *, gaps, stalls):
     MismatchError
     """
     config, model = core.config, make_engine("model", core.config)
-    schedules = random_schedules(config, rng) if config.ascent_rule.has_table else {}
+    fixed = random_schedules(config, rng) if config.ascent_rule.has_table else {}
+    fixed["hot_mask"] = random_mask(config, rng, model.roi)
     batches, rows, expected, cycles = [], [], [], 0
     while len(batches) < most and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.roi)
-        settings = dataclasses.replace(settings, **schedules)
+        settings = dataclasses.replace(settings, **fixed)
         if batches and rng.random() < 0.7:
             settings, roi = dataclasses.replace(settings, roi=None), model.roi
         _, events = random_events(config, rng, roi)
@@ -108,6 +109,7 @@ def compare_stream(core, rng, most, *, gaps, stalls):
         done = expected[-1]
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
     core.write_schedule(schedule_table(config, settings))
+    core.write_mask(settings.hot_mask)
     count = sum(len(t) for t, _, _ in batches)
     late = rng.integers(0, 40, count) * (rng.random(count) < gaps)
     waits = rng.integers(0, 3000, len(batches)) * (rng.random(len(batches)) < stalls)

@@ -12,7 +12,7 @@ from ..fixed import Q
 #: Largest values that are drawn, where the field's own would take too long to simulate, or be refused nearly always.
 LARGEST = {
     "roi_width": 64, "roi_height": 48, "buffer_events": 2100, "iterations": 60, "min_roi_events": 20,
-    "thin_target": 300, "gradient_int": 14, "gradient_frac": 26,
+    "thin_target": 300, "background_us": 2000, "gradient_int": 14, "gradient_frac": 26,
 }  # fmt: skip
 
 
@@ -46,7 +46,11 @@ def _fields(rng):
     }
     for axis in ("width", "height"):  # a sensor smaller than the default ROI would nearly always be refused
         values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng))
+    if values.get("background"):  # or a reset would sweep millions of cells
+        values["background_cell"] = max(values.get("background_cell", 1), 4)
     known = defaults | values
+    sensor = known["sensor_width"], known["sensor_height"]
+    values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
     v = Q(known["v_int"], known["v_frac"])
     values |= {name: v.real(int(rng.integers(v.min, v.max + 1))) for name in ("v_start_x", "v_start_y")}
     limit = _FIELDS["confidence_limit"].metadata

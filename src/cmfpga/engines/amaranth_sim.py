@@ -6,7 +6,7 @@ import numpy as np
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
-from ..protocol.settings import schedule_table, settings_values
+from ..protocol.settings import mask_writes, schedule_table, settings_values
 from ..protocol.trace import columns
 from ..rtl.core import Core
 from ..rtl.payloads import schedule_entry
@@ -26,7 +26,8 @@ class AmaranthEngine(RtlEngine):
             "(install g++ or clang++ for a thousand times that)"
         )
         self.core = Core(config)
-        self._job = None  # (events, settings, table of schedules) of the batch to simulate
+        self._job = None  # (events, settings, table of schedules, words of the mask) of the batch to simulate
+        self._mask = None  # as it stands
         self._outcome = None
 
     @functools.cached_property
@@ -39,13 +40,16 @@ class AmaranthEngine(RtlEngine):
 
     def _simulate(self, events, settings):
         table = schedule_table(self.config, settings)
-        self._job = (events, settings_values(self.config, settings), table)
+        writes = mask_writes(self.config, settings.hot_mask, self._mask) if settings.hot_mask else []
+        self._mask = settings.hot_mask or self._mask
+        self._job = (events, settings_values(self.config, settings), table, writes)
         self._outcome = None
         # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
         n, iterations = len(events), max(settings.iterations, len(table))
         cycles = (
             2 * self.core.cycles(events=n, roi_events=n, iterations=iterations)
-            + 2 * self.config.geometry.bank_words
+            + 2 * (self.config.geometry.bank_words + self.config.geometry.cell_depth * self.config.background)
+            + len(writes)
             + 1000
         )
         for _ in range(2 * cycles + 1000):
@@ -59,7 +63,7 @@ class AmaranthEngine(RtlEngine):
         while True:
             while self._job is None:
                 await ctx.tick()
-            events, values, table = self._job
+            events, values, table, writes = self._job
             self._job = None
             for address, row in enumerate(table):
                 entry = dict(zip(schedule_entry(self.config).members, row, strict=True))
@@ -67,6 +71,11 @@ class AmaranthEngine(RtlEngine):
                 ctx.set(core.schedule_write.payload, {"address": address, "entry": entry})
                 await ctx.tick()
                 ctx.set(core.schedule_write.valid, 0)
+            for word in writes:
+                ctx.set(core.mask_write.valid, 1)
+                ctx.set(core.mask_write.payload, dict(zip(("column", "row", "bits"), word, strict=True)))
+                await ctx.tick()
+                ctx.set(core.mask_write.valid, 0)
             self._outcome = await self._batch(ctx, core, events, values)
 
     @staticmethod

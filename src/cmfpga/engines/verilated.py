@@ -19,6 +19,7 @@ class VerilatedEngine(RtlEngine):
     def _simulate(self, events, settings):
         values = settings_values(self.config, settings)
         self._core.write_schedule(schedule_table(self.config, settings))
+        self._core.write_mask(settings.hot_mask)
         result, trace, _ = self._core.run(events.t, events.x, events.y, values)
         return result, trace
 

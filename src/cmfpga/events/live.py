@@ -141,6 +141,7 @@ class LiveSource(Feed):
     def _run(self, data):
         """The thread: reads, decodes, and puts what it has into the buffer."""
         try:
+            data = data or self._read()  # where the header came by itself
             while data and not self._closed:
                 columns = self._decoder(data)
                 if len(columns[0]):

@@ -93,8 +93,7 @@ class Gallery:
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
-        thinned = bool(batch.result.thinned)
-        events = scaled_roi_events(self.config, batch.events, batch.result.roi, thinned=thinned)
+        events = scaled_roi_events(self.config, batch.events, batch.result.roi, **batch.which)
         return image_of_warped_events(*events, v, width=self.config.roi_width, height=self.config.roi_height)
 
     def _keep_sharpest(self, batch):

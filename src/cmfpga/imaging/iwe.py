@@ -17,17 +17,19 @@ def events_in_roi(events, roi, width, height):
     return index, x[index], y[index]
 
 
-def scaled_roi_events(config, events, roi, *, thinned=False):
+def scaled_roi_events(config, events, roi, *, thinned=False, dropped=None):
     """ROI events of a batch as the engines use them: columns and rows in the ROI, and dt in −1 … 1, float64 [n].
 
     Empty where the batch has no range of time. Events beyond ``span_bits``, or after the buffer is full, are left out,
-    as in the hardware; of a ``thinned`` batch, all ROI events are returned, which the stored ones stand for.
+    as in the hardware, and so are those that are ``dropped`` (bool [N], of all events; None: none). Of a ``thinned``
+    batch, all other ROI events are returned, which the stored ones stand for.
     """
     since = events.t - events.t[0] if len(events) else events.t
     kept = since < 1 << config.span_bits
     span = int(since[kept][-1]) if len(events) else 0
     if not span:
         return np.zeros((3, 0))
+    kept = kept if dropped is None else kept & ~dropped
     inside = np.stack(events_in_roi(events, roi, config.roi_width, config.roi_height))
     index, x, y = inside[:, kept[inside[0]]][:, : None if thinned else config.buffer_events]
     return np.stack([x, y, (2 * since[index] - span) / span])
@@ -94,7 +96,10 @@ def gain(x, y, dt, v, *, width, height):
     return float(moved / max(still, 1e-12))
 
 
-def contrast(config, events, roi, v, *, thinned=False):
-    """Population variance of the image of warped events (Eq. C), in squared events per pixel."""
-    x, y, dt = scaled_roi_events(config, events, roi, thinned=thinned)
+def contrast(config, events, roi, v, **which):
+    """Population variance of the image of warped events (Eq. C), in squared events per pixel.
+
+    ``which`` events: ``thinned``, ``dropped``, as of :func:`scaled_roi_events`.
+    """
+    x, y, dt = scaled_roi_events(config, events, roi, **which)
     return float(image_of_warped_events(x, y, dt, v, width=config.roi_width, height=config.roi_height).var())

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .settings import with_confidence
+from .settings import with_background, with_confidence, with_hot_pixels
 from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
@@ -114,6 +114,7 @@ _FLAGS = tuple(
 )  # fmt: skip
 _JUDGED = {"scope": "region", "when": with_confidence, "default": None}
 _COUNT = {"shape": _events, "scope": "region", "counts": True, "taken_in": True, "unit": "events"}
+_FILTERED = {"scope": "batch", "default": 0}
 
 #: In the order of the Verilog ports, behind which come those of the AXI top. Words never change.
 RESULTS = (
@@ -125,7 +126,7 @@ RESULTS = (
     ResultField(name="span", shape=lambda c: whole(c.span_bits), scope="batch", taken_in=True, doc="t_N − t_1",
                 unit="µs", places=(Place(word=7),)),
     ResultField(name="events", shape=_events, scope="batch", taken_in=True, unit="events",
-                doc="N; the sum of the six counts that follow", places=(Place(word=9),)),
+                doc="N; the sum of all counts of events that follow", places=(Place(word=9),)),
     ResultField(name="roi_events", **_COUNT | {"shape": lambda c: up_to(c.buffer_events)},
                 doc="n: in the ROI, and stored", places=(Place(word=10),),
                 total=Place(word=18, doc="stored, of all results")),
@@ -172,6 +173,9 @@ RESULTS = (
                 doc="1: began cold, because the batch before was doubtful",
                 places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),
                 total=Place(word=27, doc="began cold, because the batch before was doubtful")),
+    ResultField(name="hot", **_COUNT | _FILTERED, when=with_hot_pixels, doc="dropped: of pixels marked as hot"),
+    ResultField(name="noise", **_COUNT | _FILTERED, when=with_background,
+                doc="dropped: no other pixel of the cell had an event shortly before"),
     ResultField(name="batch", shape=lambda c: whole(32), scope="wrapper", places=(Place(word=0),),
                 doc="number of the batch, from 1 after a reset; 0: no result yet"),
     ResultField(name="t_ref", shape=lambda c: whole(32), scope="wrapper", nothing=None, places=(Place(word=8),),
@@ -187,8 +191,8 @@ RESULTS = (
 #: 64-bit words of a result packet.
 PACKET_BEATS = max(place.word for f in RESULTS for place in f.places) // 2 + 1
 
-#: Fields that add up to ``events``: every event is counted once.
-COUNTS = tuple(f.name for f in RESULTS if f.counts)
+#: Fields that add up to ``events`` in hardware without filters of noise: every event is counted once.
+COUNTS = tuple(f.name for f in RESULTS if f.counts and f.when is always)
 
 
 def fields_of(*scopes, config=None):
@@ -197,6 +201,11 @@ def fields_of(*scopes, config=None):
     With ``config``, only those that its hardware has.
     """
     return tuple(f for f in RESULTS if f.scope in scopes and (config is None or f.when(config)))
+
+
+def counts_of(config):
+    """:data:`COUNTS`, and those of the filters that the hardware has."""
+    return tuple(f.name for f in RESULTS if f.counts and f.when(config))
 
 
 def not_judged(config):
@@ -253,8 +262,8 @@ class RegionOutcome(_record("_RegionFields", "region")):
 class BatchResult(_record("_BatchFields", "batch")):
     """What came of one batch, wherever it was computed: the fields of :data:`RESULTS` with the scope ``batch``.
 
-    ``events = roi_events + outside + overflow + thinned + time_back + time_span``, always: nothing is lost without
-    being counted.
+    ``events = roi_events + outside + overflow + thinned + time_back + time_span + hot + noise``, always: nothing is
+    lost without being counted.
 
     While a batch has exactly one region, that region's fields are the outcome's too: ``outcome.v`` is
     ``outcome.regions[0].v``, ``BatchResult(events=…, v=…)`` makes the region, and ``dataclasses.replace`` replaces

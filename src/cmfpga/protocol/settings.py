@@ -31,6 +31,16 @@ def with_confidence(config):
     return bool(config.confidence)
 
 
+def with_hot_pixels(config):
+    """Only with ``hot_pixels=1``."""
+    return bool(config.hot_pixels)
+
+
+def with_background(config):
+    """Only with ``background=1``."""
+    return bool(config.background)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """One input of the hardware that may change from batch to batch.
@@ -196,6 +206,11 @@ SETTINGS = (
             asked=lambda c: round(LIMIT_SCALE * c.confidence_limit), default=90, reset=90,
             doc=f"{LIMIT_SCALE} times the smallest confidence that is not doubtful", unit="1/px²",
             places=(Place(word=18),)),
+    Setting(name="hot_mask", shape=lambda c: whole(1), when=with_hot_pixels, default=(), asked=lambda c: c.hot,
+            raw=lambda c, s: bool(s.hot_mask), doc="1: drop the events of the pixels that are marked as hot",
+            places=(Place(word=19, field="ENABLE", width=1),)),
+    Setting(name="background_us", field="background_us", high=lambda c: c.widths.background_us_max, default=0,
+            when=with_background, places=(Place(word=20),)),
 )  # fmt: skip
 
 
@@ -255,6 +270,29 @@ def schedule_table(config, settings):
 def table_entry(config, entry):
     """(level, shift, stride) of a ``ScheduleEntry`` in the table of schedules: v's raw units, log2 of the stride."""
     return entry.level, entry.log2_step + config.formats.v.f, entry.stride.bit_length() - 1
+
+
+def mask_words(config, pixels):
+    """The mask of hot pixels as the hardware holds it: ``{(column // 32, row): word}``, of words that are not 0."""
+    words = {}
+    for column, row in pixels:
+        at = column // config.geometry.mask_pixels, row
+        words[at] = words.get(at, 0) | 1 << column % config.geometry.mask_pixels
+    return words
+
+
+def mask_writes(config, pixels, before=None):
+    """What has to be written to mark ``pixels``: [(column, row, word)].
+
+    ``before`` are those that are marked now; None: nobody knows, so all words are written.
+    """
+    words, columns = mask_words(config, pixels), config.geometry.mask_columns
+    if before is None:
+        places = [(column, row) for row in range(config.sensor_height) for column in range(columns)]
+    else:
+        known = mask_words(config, before)
+        places = sorted(at for at in {*words, *known} if words.get(at) != known.get(at))
+    return [(*at, words.get(at, 0)) for at in places]
 
 
 def clamp_roi(config, roi):

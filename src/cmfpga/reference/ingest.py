@@ -26,7 +26,7 @@ class TakenIn:
         return self.counts["roi_events"] >= max(1, settings.min_roi_events) and self.counts["span"] > 0
 
 
-def take_in(config, t, x, y, settings, *, roi, last_thinning):
+def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, False)):
     """Crop, thin out and store a batch: :class:`TakenIn`.
 
     Parameters
@@ -38,8 +38,10 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning):
         The ROI's corner.
     last_thinning : int or None
         ``next_thinning`` of the batch before.
+    dropped : pair of bool arrays
+        As :class:`~.integer.noise_filter.NoiseFilter` judges the events.
     """
-    inside = roi_filter(config, t, x, y, roi=roi)
+    inside = roi_filter(config, t, x, y, roi=roi, hot=dropped[0], noise=dropped[1])
     found = len(inside.t)
     factor = last_thinning if settings.thin_target and last_thinning else settings.thinning
     kept = thinner((inside.t, inside.x, inside.y), factor)
@@ -59,6 +61,8 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning):
         "thinned": found - len(kept[0]),
         "time_back": inside.time_back,
         "time_span": inside.time_span,
+        "hot": inside.hot,
+        "noise": inside.noise,
         "span": inside.span,
         **used,
     }

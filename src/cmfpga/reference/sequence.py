@@ -6,6 +6,7 @@ from ..protocol.flags import Flag
 from ..protocol.results import BatchResult, not_judged
 from ..protocol.trace import Trace
 from .ingest import take_in
+from .integer.noise_filter import NoiseFilter
 from .roi_follower import RoiFollower
 
 
@@ -29,6 +30,8 @@ class Sequence(ABC):
         Whether the last batch was flagged so.
     follower : RoiFollower
         Position of the ROI; the origin after a reset.
+    noise_filter : NoiseFilter
+        Remembers when each cell had events.
     thinning : int or None
         What would have brought the last batch down to its target.
     plan : tuple of ScheduleEntry
@@ -40,6 +43,7 @@ class Sequence(ABC):
         self.v = (self.number(config.formats.v, 0),) * 2
         self.followed = self.doubtful = False
         self.follower = RoiFollower(config, pixel)
+        self.noise_filter = NoiseFilter(config)
         self.thinning = None
 
     def run(self, t, x, y, settings, *, cut=False):
@@ -60,7 +64,8 @@ class Sequence(ABC):
         """
         config, rule = self.config, self.config.ascent_rule
         roi, limited = self.follower.crop(settings.roi)
-        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning)
+        dropped = self.noise_filter.judge(t, x, y, settings)
+        batch = take_in(config, t, x, y, settings, roi=roi, last_thinning=self.thinning, dropped=dropped)
         self.thinning = batch.next_thinning
         flags = batch.flags | (Flag.CUT if cut else Flag(0))
         warm = rule.warm(settings, self.followed and settings.roi is None)

@@ -2,6 +2,9 @@
 
 from amaranth.hdl import Mux, Signal
 
+#: Bits of an unsigned factor that a multiplier of 18 signed bits takes.
+PIECE = 17
+
 
 def saturate(value, low, high):
     """``value`` limited to ``low … high`` (integers); the hardware twin of :func:`cmfpga.fixed.saturate`.
@@ -35,6 +38,34 @@ def small_product(value, factor):
     while len(terms) > 1:
         terms = [sum(terms[k + 1 : k + 2], terms[k]) for k in range(0, len(terms), 2)]
     return terms[0][: len(value) + len(factor)].as_signed() if value.shape().signed else terms[0]
+
+
+def wide_product(m, a, b, cycles, *, name):
+    """``a·b``, two cycles later or more, of factors that may be too wide for one multiplier.
+
+    The first cycle multiplies pieces of :data:`PIECE` bits, the others add them: first those that do not overlap, which
+    takes no adder.
+    """
+    diagonals = {}
+    for k, one in enumerate(_pieces(a)):
+        for j, other in enumerate(_pieces(b)):
+            product = delay(m, one * other, 1, name=f"{name}_{k}{j}")
+            diagonals.setdefault(k - j, []).append(product << PIECE * (k + j))
+    terms = [term for terms in sorted(diagonals.values(), key=len, reverse=True) for term in terms]
+    for left in reversed(range(cycles - 1)):
+        while len(terms) > (2 if left else 1):
+            terms = [sum(terms[k + 1 : k + 2], terms[k]) for k in range(0, len(terms), 2)]
+        terms = [delay(m, term, 1, name=f"{name}_{left}_{n}") for n, term in enumerate(terms)]
+    return terms[0]
+
+
+def _pieces(value):
+    """``value``, the lowest bits first; the last piece has the sign."""
+    signed = value.shape().signed
+    if len(value) <= PIECE + signed:
+        return [value]
+    rest = value[PIECE:]
+    return [value[:PIECE], *_pieces(rest.as_signed() if signed else rest)]
 
 
 def select(index, choices):

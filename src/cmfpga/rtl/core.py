@@ -2,7 +2,7 @@
 
 import itertools
 
-from amaranth.hdl import Module, Mux
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -24,6 +24,7 @@ from .image.voter import BilinearVoter
 from .image.warp import Warp
 from .ingest.event_buffer import EventBuffer
 from .ingest.ingest_control import IngestControl
+from .ingest.noise_filter import BackgroundFilter, HotMask
 from .ingest.reciprocal import Reciprocal
 from .ingest.roi_filter import RoiFilter
 from .ingest.thinner import Thinner
@@ -38,8 +39,10 @@ class Core(CycleFormula, wiring.Component):
                   ▼              └──► reciprocal ───────│─│────────────────┘         │                ▼
         o ◄── iteration control ─── replay, stride ─────┘ └─── image   ROI ◄─────── ascent ◄────── gradient
 
-    How the image is summed is chosen by ``gradient`` (:data:`cmfpga.rtl.image.IMAGES`), how v ascends by ``ascent``
-    (:data:`cmfpga.rtl.ascent.ASCENTS`); there is a dither where ``dither_frac`` is not 0.
+    The filter is that of the ROI; in front of it there may be a mask of hot pixels (``hot_pixels``) and a filter of
+    background activity (``background``). How the image is summed is chosen by ``gradient``
+    (:data:`cmfpga.rtl.image.IMAGES`), how v ascends by ``ascent`` (:data:`cmfpga.rtl.ascent.ASCENTS`); there is a
+    dither where ``dither_frac`` is not 0.
 
     One event per cycle at ingest and in every iteration, which with a schedule may use every second or fourth of
     them. A batch of N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its
@@ -67,6 +70,9 @@ class Core(CycleFormula, wiring.Component):
         Every iteration's images, for verification. Only where the image has it.
     schedule_write : ``In``, flow of :func:`payloads.schedule_write`
         Fills the table of schedules. Only where the ascent has it.
+    mask_write : ``In``, flow of :func:`payloads.mask_write`
+        Fills the mask of hot pixels, whose contents a reset leaves. Only where there is one, and while no batch is
+        under way.
 
     Raises
     ------
@@ -89,11 +95,16 @@ class Core(CycleFormula, wiring.Component):
         for name, block in (("pixels", self.image), ("schedule_write", self.ascent)):
             if name in block.signature.members:
                 members[name] = block.signature.members[name]
+        if self.hot_mask:
+            members["mask_write"] = self.hot_mask.signature.members["write"]
         super().__init__(members)
 
     def _make_blocks(self):
         config = self.config
+        self.hot_mask = HotMask(config) if config.hot_pixels else None
+        self.background_filter = BackgroundFilter(config) if config.background else None
         self.roi_filter = RoiFilter(config)
+        self._front = [block for block in (self.hot_mask, self.background_filter, self.roi_filter) if block]
         self.thinner = Thinner(
             payloads.roi_event(config),
             most_stored=config.buffer_events,
@@ -116,7 +127,7 @@ class Core(CycleFormula, wiring.Component):
         self.probe = Probe(config) if config.confidence else None
         self.judge = Judge(config) if config.confidence else None
         # From an event's acceptance until it is counted; from a replay to the warp; from the last vote to the next v.
-        self.drain = self.roi_filter.latency + self.thinner.latency + 1
+        self.drain = sum(block.latency for block in (*self._front, self.thinner)) + 1
         self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
         self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
         self.ingest_control = IngestControl(config, drain=self.drain)
@@ -132,8 +143,9 @@ class Core(CycleFormula, wiring.Component):
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
         names = (
-            "ingest_control", "roi_filter", "thinner", "event_buffer", "reciprocal", "dither", "time_scaler", "warp",
-            "voter", "image", "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control",
+            "ingest_control", "hot_mask", "background_filter", "roi_filter", "thinner", "event_buffer", "reciprocal",
+            "dither", "time_scaler", "warp", "voter", "image", "gradient", "ascent", "probe", "judge", "roi_updater",
+            "iteration_control",
         )  # fmt: skip
         return {name: block for name in names if (block := getattr(self, name)) is not None}
 
@@ -160,7 +172,9 @@ class Core(CycleFormula, wiring.Component):
         """Crop, thin out, store, measure the time range."""
         control, opened = self.ingest_control, self.ingest_control.handover.opened
         connect(m, flipped(self.i), control.i)
-        connect(m, control.o, self.roi_filter.i)
+        connect(m, control.o, self._front[0].i)
+        for block, following in itertools.pairwise(self._front):
+            connect(m, block.o, following.i)
         connect(m, self.roi_filter.o, self.thinner.i)
         connect(m, self.thinner.o, self.event_buffer.i)
         connect(m, self.roi_filter.measured, control.measured)
@@ -180,11 +194,29 @@ class Core(CycleFormula, wiring.Component):
             self.opened.eq(opened),
             self.take.eq(control.handover.take),
         ]
+        if self.hot_mask:
+            connect(m, flipped(self.mask_write), self.hot_mask.write)
+            m.d.comb += [self.hot_mask.start.eq(opened), self.hot_mask.enable.eq(self.settings.hot_mask)]
+        if self.background_filter:
+            m.d.comb += [
+                self.background_filter.start.eq(opened),
+                self.background_filter.period.eq(self.settings.background_us),
+                self.background_filter.clear.eq(control.clear),
+            ]
         if thins(self.config):
             m.d.comb += [
                 self.thinner.halved.eq(self.event_buffer.stored.halved),
                 control.thinning_used.eq(self.thinner.used),
             ]
+
+    def _cleared(self, m):
+        """Image and cells are clear: who is first waits for the other."""
+        if not self.background_filter:
+            return self.image.cleared
+        once = Signal()
+        with m.If(self.image.cleared):
+            m.d.sync += once.eq(1)
+        return (self.image.cleared | once) & self.background_filter.cleared
 
     def _iterate(self, m):
         """Replay while there is room, scale, warp, vote, sum."""
@@ -205,7 +237,7 @@ class Core(CycleFormula, wiring.Component):
             self.warp.level.eq(self.ascent.level),
             self.voter.level.eq(self.ascent.level),
             image.clear.eq(self.ingest_control.clear),
-            self.ingest_control.cleared.eq(image.cleared),
+            self.ingest_control.cleared.eq(self._cleared(m)),
             control.complete.eq(image.complete),
             image.next.eq(control.run.updated | self._probed(m) if self.config.confidence else control.run.updated),
         ]

@@ -58,6 +58,20 @@ def event(config):
     )
 
 
+def marked_event(config, *marks):
+    """An event, and what it is dropped for: ``hot``, ``noise``; by default all that the hardware has."""
+    marks = marks or [name for name, there in (("hot", config.hot_pixels), ("noise", config.background)) if there]
+    return data.StructLayout({**event(config).members, **dict.fromkeys(marks, 1)})
+
+
+def mask_write(config):
+    """A word of the mask of hot pixels: bit k is the pixel 32·column + k."""
+    geometry = config.geometry
+    return data.StructLayout(
+        {"column": geometry.mask_column_bits, "row": geometry.y_bits, "bits": geometry.mask_pixels}
+    )
+
+
 def roi_event(config):
     """An event in the ROI: µs since t_1, column and row in the ROI."""
     return data.StructLayout(
@@ -219,8 +233,8 @@ def batch(config):
 def result(config):
     """One batch's result (:data:`cmfpga.protocol.results.RESULTS`).
 
-    ``events = roi_events + outside + overflow + thinned + time_back + time_span``: no event is lost without being
-    counted.
+    ``events = roi_events + outside + overflow + thinned + time_back + time_span + hot + noise``: no event is lost
+    without being counted.
     """
     return data.StructLayout({f.name: shaped(f.shape(config)) for f in fields_of("batch", "region", config=config)})
 

@@ -40,6 +40,8 @@ class VerilogCore(Core):
         }
         if hasattr(self, "schedule_write"):
             groups["schedule"] = (self.schedule_write, {"valid": True, "payload": True})
+        if hasattr(self, "mask_write"):
+            groups["mask"] = (self.mask_write, {"valid": True, "payload": True})
         if hasattr(self, "pixels"):
             groups["trace_pixels"] = (self.pixels, {"valid": False, "payload": False})
         for prefix, (member, signals) in groups.items():

@@ -4,6 +4,7 @@ import ctypes
 
 import numpy as np
 
+from ..protocol.settings import mask_writes
 from ..rtl.top import VerilogCore
 from ..verilog.compile import compile_library, is_sound, load, port_names
 from ..verilog.emit import cache_folder
@@ -55,6 +56,7 @@ class VerilatedCore:
         self._library.core_wave_count.restype = ctypes.c_int64
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
         self._table = ()
+        self._mask = None
         self.reset()
 
     def reset(self, cycles=2):
@@ -74,6 +76,15 @@ class VerilatedCore:
         self._table = table
         rows = np.array(table, np.int64).reshape(-1, 3)
         self._library.core_write_schedule(handle, _pointer(rows), ctypes.c_int64(len(rows)))
+
+    def write_mask(self, pixels):
+        """Mark (column, row) of these pixels as hot, and no others, if there are any; between batches only."""
+        handle = self._open()
+        if not pixels or pixels == self._mask:
+            return
+        rows = np.array(mask_writes(self.config, pixels, self._mask), np.int64).reshape(-1, 3)
+        self._mask = pixels
+        self._library.core_write_mask(handle, _pointer(rows), ctypes.c_int64(len(rows)))
 
     def start_waves(self):
         """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""
@@ -175,7 +186,10 @@ class VerilatedCore:
         }
         arrays = {name: None if it is None else np.ascontiguousarray(it, np.int64) for name, it in arrays.items()}
         if limit is None:  # twice what the batches can take one after the other
-            limit = 2 * self.config.geometry.bank_depth + int(sum(stalls) + sum([] if gaps is None else gaps))
+            geometry = self.config.geometry
+            limit = 2 * (geometry.bank_depth + geometry.cell_depth * self.config.background) + int(
+                sum(stalls) + sum([] if gaps is None else gaps)
+            )
             for events, plan in zip(lengths, plans, strict=True):
                 limit += 2 * self.core.cycles(events=events, roi_events=events, iterations=plan) + 1000
         run = _Run(

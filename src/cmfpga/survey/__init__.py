@@ -8,6 +8,16 @@ longer or shorter until the image moves by 4 px per half of it, and the next win
 
 from .motion import estimate
 from .proposal import ALLOWED_PX, Proposal, propose, require, survey_and_propose
-from .statistics import Survey, survey_all
+from .statistics import Survey, hot_mask, survey_all
 
-__all__ = ["ALLOWED_PX", "Proposal", "Survey", "estimate", "propose", "require", "survey_all", "survey_and_propose"]
+__all__ = [
+    "ALLOWED_PX",
+    "Proposal",
+    "Survey",
+    "estimate",
+    "hot_mask",
+    "propose",
+    "require",
+    "survey_all",
+    "survey_and_propose",
+]

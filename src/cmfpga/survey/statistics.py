@@ -5,6 +5,8 @@ import math
 import numpy as np
 from tqdm import tqdm
 
+from ..errors import ConfigError
+
 _MAX_BINS = 512  # of the rate over time, while it is collected
 
 # A hot pixel: at least so many events, and so many times those of the second busiest pixel around it.
@@ -84,6 +86,23 @@ class Survey:
         y, x = np.nonzero((self.counts >= _HOT_EVENTS) & (self.counts > _HOT_TIMES * second))
         found = [(int(a), int(b), int(self.counts[b, a])) for a, b in zip(x, y, strict=True)]
         return sorted(found, key=lambda pixel: -pixel[2])
+
+
+def hot_mask(recording):
+    """The hot pixels of a recording as the field ``hot_mask`` of a :class:`~cmfpga.config.Config` has them.
+
+    Raises :exc:`ConfigError` where the events cannot be read twice.
+    """
+    if not recording.seekable:
+        raise ConfigError(f"{recording.name}: hot pixels: auto: its events come only once; say which pixels are hot")
+    survey = Survey(recording.width, recording.height)
+    survey_all(recording, survey)
+    return pixels_text(survey.hot_pixels())
+
+
+def pixels_text(pixels):
+    """``x,y;x,y;…`` of (x, y, …) each."""
+    return ";".join(f"{x},{y}" for x, y, *_ in pixels)
 
 
 def survey_all(recording, survey):

@@ -137,7 +137,7 @@ def _batch(batch, motion, config):
     """The columns of track.csv as numbers, and :data:`MORE_COLUMNS`."""
     row = {**batch.values, **dict.fromkeys(MORE_COLUMNS)}
     if batch.v_px_per_s:  # a degenerate batch measures nothing
-        events = scaled_roi_events(config, batch.events, batch.result.roi, thinned=True)
+        events = scaled_roi_events(config, batch.events, batch.result.roi, **batch.which | {"thinned": True})
         row["gain"] = gain(*events, batch.result.v, width=config.roi_width, height=config.roi_height)
     row |= {name: row[name] and float(f"{row[name]:.{DIGITS}g}") for name in ("contrast", "gain")}
     if motion is not None and len(batch.events):

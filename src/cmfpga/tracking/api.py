@@ -10,7 +10,7 @@ from ..errors import ConfigError
 from ..events import Feed, Recording, as_events
 from ..events.batches import whole
 from ..events.recording import check_sensor
-from ..survey import survey_and_propose
+from ..survey import hot_mask, survey_and_propose
 from . import loop
 from .fit import batch_cutter
 from .result import Tracking
@@ -66,7 +66,8 @@ def track(
     form, drop : optional
         Of a stream: as of :class:`~cmfpga.events.LiveSource`.
     **fields
-        Fields of the configuration to change, such as ``roi_width=48``.
+        Fields of the configuration to change, such as ``roi_width=48``. ``hot_mask="auto"``, beside ``hot_pixels=1``,
+        is that of the pixels that a reading of the recording finds.
 
     Returns
     -------
@@ -216,4 +217,6 @@ def _config(source, name, fields):
     given, note = sensor_fields(source, fields, lambda: preset(name), "sensor=(width, height)")
     for told in filter(None, (unit_note(source, "time_unit="), note)):
         warnings.warn(told, stacklevel=4)
+    if fields.get("hot_mask") == "auto":
+        fields = {**fields, "hot_mask": hot_mask(source)}
     return preset(name).replace(**{**given, **fields})

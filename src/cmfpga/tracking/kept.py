@@ -134,7 +134,7 @@ class Kept:
         side = self.frame_bin
         frame = np.zeros((-(-config.sensor_height // side), -(-config.sensor_width // side)), np.int64)
         np.add.at(frame, (events.y // side, events.x // side), 1)
-        x, y, dt = scaled_roi_events(config, events, result.roi, thinned=bool(result.thinned))
+        x, y, dt = scaled_roi_events(config, events, result.roi, **batch.which)
         since = np.rint((dt + 1) * result.span / 2)
         path = [result.v]
         if result.trace is not None:

@@ -15,6 +15,7 @@ from ..protocol.confidence import confidence, covariance, is_sure
 from ..protocol.flags import Flag
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings, clamp_roi
+from ..reference.integer.noise_filter import NoiseFilter
 from .columns import COLUMNS, csv_writer, row
 from .fit import LOST_BATCHES, FittedCutter
 from .replay import Replay
@@ -46,6 +47,8 @@ class TrackedBatch:
         A ``ScheduleEntry`` per iteration, None for a constant η.
     thinning : int
         The engine stored one ROI event in so many.
+    marks : pair of bool arrays, or None
+        Which events were dropped as hot and as noise; None where there are no such filters.
     roi_next : pair of int or None
         Where the next batch is cropped, if not where the engine moved the ROI.
     """
@@ -60,7 +63,13 @@ class TrackedBatch:
     covariance: tuple | None = None
     plan: tuple = ()
     thinning: int = 1
+    marks: tuple | None = None
     roi_next: tuple | None = None
+
+    @property
+    def which(self):
+        """Which ROI events an image shows, as :func:`~cmfpga.imaging.iwe.scaled_roi_events` takes it."""
+        return _which(self.result, self.marks)
 
     @property
     def v_px_per_s(self):
@@ -127,13 +136,15 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
     """
     config, replay, course = engine.config, Replay(engine.config), _Course(engine.config)
     size = config.roi_width, config.roi_height
+    noise, filters = NoiseFilter(config), config.hot_pixels or config.background
     fitted, length = isinstance(cutter, FittedCutter), None
 
     def run(events, roi, cold):
         settings = BatchSettings.from_config(config, roi)
         settings = replace(settings, start_last=False) if cold else settings
+        marks = noise.judge(events.t, events.x, events.y, settings) if filters else None
         result = engine.run(events, settings)
-        return result, replay.settings_of(result, settings)
+        return result, marks, replay.settings_of(result, settings)
 
     if fitted:
         yield from cutter.survey(lambda events: run(events, roi, True)[0], (*roi, *size))
@@ -144,19 +155,20 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
         if events is None:
             return
         # v is per half batch: that of a batch of another length is no start.
-        result, (plan, thinning) = run(events, start, fitted and len(events) != length)
+        result, marks, (plan, thinning) = run(events, start, fitted and len(events) != length)
         start, length = course.after(result), len(events)
         batch = TrackedBatch(
             index,
             events,
             result,
             t_ref=float(events.t[0]) + result.span / 2 if len(events) else None,
-            contrast=contrast(config, events, result.roi, result.v, thinned=bool(result.thinned)),
+            contrast=contrast(config, events, result.roi, result.v, **_which(result, marks)),
             flags=result.flags | (Flag.CUT if events.cut_short else Flag(0)),
             confidence=confidence(config, result),
             covariance=covariance(config, result),
             plan=plan,
             thinning=thinning,
+            marks=marks,
             roi_next=start or result.roi_next,
         )
         if fitted:
@@ -164,6 +176,10 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
         for consumer in consumers:
             consumer.add(batch)
         yield batch
+
+
+def _which(result, marks):
+    return {"thinned": bool(result.thinned), "dropped": None if marks is None else marks[0] | marks[1]}
 
 
 class _Course:

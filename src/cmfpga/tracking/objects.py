@@ -41,6 +41,7 @@ class TrackedObject:
     batches: int = 0
     warned: int = 0
     seen: int = 0  # ROI events of all batches
+    dropped: dict = field(default_factory=dict)  # events, by what they were dropped as
     cycles: list = field(default_factory=list)
     values: list = field(default_factory=list)  # of the columns of each batch
     roi_next: tuple | None = None
@@ -58,6 +59,8 @@ class TrackedObject:
         self.batches += 1
         self.warned += bool(result.flags.warnings)
         self.seen += result.roi_events + result.overflow + result.thinned
+        for what in ("hot", "noise") if batch.marks else ():
+            self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
         self.roi_next = batch.roi_next
         self.values.append(batch.values)
         if result.cycles is not None:
@@ -141,6 +144,13 @@ class TrackedObject:
         return Verdict.of(self.values)
 
     @property
+    def dropped_text(self):
+        """What the filters dropped, for people; empty without filters."""
+        return self.dropped and "{hot} events of hot pixels dropped, {noise} of background activity".format(
+            **self.dropped
+        )
+
+    @property
     def remarks(self):
         """Warnings and notes on the whole track: ``(kind, sentence)``."""
         found, fitted = self.verdict, isinstance(self.cutter, FittedCutter)
@@ -154,6 +164,7 @@ class TrackedObject:
             "batches_with_warnings": self.warned,
             **self.verdict.summary(),
             "cycles": sum(self.cycles) if self.cycles else None,
+            **({"dropped": self.dropped} if self.dropped else {}),
             "roi_next": list(self.roi_next),
             "files": [str(path) for path in self.files],
         }

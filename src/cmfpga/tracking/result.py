@@ -45,7 +45,7 @@ class Tracking:
         self.source = source
         self.results = []
         self._values = []
-        self._runs = []  # of each batch: its first event, plan and thinning
+        self._runs = []  # of each batch: its first event, plan, thinning and marks
         self._kept = Kept(config, engine, source.name, source.motion)
         self._gallery = Gallery(config, source.name, source.motion)
 
@@ -53,7 +53,7 @@ class Tracking:
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
         self.results.append(batch.result)
         self._values.append(batch.values)
-        self._runs.append((batch.events.first_event, batch.plan, batch.thinning))
+        self._runs.append((batch.events.first_event, batch.plan, batch.thinning, batch.marks))
         for consumer in (self._gallery, self._kept):
             consumer.add(batch)
 
@@ -162,6 +162,7 @@ class Tracking:
             from .trace import BatchTrace
         if not -len(self) <= batch < len(self):
             raise ConfigError(f"batch {batch}: 0 to {len(self) - 1} is needed")
-        result, (first, plan, thinning) = self.results[batch], self._runs[batch]
+        result, (first, plan, thinning, marks) = self.results[batch], self._runs[batch]
         events = self.source.read(first, result.events) if result.events else Events.empty()
-        return BatchTrace(self.config, self.engine, events, result, plan=plan, thinning=thinning, name=self.source.name)
+        how = {"plan": plan, "thinning": thinning, "marks": marks, "name": self.source.name}
+        return BatchTrace(self.config, self.engine, events, result, **how)

@@ -77,6 +77,8 @@ class BatchTrace:
         The engine stored one ROI event in so many.
     name : str
         Of the recording, for messages.
+    marks : pair of bool arrays, optional
+        Which of the events were dropped, as :class:`~cmfpga.tracking.loop.TrackedBatch` has it.
 
     Attributes
     ----------
@@ -99,14 +101,18 @@ class BatchTrace:
         The events are not those that the engine was given: the recording has changed.
     """
 
-    def __init__(self, config, engine, events, result, *, plan, thinning, name):
+    def __init__(self, config, engine, events, result, *, plan, thinning, name, marks=None):
         if result.trace is None:
             raise ConfigError(f"trace: the {engine} engine gives only results; rtl, model or float is needed")
         self.config, self.result, self.plan = config, result, tuple(plan)
         self._real = engine == "float"
         self._name = name
         settings = BatchSettings.from_config(config.replace(thinning=thinning, thin_target=0))
-        batch = take_in(config, events.t, events.x, events.y, settings, roi=result.roi, last_thinning=None)
+        marks = marks or (False, False)
+        if len(np.atleast_1d(marks[0])) not in (1, len(events)):
+            raise self._changed()
+        taken = {"roi": result.roi, "last_thinning": None, "dropped": marks}
+        batch = take_in(config, events.t, events.x, events.y, settings, **taken)
         if batch.counts != {key: getattr(result, key) for key in batch.counts}:
             raise self._changed()
         self.t, self.x, self.y = (axis.numpy() for axis in (batch.t, batch.x, batch.y))

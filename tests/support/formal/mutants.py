@@ -4,6 +4,7 @@ import inspect
 import types
 from dataclasses import dataclass
 
+from cmfpga.rtl import read_modify_write
 from cmfpga.rtl.image import accumulator, tagged_accumulator
 
 
@@ -32,6 +33,10 @@ class Mutant:
 
 def tagged(name, old, new):
     return Mutant(name, old, new, tagged_accumulator)
+
+
+def bank(name, old, new):
+    return Mutant(name, old, new, read_modify_write)
 
 
 _MATCH = "valid[stage - 1] & (address[stage - 1] == address[1])"
@@ -72,14 +77,12 @@ _CLEAR_IN_RAM_ONLY = """clear_s3 = Signal()
 """
 
 READ_ADD_WRITE = [
-    *_in_both(Mutant, 3, lambda stages: f"for stage in {stages}:"),
-    Mutant("clear lost", _CLEAR, "pass\n"),
-    Mutant("clear not forwarded", _CLEAR, _CLEAR_IN_RAM_ONLY),
-    Mutant("sum of the wrong operation", "base[name] + operation_s2.add[name]", "base[name] + operation_s1.add[name]"),
-    Mutant(
-        "answer past the forwarding", "self.o.payload[name].eq(base[name])", "self.o.payload[name].eq(read_s2[name])"
-    ),
-    Mutant("answer announced early", "self.o.valid.eq(valid[2])", "self.o.valid.eq(valid[1])"),
+    *_in_both(bank, 3, lambda stages: f"for stage in {stages}:"),
+    bank("clear lost", _CLEAR, "pass\n"),
+    bank("clear not forwarded", _CLEAR, _CLEAR_IN_RAM_ONLY),
+    bank("sum of the wrong operation", "base[name], operation_s2.add)", "base[name], operation_s1.add)"),
+    bank("answer past the forwarding", "self.o.payload[name].eq(base[name])", "self.o.payload[name].eq(read_s2[name])"),
+    bank("answer announced early", "self.o.valid.eq(valid[2])", "self.o.valid.eq(valid[1])"),
 ]
 
 _SAME = "read_s2.tag == tag[2], same_s2)"

@@ -17,10 +17,12 @@ class Filtered:
     outside: int
     time_back: int
     time_span: int
+    hot: int
+    noise: int
     span: int  # t_N − t_1, µs
 
 
-def roi_filter(config, t, x, y, *, roi):
+def roi_filter(config, t, x, y, *, roi, hot=False, noise=False):
     """Events of a batch that lie in the ROI.
 
     Parameters
@@ -29,17 +31,21 @@ def roi_filter(config, t, x, y, *, roi):
         Time stamps in µs (only their ``time_bits`` low bits count), sensor columns and rows.
     roi : pair of int
         Left column and top row of the ROI.
+    hot, noise : bool arrays
+        Events that are dropped, as :class:`~.noise_filter.NoiseFilter` judges them.
     """
     t, x, y = (np.asarray(a, np.int64) for a in (t, x, y))
     if not len(t):
         none = torch.zeros(0, dtype=torch.int64)
-        return Filtered(none, none, none, 0, 0, 0, 0, 0)
+        return Filtered(none, none, none, *[0] * 7)
     wrap, half = 1 << config.time_bits, 1 << (config.time_bits - 1)
     since_first = (t - t[0] + half) % wrap - half
     back, late, span = _time_errors(config, since_first)
     rx, ry = x - roi[0], y - roi[1]
     inside = (rx >= 0) & (rx < config.roi_width) & (ry >= 0) & (ry < config.roi_height)
-    good = ~(back | late)
+    timely = ~(back | late)
+    hot, noise = (np.broadcast_to(mask, len(t)) for mask in (hot, noise))
+    good = timely & ~(hot | noise)
     stored = good & inside
     return Filtered(
         *(torch.from_numpy(a[stored]) for a in (since_first, rx, ry)),
@@ -47,6 +53,8 @@ def roi_filter(config, t, x, y, *, roi):
         outside=int((good & ~inside).sum()),
         time_back=int(back.sum()),
         time_span=int(late.sum()),
+        hot=int((timely & hot).sum()),
+        noise=int((timely & noise & ~hot).sum()),
         span=span,
     )
 

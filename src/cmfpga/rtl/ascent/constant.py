@@ -3,7 +3,7 @@
 from amaranth.hdl import Cat, Signal, signed
 
 from ...fixed import floor_shift, round_half_up
-from ..arithmetic import delay, saturate
+from ..arithmetic import delay, saturate, wide_product
 from .ascent import Ascent
 
 
@@ -54,10 +54,8 @@ class ConstantAscent(Ascent):
             slope_s1.eq(saturate(slope, fmt.min, fmt.max)),
             clipped_s1.eq((slope > fmt.max) | (slope < fmt.min)),
         ]
-        # Stages 2, 3: times the gain; the second register is inside the DSP.
-        product_s2 = register(signed(fmt.width + len(gain)), "product_s2")
-        m.d.sync += product_s2.eq(slope_s1 * gain)
-        product_s3 = delay(m, product_s2, 1, name=f"product_{name}")
+        # Stages 2, 3: times the gain.
+        product_s3 = wide_product(m, slope_s1, gain, 2, name=f"product_{name}")
         # Stage 4: round and add. Stage 5, in the velocity: limit.
         target_s4 = register(self.velocity.target[name].shape(), "target_s4")
         m.d.sync += target_s4.eq(self.v[name] + round_half_up(product_s3, shift))

@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from .. import payloads
-from ..arithmetic import delay
+from ..arithmetic import delay, wide_product
 
 
 class Gradient(wiring.Component):
@@ -60,8 +60,8 @@ class Gradient(wiring.Component):
         """
         config, sums = self.config, self.i.payload
         shape = signed(config.widths.sum_i_bits + config.widths.sum_d_bits)
-        means = {name: Signal(shape, name=f"means_{name}", reset_less=True) for name in config.motion.names}
-        if config.widths.sum_i_bits < 18 and config.widths.sum_d_bits <= 27 and len(means) == 2:  # 18 bits signed
+        if config.widths.sum_i_bits < 18 and config.widths.sum_d_bits <= 27 and len(config.motion.names) == 2:  # signed
+            means = {name: Signal(shape, name=f"means_{name}", reset_less=True) for name in config.motion.names}
             first, second = means
             turn = Signal()
             product = Signal(shape, reset_less=True)
@@ -74,10 +74,10 @@ class Gradient(wiring.Component):
             with m.Else():
                 m.d.sync += means[second].eq(product)
             return means
-        for name in means:
-            m.d.sync += means[name].eq(sums.i * sums[f"d{name}"])
-            means[name] = delay(m, means[name], self.lead - 1, name=f"means_{name}")
-        return means
+        return {
+            name: wide_product(m, sums.i, sums[f"d{name}"], self.lead, name=f"means_{name}")
+            for name in config.motion.names
+        }
 
     @staticmethod
     def _is_shift(factor):

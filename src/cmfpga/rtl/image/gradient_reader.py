@@ -1,11 +1,11 @@
 """Gradient reader: sweeps the images, sums them and their products, and leaves zeros behind."""
 
-from amaranth.hdl import Module, Signal, signed
+from amaranth.hdl import Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from .. import payloads
-from ..arithmetic import accumulate, delay
+from ..arithmetic import accumulate, delay, wide_product
 
 
 class GradientReader(wiring.Component):
@@ -48,8 +48,7 @@ class GradientReader(wiring.Component):
         m = Module()
         self._addresses(m)
 
-        # Stages 1 to 3: multiply (two product registers, one for each of two cascaded DSPs), for the sums of
-        # products only. Then pairs, then the total.
+        # Stages 1 to 3: multiply, for the sums of products only. Then pairs, then the total.
         first = delay(m, self.sweep.payload.first, self.accumulator_latency, name="first")
         sums = self.o.payload
         pixels = [self.i.payload[number] for number in range(4)]
@@ -58,12 +57,10 @@ class GradientReader(wiring.Component):
         first = delay(m, first, self.lead, name="first_product")
         active = delay(m, self.i.valid, self.lead, name="active_product", valid=True)
         for name in self.config.motion.names:
-            products = []
-            for n, pixel in enumerate(pixels):
-                derivative = pixel[f"d{name}"]
-                product = Signal(signed(len(pixel.i) + len(derivative)), name=f"product_{name}_{n}", reset_less=True)
-                m.d.sync += product.eq(pixel.i * derivative)
-                products.append(delay(m, product, self.lead - 1, name=f"product_{name}_{n}"))
+            products = [
+                wide_product(m, pixel.i, pixel[f"d{name}"], self.lead, name=f"product_{name}_{n}")
+                for n, pixel in enumerate(pixels)
+            ]
             accumulate(m, products, sums[f"s{name}"], first, active, name=f"s{name}")
         last = delay(m, self.sweep.payload.last & self.sweep.valid, self.latency, name="last", valid=True)
         m.d.comb += self.o.valid.eq(last)

@@ -29,8 +29,8 @@ class SweptImage(ImageSums):
         m = Module()
         m.submodules.accumulator = accumulator = self.accumulator
         m.submodules.gradient_reader = reader = self.gradient_reader
-        voted = Signal()
-        m.d.sync += voted.eq(self.votes.valid & self.votes.payload.last)
+        start = Signal()
+        m.d.sync += start.eq((self.votes.valid & self.votes.payload.last) | self.clear)
         connect(m, flipped(self.votes), accumulator.i)
         connect(m, reader.sweep, accumulator.sweep)
         connect(m, accumulator.o, reader.i)
@@ -39,7 +39,7 @@ class SweptImage(ImageSums):
             self.room.eq(1),
             self.pixels.valid.eq(accumulator.o.valid),
             self.pixels.payload.eq(accumulator.o.payload),
-            reader.start.eq(voted | self.clear),
+            reader.start.eq(start),
             self.complete.eq(reader.sweep.valid & reader.sweep.payload.last),
             self.cleared.eq(reader.o.valid),  # not before: a result must not see the sums of this sweep change
         ]

@@ -48,7 +48,7 @@ class IngestControl(wiring.Component):
     """Decides when a batch begins and ends, in a state machine.
 
     CLEAR
-        After a reset: wait until the image has been cleared once, because a reset does not clear a RAM.
+        After a reset: wait until image and cells have been cleared once, because a reset does not clear a RAM.
     OPEN
         Wait for a batch's first event to be offered; take over the settings. One cycle.
     INGEST
@@ -84,7 +84,7 @@ class IngestControl(wiring.Component):
     measured, stored, thinned, corner : ``In``
         What filter, buffer, thinner and ROI updater say of the batch; ``thinning_used`` too, where the buffer thins.
     clear : ``Out(1)``
-        Clear the image. One cycle.
+        Clear the image, and the cells of the noise filter. One cycle.
     cleared : ``In(1)``
     handover : ``Out``, :func:`handover`
     """

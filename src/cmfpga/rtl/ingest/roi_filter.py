@@ -1,20 +1,26 @@
 """ROI filter: crops the event stream and measures the batch's time range."""
 
+import functools
+import operator
+
 from amaranth.hdl import Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
+from ..arithmetic import delay
 
 
 def measured(config):
     """Signature of what the filter says of a batch.
 
     ``t_first`` and ``span`` are t_1 and t_N − t_1, in µs; ``outside``, ``time_back``, ``time_span`` count the events
-    outside the ROI, dropped for a step back, dropped for lying beyond the span.
+    outside the ROI, dropped for a step back, dropped for lying beyond the span; ``hot`` and ``noise`` those that were
+    marked, where the hardware does.
     """
-    counts = dict.fromkeys(("outside", "time_back", "time_span"), Out(bits_for(config.max_batch_events)))
+    marks = [name for name in ("hot", "noise") if name in payloads.marked_event(config).members]
+    counts = dict.fromkeys(("outside", "time_back", "time_span", *marks), Out(bits_for(config.max_batch_events)))
     return wiring.Signature({"t_first": Out(config.time_bits), "span": Out(config.span_bits), **counts})
 
 
@@ -28,8 +34,8 @@ class RoiFilter(wiring.Component):
 
     Members
     -------
-    i : ``In``, flow of :func:`payloads.event`
-        All events of the batch; ``last`` is not used here.
+    i : ``In``, flow of :func:`payloads.marked_event`
+        All events of the batch; ``last`` is not used here. Those that are marked tell the time, and are dropped.
     o : ``Out``, flow of :func:`payloads.roi_event`
         Events in the ROI.
     start : ``In(1)``
@@ -46,7 +52,7 @@ class RoiFilter(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.event(config))),
+                "i": In(payloads.flow(payloads.marked_event(config))),
                 "o": Out(payloads.flow(payloads.roi_event(config))),
                 "start": In(1),
                 "roi": In(payloads.roi_corner(config)),
@@ -60,7 +66,7 @@ class RoiFilter(wiring.Component):
 
         # Stage 1: register the event; the first one sets t_1.
         valid_s1 = Signal()
-        event_s1 = Signal(payloads.event(config), reset_less=True)
+        event_s1 = Signal(payloads.marked_event(config), reset_less=True)
         first = Signal(init=1)
         m.d.sync += [valid_s1.eq(self.i.valid), event_s1.eq(self.i.payload)]
         with m.If(self.start):
@@ -81,6 +87,7 @@ class RoiFilter(wiring.Component):
             x_s2.eq(event_s1.x - self.roi.x),
             y_s2.eq(event_s1.y - self.roi.y),
         ]
+        marks = {name: delay(m, event_s1[name], 1, name=name) for name in ("hot", "noise") if hasattr(found, name)}
 
         # Stage 3: judge, pass on.
         back, late, inside = Signal(), Signal(), Signal()
@@ -90,13 +97,15 @@ class RoiFilter(wiring.Component):
             inside.eq((x_s2 >= 0) & (x_s2 < config.roi_width) & (y_s2 >= 0) & (y_s2 < config.roi_height)),
         ]
         m.d.sync += [
-            self.o.valid.eq(valid_s2 & inside & ~back & ~late),
+            self.o.valid.eq(_unmarked(valid_s2 & inside & ~back & ~late, marks)),
             self.o.payload.t.eq(t_s2),
             self.o.payload.x.eq(x_s2),
             self.o.payload.y.eq(y_s2),
         ]
         # Stage 4: count.
-        lost = {"time_back": back, "time_span": ~back & late, "outside": ~back & ~late & ~inside}
+        lost = {"time_back": back, "time_span": ~back & late, "outside": _unmarked(~back & ~late & ~inside, marks)}
+        for name, mark in marks.items():  # not in a comprehension, which would take the signals' names
+            lost[name] = ~back & ~late & mark
         lost_s3 = {name: Signal(name=f"{name}_s3") for name in lost}
         with m.If(valid_s2 & ~back & ~late):
             m.d.sync += found.span.eq(t_s2)
@@ -105,3 +114,7 @@ class RoiFilter(wiring.Component):
         with m.If(self.start):
             m.d.sync += [found.span.eq(0), *(getattr(found, name).eq(0) for name in lost)]
         return m
+
+
+def _unmarked(judged, marks):
+    return functools.reduce(operator.and_, (~mark for mark in marks.values()), judged)

@@ -1,0 +1,111 @@
+"""``--hot-pixels`` and ``--background-us`` of ``track``, what ``info`` says of them, and the same from Python."""
+
+import json
+
+import numpy as np
+import pytest
+
+import cmfpga
+from cmfpga import cli, info, track
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events, generate, write_hdf5
+
+HOT = {(20, 30): 900, (200, 11): 400}
+
+
+@pytest.fixture(scope="module")
+def noisy(tmp_path_factory):
+    """A recording with an object that moves, noise, and two hot pixels outside of it."""
+    scene = generate(seed=2, position=(132.0, 62.0), velocity=(90.0, 20.0), duration_us=300_000, noise=0.3)
+    made, rng = scene.events, np.random.default_rng(0)
+    columns = [np.array([made.t, made.x, made.y, made.p], np.int64)]
+    for (x, y), count in HOT.items():
+        columns.append(np.array([rng.integers(0, 300_000, count), [x] * count, [y] * count, [1] * count]))
+    t, x, y, p = np.concatenate(columns, axis=1)
+    order = np.argsort(t, kind="stable")
+    path = tmp_path_factory.mktemp("noisy") / "noisy.h5"
+    write_hdf5(path, Events(t[order], x[order], y[order], p[order]), width=240, height=180)
+    return path
+
+
+def tracked(noisy, folder, capsys, *options):
+    """The summary of two batches."""
+    arguments = ["--roi", "100,31", "--batch-events", "4000", "--batches", "2", "--engine", "model", "--no-picture"]
+    assert track.main([str(noisy), *arguments, "--json", "--out", str(folder), *options]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def events_of(noisy, pixels):
+    with cmfpga.events.open_recording(noisy) as recording:
+        events = next(recording.chunks(0, 8000))
+    return sum(int(((events.x == x) & (events.y == y)).sum()) for x, y in pixels)
+
+
+def test_hot_pixels_by_hand_from_a_file_and_found(noisy, tmp_path, capsys):
+    (tmp_path / "hot.txt").write_text("# of this sensor\n20,30\n\n200,11  # the other\n")
+    wanted = events_of(noisy, HOT)
+    assert wanted > 100
+    for told in ("20,30;200,11", str(tmp_path / "hot.txt"), "auto"):
+        found = tracked(noisy, tmp_path, capsys, "--hot-pixels", told)
+        assert found["dropped"] == {"hot": wanted, "noise": 0}
+        assert found["config"]["hot_pixels"] == 1 and found["config"]["background"] == 0
+    assert "dropped" not in tracked(noisy, tmp_path, capsys)
+
+
+def test_background_activity_goes_and_the_object_stays(noisy, tmp_path, capsys):
+    """Of the sensor's uniform noise most, of the object little: its contrast stays, and v."""
+    plain = cmfpga.track(noisy, roi=(100, 31), batch_events=4000, batches=2, engine="model")
+    fields = {"hot_pixels": 1, "hot_mask": "auto", "background": 1, "background_us": 20_000}
+    clean = cmfpga.track(noisy, roi=(100, 31), batch_events=4000, batches=2, engine="model", **fields)
+    told = ["--hot-pixels", "auto", "--background-us", "20000"]
+    dropped = tracked(noisy, tmp_path, capsys, *told)["dropped"]
+    assert dropped == {name: sum(getattr(one, name) for one in clean.results) for name in ("hot", "noise")}
+    assert dropped["hot"] == events_of(noisy, HOT) and 500 < dropped["noise"] < 3000
+    np.testing.assert_allclose(clean.vx_px_per_s, plain.vx_px_per_s, atol=10)
+    assert (clean.contrast > 0.6 * plain.contrast).all() and (clean.contrast != plain.contrast).all()
+    assert [len(clean.trace(k).t) for k in (0, 1)] == [one.roi_events for one in clean.results]
+
+
+def test_the_text_says_what_was_dropped(noisy, tmp_path, capsys):
+    arguments = ["--roi", "100,31", "--batches", "1", "--engine", "model", "--no-picture", "--out", str(tmp_path)]
+    assert track.main([str(noisy), *arguments, "--hot-pixels", "20,30"]) == 0
+    assert f"\n{events_of(noisy, [])} events" not in (said := capsys.readouterr().out)
+    assert " events of hot pixels dropped, 0 of background activity\n" in said
+
+
+@pytest.mark.parametrize("options, message", [
+    (["--hot-pixels", "20,30;240,3"], "hot_mask: pixel 240,3: 0,0 to 239,179 is needed"),
+    (["--hot-pixels", "20;30"], "hot_mask: '20': X,Y of a pixel is needed, pixels separated by ';'"),
+    (["--hot-pixels", "nowhere.txt"], "--hot-pixels nowhere.txt: auto, X,Y;X,Y, or a text file is needed (No such "),
+    (["--background-us", "9000000"], "background_us = 9000000: at most 8388607 is allowed (span_bits)"),
+    (["--background-us", "-1"], "argument --background-us: '-1': a whole number of 0 or more is needed"),
+    (["--set", "background_us=5"], "background_us = 5: background = 1 is needed; background = 0 ignores it"),
+    (["--background-us", "5", "--wave", "0"], "--wave: one batch by itself does not know what background = 1 rem"),
+    (["--background-us", "5", "--engine", "axi"], "background = 1: the AXI top has no such filter"),
+])  # fmt: skip
+def test_what_is_refused(noisy, tmp_path, options, message, capsys):
+    status = cli.run(track.main, [str(noisy), "--roi", "100,31", "--batches", "1", "--out", str(tmp_path), *options])
+    assert status == 2 and capsys.readouterr().err.splitlines()[-1].startswith(f"error: {message}")
+
+
+def test_a_stream_has_no_hot_pixels_to_find():
+    class Stream:
+        name, width, height, seekable = "camera", 240, 180, False
+
+        def chunks(self, start, size):
+            yield Events.empty()
+
+    with pytest.raises(ConfigError, match=r"^camera: hot pixels: auto: its events come only once; say which"):
+        cmfpga.track(Stream(), roi=(8, 8), hot_pixels=1, hot_mask="auto")
+
+
+def test_info_proposes_them(noisy, capsys):
+    assert info.main([str(noisy), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {(pixel["x"], pixel["y"]): pixel["events"] for pixel in found["hot_pixels"]} == HOT
+    mask, background = found["noise"]
+    assert mask == {"options": "--hot-pixels auto", "share": round(1300 / found["events"], 4)}
+    assert background["options"] == "--background-us 40000" and 0.02 < background["share"] < 0.3
+    assert info.main([str(noisy), "--no-frame", "--no-proposal"]) == 0
+    said = capsys.readouterr().out
+    assert "\nnoise       --hot-pixels auto drops " in said and "--background-us" not in said

