@@ -19,8 +19,6 @@ class Bridge(wiring.Component):
 
     Parameters
     ----------
-    read_latency : int
-        Of ``bus``.
     buffer_words : int
         Words that it keeps for the shell, a power of two.
 
@@ -43,8 +41,8 @@ class Bridge(wiring.Component):
         A beat is offered to the shell, from wherever.
     """
 
-    def __init__(self, read_latency, buffer_words=link.BUFFER_WORDS):
-        self._read_latency, self._buffer_words = read_latency, buffer_words
+    def __init__(self, buffer_words=link.BUFFER_WORDS):
+        self._buffer_words = buffer_words
         self.bank = RegisterBank(link.REGISTERS)
         byte, beat = stream.Signature(8), stream.Signature(payloads.beat())
         super().__init__(
@@ -121,7 +119,7 @@ class Bridge(wiring.Component):
             counted.byte_errors.eq(self.error),
         ]
 
-        wait, writes = Signal(range(self._read_latency + 2)), Signal()
+        wait, writes = Signal(), Signal()
         with m.FSM():
             with m.State("IDLE"):
                 with m.If(reader.bad):
@@ -144,16 +142,18 @@ class Bridge(wiring.Component):
                         self.access.address.eq(Mux(command == link.READ, arguments[32:], arguments[:16])),
                         self.access.data.eq(arguments[16:]),
                         writes.eq(new & (command == link.WRITE)),
-                        wait.eq(self._read_latency + 1),
+                        wait.eq(1),
                     ]
                     with m.If(new):
                         m.d.sync += [last_number.eq(number), known.eq(command != link.HELLO)]
                     m.next = "ACCESS"
             with m.State("ACCESS"):
-                m.d.sync += [self.access.write.eq(writes), writes.eq(0), wait.eq(wait - 1)]
+                with m.If(~self.access.write | self.bus.write.ready):
+                    m.d.sync += [self.access.write.eq(writes), writes.eq(0), wait.eq(0)]
                 with m.If(reader.end | reader.bad):
                     m.d.comb += [buffer.drop.eq(1), counted.overruns.eq(1)]
-                with m.If(wait == 0):
+                with m.If(~wait & (~self.access.write | self.bus.write.ready)):
+                    m.d.comb += self.bus.read.eq(1)
                     m.d.sync += [self.reply.word.eq(self.read_data), self.pending.eq(1)]
                     m.next = "IDLE"
         with m.If(self.answered):
