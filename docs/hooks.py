@@ -1,7 +1,7 @@
 """What the site (`mkdocs.yml`) needs beside the pages of docs/.
 
 - Links from a page to a file that the site does not hold become the file's path in the repository.
-- The KV260's page, which lies in the folder of its board.
+- The boards' pages, which lie in the folders of their boards.
 - One page per package with all its public names, made from the docstrings without importing the package.
 """
 
@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "cmfpga"
 DOCS = "docs/"
 # Pages that lie outside docs/, and their names in the site.
-ELSEWHERE = {"kv260.md": "boards/kv260/README.md"}
+ELSEWHERE = {f"{name}.md": f"boards/{name}/README.md" for name in ("kv260", "ulx3s")}
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#:]+)(#[^)\s]*)?\)")
 
 

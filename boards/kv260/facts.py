@@ -244,7 +244,7 @@ def make_variables(facts):
 
 
 def python_module(facts):
-    """The :class:`cmfpga.boards.Board`, for the package, which is installed without this folder."""
+    """The :class:`cmfpga.boards.AxiBoard`, for the package, which is installed without this folder."""
     design, board, control, linux, dma = (facts[name] for name in ("design", "board", "control", "linux", "dma"))
     numbers = ", ".join(f'"{kind}": {number:_}' for kind, number in board["resources"].items())
     fields = {
@@ -272,8 +272,8 @@ def python_module(facts):
            for which in ("events", "results") for size, form in (("", '"{}"'), ("_size", "{:#x}"))},
     }  # fmt: skip
     lines = "".join(f"    {name}={value},\n" for name, value in fields.items())
-    head = f'"""Facts of the KV260 design that software needs.\n\n{NOTE}\n"""\n\nfrom .board import Board\n\n'
-    return f"{head}KV260 = Board(\n{lines})\n"
+    head = f'"""Facts of the KV260 design that software needs.\n\n{NOTE}\n"""\n\nfrom .board import AxiBoard\n\n'
+    return f"{head}KV260 = AxiBoard(\n{lines})\n"
 
 
 #: File, relative to the repository, and what makes its text.

@@ -4,14 +4,15 @@ import json
 import sys
 
 from . import __version__, cli
-from .boards import BOARDS
+from .boards import BOARDS, SerialBoard
 from .errors import UserError, write_text
 from .protocol import registers
 from .protocol.registers import documents
 from .rtl.axi.top import AxiTop
 from .rtl.top import VerilogCore
-from .verilog import levels, place, resources
-from .verilog.description import describe, describe_axi, summary
+from .rtl.uart.top import UartTop, divisor
+from .verilog import bitstream, levels, place, resources
+from .verilog.description import describe, describe_top, summary
 from .verilog.emit import TOP, emit_verilog
 
 EXAMPLES = (
@@ -20,6 +21,7 @@ EXAMPLES = (
     "python -m cmfpga.build --preset paper --resources --out build-paper",
     "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
     "python -m cmfpga.build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
+    "python -m cmfpga.build --top ulx3s --bitstream --seeds 3    # a whole bitstream by open tools",
     "python -m cmfpga.build --list-fields",
 )
 
@@ -39,15 +41,18 @@ def build(config, folder):
     return [folder / name for name in contents]
 
 
-def build_axi(config, board, folder):
+def build_top(config, board, folder, baud=None):
     """Write a board's top, such as ``cmfpga_kv260.v``, ``kv260-info.json`` and the documents of the registers.
 
-    Returns their paths.
+    ``baud`` is of a serial board's line, instead of its own. Returns their paths.
     """
-    top = AxiTop(config)
+    if isinstance(board, SerialBoard):
+        top = UartTop(config, clock_hz=board.clock_hz, baud=baud or board.baud)
+    else:
+        top = AxiTop(config)
     verilog = emit_verilog(top, board.top)
     paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
-    info = describe_axi(board, top, verilog)
+    info = describe_top(board, top, verilog)
     write_text(paths[0], verilog)
     write_text(paths[1], json.dumps(info, indent=2, ensure_ascii=False) + "\n")
     title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
@@ -78,7 +83,7 @@ def _parser():
         "--top",
         choices=("core", *BOARDS),
         default="core",
-        help=f"core: {TOP}; {tops} too, with AXI ports, and its registers' documents (default: core)",
+        help=f"core: {TOP}; {tops} too, with the board's ports, and its registers' documents (default: core)",
     )
     made.add_argument("--json", action="store_true", help="print the paths (and what is estimated) as JSON")
     made.add_argument(
@@ -92,8 +97,18 @@ def _parser():
     placed.add_argument(
         "--target", type=cli.clock, metavar="MHZ", help=f"fail below this clock (without: aim for {place.AIM_MHZ})"
     )
+    serial = made.add_argument_group("a board without a processor (--top " + ", ".join(_serial_boards()) + ")")
+    serial.add_argument(
+        "--bitstream", action="store_true", help="its whole bitstream, by Yosys, nextpnr and Trellis (minutes); "
+        "fails if timing is not met by any of --seeds",
+    )  # fmt: skip
+    serial.add_argument("--baud", type=cli.positive, metavar="N", help="of its serial line (default: the board's)")
     cli.add_config_options(made)
     return made
+
+
+def _serial_boards():
+    return [board.name for board in BOARDS.values() if isinstance(board, SerialBoard)]
 
 
 def main(arguments=None):
@@ -102,38 +117,46 @@ def main(arguments=None):
     config = cli.make_config(options)
     if options.resources or options.levels:
         resources.require_yosys()  # before anything is written
-    if options.place:
+    if (options.bitstream or options.baud) and options.top not in _serial_boards():
+        raise UserError(f"--bitstream and --baud are for a board without a processor: --top {_serial_boards()[0]}")
+    if options.place or options.bitstream:
         place.require_tools()
-    elif options.speed or options.seeds or options.target:
+    if not options.place and (options.speed or options.target or (options.seeds and not options.bitstream)):
         raise UserError("--speed, --seeds and --target say how to --place: name a device with that")
     board = BOARDS.get(options.top)
     if board:
         registers.check(config)
+    if options.baud:
+        divisor(board.clock_hz, options.baud)
     folder = cli.output_folder(options.out)
     paths = build(config, folder)
     if board:
-        paths += build_axi(config, board, folder)
+        paths += build_top(config, board, folder, options.baud)
         if not documents.has_peakrdl():
             print(
                 "note: no C header, HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr
             )
-    axi = folder / f"{board.top}.v" if board else None
+    wrapped = folder / f"{board.top}.v" if board else None
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
-    verilog, top = (axi or paths[0]).read_text(encoding="utf-8"), {"top": (axi or paths[0]).stem, "report": _report}
+    emitted = wrapped or paths[0]
+    verilog, top = emitted.read_text(encoding="utf-8"), {"top": emitted.stem, "report": _report}
+    image, seeds = emitted.with_suffix(".bit"), options.seeds or 1
     how = {"device": options.place, "speed": options.speed, "seeds": options.seeds, "aim_mhz": options.target}
     found = {}
     for name, what, measure in (
-        ("resources", resources, lambda: estimate(paths[0], axi)),
+        ("resources", resources, lambda: estimate(paths[0], wrapped)),
         ("levels", levels, lambda: levels.levels(verilog, **top)),
         ("place", place, lambda: place.place(verilog, **top, **{name: value for name, value in how.items() if value})),
+        ("bitstream", bitstream, lambda: bitstream.bitstream(verilog, board, image, seeds=seeds, report=_report)),
     ):
         if getattr(options, name):
             found[name] = measure()
-            paths.append(folder / f"{name}.json")
-            write_text(paths[-1], json.dumps(found[name], indent=2, ensure_ascii=False) + "\n")
+            made = [folder / f"{name}.json", *([image] if name == "bitstream" else [])]
+            write_text(made[0], json.dumps(found[name], indent=2, ensure_ascii=False) + "\n")
+            paths.extend(made)
             if not options.json:
-                print(f"wrote {paths[-1]}\n{what.text(found[name])}", flush=True)
+                print(*(f"wrote {path}" for path in made), what.text(found[name]), sep="\n", flush=True)
     if options.json:
         print(json.dumps({"files": [str(path) for path in paths], **found}, indent=2, ensure_ascii=False))
     if options.target and found["place"]["fmax_mhz"] < options.target:

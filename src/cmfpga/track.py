@@ -17,7 +17,7 @@ from . import cli
 from .cli.lines import Lines, Truth
 from .cli.noise import add_noise_options, noise_fields
 from .config.defaults import BATCH_EVENTS
-from .engines import AXI, ENGINES, check_roi, open_engine
+from .engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from .errors import ConfigError
 from .events import LiveSource, generate, open_source
 from .events.live import FORMATS as STREAM_FORMATS
@@ -72,9 +72,11 @@ def _parser():
     made.add_argument(
         "--engine",
         default="rtl",
-        choices=(*ENGINES, AXI),
+        type=_engine,
+        metavar="{" + ",".join((*ENGINES, AXI, f"{SERIAL}:PORT")) + "}",
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
-        "model: the same in integers (needs torch); float: the article's equations (needs torch) (default: rtl)",
+        "model: the same in integers (needs torch); float: the article's equations (needs torch); "
+        "serial:PORT: a board at a serial port, such as /dev/ttyUSB0 (default: rtl)",
     )
     add_noise_options(made)
     cli.add_recording_options(made)
@@ -127,6 +129,14 @@ def _roi_option(text):
             f"{text[:60]!r}: a name of letters, digits, '-' and '_' is needed before the '='"
         )
     return name or None, None if place == "auto" else cli.pair("X,Y")(place)
+
+
+def _engine(text):
+    """A parser of ``--engine`` for argparse."""
+    try:
+        return engine_name(text)
+    except ConfigError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def main(arguments=None):

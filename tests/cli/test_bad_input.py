@@ -149,7 +149,7 @@ OPTIONS = [
      "DOT: too few events for one batch after event 0 (600 left)"),
     *(([option, value], f"{option} {value}: at most 100 is allowed (max_batch_events)") for option, value in
       (("--batch-events", "101"), ("--batch-roi-events", "101"), ("--batch-events", HUGE))),
-    (["--engine", "fpga"], "argument --engine: invalid choice: 'fpga' (choose from "),
+    (["--engine", "fpga"], "argument --engine: engine 'fpga': one of rtl, model, float, axi, serial:PORT is needed"),
     (["--time-unit", "h"], "argument --time-unit: invalid choice: 'h' (choose from "),
     *((["--preset", name], f"preset '{name}': one of paper, fast, ") for name in ("Paper", "")),
     (["--sensor", "32"], "argument --sensor: '32': W,H, " + PAIR),

@@ -53,7 +53,7 @@ def test_the_same_bytes_again(made, command, tmp_path):
     config = Config(**info["configuration"])
     # Run-time values are registers: they change nothing.
     changed = config.replace(min_roi_events=3, start="zero", roi_gain=1.0)
-    again = next(p for p in build.build_axi(changed, KV260, tmp_path) if p.suffix == ".v")
+    again = next(p for p in build.build_top(changed, KV260, tmp_path) if p.suffix == ".v")
     assert again.read_text() == text
     registers = register_map(config)
     assert {name: entry["offset"] for name, entry in info["registers"].items()} == {

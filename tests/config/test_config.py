@@ -125,6 +125,12 @@ def test_what_a_confidence_needs():
     assert refusal(**PROBED | {"v_frac": 1}, confidence=1).startswith("confidence = 1: v_frac = 1: 2 or more is needed")
     wide = {"weight_frac": 16, "buffer_events": 1 << 13}
     assert refusal(**PROBED | wide, confidence=1).startswith("confidence = 1: ΣI needs 30 bits, at most 28 are allowed")
+    large = {"roi_width": 128, "roi_height": 128, "buffer_events": 1 << 12, "tag_bits": 12, "weight_frac": 10}
+    assert Config(**PROBED | large, derivative_frac=12).widths.g_bits == 62
+    assert refusal(**PROBED | large, derivative_frac=12, confidence=1).startswith(
+        "curvature of the contrast needs 64 bits, more than the 63"
+    )
+    assert Config(**PROBED | large, derivative_frac=11, confidence=1).widths.curvature_bits == 63
 
 
 def test_a_narrower_format_allows_less():

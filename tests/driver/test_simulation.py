@@ -134,6 +134,14 @@ def test_track_equals_the_model(accelerator, rng):
         assert int(a.row()[cycles]) > 0 and not b.row()[cycles]
 
 
+def test_chosen_lengths_fit_one_transfer(backend, rng):
+    """Random events are never trusted, and too few of them in the ROI for the survey: batches as long as can be."""
+    backend.max_words = 600
+    recording = MemoryRecording(batch(rng, 1000), CONFIG.sensor_width, CONFIG.sensor_height, "made up")
+    tracked = list(Accelerator(backend).track(recording, roi=(8, 4), batches=3))
+    assert [len(one.events) for one in tracked] == [300] * 3
+
+
 def test_settings_out_of_range_and_words_that_were_dropped(accelerator, rng):
     """Flags of the result, and only of the one that they belong to."""
     good = BatchSettings.from_config(CONFIG, (8, 4))

@@ -158,7 +158,7 @@ def test_names(engine):
 
 
 def test_unknown_engine():
-    with pytest.raises(ConfigError, match=r"^engine 'gpu': one of rtl, model, float, axi is needed$"):
+    with pytest.raises(ConfigError, match=r"^engine 'gpu': one of rtl, model, float, axi, serial:PORT is needed$"):
         make_engine("gpu", CONFIG)
     assert "axi" not in ENGINES  # the others have a trace
 

@@ -61,7 +61,7 @@ def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name,
     _, outcomes = run(config, batches, rng)
     for before, outcome in itertools.pairwise(outcomes):
         assert outcome.opened < before.done
-    busy = (4 + 2 * config.confidence) * (30 + per_iteration(config)) + config.confidence * judge_cycles(config)
+    busy = (4 + 4 * config.confidence) * (30 + per_iteration(config)) + config.confidence * judge_cycles(config)
     assert all(busy < after.done - before.done < busy + 90 for before, after in itertools.pairwise(outcomes))
     for first, third in zip(outcomes, outcomes[2:], strict=False):
         assert third.opened > first.done

@@ -6,6 +6,7 @@ import types
 import pytest
 
 from cmfpga.rtl import iteration_control
+from cmfpga.rtl.confidence import probe
 from cmfpga.rtl.image import gradient_reader, one_pass_gradient
 from cmfpga.rtl.ingest import ingest_control
 from support.core_batches import CONFIGS, random_batch, run, spread
@@ -14,6 +15,8 @@ MUTANTS = {  # module, old, new, configuration
     "a pair does not cancel": (one_pass_gradient, "Mux(valid[a] ^ valid[b], Mux(", "Mux(1, Mux(", "one pass"),
     "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, total)", "growth + total", "one pass"),
     "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
+    "warped by the last probe": (probe, "self.complete & turn.any()", "self.complete & turn[:3].any()", "fast"),
+    "sums of the last probe": (probe, "self.sums.valid & self.iterating", "self.sums.valid", "fast"),
     "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),
@@ -45,7 +48,8 @@ def test_a_broken_block_is_noticed(name, monkeypatch, rng):
             if inspect.isfunction(value) and key != "__init__":
                 monkeypatch.setattr(getattr(original, kind.__name__), key, value)
     config = CONFIGS[which]
-    follow = {"iterations": 2, "min_roi_events": 5, "eta": config.formats.eta.raw(8.0)}
+    follow = {"cold_after_doubtful": 0} if config.confidence else {}
+    follow |= {"iterations": 2, "min_roi_events": 5, "eta": config.formats.eta.raw(8.0)}
     batches = [spread(config, rng, 30, **follow)]
     batches += [spread(config, rng, count, roi=None, **follow) for count in (5, 90, 20)]
     batches += [random_batch(config, rng) for _ in range(4)]

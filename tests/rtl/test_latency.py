@@ -64,6 +64,7 @@ class Timing:
     before: list = field(default_factory=list)
     came: object = pulses
     stays: dict = field(default_factory=dict)  # the inputs between two items
+    row: int = 1  # the item is there for so many cycles
     late: int = 0  # the entry is so many cycles after the item: the last of what the item begins
 
 
@@ -118,7 +119,7 @@ BLOCKS = {
     # The last of its cycles is the velocity's.
     "probe": Timing(Probe(FAST), 3, item=lambda k: {"begin": 1}, late=-1),
     "judge": Timing(
-        Judge(FAST), 107, out="done", item=lambda k: {"i.valid": 1, "probing": 2}, every=108
+        Judge(FAST), 102, out="done", item=lambda k: {"i.valid": 1}, every=106, row=4, late=3
     ),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
@@ -137,7 +138,7 @@ def test_latency(name, rng):
 
     for k in range(20):
         entries.append(len(script) + timing.late)
-        script += [(timing.item or offered)(k), *[timing.stays] * (timing.every - 1)]
+        script += [(timing.item or offered)(k)] * timing.row + [timing.stays] * (timing.every - timing.row)
     script += [{}] * (timing.latency + timing.late + 5)
     watch = play(block, script, flows=(), watch=(timing.out,)).watch[timing.out]
     assert timing.came(watch) == [entry + timing.latency for entry in entries]

@@ -6,8 +6,9 @@ import numpy as np
 
 from cmfpga.config.schedule import used_events
 from cmfpga.engines.amaranth_sim import nested
+from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.results import COUNTS, SUMS, not_judged
+from cmfpga.protocol.results import COUNTS, not_judged
 from cmfpga.protocol.settings import BatchSettings, settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import payloads
@@ -201,8 +202,8 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
 
 
 def _named(value):
-    """Sums by their names."""
-    return dict(zip(SUMS, value, strict=True)) if isinstance(value, tuple) else value
+    """The curvature by the names of its parts."""
+    return dict(zip(Curvature._fields, value, strict=True)) if isinstance(value, tuple) else value
 
 
 def cycles_of(config, result, plan):
@@ -210,7 +211,7 @@ def cycles_of(config, result, plan):
     events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
     iterated = sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
     if result.confidence_limit:
-        iterated += 2 * (result.roi_events + per_iteration(config)) + judge_cycles(config)
+        iterated += 4 * (result.roi_events + per_iteration(config)) + judge_cycles(config)
     return events + iterated + constant_cycles(config)
 
 
@@ -226,10 +227,10 @@ def per_iteration(config):
 
 
 def judge_cycles(config):
-    """Cycles of a batch whose v is probed, beside those of two iterations: a bit of each step takes one."""
+    """Cycles of a batch whose v is probed, beside those of four iterations: a bit of each step takes one."""
     more = config.weight_frac - config.derivative_frac
-    factors = max((8 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
-    return 5 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
+    factors = max((4 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
+    return 4 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
 
 
 def constant_cycles(config):

@@ -37,8 +37,9 @@ def recording(count=20_000, step=10):
 class Moving:
     """An engine that sees a motion of ``speed(t_µs)`` px/s along x, and is in doubt where that is None."""
 
-    def __init__(self, speed, config=CONFIG):
+    def __init__(self, speed, config=CONFIG, confidence=40):
         self.config, self.speed, self.roi, self.asked = config, speed, (0, 0), []
+        self.curvature = 0.75 * config.geometry.pixels * confidence
 
     def run(self, events, settings):
         self.roi = settings.roi or self.roi
@@ -47,13 +48,7 @@ class Moving:
         self.asked.append((first, len(events), settings))
         doubt = Flag.DEGENERATE if not span else Flag(0) if speed else Flag.DOUBTFUL
         counts = dict.fromkeys(("outside", "overflow", "thinned", "time_back", "time_span", "restarted"), 0)
-        # For v to the right: a confidence of 40.
-        sharp = {
-            "sums": (0,) * 5,
-            "sum_squares": len(events),
-            "probe_x": (0, 0, 0, 15, 0),
-            "probe_y": (0, 0, 0, 0, -15),
-        }
+        sharp = {"sums": (0,) * 5, "sum_squares": len(events), "curvature": (self.curvature, self.curvature, 0)}
         return BatchResult(
             **counts, **sharp, events=len(events), roi_events=len(events), span=span, roi=self.roi, roi_next=self.roi,
             v=((speed or 0) * span / 2e6, 0.0), iterations=15, flags=doubt, trace=None, confidence_limit=90,
@@ -61,8 +56,8 @@ class Moving:
         )  # fmt: skip
 
 
-def followed(speed, count=20_000, roi=(4, 5), first=None, **size):
-    engine = Moving(speed)
+def followed(speed, count=20_000, roi=(4, 5), first=None, confidence=40, **size):
+    engine = Moving(speed, confidence=confidence)
     cutter = batch_cutter(recording(count), CONFIG, first=first, **size)
     batches = [*track(engine, cutter, roi=roi)]
     trials = len(engine.asked) - len(batches)
@@ -104,6 +99,27 @@ def test_the_length_follows_the_motion():
     assert lengths[:3] == [4000, 4000, 4000] and 1300 <= lengths[-1] <= 1400
     starts = [settings.start_last for _, _, settings in asked]
     assert starts == [False] + [one == other for one, other in itertools.pairwise(lengths)]
+
+
+@pytest.mark.parametrize(
+    "confidence, differ, agree",
+    [(40, 0.2, True), (59.9, 0.3, False), (60.1, 0.3, True), (60.1, 0.5, True), (1000, 0.6, False)],
+)
+def test_how_far_two_windows_may_differ(confidence, differ, agree):
+    """By a quarter of the faster; by 55 % where both have twice the confidence that is trusted."""
+    power = -np.log(1 - differ) / np.log(3)  # the second window's middle is three times as late
+    _, trials, _, _ = followed(lambda t: 200 * (t / 20_000) ** power, confidence=confidence)
+    assert (trials[-1][1] < 6000) == agree
+
+
+def test_without_a_trusted_batch_none_becomes_long():
+    """At most 16 times the survey's first window, or the last trusted batch; then from the first window on again."""
+    batches, _, _, _ = followed(lambda t: None)
+    lengths = [len(batch.events) for batch in batches]
+    assert lengths[:7] == [2400, 2400, 2400, 150, 150, 150, 300] and max(lengths) == 2400
+    batches, _, _, _ = followed(lambda t: 200 if t < 5000 else None, first=200, count=40_000)
+    lengths = [len(batch.events) for batch in batches]
+    assert lengths[:2] == [200, 400] and max(lengths) == 16 * lengths[1] and 200 in lengths[2:]
 
 
 def test_a_lost_object():

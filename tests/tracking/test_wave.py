@@ -11,6 +11,7 @@ from vcd.reader import TokenKind, tokenize
 import cmfpga
 from cmfpga import track
 from cmfpga.events import Events, write_hdf5
+from cmfpga.protocol.confidence import curvature
 from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.wave import WaveCore
@@ -118,12 +119,12 @@ def test_what_goes_between_the_blocks_is_the_trace(waves, dot, config, batch):
         np.testing.assert_allclose(gradients[k], now.g, rtol=1e-15)
         np.testing.assert_array_equal(used[k], now.v)
         assert (votes[k, ..., 0] * votes[k, ..., 1]).sum() == now.sum_i
-    probes = [result.probe_x, result.probe_y] if tracking.config.confidence else []
-    assert len(sums) == len(warped) == len(votes) == iterations + len(probes) and len(gradients) >= iterations
-    votes_frac, derivative_frac = tracking.config.weight_frac, tracking.config.derivative_frac
-    fractions = np.array([votes_frac, *[derivative_frac] * 2, *[votes_frac + derivative_frac] * 2])
-    for k, probe in enumerate(probes):
-        np.testing.assert_allclose(sums[iterations + k], probe * 2.0**-fractions, rtol=1e-15)
+    probes = 4 if tracking.config.confidence else 0
+    assert len(sums) == len(warped) == len(votes) == iterations + probes and len(gradients) >= iterations
+    if probes:
+        fraction = tracking.config.weight_frac + tracking.config.derivative_frac
+        probed = vcd.sent("judge.i", "x", "y") * 2**fraction
+        np.testing.assert_array_equal(curvature(*probed), result.curvature)
     np.testing.assert_array_equal(speed[-1], result.v)
 
 

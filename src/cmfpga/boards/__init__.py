@@ -1,12 +1,13 @@
 """Boards: the facts of each that tools and driver need."""
 
-from .board import Board
+from .board import AxiBoard, Board, SerialBoard
 from .kv260 import KV260
+from .ulx3s import ULX3S
 
-__all__ = ["BOARDS", "DEFAULT", "Board"]
+__all__ = ["BOARDS", "DEFAULT", "ULX3S", "AxiBoard", "Board", "SerialBoard"]
 
 #: By name.
-BOARDS = {board.name: board for board in (KV260,)}
+BOARDS = {board.name: board for board in (KV260, ULX3S)}
 
 #: The board where none is named. Tables compare with its device.
 DEFAULT = KV260

@@ -5,10 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Board:
-    """A board, the design for it, and the names and sizes that its software finds.
-
-    Sizes are in bytes, addresses those of the processor.
-    """
+    """A board, and the design for it."""
 
     #: What ``build --top`` takes; the board's files are in ``boards/<name>``.
     name: str
@@ -19,10 +16,34 @@ class Board:
     device: str
     package: str
     speed: str
-    #: What the device has, by the names of :data:`cmfpga.verilog.resources.KINDS`.
+    #: What the device has, by the names of :data:`cmfpga.verilog.resources.KINDS`, or of ``place.RESOURCES``.
     resources: dict[str, int]
     #: Of the design, in Hz: what the board makes of the frequency that is asked.
     clock_hz: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialBoard(Board):
+    """A board without a processor: the serial top, and open tools for its Lattice ECP5."""
+
+    #: Of its oscillator, in Hz, which the PLL makes :attr:`Board.clock_hz` of; and what the PLL runs at inside.
+    oscillator_hz: int
+    vco_hz: int
+    #: Of the serial line, unless another is asked for.
+    baud: int
+    #: The fastest clock of a sensor that the design is made for, in Hz.
+    sensor_clock_hz: int
+    #: ``{signal: pins of the GPIO header}`` of the sensor's port.
+    sensor_pins: dict[str, str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class AxiBoard(Board):
+    """A board with a processor beside the logic: the AXI top, and the names and sizes that its software finds.
+
+    Sizes are in bytes, addresses those of the processor.
+    """
+
     #: The clock's name below ``/sys/kernel/debug/clk``.
     linux_clock: str
     #: Name for ``xmutil loadapp``.

@@ -3,9 +3,9 @@
 Generated from boards/kv260/board.toml by boards/kv260/facts.py; do not edit.
 """
 
-from .board import Board
+from .board import AxiBoard
 
-KV260 = Board(
+KV260 = AxiBoard(
     name="kv260",
     title="KV260",
     top="cmfpga_kv260",

@@ -100,19 +100,19 @@ class Widths(Derived):
 
     @property
     def curvature_bits(self):
-        """Width that holds each member of :class:`cmfpga.protocol.confidence.Curvature` (two's complement).
+        """Width that holds each member of :class:`cmfpga.protocol.confidence.Curvature`, and the contrast (signed).
 
         Those along an axis are differences of two G, ``cross`` the sum of two such; 0 ≤ P·Σ I² − (ΣI)², by the
-        inequality of Cauchy and Schwarz.
+        inequality of Cauchy and Schwarz, is shifted with them.
         """
         most = max(4 * self.g_max, self._c.geometry.pixels * self.squares_max)
         return max(self.kept_bits + 1, signed_bits_for(most))
 
     @property
     def judge_scales(self):
-        """Factors of the two sides of that comparison: 8 (see docs/confidence.md), and what fractions differ by."""
+        """Factors of the two sides of that comparison: 4 (see docs/confidence.md), and what fractions differ by."""
         more = self._c.weight_frac - self._c.derivative_frac
-        return 8 << max(0, more), 1 << max(0, -more)
+        return 4 << max(0, more), 1 << max(0, -more)
 
     @property
     def judge_bits(self):
@@ -162,6 +162,6 @@ class Widths(Derived):
             + self._c.v_frac
             + self._c.v_int
             + 2,
-            **({"Σ I²": self.squares_bits} if self._c.confidence else {}),
+            **({"curvature of the contrast": self.curvature_bits} if self._c.confidence else {}),
             "ROI position": self._c.formats.roi_x.width + self._c.formats.roi_gain.width + 2,
         }

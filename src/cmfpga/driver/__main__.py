@@ -5,13 +5,15 @@ import json
 import sys
 
 from .. import cli
+from ..errors import UserError
 from . import Accelerator
 
-BACKENDS = ("simulation", "uio")
+BACKENDS = ("simulation", "uio", "serial")
 
 EXAMPLES = (
     "python -m cmfpga.driver --preset fast                  # on the simulated Verilog",
     "python -m cmfpga.driver --preset fast --backend uio    # on a board, as root",
+    "python -m cmfpga.driver --backend serial --port /dev/ttyUSB0    # on a board at a serial port",
 )
 
 
@@ -22,8 +24,11 @@ def main(arguments=None):
         "--backend",
         default="simulation",
         choices=BACKENDS,
-        help="simulation: the emitted Verilog; uio: plain Linux on a board (default: simulation)",
+        help="simulation: the emitted Verilog; uio: plain Linux on a board; serial: a board at --port "
+        "(default: simulation)",
     )
+    made.add_argument("--port", metavar="PORT", help="with serial: such as /dev/ttyUSB0")
+    made.add_argument("--baud", type=cli.positive, metavar="N", help="with serial: as it was built (default: 3000000)")
     made.add_argument("--timeout", type=float, default=10.0, metavar="S", help="s that anything may take (default: 10)")
     made.add_argument("--no-interrupt", action="store_true", help="look at registers instead of waiting for interrupts")
     made.add_argument("--json", action="store_true", help="print what was found as JSON")
@@ -31,7 +36,9 @@ def main(arguments=None):
     options = made.parse_args(arguments)
     config = cli.make_config(options)
     interrupt = False if options.no_interrupt else None
-    with contextlib.closing(_backend(options.backend, config)) as backend:
+    if (options.backend == "serial") != bool(options.port) or (options.baud and not options.port):
+        raise UserError("--backend serial needs --port, and --port and --baud need --backend serial")
+    with contextlib.closing(_backend(options, config)) as backend:
         accelerator = Accelerator(backend, config, timeout=options.timeout, interrupt=interrupt)
         found = accelerator.self_test()
         accelerator.close()
@@ -42,8 +49,12 @@ def main(arguments=None):
     return 0
 
 
-def _backend(name, config):
-    if name == "uio":
+def _backend(options, config):
+    if options.backend == "serial":
+        from .uart import SerialLine, UartBackend
+
+        return UartBackend(SerialLine(options.port, **({"baud": options.baud} if options.baud else {})))
+    if options.backend == "uio":
         from .uio import UioBackend
 
         return UioBackend()

@@ -30,8 +30,9 @@ class Accelerator:
     config : Config, optional
         Of the hardware; its run-time fields are the settings of the batches. By default what the back end simulates,
         or whichever preset the hardware says it is.
-    form : str
-        Words that :meth:`run` encodes events into: a key of :data:`cmfpga.protocol.registers.FORMATS`.
+    form : str, optional
+        Words that :meth:`run` encodes events into: a key of :data:`cmfpga.protocol.registers.FORMATS`; by default what
+        suits the back end.
     timeout : float
         Seconds that anything may take, where a method is not told another time.
     interrupt : bool, optional
@@ -51,7 +52,8 @@ class Accelerator:
         It does not answer, or does not become quiet.
     """
 
-    def __init__(self, backend, config=None, *, form="PACKED", timeout=10.0, interrupt=None):
+    def __init__(self, backend, config=None, *, form=None, timeout=10.0, interrupt=None):
+        form = form or backend.form
         if form not in FORMATS:
             raise ValueError(f"format {form!r}: one of {', '.join(FORMATS)} is needed")
         if interrupt and not backend.has_interrupt:

@@ -125,7 +125,7 @@ class DmaBackend(Backend):
         ``read32(offset)`` and ``write32(offset, value)`` of the accelerator, and of the DMA.
     events, results : Buffer
         For words to, and packets from, the accelerator.
-    board : Board
+    board : AxiBoard
     """
 
     #: Seconds that the DMA may take for its reset.

@@ -14,6 +14,8 @@ class Backend(ABC):
         For messages.
     has_interrupt : bool
         Whether :meth:`wait_interrupt` can be used; otherwise the driver polls.
+    form : str
+        Words that events are best encoded into, a key of :data:`cmfpga.protocol.registers.FORMATS`.
     max_words : int
         Most 64-bit words of one :meth:`send`.
     config : Config or None
@@ -23,6 +25,7 @@ class Backend(ABC):
     name = ""
     config = None
     has_interrupt = True
+    form = "PACKED"
     max_words = 1 << 62
 
     @abstractmethod

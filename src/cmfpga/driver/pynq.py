@@ -15,7 +15,7 @@ import select
 import numpy as np
 from pynq import DefaultIP, UnsupportedConfiguration, allocate
 
-from ..boards import BOARDS, DEFAULT
+from ..boards import BOARDS, DEFAULT, AxiBoard
 from ..errors import WrongHardware
 from .accelerator import Accelerator
 from .axi_dma import DmaBackend
@@ -44,7 +44,9 @@ class CmfpgaIP(DefaultIP):
     which, and gives the IP its default class.
     """
 
-    bindto = [name for board in BOARDS.values() for name in (board.vlnv, board.module_vlnv)]  # noqa: RUF012 - what PYNQ's metaclass reads
+    bindto = [  # noqa: RUF012 - what PYNQ's metaclass reads
+        name for board in BOARDS.values() if isinstance(board, AxiBoard) for name in (board.vlnv, board.module_vlnv)
+    ]
 
     def __init__(self, description):
         super().__init__(description=description)

@@ -168,7 +168,7 @@ class UioBackend(DmaBackend):
 
     Parameters
     ----------
-    board : Board
+    board : AxiBoard
         It has the names of the UIO devices, the buffers and the clock.
     root : path
         ``/``; another folder for tests.

@@ -11,27 +11,39 @@ ENGINES = ("rtl", "model", "float")
 #: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
 AXI = "axi"
 
+#: A board at a serial port, named behind a colon: ``serial:/dev/ttyUSB0``.
+SERIAL = "serial"
+
 #: ``module:function`` that makes an engine of a configuration. It is loaded when it is asked for: only some need torch,
 #: and the accelerator's lies above this package.
 _MAKERS = {
     "rtl": "cmfpga.engines:_make_rtl_engine",
     AXI: "cmfpga.driver.simulation:simulated_engine",
+    SERIAL: "cmfpga.driver.uart:serial_engine",
     "model": "cmfpga.engines.model:ModelEngine",
     "float": "cmfpga.engines.floating:FloatEngine",
 }
 
-__all__ = ["AXI", "ENGINES", "Engine", "check_roi", "make_engine", "open_engine"]
+__all__ = ["AXI", "ENGINES", "SERIAL", "Engine", "check_roi", "engine_name", "make_engine", "open_engine"]
+
+
+def engine_name(text):
+    """``text``, if it names an engine; :exc:`ConfigError` otherwise."""
+    kind, colon, port = text.partition(":")
+    if kind not in _MAKERS or bool(port) != (kind == SERIAL) or (colon and not port):
+        raise ConfigError(f"engine {text!r}: one of {', '.join((*ENGINES, AXI))}, {SERIAL}:PORT is needed")
+    return text
 
 
 def make_engine(name, config):
-    """The engine ``rtl``, ``axi``, ``model`` or ``float`` for ``config``.
+    """The engine ``rtl``, ``axi``, ``model``, ``float``, or ``serial:PORT`` for ``config``.
 
     ``rtl`` compiles the emitted Verilog, or, where there is no C++ compiler, uses Amaranth's simulator (its
-    ``note`` says so). ``axi`` needs the compiler; its results have no trace. Only the other two import torch.
+    ``note`` says so). ``axi`` needs the compiler; its results have no trace, and neither have those of a board at a
+    serial port. Only ``model`` and ``float`` import torch.
     """
-    if name not in [*_MAKERS]:
-        raise ConfigError(f"engine {name!r}: one of {', '.join((*ENGINES, AXI))} is needed")
-    return pkgutil.resolve_name(_MAKERS[name])(config)
+    kind, _, port = engine_name(name).partition(":")
+    return pkgutil.resolve_name(_MAKERS[kind])(config, *([port] if port else []))
 
 
 def _make_rtl_engine(config):

@@ -1,8 +1,8 @@
 """How sure a batch's v is: from raw sums to a confidence, a covariance, and the hardware's verdict.
 
-After the last iteration, which evaluated the image at v_p, it is evaluated twice more: :data:`PROBE` px beside v_p,
-along x and along y, towards v = 0. The sharper the contrast's peak, the more the gradient changes. What all numbers
-mean, and what they do not see: docs/confidence.md.
+After the last iteration the image is evaluated four times more: :data:`PROBE` px on either side of v, along x and along
+y. The sharper the contrast's peak, the more the gradient falls from one side to the other. What all numbers mean, and
+what they do not see: docs/confidence.md.
 
 Imports neither Amaranth nor NumPy.
 """
@@ -10,9 +10,10 @@ Imports neither Amaranth nor NumPy.
 from math import hypot
 from typing import NamedTuple
 
+from ..fixed import saturate
 from .flags import Flag
 
-#: Distance of the probes from the velocity of the last iteration, px per half batch.
+#: Distance of the probes from v, px per half batch.
 PROBE = 0.75
 
 #: Standard deviation of v that no peak is too sharp for, px per half batch: what the formats and the grid leave.
@@ -23,51 +24,37 @@ LIMIT_SCALE = 3
 
 
 class Curvature(NamedTuple):
-    """How fast the gradient falls within a probe's distance, raw.
+    """How much the gradient G falls from a probe to the one on the other side, raw.
 
-    ``xx``, ``yy`` and ``cross``/2 are minus the Hessian of the contrast along x, along y, and mixed; ``contrast`` is
-    the contrast itself: P·Σ I² − (ΣI)².
+    ``xx``, ``yy`` and ``cross``/2 are minus the Hessian of the contrast along x, along y, and mixed.
     """
 
     xx: int
     yy: int
     cross: int
-    contrast: int
 
 
-def probe_velocities(v, found, distance):
-    """The two velocities that are probed: beside ``v``, that of the last iteration, towards zero from ``found``."""
-    x, y = (-distance if axis > 0 else distance for axis in found)
-    return (v[0] + x, v[1]), (v[0], v[1] + y)
+def probe_velocities(v, distance, low, high):
+    """The velocities that are probed, in order: below and above ``v`` along x, then along y; ``low`` to ``high``."""
+    x, y = ([saturate(axis + side * distance, low, high) for side in (-1, 1)] for axis in v)
+    return *((one, v[1]) for one in x), *((v[0], one) for one in y)
 
 
-def curvature(pixels, found, sums, sum_squares, probe_x, probe_y):
-    """:class:`Curvature` of a batch.
-
-    Parameters
-    ----------
-    pixels : int
-        P, of the ROI.
-    found : pair of numbers
-        The batch's v; only the signs count.
-    sums, probe_x, probe_y : tuple of five numbers
-        ΣI, ΣDx, ΣDy, Σ I·Dx, Σ I·Dy of the last iteration and of the probes.
-    sum_squares : number
-        Σ I² of the last iteration.
-    """
-    (gx, gy), at_x, at_y = (
-        (pixels * s[3] - s[0] * s[1], pixels * s[4] - s[0] * s[2]) for s in (sums, probe_x, probe_y)
-    )
-    sign_x, sign_y = (-1 if axis > 0 else 1 for axis in found)
+def curvature(below_x, above_x, below_y, above_y):
+    """:class:`Curvature` of the gradients (G_x, G_y) at the four probes."""
     return Curvature(
-        xx=sign_x * (gx - at_x[0]),
-        yy=sign_y * (gy - at_y[1]),
-        cross=sign_x * (gy - at_x[1]) + sign_y * (gx - at_y[0]),
-        contrast=pixels * sum_squares - sums[0] ** 2,
+        xx=below_x[0] - above_x[0],
+        yy=below_y[1] - above_y[1],
+        cross=below_x[1] - above_x[1] + below_y[0] - above_y[0],
     )
 
 
-def is_trusted(config, n, limit, shape):
+def contrast(pixels, sums, sum_squares):
+    """P² times the contrast of an image, raw: P·Σ I² − (ΣI)², of its ``sums`` (ΣI first) and Σ I²."""
+    return pixels * sum_squares - sums[0] ** 2
+
+
+def is_trusted(config, n, limit, shape, contrast):
     """The hardware's verdict: whether the confidence is at least ``limit`` / :data:`LIMIT_SCALE`.
 
     Of the curvature the ``config.widths.kept_bits`` highest bits are compared; more would change one verdict in
@@ -81,9 +68,12 @@ def is_trusted(config, n, limit, shape):
     limit : int
         Setting ``confidence_limit``, raw.
     shape : Curvature
+    contrast : int
+        As :func:`contrast` gives it.
     """
-    drop = max(0, *((value if value >= 0 else ~value).bit_length() + 1 - config.widths.kept_bits for value in shape))
-    xx, yy, cross, contrast = (value >> drop for value in shape)
+    values = *shape, contrast
+    drop = max(0, *((value if value >= 0 else ~value).bit_length() + 1 - config.widths.kept_bits for value in values))
+    xx, yy, cross, contrast = (value >> drop for value in values)
     by_n, by_limit = (scale * factor for scale, factor in zip(config.widths.judge_scales, (n, limit), strict=True))
     a, c, b = by_n * xx - by_limit * contrast, by_n * yy - by_limit * contrast, by_n * cross
     return a > 0 and 4 * a * c > b * b  # then c > 0, too
@@ -101,15 +91,14 @@ def is_sure(outcome):
 
 def _information(config, outcome):
     """Fisher information of v, per px²: (xx, yy, xy)."""
-    shape = curvature(
-        config.geometry.pixels, outcome.v, outcome.sums, outcome.sum_squares, outcome.probe_x, outcome.probe_y
-    )
-    if shape.contrast <= 0:  # all pixels alike: no contrast at all
+    whole = contrast(config.geometry.pixels, outcome.sums, outcome.sum_squares)
+    if whole <= 0:  # all pixels alike: no contrast at all
         return 0.0, 0.0, 0.0
     # The float engine's sums are real numbers.
     raw = 1 if isinstance(outcome.sum_squares, float) else 2.0 ** (config.weight_frac - config.derivative_frac)
-    factor = 2 * outcome.roi_events * raw / (PROBE * shape.contrast)
-    return factor * shape.xx, factor * shape.yy, factor * shape.cross / 2
+    factor = outcome.roi_events * raw / (PROBE * whole)
+    xx, yy, cross = outcome.curvature
+    return factor * xx, factor * yy, factor * cross / 2
 
 
 def confidence(config, outcome):

@@ -20,7 +20,6 @@ CYCLE_BITS = 32
 
 #: Parts of a result's sums.
 SUMS = ("i", "dx", "dy", "sx", "sy")
-_SUM_NAMES = ("ΣI", "ΣDx", "ΣDy", "Σ I·Dx", "Σ I·Dy")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +85,12 @@ def sums_shape(config):
 def squares_shape(config):
     """Σ I² over the ROI."""
     return Q(config.widths.squares_bits - 2 * config.weight_frac, 2 * config.weight_frac, signed=False)
+
+
+def curvature_shape(config):
+    """How far the gradient falls between the probes: along x, along y, and crosswise."""
+    fraction = config.weight_frac + config.derivative_frac
+    return dict.fromkeys(("xx", "yy", "cross"), Q(config.widths.curvature_bits - 1 - fraction, fraction))
 
 
 def trace_shape(config):
@@ -159,12 +164,11 @@ RESULTS = (
                 places=(Place(word=29),)),
     ResultField(name="sum_squares", shape=squares_shape, **_JUDGED, read=int, doc="Σ I² of the last iteration",
                 places=_long(30, "RESULT_SQUARES", "", "Σ I² of the last iteration, raw")),
-    *(ResultField(name=f"probe_{axis}", shape=sums_shape, **_JUDGED, nothing=(0,) * len(SUMS), read=lambda *raw: raw,
-                  doc=f"sums of the probe along {axis}; 0 if there was none",
-                  places=tuple(place for k, part in enumerate(SUMS) for place in
-                               _long(word + 2 * k, f"RESULT_PROBE_{axis}_{part}".upper(), f"_{part}",
-                                     f"of the probe along {axis}: {_SUM_NAMES[k]}")))
-      for axis, word in (("x", 32), ("y", 42))),
+    ResultField(name="curvature", shape=curvature_shape, **_JUDGED, nothing=(0,) * 3, read=lambda *raw: raw,
+                doc="how far the gradient falls between the probes; 0 if there were none",
+                places=(*_long(32, "RESULT_CURVATURE_XX", "_xx", "fall of G_x along x, raw; 0 if nothing was probed"),
+                        *_long(34, "RESULT_CURVATURE_YY", "_yy", "fall of G_y along y"),
+                        *_long(36, "RESULT_CURVATURE_CROSS", "_cross", "falls of G_y along x and of G_x along y"))),
     ResultField(name="restarted", shape=lambda c: whole(1), **_JUDGED, read=int, unit="batches",
                 doc="1: began cold, because the batch before was doubtful",
                 places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),

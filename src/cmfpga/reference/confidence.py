@@ -1,10 +1,10 @@
-"""The probes beside the last iteration's v in float64: what :mod:`cmfpga.rtl.confidence` is measured against."""
+"""The probes beside the batch's v in float64: what :mod:`cmfpga.rtl.confidence` is measured against."""
 
-from ..protocol.confidence import LIMIT_SCALE, PROBE, confidence, probe_velocities
+from ..protocol.confidence import LIMIT_SCALE, PROBE, confidence, curvature, probe_velocities
 from .floating import evaluate
 
 
-def probe(x, y, dt, v, found, settings, *, level=0, **size):
+def probe(x, y, dt, v, found, settings, *, limits, level=0, **size):
     """Fields of the result that tell how sure ``found`` is, by their names in :mod:`cmfpga.protocol.results`.
 
     Parameters
@@ -14,16 +14,19 @@ def probe(x, y, dt, v, found, settings, *, level=0, **size):
     v, found : pair of float
         Velocity of the last iteration, and the batch's, px per half batch.
     settings : BatchSettings
+    limits : (float, float)
+        Smallest and largest v.
     level : int
         Of the last iteration: pixels are 2^level px wide.
     """
-    velocities = (v, *(probe_velocities(v, found, PROBE) if settings.judge else ()))
-    last, *probes = (evaluate(x, y, dt, one, level=level, **size) for one in velocities)
-    sums = [tuple(map(float, (at.sum_i, at.sum_dx, at.sum_dy, at.s_x, at.s_y))) for at in probes] or [(0.0,) * 5] * 2
+    last, *probes = (
+        evaluate(x, y, dt, one, level=level, **size)
+        for one in (v, *(probe_velocities(found, PROBE, *limits) if settings.judge else ()))
+    )
+    shape = curvature(*((float(at.g_x), float(at.g_y)) for at in probes)) if probes else (0.0,) * 3
     return {
         "sum_squares": float(last.image.square().sum()),
-        "probe_x": sums[0],
-        "probe_y": sums[1],
+        "curvature": tuple(shape),
         "confidence_limit": settings.confidence_limit if settings.judge else 0,
     }
 

@@ -50,7 +50,8 @@ class FloatCore(Sequence):
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
         if not config.confidence:
             return trace, Flag(0), {}
-        judged = probe(*events, *done.v[-2:].tolist(), settings, level=plan[-1].level, **size)
+        limits = config.formats.v.real(config.formats.v.min), config.formats.v.real(config.formats.v.max)
+        judged = probe(*events, *done.v[-2:].tolist(), settings, limits=limits, level=plan[-1].level, **size)
         kept = {"sums": trace.last_sums, "roi_events": batch.counts["roi_events"], "flags": Flag(0)}
         doubtful = is_doubtful(config, SimpleNamespace(**judged, **kept, v=trace.v[-1].tolist()))
         return trace, Flag.DOUBTFUL if doubtful else Flag(0), judged

@@ -239,7 +239,7 @@ class Core(CycleFormula, wiring.Component):
             image.clear.eq(self.ingest_control.clear),
             self.ingest_control.cleared.eq(self._cleared(m)),
             control.complete.eq(image.complete),
-            image.next.eq(control.run.updated | control.probed if self.config.confidence else control.run.updated),
+            image.next.eq(control.run.updated | self._probed(m) if self.config.confidence else control.run.updated),
         ]
         if by_signs(self.config):
             stride = self.ascent.stride
@@ -277,30 +277,32 @@ class Core(CycleFormula, wiring.Component):
         ]
 
     def _confide(self, m):
-        """Behind the last iteration: replay twice more beside v, and judge by the gradients."""
+        """Behind the last iteration: replay four times more beside v, and judge by the gradients."""
         control, probe, judge = self.iteration_control, self.probe, self.judge
         connect(m, probe.o, self.ascent.probe)
-        connect(m, self.gradient.o, judge.i)
-        probed = self.gradient.o.valid & (control.probing != 0)
         m.d.comb += [
             *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
-            *(block.iterating.eq(control.iterating) for block in (probe, judge)),
-            *(block.probing.eq(control.probing) for block in (probe, judge)),
             *(block.begin.eq(control.begin) for block in (probe, judge)),
+            probe.iterating.eq(control.iterating),
             probe.complete.eq(control.complete),
             probe.v.eq(self.ascent.v),
             probe.sums.valid.eq(self.image.sums.valid),
             probe.sums.payload.eq(self.image.sums.payload),
             probe.squares.eq(self.image.squares),
-            judge.away.eq(probe.away),
+            judge.i.valid.eq(self.gradient.o.valid & control.probing),
+            judge.i.payload.eq(self.gradient.o.payload),
             judge.sum_i.eq(probe.last.i),
             judge.squares.eq(probe.last_squares),
             judge.events.eq(self.ingest_control.handover.batch.roi_events),
             judge.limit.eq(control.run.settings.confidence_limit),
-            control.probed.eq(delay(m, probed, self.ascent.latency, name="probed", valid=True)),
+            control.more.eq(probe.more),
             control.judged.eq(judge.done),
             control.run.doubtful.eq(judge.doubtful),
         ]
+
+    def _probed(self, m):
+        """A pulse: a probe is over, as ``updated`` says of an iteration."""
+        return delay(m, self.judge.i.valid, self.ascent.latency, name="probed", valid=True)
 
     def _result(self, m):
         """Nothing of this changes while a result waits."""
@@ -333,8 +335,7 @@ class Core(CycleFormula, wiring.Component):
             found |= {
                 "sums": self.probe.last,
                 "sum_squares": self.probe.last_squares,
-                "probe_x": self.probe.x,
-                "probe_y": self.probe.y,
+                "curvature": self.judge.curvature,
                 "confidence_limit": Mux(judged, control.run.settings.confidence_limit, 0),
                 "restarted": self.ascent.restarted,
             }

@@ -43,7 +43,7 @@ class CycleFormula:
 
     @property
     def judge_latency(self):
-        """Cycles that a batch takes more if v's confidence is measured, beside those of two iterations."""
+        """Cycles that a batch takes more if v's confidence is measured, beside those of four iterations."""
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def cycles(self, *, events, roi_events, iterations, judge=None):
@@ -51,14 +51,14 @@ class CycleFormula:
 
         n_k events of the batch's n are used in iteration k. ``iterations`` says how many there are, each of which
         uses all n; or it is the plan, a ``ScheduleEntry`` for each. If v's confidence is measured (setting ``judge``,
-        by default the configuration's), there are two more, which use all n, and :attr:`judge_latency`. From the cycle
+        by default the configuration's), there are four more, which use all n, and :attr:`judge_latency`. From the cycle
         in which the first event is offered to the one in which the result is; events offered in every cycle, no other
         batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
         """
         judged = self.config.confidence and (self.config.judge if judge is None else judge)
         every = ScheduleEntry(0, None)
         plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
-        plan, more = ((*plan, every, every), self.judge_latency) if judged else (plan, 0)
+        plan, more = ((*plan, *[every] * 4), self.judge_latency) if judged else (plan, 0)
         iterated = sum(used_events(plan, roi_events)) + len(plan) * (self.sweep_cycles + self.iteration_latency)
         return max(events, self.shortest_batch) + iterated + self.batch_latency + more
 
@@ -71,4 +71,4 @@ class CycleFormula:
         each = f"({each})" if self.sweep_cycles else each
         if self.judge is None:
             return f"N + Σ n_k + T·{each} + {self.batch_latency}"
-        return f"N + Σ n_k + 2·n + (T + 2)·{each} + {self.batch_latency + self.judge_latency}"
+        return f"N + Σ n_k + 4·n + (T + 4)·{each} + {self.batch_latency + self.judge_latency}"

@@ -20,9 +20,9 @@ class IterationControl(wiring.Component):
     ITERATE
         Replay the buffer T times. Each replay is started while the iteration before is still being
         evaluated, so that its first event meets the new v in the cycle in which v appears.
-    PROBE_X, PROBE_Y, DECIDE
-        Where v's confidence is measured, and wanted: replay the buffer twice more, as in iterations, and wait for the
-        judge. The first replay is so much later that its velocity is there.
+    PROBE
+        Where v's confidence is measured, and wanted: replay the buffer four times more, as in iterations, and wait for
+        the judge. The first replay is so much later that its velocity is there.
     MOVE
         With one event buffer: wait for the ROI's update.
     RESULT
@@ -68,13 +68,12 @@ class IterationControl(wiring.Component):
         Updates of v count.
     begin : ``Out(1)``
         v is known, and is to be probed. One cycle.
-    probing : ``Out(2)``
-        A probe is under way: along x, along y.
+    probing : ``Out(1)``
+        v is being probed.
     whole : ``Out(1)``
         With ``replay``: that of a probe, which uses all events, whatever the schedule says.
-    probed, judged : ``In(1)``
-        A probe is over, as ``run.updated`` says of an iteration; it is known whether v is in doubt. These five only
-        where v's confidence is measured.
+    more, judged : ``In(1)``
+        Another probe follows; it is known whether v is in doubt. These five only where v's confidence is measured.
     iterations, cycles : ``Out``
         Iterations done, clock cycles since the first event was offered.
     taken : ``In(1)``
@@ -90,7 +89,7 @@ class IterationControl(wiring.Component):
         self.config = config
         self._replay_delay, self._move, self._settle = replay_delay, move, settle
         self._probe_delay = probe_delay
-        probes = {"begin": Out(1), "probing": Out(2), "whole": Out(1), **dict.fromkeys(("probed", "judged"), In(1))}
+        probes = dict.fromkeys(("begin", "probing", "whole"), Out(1)) | dict.fromkeys(("more", "judged"), In(1))
         super().__init__(
             {
                 "handover": In(handover(config)),
@@ -123,14 +122,14 @@ class IterationControl(wiring.Component):
         judged = delay(m, run.take, self.hand_over - 1, name="take", valid=True)
         another = self.complete & self.iterating & ~final
         if config.confidence:
-            another |= self.complete & self.probing[0]
+            another |= self.complete & self.more
         next_replay = delay(m, another, self._replay_delay, name="next_replay", valid=True)
         after_last = "MOVE" if config.buffers == 1 else "RESULT"
         if config.confidence:
             first = self.complete & self.iterating & final & run.settings.judge
             first = delay(m, first, self._replay_delay + self._probe_delay, name="first_probe", valid=True)
             next_replay |= first
-            m.d.comb += self.whole.eq(first | (self.probing != 0))
+            m.d.comb += self.whole.eq(first | self.probing)
             m.d.comb += run.final.eq(final)
         m.d.sync += self.cycles.eq(Mux(self.handover.free, self.handover.cycles, self.cycles) + 1)
         with m.FSM(name="iterate"):
@@ -163,9 +162,12 @@ class IterationControl(wiring.Component):
                         if config.confidence:
                             with m.If(run.settings.judge):
                                 m.d.comb += self.begin.eq(1)
-                                m.next = "PROBE_X"
+                                m.next = "PROBE"
             if config.confidence:
-                self._probe(m, next_replay, after_last)
+                with m.State("PROBE"):
+                    m.d.comb += [self.probing.eq(1), self.replay.eq(next_replay)]
+                    with m.If(self.judged):
+                        m.next = after_last
             if config.buffers == 1:
                 with m.State("MOVE"):
                     m.d.sync += timer.eq(timer - 1)
@@ -181,17 +183,6 @@ class IterationControl(wiring.Component):
         else:
             m.d.comb += self.handover.settled.eq(1)
         return m
-
-    def _probe(self, m, replay, after_last):
-        """States of the two probes and of what is made of them."""
-        for bit, (state, following) in enumerate((("PROBE_X", "PROBE_Y"), ("PROBE_Y", "DECIDE"))):
-            with m.State(state):
-                m.d.comb += [self.probing[bit].eq(1), self.replay.eq(replay)]
-                with m.If(self.probed):
-                    m.next = following
-        with m.State("DECIDE"):
-            with m.If(self.judged):
-                m.next = after_last
 
     def _move_later(self, m):
         """Move the ROI by a batch's v when that is known and the next batch has been opened, at no new ROI."""

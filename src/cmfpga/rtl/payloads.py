@@ -7,7 +7,7 @@ from amaranth.lib import data, stream
 
 from ..config.schedule import STRIDES
 from ..fixed import Q, bits_for
-from ..protocol.results import fields_of, squares_shape, sums_shape, trace_shape
+from ..protocol.results import curvature_shape, fields_of, squares_shape, sums_shape, trace_shape
 from ..protocol.settings import settings_of
 
 #: Width of a stride's logarithm.
@@ -169,6 +169,11 @@ def sums(config):
 def squares(config):
     """Σ I² over the ROI."""
     return shaped(squares_shape(config))
+
+
+def curvature(config):
+    """How far the gradient falls between the probes."""
+    return shaped(curvature_shape(config))
 
 
 def of_parameters(config, shape, prefix=""):

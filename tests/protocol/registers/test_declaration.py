@@ -98,8 +98,8 @@ def test_results_are_read_back(registers, rng):
     assert values["wire"] == at["RESULT_FLAGS"] >> 16 & 1
     if "confidence_limit" in values:
         assert values["sum_squares"] == at["RESULT_SQUARES_HIGH"] << 32 | at["RESULT_SQUARES_LOW"]
-        probed = at["RESULT_PROBE_Y_SX_HIGH"] << 32 | at["RESULT_PROBE_Y_SX_LOW"]
-        assert values["probe_y_sx"] == signed(probed, 64)
+        fallen = at["RESULT_CURVATURE_CROSS_HIGH"] << 32 | at["RESULT_CURVATURE_CROSS_LOW"]
+        assert values["curvature_cross"] == signed(fallen, 64)
     with pytest.raises(ValueError, match=f"27 words of a result: {len(names)}"):
         result_values(registers, row[:27].tolist())
 

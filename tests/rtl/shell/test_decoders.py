@@ -5,16 +5,14 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.events.arrays import Events
+from cmfpga.protocol.registers import FORMATS
 from cmfpga.protocol.words import encode
 from cmfpga.reference.wire import Beat, Token, decode, sensor_gate, to_beats
-from cmfpga.rtl.shell.evt20_decoder import Evt20Decoder
-from cmfpga.rtl.shell.evt21_decoder import Evt21Decoder
-from cmfpga.rtl.shell.packed_decoder import PackedDecoder
+from cmfpga.rtl.shell.decoder import Decoder
 from cmfpga.rtl.shell.sensor_gate import SensorGate
 from support.axi_streams import FLOWS, pass_through
 
 CONFIG = Config()
-BLOCKS = {"EVT21": Evt21Decoder, "EVT20": Evt20Decoder, "PACKED": PackedDecoder}
 PULSES = {"format_error": "format_errors", "other": "other_words", "back": "time_high_back"}
 
 
@@ -31,8 +29,10 @@ def as_token(value):
 
 def check(form, beats, flow, rng, config=CONFIG):
     expected, counts = decode(config, beats, form)
-    block = BLOCKS[form](config)
-    passage = pass_through(block, [payload(beat) for beat in beats], flow, rng, expect=len(expected), pulses=PULSES)
+    passage = pass_through(
+        Decoder(config), [payload(beat) for beat in beats], flow, rng, expect=len(expected), pulses=PULSES,
+        inputs={"format": FORMATS[form]},
+    )  # fmt: skip
     assert [as_token(value) for value in passage.values] == expected
     assert {counter: passage.count(pulse) for pulse, counter in PULSES.items()} == counts
     return passage, expected, counts
@@ -63,7 +63,7 @@ def any_beats(rng, count):
 
 
 @pytest.mark.parametrize("flow", FLOWS)
-@pytest.mark.parametrize("form", BLOCKS)
+@pytest.mark.parametrize("form", FORMATS)
 def test_events(form, flow, rng):
     events = some_events(rng, 150)
     beats = to_beats(encode(events, form))
@@ -77,7 +77,7 @@ def test_events(form, flow, rng):
 
 
 @pytest.mark.parametrize("flow", FLOWS)
-@pytest.mark.parametrize("form", BLOCKS)
+@pytest.mark.parametrize("form", FORMATS)
 def test_anything_on_the_wire(form, flow, rng):
     """Unknown types, events before the first time word, partial TKEEP, TLAST in odd places: counted, never stuck."""
     _, tokens, counts = check(form, any_beats(rng, 200), flow, rng)
@@ -121,7 +121,7 @@ def test_evt21_gives_one_event_per_cycle(rng):
     cycles = [cycle for cycle, _ in passage.out]
     assert len(tokens) == 32 * 33 // 2 + 20
     assert cycles == list(range(cycles[0], cycles[0] + len(tokens)))
-    assert cycles[0] - passage.taken[1] == Evt21Decoder.latency
+    assert cycles[0] - passage.taken[1] == Decoder.latency
 
 
 def test_evt20_gives_one_word_per_cycle(rng):
@@ -134,7 +134,8 @@ def test_evt20_gives_one_word_per_cycle(rng):
 
 def test_packed_gives_one_event_per_cycle(rng):
     passage, _, _ = check("PACKED", to_beats(range(50), last=False), "free", rng)
-    assert [cycle for cycle, _ in passage.out] == passage.taken == list(range(50))
+    assert passage.taken == list(range(50))
+    assert [cycle - Decoder.latency for cycle, _ in passage.out] == passage.taken
 
 
 # ---------------------------------------------------------------- the gate

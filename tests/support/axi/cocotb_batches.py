@@ -86,11 +86,9 @@ async def cycles_of_the_wrapper(dut):
         # The core's own formula holds: no event had to wait.
         runs = {name: found[name] for name in ("events", "roi_events", "iterations")}
         assert found["cycles"] == shell.core.cycles(**runs), form
-        # From the first event's word at the port to the core; a decoder with a register takes one cycle more, and
-        # each word before the first event one.
-        lead = {"PACKED": 0, "EVT21": 1, "EVT20": 1}[form]
+        # From the first event's word at the port to the core; each word before the first event takes a cycle.
         first = board.taken[0] + {"PACKED": 0, "EVT21": 1, "EVT20": 1}[form]
-        offered = first + shell.event_latency + lead
+        offered = first + shell.event_latency
         assert board.sent[-1][0] == offered + found["cycles"] + shell.result_latency, form
 
 

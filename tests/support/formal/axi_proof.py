@@ -55,7 +55,7 @@ class AxiHarness(Elaboratable):
 
     #: Number of its cover statements.
     COVERS = 5
-    platform = None  # there are no memories
+    platform = None  # memories are as they are
 
     def __init__(self, top=None):
         self.top = top or AxiTop(CONFIG)

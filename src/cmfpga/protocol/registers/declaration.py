@@ -20,7 +20,7 @@ ADDRESS_BITS = 16
 ID = 0x434D4158  # "CMAX"
 
 #: Changes when a register moves or changes its meaning.
-MAP_VERSION = 2
+MAP_VERSION = 3
 
 #: Values of ``INPUT.FORMAT``.
 FORMATS = {"EVT21": 0, "EVT20": 1, "PACKED": 2}

@@ -1,6 +1,6 @@
 """Model of :mod:`cmfpga.rtl.confidence`: the probes behind the last iteration, and the verdict."""
 
-from ...protocol.confidence import curvature, is_trusted, probe_velocities
+from ...protocol.confidence import contrast, curvature, is_trusted, probe_velocities
 from ...protocol.flags import Flag
 from ...protocol.results import not_judged
 
@@ -20,8 +20,9 @@ def confidence(config, evaluate, last, settings, n):
     found = not_judged(config) | {"sum_squares": int((last.images.i**2).sum())}
     if not settings.judge:
         return found, Flag(0)
-    velocities = probe_velocities(last.v, last.v_next, 3 << (config.v_frac - 2))
-    at_x, at_y = (evaluate(v).sums for v in velocities)
-    found |= {"probe_x": at_x, "probe_y": at_y, "confidence_limit": settings.confidence_limit}
-    shape = curvature(config.geometry.pixels, last.v_next, last.sums, found["sum_squares"], at_x, at_y)
-    return found, Flag(0) if is_trusted(config, n, settings.confidence_limit, shape) else Flag.DOUBTFUL
+    fmt, limit = config.formats.v, settings.confidence_limit
+    velocities = probe_velocities(last.v_next, 3 << (config.v_frac - 2), fmt.min, fmt.max)
+    shape = curvature(*(evaluate(v).g for v in velocities))
+    trusted = is_trusted(config, n, limit, shape, contrast(config.geometry.pixels, last.sums, found["sum_squares"]))
+    found |= {"curvature": tuple(shape), "confidence_limit": limit}
+    return found, Flag(0) if trusted else Flag.DOUBTFUL

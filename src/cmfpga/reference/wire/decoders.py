@@ -1,4 +1,4 @@
-"""Models of :mod:`cmfpga.rtl.shell.evt21_decoder`, ``evt20_decoder``, ``packed_decoder`` and ``sensor_gate``."""
+"""Models of :mod:`cmfpga.rtl.shell.decoder` and ``sensor_gate``."""
 
 from collections import Counter
 from typing import NamedTuple

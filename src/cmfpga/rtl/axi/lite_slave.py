@@ -1,6 +1,6 @@
 """AXI4-Lite slave: one write and one read at a time, both answered with OKAY."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -24,16 +24,14 @@ class LiteSlave(wiring.Component):
     """Turns AXI4-Lite transfers into writes and reads of registers.
 
     Address and data of a write may come in any order. A write takes effect in the cycle after both have come, its
-    answer follows a cycle later; a read's data comes :attr:`read_latency` cycles after its address, and one more. The
-    address's lowest two bits are ignored; beyond the map writes do nothing and reads return 0. One write per three
-    cycles. All outputs are low in a reset and in the cycle after it.
+    answer follows a cycle later, both later where the bus is not ready; a read's data come two cycles after its
+    address. The address's lowest two bits are ignored; beyond the map writes do nothing and reads return 0. One write
+    per three cycles. All outputs are low in a reset and in the cycle after it.
 
     Parameters
     ----------
     size : int
         Bytes of the map, a power of two.
-    read_latency : int
-        Cycles from ``bus.read_address`` to ``bus.read_data``.
 
     Members
     -------
@@ -42,9 +40,8 @@ class LiteSlave(wiring.Component):
     bus : ``Out``, :func:`cmfpga.rtl.shell.payloads.register_bus`
     """
 
-    def __init__(self, size, *, read_latency):
+    def __init__(self, size):
         self._size = size
-        self._read_latency = read_latency
         super().__init__(
             {
                 **{name: In(stream.Signature(CHANNELS[name])) for name in ("aw", "w", "ar")},
@@ -65,8 +62,8 @@ class LiteSlave(wiring.Component):
         address = target.addr
         have_address, have_data, both = Signal(), Signal(), Signal()
         m.d.comb += [
-            both.eq(have_address & have_data),
-            self.bus.write.valid.eq(both & ((address & (self._size - 1)) == address)),
+            both.eq(have_address & have_data & self.bus.write.ready),
+            self.bus.write.valid.eq(have_address & have_data & ((address & (self._size - 1)) == address)),
             self.bus.write.payload.address.eq(address[2:]),
             self.bus.write.payload.data.eq(written.data),
             self.bus.write.payload.strobe.eq(written.strb),
@@ -86,21 +83,15 @@ class LiteSlave(wiring.Component):
     def _reads(self, m):
         address = self.ar.payload.addr
         beyond = Signal()
-        stage = Signal(self._read_latency + 1)  # one-hot: how long ago the address was taken
-        busy = Signal()
-        m.d.comb += busy.eq(stage.any() | (self.r.valid & ~self.r.ready))
+        m.d.sync += [self.bus.read.eq(0), self.ar.ready.eq(~self.bus.read & (~self.r.valid | self.r.ready))]
         with m.If(self.ar.valid & self.ar.ready):
             m.d.sync += [
                 self.bus.read_address.eq(address[2:]),
                 beyond.eq((address & (self._size - 1)) != address),
+                self.bus.read.eq(1),
                 self.ar.ready.eq(0),
-                stage.eq(1),
             ]
-        with m.Else():
-            m.d.sync += [self.ar.ready.eq(~busy), stage.eq(stage << 1)]
-        with m.If(stage[-1]):
-            m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(self.bus.read_data)]
-            with m.If(beyond):
-                m.d.sync += self.r.payload.data.eq(0)
+        with m.If(self.bus.read):
+            m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(Mux(beyond, 0, self.bus.read_data))]
         with m.Elif(self.r.ready):
             m.d.sync += self.r.valid.eq(0)

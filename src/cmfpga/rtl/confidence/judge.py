@@ -12,15 +12,15 @@ from ..arithmetic import delay, select
 class Judge(wiring.Component):
     """The comparison of :func:`cmfpga.protocol.confidence.is_trusted`, by shifting and adding: no multiplier.
 
-    With G of the last iteration and of the two probes, it
+    It
 
     1. squares ΣI while the probes are summed, for A = P·Σ I² − (ΣI)²;
-    2. subtracts, along x and then along y: the curvatures xx, yy, cross;
+    2. adds the gradients below v and subtracts those above it, as they come: the curvatures xx, yy, cross;
     3. shifts all four left until one fills its register, and keeps the highest bits;
-    4. makes a = 8·n·xx − R·A, c = 8·n·yy − R·A and b = 8·n·cross, one after the other, a bit of 8·n and R a cycle;
+    4. makes a = 4·n·xx − R·A, c = 4·n·yy − R·A and b = 4·n·cross, one after the other, a bit of 4·n and R a cycle;
     5. makes 4·a·c − b², a bit of a and b a cycle.
 
-    ``done`` is high :attr:`latency` cycles after the gradient of the second probe, and ``doubtful`` right from then on.
+    ``done`` is high :attr:`latency` cycles after the gradient of the last probe, and ``doubtful`` right from then on.
 
     Parameters
     ----------
@@ -30,15 +30,18 @@ class Judge(wiring.Component):
     -------
     new_batch : ``In(1)``
         Forget.
-    iterating, probing, begin, away : ``In``
-        As those of :class:`~.probe.Probe`.
+    begin : ``In(1)``
+        As that of :class:`~.probe.Probe`.
     i : ``In``, flow of :func:`payloads.gradient`
+        Of the four probes, in their order.
     sum_i : ``In``
         ΣI of the last iteration.
     squares : ``In``, :func:`payloads.squares`
         Of the last iteration.
     events, limit : ``In``
         n, and the setting ``confidence_limit``: R.
+    curvature : ``Out``, :func:`payloads.curvature`
+        Right from ``done`` on; 0 if nothing was probed since ``new_batch``.
     done, doubtful : ``Out(1)``
     """
 
@@ -48,16 +51,16 @@ class Judge(wiring.Component):
         by_n, by_limit = widths.judge_scales
         self._drop = widths.curvature_bits - widths.kept_bits  # steps of 3
         self._factor_bits = max(bits_for(by_n * config.buffer_events), widths.limit_bits + by_limit.bit_length() - 1)
-        self.latency = 4 + self._drop + 3 * self._factor_bits + widths.judge_bits
+        self.latency = 3 + self._drop + 3 * self._factor_bits + widths.judge_bits
         super().__init__(
             {
-                **dict.fromkeys(("new_batch", "iterating", "begin"), In(1)),
-                **dict.fromkeys(("probing", "away"), In(2)),
+                **dict.fromkeys(("new_batch", "begin"), In(1)),
                 "i": In(payloads.flow(payloads.gradient(config))),
                 "sum_i": In(payloads.sums(config)["i"].shape),
                 "squares": In(payloads.squares(config)),
                 "events": In(bits_for(config.buffer_events)),
                 "limit": In(widths.limit_bits),
+                "curvature": Out(payloads.curvature(config)),
                 "done": Out(1),
                 "doubtful": Out(1),
             }
@@ -70,7 +73,7 @@ class Judge(wiring.Component):
             name: Signal(signed(widths.curvature_bits), name=name, reset_less=True)
             for name in ("xx", "yy", "cross", "contrast")
         }
-        subtracted = self._curvature(m, wide)
+        subtracted = self._subtract(m)
         square = self._square(m)
         timer = Signal(range(max(self._drop, self._factor_bits, widths.judge_bits) + 1))
         m.d.sync += timer.eq(timer - 1)
@@ -101,6 +104,7 @@ class Judge(wiring.Component):
         with m.FSM(name="judge"):
             with m.State("COLLECT"):
                 with m.If(subtracted):
+                    m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
                     m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - square)
                     m.d.sync += timer.eq(self._drop - 1)
                     m.next = "SHIFT"
@@ -140,29 +144,21 @@ class Judge(wiring.Component):
             m.d.sync += self.doubtful.eq(0)
         return m
 
-    def _curvature(self, m, wide):
-        """Subtract gradients as they come; returns a pulse: all but ``contrast`` is there a cycle later."""
-        g, last = self.i.payload, Signal.like(self.i.payload, reset_less=True)
-        with m.If(self.i.valid & self.iterating):
-            m.d.sync += last.eq(g)
-        # G of the last iteration less that of the probe; the other way round where the probe has a smaller v. Along x
-        # when it comes, along y a cycle later: it stays.
-        came = [self.i.valid & self.probing[k] for k in range(2)]
-        fell = [[delay(m, one, cycles, name=f"fell_{k}_{cycles}", valid=True) for cycles in (1, 2)]
-                for k, one in enumerate(came)]  # fmt: skip
-        y, turn = fell[0][0] | fell[1][0], (self.away & self.probing).any()
-        bits = self.config.widths.g_bits
-        before, now = (Mux(y, value.y, value.x) ^ turn.replicate(bits).as_signed() for value in (last, g))
-        fall = delay(m, before - now, 1, name="fall")
-        with m.If(fell[0][0]):
-            m.d.sync += wide["xx"].eq(fall)
-        with m.If(fell[1][1]):
-            m.d.sync += wide["yy"].eq(fall)
-        with m.If(fell[0][1]):
-            m.d.sync += wide["cross"].eq(fall)
-        with m.Elif(fell[1][0]):
-            m.d.sync += wide["cross"].eq(wide["cross"] + fall)
-        return fell[1][1]
+    def _subtract(self, m):
+        """Add and subtract gradients as they come; returns a pulse: the curvature is there."""
+        came = Signal(2)  # bit 0: from above v; bit 1: along y
+        g, last = self.i.payload, self.i.valid & came.all()
+        with m.If(self.new_batch):
+            m.d.sync += [self.curvature.eq(0), came.eq(0)]
+        with m.Elif(self.i.valid):
+            m.d.sync += came.eq(came + 1)
+            own, other = (
+                Mux(came[1], *pair) ^ came[0].replicate(len(g.x)).as_signed() for pair in ((g.y, g.x), (g.x, g.y))
+            )
+            for name, grows, addend in (("xx", ~came[1], own), ("yy", came[1], own), ("cross", 1, other)):
+                with m.If(grows):
+                    m.d.sync += self.curvature[name].eq(self.curvature[name] + addend + came[0])
+        return delay(m, last, 1, name="last", valid=True)
 
     def _square(self, m):
         """(ΣI)²: as many cycles as ΣI has bits, which the probes take anyway."""

@@ -1,20 +1,18 @@
-"""Probe: two velocities beside the last iteration's, and the sums that the image has at each."""
+"""Probe: the velocities on either side of v, one after the other, and what the last iteration found."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from .. import payloads
-from ..arithmetic import delay
+from ..arithmetic import delay, saturate
 
 
 class Probe(wiring.Component):
-    """Has events warped ¾ px beside the velocity of the last iteration, first along x, then along y, towards v = 0.
+    """Has events warped ¾ px below and above v along x, then along y; v itself stays.
 
-    v itself stays. A probe never leaves v's format: v and the velocity before it differ by less than half the range.
-
-    The first probe's velocity is there :attr:`latency` cycles after ``begin``, the second's in the cycle after
-    ``complete``.
+    The first probe's velocity is there :attr:`latency` cycles after ``begin``, and each other as many after
+    ``complete``, v itself after the last.
 
     Parameters
     ----------
@@ -26,8 +24,6 @@ class Probe(wiring.Component):
         Forget the sums.
     iterating : ``In(1)``
         An iteration is under way.
-    probing : ``In(2)``
-        The probe along x is, or that along y.
     begin : ``In(1)``
         v is the batch's result, and is to be probed. One cycle.
     complete : ``In(1)``
@@ -38,10 +34,10 @@ class Probe(wiring.Component):
         With ``sums``.
     o : ``Out``, flow of :func:`payloads.velocity`
         By what to warp from now on.
-    away : ``Out(2)``
-        Whether the probes along x and y have a smaller v than the iteration.
-    last, x, y : ``Out``, :func:`payloads.sums`
-        Of the last iteration and of the probes; those of the last iteration are there a cycle after they came.
+    more : ``Out(1)``
+        Another probe follows the one that is under way.
+    last : ``Out``, :func:`payloads.sums`
+        Of the last iteration.
     last_squares : ``Out``, :func:`payloads.squares`
     """
 
@@ -52,43 +48,30 @@ class Probe(wiring.Component):
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "iterating", "begin", "complete"), In(1)),
-                "probing": In(2),
                 "v": In(payloads.velocity(config)),
                 "sums": In(payloads.flow(payloads.sums(config))),
                 "squares": In(payloads.squares(config)),
                 "o": Out(payloads.flow(payloads.velocity(config))),
-                "away": Out(2),
-                **dict.fromkeys(("last", "x", "y"), Out(payloads.sums(config))),
+                "more": Out(1),
+                "last": Out(payloads.sums(config)),
                 "last_squares": Out(payloads.squares(config)),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        self._velocities(m)
-        for evaluated, sums in ((self.iterating, self.last), (self.probing[0], self.x), (self.probing[1], self.y)):
-            with m.If(self.new_batch):
-                m.d.sync += sums.eq(0)
-            with m.Elif(self.sums.valid & evaluated):
-                m.d.sync += sums.eq(self.sums.payload)
+        fmt, distance = self.config.formats.v, 3 << (self.config.v_frac - 2)
+        turn = Signal(4)  # below and above v along x, along y; none of them: v
+        changes = self.begin | (self.complete & turn.any())
+        with m.If(changes):
+            m.d.sync += turn.eq(turn << 1 | self.begin)
+        m.d.comb += [self.more.eq(turn[:3].any()), self.o.valid.eq(delay(m, changes, 2, name="changes", valid=True))]
+        for k, axis in enumerate(("x", "y")):
+            below, above = turn[2 * k], turn[2 * k + 1]
+            probed = self.v[axis] + Mux(below, -distance, Mux(above, distance, 0))
+            m.d.sync += self.o.payload[axis].eq(saturate(probed, fmt.min, fmt.max))
         with m.If(self.new_batch):
-            m.d.sync += self.last_squares.eq(0)
+            m.d.sync += [self.last.eq(0), self.last_squares.eq(0)]
         with m.Elif(self.sums.valid & self.iterating):
-            m.d.sync += self.last_squares.eq(self.squares)
-        return m
-
-    def _velocities(self, m):
-        distance = 3 << (self.config.v_frac - 2)
-        first = delay(m, self.begin, self.latency - 1, name="begin", valid=True)
-        m.d.comb += self.o.valid.eq(first | (self.complete & (self.probing != 0)))
-        for k, name in enumerate(("x", "y")):
-            v = self.v[name]
-            before = Signal.like(v, name=f"before_{name}", reset_less=True)
-            probe = Signal.like(v, name=f"probe_{name}", reset_less=True)
-            with m.If(self.sums.valid & self.iterating):
-                m.d.sync += before.eq(v)
-            m.d.sync += [self.away[k].eq(v > 0), probe.eq(before + Mux(self.away[k], -distance, distance))]
-            # Along x until that evaluation is complete, along y until the next is; then v again.
-            mine, others = (first, self.probing[0]) if name == "x" else (self.probing[0] & ~first, first)
-            m.d.comb += self.o.payload[name].eq(Mux(mine, probe, Mux(others, before, v)))
+            m.d.sync += [self.last.eq(self.sums.payload), self.last_squares.eq(self.squares)]
         return m

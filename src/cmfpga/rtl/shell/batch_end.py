@@ -62,7 +62,7 @@ class BatchEnd(wiring.Component):
         held = Signal(payloads.sensor_token(config))
         commanded = Signal()  # the held event was made the last one
         count = Signal(bits_for(config.max_batch_events))  # events of the batch that have left
-        t_begin, t_end = Signal(config.time_bits), Signal(config.time_bits)
+        t_first, later = Signal(config.time_bits), Signal(config.time_bits)
         by_time, by_number, followed, leaves = Signal(), Signal(), Signal(), Signal()
         arrives, ends = Signal(), Signal()
 
@@ -72,13 +72,10 @@ class BatchEnd(wiring.Component):
             number.eq(count + 1),
             by_number.eq((number == current.batch_events) | (number == config.max_batch_events)),
             followed.eq(self.i.valid & self.i.payload.event),
+            later.eq(self.i.payload.t - t_first),
+            # −duration … duration − 1 is still the batch's: the complement of a negative number is one less.
             by_time.eq(
-                (current.duration != 0)
-                & followed
-                & (
-                    (self.i.payload.t - t_begin)[config.time_bits - 1]
-                    | ~(self.i.payload.t - t_end)[config.time_bits - 1]
-                )
+                (current.duration != 0) & followed & ((later ^ later[-1].replicate(len(later))) >= current.duration)
             ),
         ]
         m.d.comb += [
@@ -136,8 +133,7 @@ class BatchEnd(wiring.Component):
                 self.taking_in.eq(1),
                 count.eq(0),
                 current.eq(self.settings),
-                t_begin.eq(held.t - self.settings.duration),
-                t_end.eq(held.t + self.settings.duration),
+                t_first.eq(held.t),
             ]
         with m.Elif(self.taken):
             m.d.sync += self.taking_in.eq(0)

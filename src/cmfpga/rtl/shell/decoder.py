@@ -1,25 +1,45 @@
-"""What the decoders of all word formats have in common."""
+"""Decoder: words of all formats in, events out."""
 
-from amaranth.lib import stream, wiring
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from ...protocol.word_format import EVENT_TYPES, OTHER_TYPES, TIME_HIGH
+from ...protocol.registers.declaration import FORMATS
+from ...protocol.word_format import COLUMN_BITS, EVENT_TYPES, HIGH_BITS, LOW_BITS, OTHER_TYPES, TIME_HIGH
 from . import payloads
+from .time_high import TimeHigh
+
+#: Fields of an EVT 2.0 word, and of the upper half of an EVT 2.1 word; those of a packed word
+#: (:mod:`cmfpga.protocol.words`).
+EVT = data.StructLayout({"y": COLUMN_BITS, "x": COLUMN_BITS, "low": LOW_BITS, "type": 4})
+PACKED = data.StructLayout({"x": 16, "y": 15, "p": 1, "t": 32})
 
 
 class Decoder(wiring.Component):
-    """Words in, events out.
+    """Holds one 64-bit word, and steps through it:
+
+    - EVT 2.1: a vector of up to 32 events, from its lowest column on, one event a cycle;
+    - EVT 2.0: two words of 32 bits, the lower one first, one a cycle. A half whose four TKEEP bits are zero is passed
+      over, an upper one at no cycle;
+    - packed: one event.
+
+    A word without events takes one cycle. Words with a TKEEP of zero are passed over. Latency :attr:`latency` cycle.
 
     Members
     -------
     i : ``In``, stream of :func:`payloads.beat`
     o : ``Out``, stream of :func:`payloads.token`
+    format, swap : ``In``
+        One of :data:`~cmfpga.protocol.registers.declaration.FORMATS`; exchange the 32-bit halves. May change only while
+        ``empty``.
     format_error, other, back : ``Out(1)``
-        One cycle each: a word was dropped, or is of no use here, or is a time word that steps back. A format without
-        types of words has only the first.
+        One cycle each: a word was dropped, or is of no use here, or is a time word that steps back. Packed words have
+        only the first.
     time_known, empty : ``Out(1)``
         A time word came, or none is needed; no word is held.
     """
+
+    latency = 1
 
     def __init__(self, config):
         self.config = config
@@ -27,18 +47,74 @@ class Decoder(wiring.Component):
             {
                 "i": In(stream.Signature(payloads.beat())),
                 "o": Out(stream.Signature(payloads.token(config))),
+                "format": In(2),
+                "swap": In(1),
                 **dict.fromkeys(("format_error", "other", "back", "time_known", "empty"), Out(1)),
             }
         )
 
-    def _by_type(self, m, kind, event, load, use):
-        """What a whole EVT 2.x word of some ``kind`` does: the assignment ``event``, ``load`` or a count by ``use``."""
-        with m.Switch(kind):
-            with m.Case(*EVENT_TYPES):
-                m.d.comb += event
-            with m.Case(TIME_HIGH):
-                m.d.comb += load.eq(use)
-            with m.Case(*OTHER_TYPES):
-                m.d.comb += self.other.eq(use)
-            with m.Default():
-                m.d.comb += self.format_error.eq(use)
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.time_high = time_high = TimeHigh(self.config)
+        vectors, halves = self.format == FORMATS["EVT21"], self.format == FORMATS["EVT20"]
+        packed = ~(vectors | halves)
+        low, high = Signal(32), Signal(32)  # the held word; of a vector, the events that are still to come
+        keep = Signal(data.ArrayLayout(data.StructLayout({"any": 1, "all": 1}), 2))
+        last, held, upper = Signal(), Signal(), Signal()
+
+        word = data.View(EVT, Mux(vectors | upper, high, low))
+        event_type, event, whole, some, final, use = (Signal() for _ in range(6))
+        remaining, index = Signal(32), Signal(5)
+        m.d.comb += [
+            remaining.eq(low & (low - 1)),
+            event_type.eq(packed | word.type.matches(*EVENT_TYPES)),
+            whole.eq(Mux(halves, keep[upper].all, keep[0].all & keep[1].all)),
+            some.eq(Mux(halves, keep[upper].any, keep[0].any | keep[1].any)),
+            final.eq((halves & (upper | ~keep[1].any)) | (vectors & ~(whole & event_type & (remaining != 0))) | packed),
+            event.eq(whole & event_type & ~(vectors & (low == 0))),
+            self.o.valid.eq(held & (event | self.o.payload.end)),
+            use.eq(held & (~self.o.valid | self.o.ready)),
+            self.i.ready.eq(~held | (use & final)),
+            self.empty.eq(~held),
+        ]
+        for k in reversed(range(32)):
+            with m.If(low[k]):
+                m.d.comb += index.eq(k)
+        with m.If(use):
+            m.d.sync += [upper.eq(~final), held.eq(~final)]
+            with m.If(vectors):
+                m.d.sync += low.eq(remaining)
+        with m.If(self.i.valid & self.i.ready):
+            m.d.sync += [held.eq(1), last.eq(self.i.payload.last)]
+            for k, part in enumerate((low, high)):
+                m.d.sync += part.eq(self.i.payload.data.word_select(self.swap ^ k, 32))
+                found = self.i.payload.keep.word_select(self.swap ^ k, 4)
+                m.d.sync += [keep[k].any.eq(found.any()), keep[k].all.eq(found.all())]
+
+        # What it says.
+        token, other = self.o.payload, data.View(PACKED, Cat(low, high))
+        m.d.comb += [
+            time_high.high.eq(word.as_value()[:HIGH_BITS]),
+            time_high.low.eq(word.low),
+            token.t.eq(Mux(packed, other.t, time_high.t)),
+            token.x.eq(Mux(packed, other.x, word.x + Mux(vectors, index, 0))),
+            token.y.eq(Mux(packed, other.y, word.y)),
+            token.known.eq(time_high.known | packed),
+            token.event.eq(event),
+            token.end.eq(last & final),
+            self.time_known.eq(token.known),
+            self.back.eq(time_high.back),
+        ]
+        with m.If(whole & ~packed):
+            with m.Switch(word.type):
+                with m.Case(*EVENT_TYPES):
+                    pass
+                with m.Case(TIME_HIGH):
+                    m.d.comb += time_high.load.eq(use)
+                with m.Case(*OTHER_TYPES):
+                    m.d.comb += self.other.eq(use)
+                with m.Default():
+                    m.d.comb += self.format_error.eq(use)
+        with m.Elif(some & ~whole):
+            m.d.comb += self.format_error.eq(use)
+        return m

@@ -48,10 +48,15 @@ def write():
 
 
 def register_bus():
-    """Signature of the register bus, for who asks; ``read_data`` follow ``read_address`` after a fixed latency."""
+    """Signature of the register bus, for who asks.
+
+    A write takes place when it is ready. ``read_data`` are there in the cycle of ``read_address``; ``read`` says that
+    they are wanted in this one, otherwise they may be wrong.
+    """
     return wiring.Signature(
         {
-            "write": Out(stream.Signature(write(), always_ready=True)),
+            "write": Out(stream.Signature(write())),
+            "read": Out(1),
             "read_address": Out(write()["address"].shape),
             "read_data": In(32),
         }

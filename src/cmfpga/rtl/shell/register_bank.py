@@ -1,13 +1,10 @@
 """Register bank: the words of the register map, made from its declaration."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal
+from amaranth.hdl import Cat, Const, Module, Shape, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from . import payloads
-
-#: Words that one multiplexer of the first stage reads.
-BLOCK = 16
 
 
 def member(register, field):
@@ -15,10 +12,20 @@ def member(register, field):
     return f"{register.name}_{field.name}".lower()
 
 
+def in_memory(register):
+    """Whether a register's bits are all stored and nothing else: a word of a memory."""
+    bits = sum(f.mask for f in register.fields if f.access == "stored")
+    return register.count == 1 and bits == 0xFFFFFFFF
+
+
 def fields_of(registers, *access):
-    """``(register, field)`` of all fields with one of these kinds of access, arrays left out."""
+    """``(register, field)`` of all fields with one of these kinds of access, arrays and words of a memory left out."""
     return [
-        (register, f) for register in registers if register.count == 1 for f in register.fields if f.access in access
+        (register, f)
+        for register in registers
+        if register.count == 1 and not in_memory(register)
+        for f in register.fields
+        if f.access in access
     ]
 
 
@@ -37,13 +44,13 @@ class RegisterBank(wiring.Component):
 
     Parameters
     ----------
-    registers : RegisterMap
-        Arrays of it are left to others.
+    registers : iterable of Register
+        Arrays and words of a memory among them are left to others.
 
     Members
     -------
     bus : ``In``, :func:`payloads.register_bus`
-        Data that are read come :attr:`latency` cycles after their address; 0 where there is no register.
+        Answers 0 where there is no register. Always ready.
     values : ``Out``
         Fields that are stored, flags and sticky bits.
     status : ``In``
@@ -53,8 +60,6 @@ class RegisterBank(wiring.Component):
     commands : ``Out``
         One cycle each.
     """
-
-    latency = 2
 
     def __init__(self, registers):
         self.registers = registers
@@ -71,25 +76,26 @@ class RegisterBank(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        words = {}
-        for register in self.registers:
-            if register.count == 1:
-                words[register.offset // 4] = self._word(m, register)
-        self._read(m, words)
+        m.d.comb += self.bus.write.ready.eq(1)
+        registers = [register for register in self.registers if register.count == 1 and not in_memory(register)]
+        words = {register.offset // 4: self._word(m, register) for register in registers}
+        with m.Switch(self.bus.read_address):
+            for address, word in words.items():
+                with m.Case(address):
+                    m.d.comb += self.bus.read_data.eq(word)
         return m
 
     def _word(self, m, register):
         """Make a register; the word that is read of it."""
         write = self.bus.write.payload
-        written = Signal(name=f"write_{register.name.lower()}")
+        written = Signal(name=f"write_{register.name.lower()}")  # byte enables are clock enables
         if any(f.writable for f in register.fields):
             m.d.comb += written.eq(self.bus.write.valid & (write.address == register.offset // 4))
-        mask = Cat(*(bit.replicate(8) for bit in write.strobe))
         parts, position = [], 0
         for f in register.fields:
             name = member(register, f)
-            bits = slice(f.lsb, f.lsb + f.width)
-            ones = write.data[bits] & mask[bits]
+            strobes = Cat(write.strobe[bit // 8] for bit in range(f.lsb, f.lsb + f.width))
+            ones = write.data[f.lsb : f.lsb + f.width] & strobes
             if f.access == "constant":
                 value = Const(f.reset, f.width)
             elif f.access == "status":
@@ -101,44 +107,20 @@ class RegisterBank(wiring.Component):
                 stored = Signal(Shape(f.width, f.signed), init=f.reset, name=name)
                 m.d.comb += self.values[name].eq(stored)
                 value = stored.as_unsigned() if f.signed else stored
-                self._store(m, f, stored, value, written, ones, mask[bits], name)
+                self._store(m, f, stored, written, ones, name)
             parts += [Const(0, f.lsb - position), value]
             position = f.lsb + f.width
         return Cat(*parts)
 
-    def _store(self, m, f, stored, value, written, ones, mask, name):
-        if f.access == "sticky":
-            with m.If(written):
-                m.d.sync += stored.eq(value & ~ones)
-            with m.If(self.set[name]):
-                m.d.sync += stored.eq(1)
-            return
+    def _store(self, m, f, stored, written, ones, name):
+        write = self.bus.write.payload
         if f.access == "flag":
             with m.If(self.clear[name]):
                 m.d.sync += stored.eq(0)
-        with m.If(written):
-            kept = value & ~mask
-            if f.access == "flag":
-                kept = Mux(self.clear[name], 0, kept)
-            m.d.sync += stored.eq(ones | kept)
-
-    def _read(self, m, words):
-        """Two stages: within each block of words, then between blocks."""
-        blocks = {}
-        for address, word in words.items():
-            blocks.setdefault(address // BLOCK, {})[address % BLOCK] = word
-        block_s1 = Signal.like(self.bus.read_address)
-        m.d.sync += block_s1.eq(self.bus.read_address // BLOCK)
-        chosen = {}
-        for block, members in blocks.items():
-            word_s1 = chosen[block] = Signal(32, name=f"block{block}_s1")
-            m.d.sync += word_s1.eq(0)
-            with m.Switch(self.bus.read_address % BLOCK):
-                for address, word in members.items():
-                    with m.Case(address):
-                        m.d.sync += word_s1.eq(word)
-        m.d.sync += self.bus.read_data.eq(0)
-        with m.Switch(block_s1):
-            for block, word_s1 in chosen.items():
-                with m.Case(block):
-                    m.d.sync += self.bus.read_data.eq(word_s1)
+        for bit in range(f.width):
+            place = f.lsb + bit
+            with m.If(written & write.strobe[place // 8] & (ones[bit] if f.access == "sticky" else 1)):
+                m.d.sync += stored[bit].eq(0 if f.access == "sticky" else write.data[place])
+        if f.access == "sticky":
+            with m.If(self.set[name]):
+                m.d.sync += stored.eq(1)

@@ -1,13 +1,19 @@
 """Result packet: keeps a result, shows it in the registers, and sends it as one packet."""
 
-from amaranth.hdl import Module, Mux, Signal, Value, signed
-from amaranth.lib import data, stream, wiring
+import functools
+import operator
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.flags import Flag
 from ...protocol.results import PACKET_BEATS
 from .. import payloads as core
 from . import payloads
+
+#: Bits of a word's number in a packet.
+BEAT_BITS = 5
 
 
 def value_of(result, link):
@@ -19,11 +25,21 @@ def value_of(result, link):
     return result[outer][link[len(outer) + 1 :]]
 
 
-class ResultPacket(wiring.Component):
-    """Takes a result over in one cycle; then the core goes on, and :data:`PACKET_BEATS` words go out.
+def select(index, choices):
+    """``choices[index]``; one that stands at several places is chosen by one condition."""
+    places = {}
+    for k, choice in enumerate(choices):
+        places.setdefault(id(choice), (choice, []))[1].append(k)
+    return functools.reduce(operator.or_, (choice & index.matches(*found) for choice, found in places.values()))
 
-    The packet's first word is on ``o`` in the cycle after the result was taken. A result that comes while a packet is
-    being sent waits in the core.
+
+class ResultPacket(wiring.Component):
+    """Copies a result into a memory, one of :data:`PACKET_BEATS` words a cycle, and takes it with the last one.
+
+    The memory has two halves: the registers show one, the next result goes into the other, and becomes the one that is
+    shown when it is complete. The packet follows its writing by :attr:`latency` cycles, and one more in each cycle in
+    which a register is read. A result that comes while a packet is being sent waits in the core; two begin at least
+    2^5 cycles apart.
 
     Parameters
     ----------
@@ -36,85 +52,123 @@ class ResultPacket(wiring.Component):
     o : ``Out``, stream of :func:`payloads.beat`
         TLAST at the end of each packet, TKEEP all ones.
     wire, config_range : ``In(1)``
-        Flags that go into the result taken in this cycle.
+        Flags that go into the result that begins in this cycle.
     stream_results, hold : ``In(1)``
-        Send packets; keep the registers as they are.
+        Send packets; keep the registers as they are. Both as they are when a result begins.
     forget : ``In(1)``
-        Begin again with batch 1 (soft reset). A packet that is being sent is completed.
-    words : ``Out``, array of 32-bit words
-        The result registers.
-    taken, stalled, held_back, sending : ``Out(1)``
-        A result was taken; it waits for the packet ahead; it was taken but not shown; a packet is being sent.
+        Begin again with batch 1 (soft reset); not while ``writing``. A packet that is being sent is completed.
+    read, address, word : ``In(1)``, ``In``, ``Out(32)``
+        In a cycle with ``read``, the result register of that number.
+    begun, taken, stalled, held, writing, sending : ``Out(1)``
+        A result begins; it was taken; it waits for the packet ahead; the last that began is not shown; a result is
+        being written, or was a few cycles ago; a packet is being sent.
     """
 
     #: Cycles from a result to its packet's first word.
-    latency = 1
+    latency = 2
 
     def __init__(self, config, registers):
         self.config = config
         self.registers = registers
         self.beats = PACKET_BEATS
+        assert self.beats <= 1 << BEAT_BITS
         super().__init__(
             {
                 "i": In(stream.Signature(core.result(config))),
                 "o": Out(stream.Signature(payloads.beat())),
-                **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "forget"), In(1)),
-                "words": Out(data.ArrayLayout(32, 2 * PACKET_BEATS)),
-                **dict.fromkeys(("taken", "stalled", "held_back", "sending"), Out(1)),
+                **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "forget", "read"), In(1)),
+                "address": In(BEAT_BITS + 1),
+                "word": Out(32),
+                **dict.fromkeys(("begun", "taken", "stalled", "held", "writing", "sending"), Out(1)),
             }
         )
+        self.open = Signal()  # words of a packet are still to be read
 
     def elaborate(self, platform):
         m = Module()
+        m.submodules.store = store = memory.Memory(shape=payloads.DATA_BITS, depth=2 << BEAT_BITS, init=[])
+        put, get = store.write_port(), store.read_port(domain="comb")
         number = Signal(32, init=1)
-        new = self._new_words(m, number)
-        rest = Signal(data.ArrayLayout(payloads.DATA_BITS, self.beats))  # what is still to be sent, next word lowest
-        left = Signal(range(self.beats + 1))
+        shown, any_shown = Signal(), Signal()  # the half that the registers show, once there is a result
+        beat = Signal(BEAT_BITS)  # that is written; it runs on to 0 behind the last one
         m.d.comb += [
-            self.sending.eq(left != 0),
-            self.i.ready.eq(~(self.sending & self.stream_results)),
-            self.stalled.eq(self.i.valid & ~self.i.ready),
+            self.begun.eq(self.i.valid & (beat == 0) & ~self.open),
+            self.stalled.eq(self.i.valid & (beat == 0) & self.open),
+            self.writing.eq(self.begun | (beat != 0)),
+            self.i.ready.eq(beat == self.beats - 1),
             self.taken.eq(self.i.valid & self.i.ready),
-            self.held_back.eq(self.taken & self.hold),
-            self.o.valid.eq(self.sending),
-            self.o.payload.data.eq(rest[0]),
-            self.o.payload.keep.eq(-1),
-            self.o.payload.last.eq(left == 1),
+            put.addr.eq(Cat(beat, ~shown)),
+            put.data.eq(self._new_word(m, number, beat)),
+            put.en.eq(self.writing),
+            self.word.eq(Mux(any_shown, get.data.word_select(self.address[0], 32), 0)),
         ]
-        with m.If(self.o.valid & self.o.ready):
-            m.d.sync += [rest.as_value().eq(rest.as_value() >> payloads.DATA_BITS), left.eq(left - 1)]
+        with m.If(self.writing):
+            m.d.sync += beat.eq(beat + 1)
+        with m.If(self.begun):
+            m.d.sync += self.held.eq(self.hold)
         with m.If(self.taken):
             m.d.sync += number.eq(number + 1)
-            with m.If(self.stream_results):
-                m.d.sync += [rest.as_value().eq(new), left.eq(self.beats)]
-            with m.If(~self.hold):
-                m.d.sync += self.words.eq(new)
+            with m.If(~self.held):
+                m.d.sync += [shown.eq(~shown), any_shown.eq(1)]
         with m.If(self.forget):
-            m.d.sync += [number.eq(1), self.words.eq(0)]
+            m.d.sync += [number.eq(1), any_shown.eq(0)]
+        half, sent = self._send(m, shown, get.data)
+        m.d.comb += get.addr.eq(Mux(self.read, Cat(self.address[1:], shown), Cat(sent, half)))
         return m
 
-    def _new_words(self, m, number):
-        """All words of the result on ``i``, as one value."""
-        result = self.i.payload
+    def _send(self, m, shown, data):
+        """The word that was written last, or one before it, goes out: the half and the place where it is read."""
+        half, sent = Signal(), Signal(BEAT_BITS)
+        there, last = Signal(), Signal()
+        m.d.comb += [
+            there.eq(self.open & ~self.read),
+            last.eq(sent == self.beats - 1),
+            self.sending.eq(self.open | self.o.valid),
+            self.o.payload.keep.eq(-1),
+        ]
+        with m.If(~self.o.valid | self.o.ready):
+            m.d.sync += self.o.valid.eq(there)
+            with m.If(there):
+                m.d.sync += [self.o.payload.data.eq(data), self.o.payload.last.eq(last), sent.eq(sent + 1)]
+                with m.If(last):
+                    m.d.sync += [sent.eq(0), self.open.eq(0)]
+        with m.If(self.begun):
+            m.d.sync += [self.open.eq(self.stream_results), half.eq(~shown)]
+        return half, sent
+
+    def _new_word(self, m, number, beat):
+        """The 64-bit word of the result on ``i`` that is written."""
         group = self.registers.group("Result")
-        degenerate = result.flags[Flag.DEGENERATE.bit_length() - 1]
-        words = Signal(64 * self.beats, name="new_words")
+        words = [[] for _ in range(2 << BEAT_BITS)]
+        for register in group:
+            words[(register.offset - group[0].offset) // 4] = register.fields
+        halves = [self._new_half(m, number, beat, words[half::2], half) for half in range(2)]
+        return Cat(*halves)
+
+    def _new_half(self, m, number, beat, words, half):
+        """That of its 32 bits that has the fields ``words[beat]``.
+
+        What no field fills is the sign of the field below, selected once for all bits.
+        """
+        result = self.i.payload
         own = {
             "batch": number,
             "t_ref": (result.t_first + (result.span >> 1))[:32],
             "wire": self.wire,
             "config_range": self.config_range,
         }
-        for register in group:
-            k = (register.offset - group[0].offset) // 4
-            for f in register.fields:
-                value = own.get(f.link)
-                if value is None:
-                    value = value_of(result, f.link)
-                if f.link.startswith("sums_"):  # they mean nothing then
-                    value = Mux(degenerate, 0, value)
-                wide = Signal(signed(64) if Value.cast(value).shape().signed else 64, name=f"{register.name}_{f.name}")
-                m.d.comb += wide.eq(value)
-                low = 32 * k + f.lsb
-                m.d.comb += words[low : low + f.width].eq(wide[f.link_lsb : f.link_lsb + f.width])
-        return words
+        zero, above = Const(0), Signal(name=f"above_{half}")
+        bits, signs, sums = [[above] * len(words) for _ in range(32)], [zero] * len(words), []
+        for k, fields in enumerate(words):
+            for f in fields:
+                value = Value.cast(own[f.link] if f.link in own else value_of(result, f.link))
+                for bit in range(f.link_lsb, min(len(value), f.link_lsb + f.width)):
+                    bits[f.lsb + bit - f.link_lsb][k] = value[bit]
+                if value.shape().signed:
+                    signs[k] = value[-1]
+                if f.link.startswith("sums_"):
+                    sums.append(k)
+        nothing = Signal(name=f"nothing_{half}")  # they mean nothing then
+        degenerate = result.flags[Flag.DEGENERATE.bit_length() - 1]
+        m.d.comb += [above.eq(select(beat, signs)), nothing.eq(degenerate & beat.matches(*sums))]
+        return Mux(nothing, 0, Cat(select(beat, choice) for choice in bits))

@@ -24,7 +24,7 @@ class ScheduleStore(wiring.Component):
     Members
     -------
     bus : ``In``, :func:`payloads.register_bus`
-        Data that are read come ``latency`` cycles after their address; 0 for addresses outside the table.
+        Always ready; answers 0 outside the table.
     lock, quiet : ``In(1)``
         Do not copy now; no batch is under way.
     o : ``Out``, flow of :func:`cmfpga.rtl.payloads.schedule_write`
@@ -34,10 +34,9 @@ class ScheduleStore(wiring.Component):
         An entry was out of range when the table was copied.
     """
 
-    def __init__(self, config, register, *, latency):
+    def __init__(self, config, register):
         self.config = config
         self.register = register
-        self._latency = latency
         super().__init__(
             {
                 "bus": In(payloads.register_bus()),
@@ -56,7 +55,9 @@ class ScheduleStore(wiring.Component):
         assert {f.width for f in fields.values()} == {8}, "bytes are written one by one"
         m.submodules.table = table = memory.Memory(shape=entry.size, depth=count, init=[])
         put = table.write_port(granularity=8)
-        show, copy = table.read_port(domain="comb"), table.read_port(domain="comb")
+        get = table.read_port(domain="comb")  # software reads, or else the core's table is filled
+
+        position, copying = Signal(range(count)), Signal()
 
         # Software.
         write = self.bus.write.payload
@@ -67,22 +68,16 @@ class ScheduleStore(wiring.Component):
             put.addr.eq((write.address - first)[:bits]),
             put.data.eq(write.data),
             put.en.eq(Mux(self.bus.write.valid & mine, write.strobe[: len(put.en)], 0)),
-            show.addr.eq((self.bus.read_address - first)[:bits]),
+            get.addr.eq(Mux(self.bus.read, self.bus.read_address - first, position)),
         ]
-        shown = Mux((self.bus.read_address >= first) & (self.bus.read_address < first + count), show.data, 0)
-        for k in range(self._latency - 1):
-            stage = Signal(entry.size, name=f"read_s{k + 1}")
-            m.d.sync += stage.eq(shown)
-            shown = stage
-        m.d.sync += self.bus.read_data.eq(shown)
+        shown = (self.bus.read_address >= first) & (self.bus.read_address < first + count)
+        m.d.comb += [self.bus.write.ready.eq(1), self.bus.read_data.eq(Mux(shown, get.data, 0))]
 
         # The core.
-        position, copying = Signal(range(count)), Signal()
         last = Signal(range(count))
-        found = data.View(entry, copy.data)
+        found = data.View(entry, get.data)
         m.d.comb += [
-            copy.addr.eq(position),
-            self.o.valid.eq(copying),
+            self.o.valid.eq(copying & ~self.bus.read),
             self.o.payload.address.eq(position),
             self.blocking.eq(copying | (self.pending & ~self.lock)),
         ]
@@ -91,9 +86,9 @@ class ScheduleStore(wiring.Component):
             value = found[f.name]
             wrong.append(value > f.high)
             m.d.comb += self.o.payload.entry[f.link].eq(Mux(value > f.high, f.high, value))
-        with m.If(copying & Cat(wrong).any()):
+        with m.If(self.o.valid & Cat(wrong).any()):
             m.d.sync += self.limited.eq(1)
-        with m.If(copying):
+        with m.If(self.o.valid):
             m.d.sync += position.eq(position + 1)
             with m.If(position == last):
                 m.d.sync += [copying.eq(0), self.pending.eq(0), position.eq(0)]

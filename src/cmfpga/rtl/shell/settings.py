@@ -1,18 +1,25 @@
 """Settings: what software wrote, limited to what is allowed, and handed over batch by batch."""
 
-from amaranth.hdl import Module, Mux, Signal
-from amaranth.lib import wiring
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
 from . import payloads
-from .register_bank import layout_of, member
+from .register_bank import in_memory, layout_of, member
+
+#: Words of the memory: the registers' addresses, modulo so many.
+WORDS = 32
 
 
 class Settings(wiring.Component):
-    """The settings of the next batch.
+    """The registers that are stored as whole words, and the settings of the next batch.
 
-    They may change in every cycle until a batch is opened; what stands here in the cycle of ``opened`` are its
-    settings. While ``lock`` is high they are those of the last batch that was opened, less ``ROI_LOAD``.
+    A memory keeps the words as they were written. One limiter takes each over, in the cycle after it was written; while
+    ``lock`` is high it takes none over, and all of them behind that, during which no write is ready and no batch may
+    begin. Settings with fewer bits come from the register bank. What stands here in the cycle of ``opened`` are a
+    batch's settings.
+
+    A reset clears no memory: until its first write a register reads its reset value.
 
     Parameters
     ----------
@@ -21,15 +28,17 @@ class Settings(wiring.Component):
 
     Members
     -------
+    bus : ``In``, :func:`payloads.register_bus`
+        Answers 0 where it has no register.
     written : ``In``
         Stored fields and flags, as the register bank's ``values`` has them.
     lock : ``In(1)``
     opened : ``In(1)``
     o : ``Out``, :func:`payloads.settings`
-    limited : ``Out(1)``
-        A value of ``o`` had to be limited.
+    blocking : ``Out(1)``
+        No batch may begin.
     out_of_range : ``Out(1)``
-        A value of ``written`` has to be.
+        A value of ``o`` was limited.
     used_roi : ``Out(1)``
         One cycle: the ROI was loaded.
     """
@@ -37,58 +46,139 @@ class Settings(wiring.Component):
     def __init__(self, config, registers):
         self.config = config
         self.registers = registers
+        self.kept = [register for register in registers if in_memory(register)]
+        places = [register.offset // 4 % WORDS for register in self.kept]
+        assert len(set(places)) == len(places)
         super().__init__(
             {
-                "written": In(layout_of(registers, "stored", "flag", "sticky")),
+                "bus": In(payloads.register_bus()),
+                "written": In(layout_of(registers.group("Settings"), "stored", "flag")),
                 "lock": In(1),
                 "opened": In(1),
                 "o": Out(payloads.settings(config)),
-                "limited": Out(1),
-                "out_of_range": Out(1),
-                "used_roi": Out(1),
+                **dict.fromkeys(("blocking", "out_of_range", "used_roi"), Out(1)),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        asked = Signal(payloads.settings(self.config))
-        wrong = []
-        for link, parts in self.registers.linked("Settings").items():
-            ((register, f),) = parts
-            value = self.written[member(register, f)]
-            low, high = f.low, f.high
-            targets = self._targets(asked, link)
-            fits = targets[0].shape()
-            if high is None and not fits.signed and fits.width < f.width:
-                high = (1 << fits.width) - 1  # not allowed to alias; the core limits and flags it
-                wrong.append(value > high)
-                value = Mux(value > high, high, value)
-            elif high is not None:
-                lowest, highest = f.range
-                if high < highest:
-                    wrong.append(value > high)
-                    value = Mux(value > high, high, value)
-                if low is not None and low > lowest:
-                    wrong.append(self.written[member(register, f)] < low)
-                    value = Mux(wrong[-1], low, value)
-            for target in targets:
-                m.d.comb += target.eq(value)
-        used = Signal(payloads.settings(self.config))
-        used_limited = Signal()
+        bus, address = self.bus, self.bus.write.payload.address
+        m.submodules.store = store = memory.Memory(shape=32, depth=WORDS, init=[])
+        put = store.write_port(granularity=8)
+        get = store.read_port(domain="comb")
+        place = {register.offset // 4: register.offset // 4 % WORDS for register in self.kept}
+        fresh = Signal(WORDS)  # written since the reset
+
+        def is_fresh(address):
+            return Cat((address == k) & fresh[k] for k in place.values()).any()
+
+        def default(address):
+            resets = {r.offset // 4 % WORDS: r.reset for r in self.kept}
+            return Cat(address.matches(*(k for k, reset in resets.items() if reset >> bit & 1)) for bit in range(32))
+
+        # All words in turn behind a lock; else the one that was just written, but not while software reads.
+        locked, walking, taking, mine = Signal(), Signal(), Signal(), Signal()
+        current = Signal(range(WORDS))
         m.d.comb += [
-            self.out_of_range.eq(sum(wrong, 0) != 0) if wrong else self.out_of_range.eq(0),
-            self.o.eq(Mux(self.lock, used, asked)),
-            self.limited.eq(Mux(self.lock, used_limited, self.out_of_range)),
-            self.used_roi.eq(self.opened & ~self.lock),
+            self.blocking.eq(locked & ~self.lock | walking),
+            bus.write.ready.eq(~(self.blocking | taking & bus.read)),
+            mine.eq(bus.write.valid & bus.write.ready & address.matches(*place)),
         ]
-        with m.If(self.opened):
-            m.d.sync += [used.eq(self.o), used.core.roi_load.eq(0), used_limited.eq(self.limited)]
+        m.d.sync += locked.eq(self.lock)
+        with m.If(~(taking & bus.read)):
+            m.d.sync += [current.eq(address), taking.eq(mine & ~self.lock)]
+            with m.If(self.blocking):
+                m.d.sync += [walking.eq(~(walking & (current == WORDS - 1))), taking.eq(1)]
+                m.d.sync += current.eq(Mux(walking, current + 1, 0))
+
+        # The memory; a first write fills the bytes that it leaves with those of the reset value.
+        first, found = Signal(), Signal()
+        write = bus.write.payload
+        mask = Cat(bit.replicate(8) for bit in write.strobe)
+        m.d.comb += [
+            put.addr.eq(address),
+            first.eq(~is_fresh(put.addr)),
+            put.data.eq((write.data & mask) | (default(put.addr) & ~mask)),
+            put.en.eq(Mux(mine, write.strobe | first.replicate(4), 0)),
+            get.addr.eq(Mux(bus.read, bus.read_address, current)),
+            found.eq(is_fresh(get.addr)),
+        ]
+        for k in place.values():
+            with m.If(mine & (put.addr == k)):
+                m.d.sync += fresh[k].eq(1)
+        with m.If(bus.read_address.matches(*place)):
+            m.d.comb += bus.read_data.eq(Mux(found, get.data, default(get.addr)))
+        taken = Signal()
+        m.d.comb += taken.eq(taking & found & ~bus.read)
+        self._limit(m, taken, current, get.data)
+        self._narrow(m)
+        m.d.comb += self.used_roi.eq(self.opened & ~self.lock)
         return m
 
-    def _targets(self, asked, link):
+    def _limit(self, m, taken, current, word):
+        """Take over the fields of a register, each in the range that the register says."""
+        lanes = {0: {}, 16: {}}  # by the fields' lowest bit: place in the memory, link, field, targets
+        for link, ((register, f),) in self.registers.linked("Settings").items():
+            if in_memory(register):
+                lanes[f.lsb][register.offset // 4 % WORDS] = link, f, self._targets(link)
+        limited, wrong = {}, []
+        for lsb, fields in lanes.items():
+            limited[lsb] = self._limited(m, fields, current, word[lsb:], wrong)
+        limits = Signal(WORDS)
+        for lsb, fields in lanes.items():
+            for k, (link, f, targets) in fields.items():
+                register = Signal(targets[0].shape(), init=f.reset, name=link)
+                m.d.comb += [target.eq(register) for target in targets]
+                with m.If(taken & (current == k)):
+                    m.d.sync += [register.eq(limited[lsb]), limits[k].eq(Cat(wrong).any())]
+        m.d.comb += self.out_of_range.eq(limits.any())
+
+    def _limited(self, m, fields, current, word, wrong):
+        """The field that begins with ``word``, limited; appends to ``wrong`` whether it had to be.
+
+        Negative numbers are limited as their complements, for their range is symmetric.
+        """
+        highs = [0] * WORDS
+        for k, (_, f, targets) in fields.items():
+            fits = (1 << len(targets[0])) - 1
+            highs[k] = f.high if f.high is not None else min(fits, f.range[1])  # not allowed to alias
+            assert f.low in (None, 0, 1) or (f.low == ~highs[k] and f.width == len(word))
+        width = max(max(highs).bit_length() + any(f.signed for _, f, _ in fields.values()), 1)
+
+        def where(condition):
+            return current.matches(*(k for k, (_, f, _) in fields.items() if condition(f)))
+
+        high, value = Signal(width), Signal(len(word))
+        negative, beyond, zero = Signal(), Signal(), Signal()
+        turned = value ^ negative.replicate(len(value))
+        m.d.comb += [
+            value.eq(Mux(where(lambda f: f.width < len(word)), word[:16], word)),
+            high.eq(Cat(current.matches(*(k for k, h in enumerate(highs) if h >> bit & 1)) for bit in range(width))),
+            negative.eq(value[-1] & where(lambda f: f.signed)),
+            beyond.eq(turned[width:].any() | (turned[:width] > high)),
+            zero.eq((value == 0) & where(lambda f: f.low == 1)),
+        ]
+        wrong.append((beyond | zero) & where(lambda f: True))
+        return Mux(beyond, high ^ negative.replicate(width), value[:width]) | zero
+
+    def _narrow(self, m):
+        """Settings with a few bits, out of the register bank."""
+        for link, ((register, f),) in self.registers.linked("Settings").items():
+            if in_memory(register):
+                continue
+            written, (target, *_) = self.written[member(register, f)], self._targets(link)
+            if f.access == "flag":
+                m.d.comb += target.eq(written & ~self.lock)
+                continue
+            taken = Signal(len(target), init=f.reset, name=link)
+            m.d.comb += target.eq(taken)
+            with m.If(~self.lock):
+                m.d.sync += taken.eq(written)
+
+    def _targets(self, link):
         """Where a setting goes: the core's settings (``v_start_x`` is ``v_start.x``), the batch end's, or both."""
         found = []
-        for part in (asked.core, asked.end):
+        for part in (self.o.core, self.o.end):
             members = part.shape().members
             if link in members:
                 found.append(part[link])

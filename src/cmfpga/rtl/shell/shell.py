@@ -5,16 +5,17 @@ import operator
 
 from amaranth.hdl import ClockDomain, DomainRenamer, Module, Mux, ResetInserter, ResetSignal, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import In, Out, connect
 
 from ...protocol.flags import Flag
 from ...protocol.registers.declaration import register_map
+from ...protocol.registers.layout import BASE
 from ..core import Core
 from . import payloads
 from .batch_end import BatchEnd
 from .counters import Counters
 from .input_path import InputPath
-from .register_bank import RegisterBank
+from .register_bank import RegisterBank, fields_of, member
 from .result_packet import ResultPacket
 from .schedule_store import ScheduleStore
 from .settings import Settings
@@ -45,7 +46,7 @@ class Shell(wiring.Component):
     Members
     -------
     bus : ``In``, :func:`payloads.register_bus`
-        Data that are read come :attr:`read_latency` cycles after their address.
+        Ready but for some cycles behind the end of ``SETTINGS_LOCK``.
     i : ``In``, stream of :func:`payloads.beat`
         Words of events.
     o : ``Out``, stream of :func:`payloads.beat`
@@ -53,9 +54,6 @@ class Shell(wiring.Component):
     irq : ``Out(1)``
         High as long as an enabled event stands in the register ISR.
     """
-
-    #: Cycles from ``bus.read_address`` to ``bus.read_data``.
-    read_latency = RegisterBank.latency
 
     def __init__(self, config, *, clock):
         self.config = config
@@ -66,13 +64,13 @@ class Shell(wiring.Component):
         self.input_path = InputPath(config)
         self.batch_end = BatchEnd(config)
         self.result_packet = ResultPacket(config, self.registers)
-        self.bank = RegisterBank(self.registers)
+        self.bank = RegisterBank([r for r in self.registers if r.group not in ("Result", "Counters")])
         self.settings = Settings(config, self.registers)
         self.counters = Counters(config)
         self.schedule_store = None
         if "SCHEDULE" in self.registers:
-            self.schedule_store = ScheduleStore(config, self.registers["SCHEDULE"], latency=self.read_latency)
-        self.soft_reset = Signal()
+            self.schedule_store = ScheduleStore(config, self.registers["SCHEDULE"])
+        self.soft_reset, self.resetting = Signal(), Signal()  # resetting: as soon as no result is being taken over
         # What the input is taken for: the registers' values, once the words that came before have left.
         self.bypassing, self.form, self.swap = Signal(), Signal(2), Signal()
         self.input_pending = Signal()
@@ -103,8 +101,11 @@ class Shell(wiring.Component):
         soft = ClockDomain("soft", local=True)
         soft.clk = self.clock
         m.domains += soft
+        # A result that is being taken over stays in the core until it is complete; nothing new begins meanwhile.
+        asked = self.bank.commands.ctrl_soft_reset | self.resetting
+        m.d.sync += self.resetting.eq(asked & self.result_packet.writing)
         m.d.comb += [
-            self.soft_reset.eq(self.bank.commands.ctrl_soft_reset),
+            self.soft_reset.eq(asked & ~self.result_packet.writing),
             soft.rst.eq(ResetSignal() | self.soft_reset),
         ]
         # Words that are passed on may already be offered on o.
@@ -118,7 +119,11 @@ class Shell(wiring.Component):
         if self.schedule_store:
             m.submodules.schedule_store = self.schedule_store
 
-        connect(m, flipped(self.i), self.input.i)
+        m.d.comb += [
+            self.input.i.payload.eq(self.i.payload),
+            self.input.i.valid.eq(self.i.valid & ~self.resetting),
+            self.i.ready.eq(self.input.i.ready & ~self.resetting),
+        ]
         self._events(m)
         self._batches(m)
         self._results(m)
@@ -163,7 +168,7 @@ class Shell(wiring.Component):
         taken = self.result_packet.taken
         m.d.comb += [
             self.opened.eq(self.core.opened),
-            settings.written.eq(values),
+            *(settings.written[name].eq(values[name]) for name in settings.written.shape().members),
             settings.lock.eq(values.settings_lock_lock),
             settings.opened.eq(self.opened),
             self.core.settings.eq(settings.o.core),
@@ -175,7 +180,7 @@ class Shell(wiring.Component):
             self.bank.clear.ctrl_start.eq(self.opened & ~values.ctrl_auto_restart),
             self.bank.clear.roi_load_load.eq(settings.used_roi),
         ]
-        may_begin = values.ctrl_start
+        may_begin = values.ctrl_start & ~settings.blocking & ~self.resetting
         if store := self.schedule_store:
             m.d.comb += [
                 store.lock.eq(values.settings_lock_lock),
@@ -196,7 +201,7 @@ class Shell(wiring.Component):
         packet, values = self.result_packet, self.bank.values
         connect(m, self.core.o, packet.i)
         wire = Signal()  # something was dropped since the last result
-        with m.If(packet.taken | self.soft_reset):
+        with m.If(packet.begun | self.soft_reset):
             m.d.sync += wire.eq(self._dropped & ~self.soft_reset)
         with m.Elif(self._dropped):
             m.d.sync += wire.eq(1)
@@ -230,26 +235,40 @@ class Shell(wiring.Component):
     @property
     def _limited(self):
         """A setting of the batch that is opened is not as it was written."""
-        return self.settings.limited | (self.schedule_store.limited if self.schedule_store else 0)
+        return self.settings.out_of_range | (self.schedule_store.limited if self.schedule_store else 0)
 
     # ---------------------------------------------------------------- registers
 
     def _bus(self, m):
-        """All hear the bus; whoever is not asked answers 0."""
-        heard = [block.bus for block in (self.bank, self.schedule_store) if block]
-        for bus in heard:
-            m.d.comb += [
-                bus.write.valid.eq(self.bus.write.valid),
-                bus.write.payload.eq(self.bus.write.payload),
-                bus.read_address.eq(self.bus.read_address),
-            ]
-        m.d.comb += self.bus.read_data.eq(functools.reduce(operator.or_, (bus.read_data for bus in heard)))
+        """All hear the bus; whoever is not asked answers 0, as do the words of a block's memory."""
+        bus, counters, packet = self.bus, self.counters, self.result_packet
+        m.d.comb += bus.write.ready.eq(self.settings.bus.write.ready)
+        answers = []
+        for block in (self.bank, self.settings, self.schedule_store):
+            if block:
+                m.d.comb += [
+                    block.bus.write.valid.eq(bus.write.valid & bus.write.ready),
+                    block.bus.write.payload.eq(bus.write.payload),
+                    block.bus.read.eq(bus.read),
+                    block.bus.read_address.eq(bus.read_address),
+                ]
+                answers.append(block.bus.read_data)
+        for group, block in (("Counters", counters), ("Result", packet)):
+            first = BASE[group] // 4
+            asked = bus.read_address[len(block.address) :] == first >> len(block.address)
+            m.d.comb += block.address.eq(bus.read_address)
+            answers.append(Mux(asked, block.word, 0))
+        m.d.comb += [
+            packet.read.eq(bus.read & asked),
+            bus.read_data.eq(functools.reduce(operator.or_, answers)),
+        ]
 
     def _registers(self, m):
         bank, counters, packet = self.bank, self.counters, self.result_packet
         m.d.comb += [
             counters.clear.eq(bank.commands.ctrl_clear_counters | self.soft_reset),
-            counters.taken.eq(packet.taken),
+            counters.begun.eq(packet.begun),
+            counters.held.eq(packet.held),
             counters.result.eq(self.core.o.payload),
         ]
         entering, leaving = self.i, self.o
@@ -263,7 +282,6 @@ class Shell(wiring.Component):
             "beats_bypassed": self.bypassing & leaving.valid & leaving.ready,
             "events_taken": self.core.i.valid & self.core.i.ready,
             "empty_ends": self.batch_end.empty_end,
-            "results_held_back": packet.held_back,
             **{name: counted[name] for name in counted.shape().members},
         }
         assert set(pulses) == set(counters.pulses.shape().members)
@@ -277,21 +295,13 @@ class Shell(wiring.Component):
             "result_waiting": packet.sending,
             "events_waiting": ~self.input.empty | ~self.input_path.empty | self.batch_end.holding,
             "time_known": self.input_path.time_known,
-            "config_range": self.settings.out_of_range | (self.schedule_store.limited if self.schedule_store else 0),
+            "config_range": self._limited,
             "input_pending": self.input_pending,
             "schedule_pending": self.schedule_store.pending if self.schedule_store else 0,
             "bypassing": self.bypassing,
         }
-        for group in ("Control", "Operation", "Counters", "Result"):
-            for k, register in enumerate(self.registers.group(group)):
-                for f in register.fields:
-                    if f.access != "status":
-                        continue
-                    target = bank.status[f"{register.name}_{f.name}".lower()]
-                    if group == "Result":
-                        m.d.comb += target.eq(packet.words[k][f.lsb : f.lsb + f.width])
-                    else:
-                        m.d.comb += target.eq(counters.values[f.link] if group == "Counters" else states[f.link])
+        for register, f in fields_of(bank.registers, "status"):
+            m.d.comb += bank.status[member(register, f)].eq(states[f.link])
 
         flags = self.core.o.payload.flags
 

