@@ -15,8 +15,9 @@ from batch_kinds import KINDS, Maker
 
 from cmfpga import __version__, cli
 from cmfpga.errors import ConfigError
+from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.results import SUMS, fields_of
+from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.gradient import Sums
@@ -31,9 +32,9 @@ EXAMPLES = (
 
 
 def leaves(value, name):
-    """``{port: raw integer}`` of a dictionary of dictionaries, sums, pairs of x and y, and integers."""
+    """``{port: raw integer}`` of a dictionary of dictionaries, a curvature, pairs of x and y, and integers."""
     if isinstance(value, tuple):
-        value = dict(zip("xy" if len(value) == 2 else SUMS, value, strict=True))
+        value = dict(zip("xy" if len(value) == 2 else Curvature._fields, value, strict=True))
     if not isinstance(value, dict):
         return {name: value}
     return {port: leaf for key, part in value.items() for port, leaf in leaves(part, f"{name}_{key}").items()}
