@@ -7,7 +7,6 @@ from cmfpga.protocol import link
 from cmfpga.rtl.uart.bridge import Bridge
 from support.bench import simulate
 
-LATENCY = 2
 BUFFER_WORDS = 64
 
 
@@ -20,7 +19,7 @@ class Host:
     def __init__(self, script):
         self.written, self.beats, self.packets, self.replies = [], [], [], []
         self.taking, self.reading = True, True
-        self._reader, self._block, self._number, self._offer = link.FrameReader(), Bridge(LATENCY, BUFFER_WORDS), 0, []
+        self._reader, self._block, self._number, self._offer = link.FrameReader(), Bridge(BUFFER_WORDS), 0, []
         self._over = False
 
         async def run(ctx):
@@ -33,7 +32,7 @@ class Host:
         assert self._reader.bad == 0
 
     async def _shell(self, ctx):
-        block, values, addresses = self._block, {}, [0] * (LATENCY - 1)
+        block, values, cycle = self._block, {}, 0
         while not self._over:
             ctx.set(block.words.ready, int(self.taking))
             ctx.set(block.packets.valid, int(bool(self._offer)))
@@ -45,16 +44,16 @@ class Host:
             if self.taking and ctx.get(block.words.valid):
                 beat = ctx.get(block.words.payload)
                 self.beats.append((beat.data, beat.keep, beat.last))
-            if ctx.get(block.bus.write.valid):
+            cycle += 1
+            ctx.set(block.bus.write.ready, int(cycle % 3 == 0))
+            if ctx.get(block.bus.write.valid) and cycle % 3 == 0:
                 write = ctx.get(block.bus.write.payload)
                 assert write.strobe == 15
                 values[write.address] = write.data
                 self.written.append((write.address, write.data))
             address = ctx.get(block.bus.read_address)
+            ctx.set(block.bus.read_data, values.get(address, 0xAB000000 + address) if ctx.get(block.bus.read) else 0)
             await ctx.tick()
-            addresses.append(address)
-            address = addresses.pop(0)
-            ctx.set(block.bus.read_data, values.get(address, 0xAB000000 + address))
 
     async def _line(self, ctx):
         while not self._over:

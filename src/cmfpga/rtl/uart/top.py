@@ -55,7 +55,7 @@ class UartTop(Elaboratable):
         self.inputs = {name: Signal(width, name=name) for name, width in widths.items()}
         self.outputs = {name: Signal(name=name) for name in ("uart_tx", "irq")}
         self.shell = Shell(config, clock=self.inputs["clk"])
-        self.bridge = Bridge(self.shell.read_latency)
+        self.bridge = Bridge()
         self.cpi = CpiPort()
 
     @property
