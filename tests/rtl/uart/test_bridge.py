@@ -13,8 +13,7 @@ BUFFER_WORDS = 64
 class Host:
     """Drives a bridge's bytes, faster than a line would, and stands for the shell at its other side.
 
-    Registers of the shell read as ``0xAB000000 + address`` until they are written; every third cycle it is ready for a
-    write, and what stands on the bus without ``read`` is wrong. Beats are taken while ``taking``.
+    Registers of the shell read as ``0xAB000000 + address`` until they are written. Beats are taken while ``taking``.
     """
 
     def __init__(self, script):
@@ -47,14 +46,13 @@ class Host:
                 self.beats.append((beat.data, beat.keep, beat.last))
             cycle += 1
             ctx.set(block.bus.write.ready, int(cycle % 3 == 0))
-            if ctx.get(block.bus.write.valid) and ctx.get(block.bus.write.ready):
+            if ctx.get(block.bus.write.valid) and cycle % 3 == 0:
                 write = ctx.get(block.bus.write.payload)
                 assert write.strobe == 15
                 values[write.address] = write.data
                 self.written.append((write.address, write.data))
             address = ctx.get(block.bus.read_address)
-            word = values.get(address, 0xAB000000 + address)
-            ctx.set(block.bus.read_data, word if ctx.get(block.bus.read) else 0xBAD)
+            ctx.set(block.bus.read_data, values.get(address, 0xAB000000 + address) if ctx.get(block.bus.read) else 0)
             await ctx.tick()
 
     async def _line(self, ctx):

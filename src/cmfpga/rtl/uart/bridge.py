@@ -69,7 +69,7 @@ class Bridge(wiring.Component):
         connect(m, self.writer.o, flipped(self.sent))
         # An access to a register, and the reply that waits: a word is in it behind READ.
         self.access = Signal(data.StructLayout({"write": 1, "address": 16, "data": 32}))
-        self.read_data = Signal(32)
+        self.read_data, self.reading, self.stalled = Signal(32), Signal(), Signal()
         self.reply = Signal(data.StructLayout({"sequence": 8, "status": 8, "word": 32}))
         self.with_word, self.pending, self.answered = Signal(), Signal(), Signal()
         counted = Signal(data.StructLayout(dict.fromkeys(OWN, 1)))
@@ -119,7 +119,6 @@ class Bridge(wiring.Component):
             counted.byte_errors.eq(self.error),
         ]
 
-        wait, writes = Signal(), Signal()
         with m.FSM():
             with m.State("IDLE"):
                 with m.If(reader.bad):
@@ -141,20 +140,17 @@ class Bridge(wiring.Component):
                         self.with_word.eq(fits & (command == link.READ)),
                         self.access.address.eq(Mux(command == link.READ, arguments[32:], arguments[:16])),
                         self.access.data.eq(arguments[16:]),
-                        writes.eq(new & (command == link.WRITE)),
-                        wait.eq(1),
+                        self.access.write.eq(new & (command == link.WRITE)),
                     ]
                     with m.If(new):
                         m.d.sync += [last_number.eq(number), known.eq(command != link.HELLO)]
                     m.next = "ACCESS"
             with m.State("ACCESS"):
-                with m.If(~self.access.write | self.bus.write.ready):
-                    m.d.sync += [self.access.write.eq(writes), writes.eq(0), wait.eq(0)]
+                m.d.comb += self.reading.eq(self.with_word)
                 with m.If(reader.end | reader.bad):
                     m.d.comb += [buffer.drop.eq(1), counted.overruns.eq(1)]
-                with m.If(~wait & (~self.access.write | self.bus.write.ready)):
-                    m.d.comb += self.bus.read.eq(1)
-                    m.d.sync += [self.reply.word.eq(self.read_data), self.pending.eq(1)]
+                with m.If(~self.stalled):
+                    m.d.sync += [self.reply.word.eq(self.read_data), self.pending.eq(1), self.access.write.eq(0)]
                     m.next = "IDLE"
         with m.If(self.answered):
             m.d.sync += self.pending.eq(0)
@@ -208,10 +204,11 @@ class Bridge(wiring.Component):
                 bus.write.payload.address.eq(access.address[2:12]),
                 bus.write.payload.data.eq(access.data),
                 bus.write.payload.strobe.eq(0b1111),
+                bus.read.eq(self.reading & (access.address[12:] == page)),
                 bus.read_address.eq(access.address[2:12]),
             ]
             with m.If(access.address[12:] == page):
-                m.d.comb += self.read_data.eq(bus.read_data)
+                m.d.comb += [self.read_data.eq(bus.read_data), self.stalled.eq(access.write & ~bus.write.ready)]
         m.d.comb += [
             self.buffer.flush.eq(bank.commands.link_flush_now),
             bank.status.link_waiting_words.eq(self.buffer.waiting),
