@@ -147,7 +147,7 @@ class Vectors:
             **{f"{memory.upper()}_BITS": sum(columns.values()) for memory, columns in self.columns.items()},
             "BANK_WORDS": config.geometry.bank_words,
             # After a reset the banks are swept; with a sweep per iteration, the sums of this one settle.
-            "CLEARING": core.sweep_cycles + core.image.latency if core.sweep_cycles else config.geometry.bank_depth,
+            "CLEARING": 1 + core.sweep_cycles + core.image.latency if core.sweep_cycles else config.geometry.bank_depth,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
         }

@@ -75,7 +75,7 @@ def test_somebody_else_sends_words(accelerator, top, rng):
 def test_packets_of_another_length_and_lost_results(accelerator, backend, rng, monkeypatch):
     usual = backend.receive
     monkeypatch.setattr(backend, "receive", lambda timeout: usual(timeout)[:9])
-    with pytest.raises(DeviceError, match="a packet of 9 words; 26 make a result"):
+    with pytest.raises(DeviceError, match="a packet of 9 words; 19 make a result"):
         accelerator.run(batch(rng, 100), roi=(8, 4))
     monkeypatch.undo()
     works(accelerator, rng)

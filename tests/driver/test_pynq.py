@@ -165,7 +165,7 @@ def test_the_caches_are_told(overlay, rng):
     with Accelerator(small(overlay), CONFIG) as accelerator:
         overlay.device.told.clear()
         accelerator.run(batch(rng, 100), roi=(8, 4))
-    assert overlay.device.told == [("flush", 800), ("invalidate", 208), ("free", 0x4000), ("free", 0x1000)]
+    assert overlay.device.told == [("flush", 800), ("invalidate", 152), ("free", 0x4000), ("free", 0x1000)]
 
 
 def test_hardware_of_another_version_is_refused(top, tmp_path, capsys):

@@ -55,12 +55,12 @@ def test_the_caches_are_told(linux, tree, rng, monkeypatch):
     with Accelerator(linux.backend(), CONFIG) as accelerator:
         told.clear()
         accelerator.run(batch(rng, 100), roi=(8, 4))
-    assert told == [("cmfpga-events", "sync_for_device", 800, 1), ("cmfpga-results", "sync_for_cpu", 208, 2)]
+    assert told == [("cmfpga-events", "sync_for_device", 800, 1), ("cmfpga-results", "sync_for_cpu", 152, 2)]
     folder = tree / "sys/class/u-dma-buf/cmfpga-results"
     read = {
         name: (folder / name).read_text() for name in ("sync_offset", "sync_size", "sync_direction", "sync_for_cpu")
     }
-    assert read == {"sync_offset": "0", "sync_size": "208", "sync_direction": "2", "sync_for_cpu": "1"}
+    assert read == {"sync_offset": "0", "sync_size": "152", "sync_direction": "2", "sync_for_cpu": "1"}
 
 
 def test_stream_larger_than_a_buffer(linux, rng):
@@ -105,7 +105,7 @@ def test_dma_that_fails(linux, rng):
             accelerator.reset()
         linux.board.dma.dead = False
         accelerator.reset()
-        accelerator.backend._receiving.begin(BUFFERS["cmfpga-results"][0], 64)  # a packet has 208 bytes
+        accelerator.backend._receiving.begin(BUFFERS["cmfpga-results"][0], 64)  # a packet has 152 bytes
         with within(5), pytest.raises(DeviceError, match=r"from the stream: internal error.*longer than the buffer"):
             accelerator.run(batch(rng, 100), roi=(8, 4))
         works(accelerator, rng)

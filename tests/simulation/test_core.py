@@ -90,7 +90,7 @@ def test_adversarial_batches_back_to_back(pair, rng):
         assert_same(rtl, expected)
         # The first batch is offered while the banks are swept after the reset, and has to wait.
         waited = values["measured_cycles"] - values["cycles"]
-        assert 0 <= waited <= config.geometry.bank_depth + 8 if number == 0 else waited == 0
+        assert 0 <= waited <= config.geometry.bank_depth + 9 if number == 0 else waited == 0
         assert accounted(rtl) == rtl.events == len(x)
         if gaps is None and rtl.iterations and rtl.events >= core.core.shortest_batch:
             counts, judged = {"events": rtl.events, "roi_events": rtl.roi_events}, bool(rtl.confidence_limit)

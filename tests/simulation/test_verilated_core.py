@@ -17,8 +17,8 @@ def core_run(core, events, **options):
 def test_the_test_bench_counts_the_same_cycles(verilated_core, rng):
     events = make_events(rng, 40)
     waited, _, _ = core_run(verilated_core, events)
-    # After a reset, before events are accepted: the sweep of 16 words, and until its sums have settled.
-    assert waited["measured_cycles"] == waited["cycles"] + 16 + 8
+    # After a reset, before events are accepted: a cycle, the sweep of 16 words, and until its sums have settled.
+    assert waited["measured_cycles"] == waited["cycles"] + 1 + 16 + 8
     plain, _, none = core_run(verilated_core, events)
     assert plain["cycles"] == plain["measured_cycles"] and plain["accepted"] == 40 and none is None
     gaps = rng.integers(0, 4, 40)

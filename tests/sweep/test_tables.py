@@ -86,7 +86,10 @@ def test_the_tables_hold_the_whole_configuration_and_read_back(tmp_path, suffix)
         *(f"config.{name}" for name in Config().to_dict()),
     ]  # fmt: skip
     tables.write(frame, tmp_path / f"x{suffix}")
-    read = (pandas.read_csv if suffix == ".csv" else pandas.read_parquet)(tmp_path / f"x{suffix}")
+    if suffix == ".csv":  # an empty text is no missing number
+        read = pandas.read_csv(tmp_path / "x.csv", converters={"config.hot_mask": str})
+    else:
+        read = pandas.read_parquet(tmp_path / f"x{suffix}")
     first, second = read.to_dict("records")
     for values, eta in ((first, 0.5), (second, 2.0)):
         config = {name.removeprefix("config."): v for name, v in values.items() if name.startswith("config.")}

@@ -166,7 +166,7 @@ def test_names_of_the_package():
 @pytest.mark.parametrize("options, message", [
     ({"roi": None}, "roi: the ROI's left column"),
     ({"roi": (40, 0)}, "ROI at 40,0: 0,0 to 24,16 is needed"),
-    ({"engine": "gpu"}, "engine 'gpu': one of rtl, model, float, axi is needed"),
+    ({"engine": "gpu"}, "engine 'gpu': one of rtl, model, float, axi, serial:PORT is needed"),
     ({"preset": "slow"}, "preset 'slow': one of paper"),
     ({"nonsense": 1}, "'nonsense': no such field"),
     ({"batch_us": 100}, "events and duration_us given"),

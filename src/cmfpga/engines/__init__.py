@@ -29,7 +29,7 @@ __all__ = ["AXI", "ENGINES", "SERIAL", "Engine", "check_roi", "engine_name", "ma
 
 def engine_name(text):
     """``text``, if it names an engine; :exc:`ConfigError` otherwise."""
-    kind, colon, port = text.partition(":")
+    kind, colon, port = text.partition(":") if isinstance(text, str) else (None, "", "")
     if kind not in _MAKERS or bool(port) != (kind == SERIAL) or (colon and not port):
         raise ConfigError(f"engine {text!r}: one of {', '.join((*ENGINES, AXI))}, {SERIAL}:PORT is needed")
     return text

@@ -15,6 +15,12 @@ EVT = data.StructLayout({"y": COLUMN_BITS, "x": COLUMN_BITS, "low": LOW_BITS, "t
 PACKED = data.StructLayout({"x": 16, "y": 15, "p": 1, "t": 32})
 
 
+def sides(value, k):
+    """Half ``k`` of a value, and the other one."""
+    found = value[: len(value) // 2], value[len(value) // 2 :]
+    return found[k], found[1 - k]
+
+
 class Decoder(wiring.Component):
     """Holds one 64-bit word, and steps through it:
 
@@ -68,8 +74,8 @@ class Decoder(wiring.Component):
         m.d.comb += [
             remaining.eq(low & (low - 1)),
             event_type.eq(packed | word.type.matches(*EVENT_TYPES)),
-            whole.eq(Mux(halves, keep[upper].all, keep[0].all & keep[1].all)),
-            some.eq(Mux(halves, keep[upper].any, keep[0].any | keep[1].any)),
+            whole.eq(Mux(halves, Mux(upper, keep[1].all, keep[0].all), keep[0].all & keep[1].all)),
+            some.eq(Mux(halves, Mux(upper, keep[1].any, keep[0].any), keep[0].any | keep[1].any)),
             final.eq((halves & (upper | ~keep[1].any)) | (vectors & ~(whole & event_type & (remaining != 0))) | packed),
             event.eq(whole & event_type & ~(vectors & (low == 0))),
             self.o.valid.eq(held & (event | self.o.payload.end)),
@@ -87,8 +93,9 @@ class Decoder(wiring.Component):
         with m.If(self.i.valid & self.i.ready):
             m.d.sync += [held.eq(1), last.eq(self.i.payload.last)]
             for k, part in enumerate((low, high)):
-                m.d.sync += part.eq(self.i.payload.data.word_select(self.swap ^ k, 32))
-                found = self.i.payload.keep.word_select(self.swap ^ k, 4)
+                m.d.sync += part.eq(Mux(self.swap, *sides(self.i.payload.data, k)))
+                found = Signal(4, name=f"keep_{k}")
+                m.d.comb += found.eq(Mux(self.swap, *sides(self.i.payload.keep, k)))
                 m.d.sync += [keep[k].any.eq(found.any()), keep[k].all.eq(found.all())]
 
         # What it says.

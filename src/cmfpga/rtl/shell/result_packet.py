@@ -100,7 +100,7 @@ class ResultPacket(wiring.Component):
             put.addr.eq(Cat(beat, ~shown)),
             put.data.eq(self._new_word(m, number, beat)),
             put.en.eq(self.writing),
-            self.word.eq(Mux(any_shown, get.data.word_select(self.address[0], 32), 0)),
+            self.word.eq(Mux(any_shown, Mux(self.address[0], get.data[32:], get.data[:32]), 0)),
         ]
         with m.If(self.writing):
             m.d.sync += beat.eq(beat + 1)
