@@ -54,7 +54,7 @@ MUTANTS = [
     Mutant("reference time is the last event's", "roi_filter", r" & first;", ";", says="result_t_first"),
     Mutant("sign of a derivative", "voter", r"= - \$signed", "= $signed", 8, says="trace_sums_d"),
     Mutant("corner beyond the ROI", "voter", r"(\$signed\(\\\$\d+ \)) < ", r"\1 <= ", 4),
-    Mutant("rounded down", "ascent", r"(\$signed\(product_x_s1\)) \+ \$signed\(\d+'h\w+\)", r"\1", says="v_x"),
+    Mutant("rounded down", "ascent", r"(\$signed\(product_x_0_0_s1\)) \+ \$signed\(\d+'h\w+\)", r"\1", says="v_x"),
     Mutant("v wraps", "ascent_velocity", r"(= )\\\$\d+  (\? target)", r"\1 1'h1 \2", 2, every=True, says="v_x"),
     Mutant("sweep too short", "image_gradient_reader", r"(column == \d+'h)\w+", r"\g<1>0", says="words of pixels"),
     Mutant("one iteration too many", "iteration_control", r"(\\\$\d+  == )handover__batch",

@@ -50,7 +50,7 @@ def wide_product(m, a, b, cycles, *, name):
     for k, one in enumerate(_pieces(a)):
         for j, other in enumerate(_pieces(b)):
             product = delay(m, one * other, 1, name=f"{name}_{k}{j}")
-            diagonals.setdefault(k - j, []).append(product << PIECE * (k + j))
+            diagonals.setdefault(k - j, []).append(product.shift_left(PIECE * (k + j)))
     terms = [term for terms in sorted(diagonals.values(), key=len, reverse=True) for term in terms]
     for left in reversed(range(cycles - 1)):
         while len(terms) > (2 if left else 1):

@@ -16,9 +16,9 @@ PACKED = data.StructLayout({"x": 16, "y": 15, "p": 1, "t": 32})
 
 
 def sides(value, k):
-    """Half ``k`` of a value, and the other one."""
+    """Of a value's halves the one that is not number ``k``, and the one that is."""
     found = value[: len(value) // 2], value[len(value) // 2 :]
-    return found[k], found[1 - k]
+    return found[1 - k], found[k]
 
 
 class Decoder(wiring.Component):
