@@ -189,13 +189,16 @@ class IterationControl(wiring.Component):
         opening = self.handover.opened
         found, opened, loaded, first = Signal(), Signal(), Signal(), Signal(init=1)
         settling = Signal(range(self._settle + 1))
-        was_done, settled = Signal(), Signal(init=1)
+        was_done, settled, ready = Signal(), Signal(init=1), Signal(init=1)
+        finding = self.run.done & ~was_done
         m.d.sync += was_done.eq(self.run.done)
         both = found & opened
-        m.d.comb += [self.move.eq(both & ~loaded), self.handover.settled.eq(~both & settled)]
+        # A register, because all of a batch's begin hangs on it: what ~both & settled will be.
+        m.d.sync += ready.eq(~opening & ~both & (settled | (settling == 0)) & ~((found | finding) & opened))
+        m.d.comb += [self.move.eq(both & ~loaded), self.handover.settled.eq(ready)]
         with m.If(opening):
             m.d.sync += [opened.eq(~first), first.eq(0), loaded.eq(self.handover.loads)]
-        with m.If(self.run.done & ~was_done):
+        with m.If(finding):
             m.d.sync += found.eq(1)
         with m.If(both):
             m.d.sync += [found.eq(0), opened.eq(0)]
