@@ -214,8 +214,7 @@ class Core(CycleFormula, wiring.Component):
         if not self.background_filter:
             return self.image.cleared
         once = Signal()
-        with m.If(self.image.cleared):
-            m.d.sync += once.eq(1)
+        m.d.sync += once.eq(once | self.image.cleared)
         return (self.image.cleared | once) & self.background_filter.cleared
 
     def _iterate(self, m):
@@ -277,12 +276,13 @@ class Core(CycleFormula, wiring.Component):
         ]
 
     def _confide(self, m):
-        """Behind the last iteration: replay four times more beside v, and judge by the gradients."""
+        """Behind the last iteration: four more replays beside v; the gradients tell."""
         control, probe, judge = self.iteration_control, self.probe, self.judge
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [
             *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
-            *(block.begin.eq(control.begin) for block in (probe, judge)),
+            probe.begin.eq(control.begin),
+            judge.begin.eq(delay(m, control.begin, 1, name="begin", valid=True)),  # no hurry; many wait for it
             probe.iterating.eq(control.iterating),
             probe.complete.eq(control.complete),
             probe.v.eq(self.ascent.v),
