@@ -73,6 +73,7 @@ def _parser():
         "--engine",
         default="rtl",
         type=_engine,
+        choices=cli.Proposals((*ENGINES, AXI)),
         metavar="{" + ",".join((*ENGINES, AXI, f"{SERIAL}:PORT")) + "}",
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
         "model: the same in integers (needs torch); float: the article's equations (needs torch); "

@@ -272,6 +272,13 @@ def locked(path):
         lock.release()
 
 
+class Proposals(tuple):
+    """``choices`` of an option that a shell proposes; its ``type`` says what is allowed."""
+
+    def __contains__(self, value):
+        return True
+
+
 def run(main, arguments=None):
     """Call ``main(arguments)``; a user's mistake, or the system's refusal, becomes one line and exit status 2."""
     for stream in (sys.stdout, sys.stderr):
