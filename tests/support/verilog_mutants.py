@@ -79,6 +79,6 @@ MUTANTS = [
     fast("a full buffer is not thinned out", "event_buffer", r"(assign stored__halved = )[^;]*", r"\1 1'h0",
          says="FAIL: time-out"),
     fast("dither stands still", "dither", r"= phase_x \+ [^;]*;", "= phase_x;", says="trace_sums"),
-    fast("batch opened before the next ROI is known", "iteration_control", r"assign handover__settled = [^;]*",
-         "assign handover__settled = 1'h1", says="result_"),
+    fast("batch opened before the next ROI is known", "iteration_control", r"  handover__settled <= [^;]*",
+         "  handover__settled <= 1'h1", says="result_"),
 ]  # fmt: skip
