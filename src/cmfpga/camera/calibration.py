@@ -1,5 +1,7 @@
 """Files that hold a calibration: HDF5, a ROS ``camera_info`` YAML, or a plain text of nine numbers."""
 
+import os
+import re
 from dataclasses import dataclass
 
 import h5py
@@ -13,6 +15,7 @@ from .camera import Camera
 DATASET = "camera_calibration"
 
 _MODEL = "plumb_bob"
+_NUMBERS = re.compile(r"[-+.,eE\d\s]+")
 _LARGEST = 1 << 20  # bytes of a text
 
 
@@ -64,9 +67,44 @@ def calibration_of(file, path):
     node = file.get(DATASET)
     if node is None:
         return None
-    if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "iuf" or node.size != len(NAMES):
+    if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "iuf" or node.shape != (len(NAMES),):
         raise ConfigError(f"{path}: /{DATASET}: {' '.join(NAMES)} is needed, nine numbers")
     return Calibration(_camera(" ".join(map(repr, node[()].ravel().astype(float).tolist())), path))
+
+
+def camera_fields(camera, source):
+    """The fields of a configuration that undistort for ``camera``.
+
+    Parameters
+    ----------
+    camera : str, Path, Camera, Calibration or sequence of numbers
+        A file, or what is in one. A text of numbers is no file.
+    source : EventSource
+        Its sensor must be of the size that the file tells, if it does.
+
+    Raises
+    ------
+    ConfigError
+        As of :func:`read_calibration`; or the sizes differ.
+    """
+    if isinstance(camera, Calibration):
+        found = camera
+    elif isinstance(camera, Camera):
+        found = Calibration(camera)
+    elif isinstance(camera, os.PathLike) or (isinstance(camera, str) and not _NUMBERS.fullmatch(camera)):
+        found = read_calibration(camera)
+    else:
+        try:
+            text = camera if isinstance(camera, str) else " ".join(repr(float(one)) for one in camera)
+        except (TypeError, ValueError):
+            raise ConfigError(f"camera = {camera!r}: a file, or {' '.join(NAMES)}, is needed") from None
+        found = Calibration(_camera(text, "camera"))
+    sensor = source.width, source.height
+    if found.size and source.width is not None and found.size != sensor:
+        raise ConfigError(
+            f"{camera}: a camera of {found.size[0]}×{found.size[1]} px; the sensor has {sensor[0]}×{sensor[1]} px"
+        )
+    return {"undistortion": "on", "camera": found.camera.text}
 
 
 def _camera(text, path):

@@ -4,7 +4,7 @@ Positions are raw integers with ``formats.event_frac`` fraction bits, 0 of them 
 """
 
 import functools
-from types import SimpleNamespace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -95,13 +95,28 @@ def undistort(config, lens, x, y):
     return tuple((axis << frac) + ((by + (1 << (drop - 1))) >> drop) for axis, by in zip((x, y), moved, strict=True))
 
 
-def seen(config, events):
-    """``events`` as the ROI filter sees them: with their positions in the undistorted image, px, float64.
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """Events as the ROI filter sees them: ``x`` and ``y`` in the undistorted image, px, float64 [n]."""
 
-    The same object where the hardware does not undistort.
-    """
-    frac = config.formats.event_frac
-    if not frac:
+    t: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    p: np.ndarray
+
+    def __len__(self):
+        return len(self.t)
+
+
+def seen(config, events):
+    """The :class:`Seen` of ``events``; the same object without a camera."""
+    if not config.lens:
         return events
-    x, y = (axis * 2.0**-frac for axis in undistort(config, config.lens, events.x, events.y))
-    return SimpleNamespace(t=events.t, x=x, y=y, p=events.p)
+    x, y = (axis * 2.0**-config.formats.event_frac for axis in undistort(config, config.lens, events.x, events.y))
+    return Seen(events.t, x, y, events.p)
+
+
+def nearest(config, x, y):
+    """Whole pixels of positions, int64 [n] each, and which lie on the sensor."""
+    x, y = (np.floor(np.asarray(axis) + 0.5).astype(np.int64) for axis in (x, y))
+    return x, y, (x >= 0) & (x < config.sensor_width) & (y >= 0) & (y < config.sensor_height)

@@ -191,14 +191,10 @@ class Config:
         for name, why in unread(vars(self)).items():
             if getattr(self, name) != self.__dataclass_fields__[name].default:
                 raise ConfigError(why)
-        self._check_size("roi_width", "sensor_width")
-        self._check_size("roi_height", "sensor_height")
-        if self.gradient == "sweep":
-            for name in ("roi_width", "roi_height"):
-                if getattr(self, name) % 2:
-                    raise ConfigError(
-                        f"{name} = {getattr(self, name)}: an even number of pixels is needed by the sweep"
-                    )
+        for side in ("width", "height"):
+            self._check_size(f"roi_{side}", f"sensor_{side}")
+            if self.gradient == "sweep" and (size := getattr(self, f"roi_{side}")) % 2:
+                raise ConfigError(f"roi_{side} = {size}: an even number of pixels is needed by the sweep")
         if self.span_bits >= self.time_bits:
             raise ConfigError(
                 f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
@@ -336,6 +332,11 @@ class Config:
     def lens(self):
         """The nine numbers of ``camera``, in the order of :data:`cmfpga.config.camera.NAMES`; () without one."""
         return parse_camera(self.camera)
+
+    @property
+    def image(self):
+        """Which image ROI and v are in, for people: ``undistorted``; empty where it is what the sensor sees."""
+        return "undistorted" if self.lens else ""
 
     @cached_property
     def motion(self):

@@ -232,7 +232,7 @@ class Story:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
             size = {"width": config.roi_width, "height": config.roi_height}
-            ratios.append(gain(detail.x, detail.y, dt, detail.v[-1], **size))
+            ratios.append(gain(*self.kept.places(detail), dt, detail.v[-1], **size))
         return float(np.median(ratios)) if ratios else None
 
 
