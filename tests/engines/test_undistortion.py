@@ -1,6 +1,8 @@
 """Undistorted events in every engine: the same positions, fractions and all, and each event counted once."""
 
 import dataclasses
+import inspect
+import textwrap
 
 import numpy as np
 import pytest
@@ -15,6 +17,8 @@ from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.results import counts_of
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.rtl.image import dither, warp
+from cmfpga.rtl.ingest import roi_filter
 from cmfpga.verilog.compiler import find_compiler
 
 SMALL = {
@@ -66,6 +70,36 @@ def test_all_engines_see_the_same(config, rng):
 def test_hardware_and_model_through_long_batches_and_without_a_pause(config):
     batches, iterations = check(config, 3)
     assert batches > 60 and iterations > 100
+
+
+MUTANTS = {  # module, old, new, configuration
+    "ROI in whole pixels": (roi_filter, "y - Cat(Const(0, frac), self.roi.y)", "y - self.roi.y", "fast"),
+    "a row more": (roi_filter, "(y_s2 < height << frac)", "(y_s2 < (height + 1) << frac)", "paper"),
+    "half a pixel twice": (warp, "half, scaled_half = 0,", "scaled_half =", "fast"),
+    "half a pixel stays": (warp, "half, scaled_half = 0, 1 << (config.position_frac - 1)", "half = 0", "paper"),
+    "dither too small": (dither, "Cat(Const(0, wide - frac), offset)", "offset", "coarse dither"),
+    "positions too small": (dither, "event[axis] << (wide - formats.event_frac)", "event[axis]", "fine dither"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_broken_block_is_noticed(name, rng, monkeypatch):
+    """Fractions that a block behind the undistorter handles wrongly."""
+    module, old, new, which = MUTANTS[name]
+    kind = next(k for k in vars(module).values() if inspect.isclass(k) and k.__module__ == module.__name__)
+    source = textwrap.dedent(inspect.getsource(kind.elaborate))
+    assert source.count(old) == 1
+    broken = dict(vars(module))
+    exec(source.replace(old, new), broken)
+    monkeypatch.setattr(kind, "elaborate", broken["elaborate"])
+    config = CONFIGS[which]
+    simulated, model, right = AmaranthEngine(config), make_engine("model", config), True
+    for roi in ((3, 4), (20, 14), (11, 9)):
+        x, y = roi[0] + rng.integers(-3, 19, 100), roi[1] + rng.integers(-3, 15, 100)
+        events = Events(np.arange(100) * 9, x.clip(0, 44), y.clip(0, 39), np.zeros(100))
+        settings = dataclasses.replace(BatchSettings.from_config(config, roi), camera=LENS, iterations=2, eta=900)
+        right &= dataclasses.replace(simulated.run(events, settings), cycles=None) == model.run(events, settings)
+    assert not right
 
 
 def test_without_a_camera_it_is_the_hardware_without_undistortion(rng):

@@ -1,6 +1,8 @@
 """Undistorter against its model, and the model against the camera's equations."""
 
 import dataclasses
+import inspect
+import textwrap
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from cmfpga.camera import Camera, node_table, node_writes, undistort
 from cmfpga.config import Config, preset
 from cmfpga.errors import ConfigError
+from cmfpga.rtl.ingest import undistorter
 from cmfpga.rtl.ingest.undistorter import Undistorter
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import NARROW, ODD, TINY
@@ -113,6 +116,33 @@ def test_a_batch_keeps_what_it_began_with(rng):
     recording = play(block, [*script, {"i.valid": 1, "i.payload": {"t": 0, "x": 3, "y": 4, "last": 0}}, *[{}] * 9])
     wanted = [int(axis[0]) + 8 for axis in undistort(config, lens, [3], [4])]
     assert [(one["x"], one["y"]) for one in recording.values()[-1:]] == [tuple(wanted)]
+
+
+MUTANTS = {
+    "even columns only": ("((column + 1 - odd_column) >> 1)", "(column >> 1)"),
+    "even rows only": ("(row + 1 - odd_row) >> 1", "row >> 1"),
+    "left is right": ("Mux(from_odd_column, *pair)", "Mux(~from_odd_column, *pair)"),
+    "above is below": ("Mux(from_odd_row, *pair)", "Mux(~from_odd_row, *pair)"),
+    "a neighbour's place": ('delay(m, event.x[:cell], 3, name="right")', 'delay(m, event.x[:cell], 2, name="right")'),
+    "an earlier event's row": ('delay(m, event.y[:cell], 5, name="down")', 'delay(m, event.y[:cell], 4, name="down")'),
+    "rounded down": ("(1 << (drop - 1))", "0"),
+    "not in the middle": ("Const(1 << (frac - 1), frac)", "Const(0, frac)"),
+    "written everywhere": ("& (put.column[0] == odd_column)", ""),
+    "always on": ("Mux(enabled, moved, 0)", "Mux(1, moved, 0)"),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_broken_block_is_noticed(name, rng, monkeypatch):
+    old, new = MUTANTS[name]
+    source = textwrap.dedent(inspect.getsource(Undistorter.elaborate))
+    assert source.count(old) == 1
+    broken = dict(vars(undistorter))
+    exec(source.replace(old, new), broken)
+    monkeypatch.setattr(Undistorter, "elaborate", broken["elaborate"])
+    with pytest.raises(AssertionError):
+        test_hardware_is_the_model("odd", "gaps", rng)
+        test_without_a_camera_nothing_moves_whatever_the_table_holds("odd", rng)
 
 
 # ---------------------------------------------------------------- the model
