@@ -13,10 +13,12 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 from amaranth.hdl import Fragment, Shape
 from amaranth.lib import data, wiring
 from declared import DECLARED, table
 
+from cmfpga.camera import Camera, nearest, undistort
 from cmfpga.config import PRESETS, preset
 from cmfpga.protocol.results import RESULTS, trace_shape
 from cmfpga.protocol.settings import SETTINGS, BatchSettings
@@ -280,6 +282,38 @@ def noise_table():
     return table(heads, rows, right=(1, 2, 3, 4))
 
 
+#: Measured lenses: that of a DAVIS 240C, and the same distortion on a larger sensor.
+LENSES = {
+    (240, 180): "199.092367,198.82882,132.192071,110.71266,-0.368436,0.150947,-0.000296,-0.000759,0",
+    (640, 480): "530,530,320,240,-0.368436,0.150947,-0.000296,-0.000759,0",
+}
+
+
+def undistortion_table():
+    rows = []
+    for (width, height), lens in LENSES.items():
+        config = preset().replace(sensor_width=width, sensor_height=height, undistortion="on", camera=lens)
+        y, x = (axis.ravel() for axis in np.mgrid[0:height, 0:width])
+        true = Camera(*config.lens).undistorted(x, y)
+        _, _, there = nearest(config, *true)
+        bits = config.formats.node_x.width + config.formats.node_y.width
+        pixel_bits = bits - 4  # no bits for an interpolation
+        kinds = [("per pixel", width * height * pixel_bits, np.floor(true * 16 + 0.5))]
+        for cell in (2, 3, 4, 5):
+            sized = config.replace(undistortion_cell=cell)
+            memory = sized.geometry.node_columns * sized.geometry.node_rows * bits
+            kinds.append((f"nodes of {1 << cell} px", memory, np.stack(undistort(sized, sized.lens, x, y))))
+        for kind, memory, found in kinds:
+            error = np.hypot(*(found / 16 - true))[there]
+            products = "0" if kind == "per pixel" else "6"
+            rms = np.sqrt((error**2).mean())
+            rows.append(
+                (f"{width}×{height} px", kind, f"{memory:,}", products, f"{rms:.3f} px", f"{error.max():.2f} px")
+            )
+    heads = ("sensor", "table", "memory, bits", "small products", "error, rms", "at most")
+    return table(heads, rows, right=(2, 3, 4, 5))
+
+
 TABLES = {
     **DECLARED,
     "formats": formats_table,
@@ -288,6 +322,7 @@ TABLES = {
     "cycles": cycles_table,
     "memories": memories_table,
     "noise": noise_table,
+    "undistortion": undistortion_table,
     "ports": ports_table,
     "blocks": blocks_table,
 }

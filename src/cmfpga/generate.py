@@ -3,11 +3,15 @@
 import argparse
 import json
 import sys
+from dataclasses import asdict, astuple
+from types import SimpleNamespace
 
 import numpy as np
 from tqdm import tqdm
 
 from . import cli
+from .camera import Camera, camera_fields
+from .config.camera import parse_camera
 from .errors import ConfigError
 from .events import Events, Hdf5Writer, generate
 from .events.synthetic import TEXTURES
@@ -15,6 +19,7 @@ from .events.synthetic import TEXTURES
 EXAMPLES = (
     "python -m cmfpga.generate scene.h5 --velocity 120,-40",
     "python -m cmfpga.generate noisy.h5 --texture dense --noise 0.3 --hot-pixels 5 --seed 7",
+    "python -m cmfpga.generate lens.h5 --camera 200,200,120,90,-0.35,0.12,0,0,0    # then track --camera lens.h5",
     "python -m cmfpga.generate long.h5 --velocity 100,0 --there-and-back --repeat 100   # 50 s in pieces",
 )
 
@@ -59,6 +64,11 @@ def _parser():
     made.add_argument("--noise", type=_number, default=0.0, metavar="F", help="noise, as a fraction of all events")
     made.add_argument("--hot-pixels", type=cli.natural, default=0, metavar="N", help="pixels that emit by themselves")
     made.add_argument("--hot-rate", type=_number, default=1000.0, metavar="R", help="of each of them, events/s")
+    cli.files(made.add_argument(
+        "--camera", metavar="FILE",
+        help="distort the image as this camera does (a file or numbers, as for track), and write its calibration; "
+        "position and velocity are those of the undistorted image",
+    ))  # fmt: skip
     made.add_argument(
         "--repeat", type=cli.positive, default=1, metavar="K",
         help="the scene K times, one after the other, written in pieces (default: 1)",
@@ -77,10 +87,15 @@ def main(arguments=None):
     if options.there_and_back:
         half = options.duration_us // 2
         velocity = ((half, *velocity), (options.duration_us - half, *(-axis for axis in velocity)))
+    camera = None
+    if options.camera is not None:
+        fields = camera_fields(options.camera, SimpleNamespace(width=width, height=height))
+        camera = Camera(*parse_camera(fields["camera"]))
     scene = generate(
         seed=options.seed, width=width, height=height, texture=options.texture, size=options.size,
         position=options.position, velocity=velocity, duration_us=options.duration_us, contrast=options.contrast,
         noise=options.noise, hot_pixels=options.hot_pixels, hot_rate=options.hot_rate,
+        camera=camera,
     )  # fmt: skip
     events, motion = scene.events, scene.motion
     if not len(events):
@@ -90,6 +105,8 @@ def main(arguments=None):
     velocities = np.tile(motion.velocities, (options.repeat, 1))
     with Hdf5Writer(options.out, width, height) as writer:
         writer.attributes(source="synthetic: cmfpga generate", seed=options.seed, texture=options.texture)
+        if camera:
+            writer.calibration(astuple(camera))
         writer.ground_truth(times, velocities, motion.position(0))
         for k in tqdm(range(options.repeat), unit="scene", disable=None if options.repeat > 1 else True):
             writer.write(Events(events.t + k * options.duration_us, events.x, events.y, events.p))
@@ -102,6 +119,7 @@ def main(arguments=None):
             "sensor": [width, height],
             "velocity_px_per_s": [[int(t), *v] for t, v in zip(motion.times, motion.velocities.tolist(), strict=True)],
             "start_px": motion.position(0).tolist(),
+            **({"camera": asdict(camera)} if camera else {}),
         }
         print(json.dumps(summary, indent=2))
     else:

@@ -9,12 +9,14 @@ import statistics
 import sys
 from dataclasses import asdict
 
+import h5py
 import numpy as np
 from tqdm import tqdm
 
 from . import cli
+from .camera import calibration_of
 from .engines import make_engine
-from .errors import RecordingError, needs
+from .errors import ConfigError, RecordingError, needs
 from .events import BatchCutter, open_recording
 from .protocol.settings import BatchSettings
 from .reference.integer.noise_filter import NoiseFilter
@@ -84,18 +86,16 @@ def main(arguments=None):
                 proposals = propose(
                     recording, survey, config, count=options.objects, start_event=options.start_event, tick=bar.update
                 )
+        camera = camera_of(options.recording)
         noise = noise_shares(recording, survey, config, proposals)
         checked = [check(recording, config, found, options.check) for found in proposals] if options.check else []
         if options.png is not None:
             draw(options.png, survey, config, proposals)
     if options.json:
-        print(
-            json.dumps(
-                _report(options, recording, survey, config, proposals, checked, noise), indent=2, ensure_ascii=False
-            )
-        )
+        found = _report(options, recording, survey, config, proposals, checked, noise, camera)
+        print(json.dumps(found, indent=2, ensure_ascii=False))
     else:
-        print("\n".join(_text(options, recording, survey, config, proposals, checked, noise)))
+        print("\n".join(_text(options, recording, survey, config, proposals, checked, noise, camera)))
     if broken is not None:
         raise broken
     return 0
@@ -144,6 +144,18 @@ def _command(options, proposal):
     return shlex.join(words)
 
 
+def camera_of(path):
+    """The calibration that an HDF5 file holds, JSON-ready, or why it cannot be read; None without one."""
+    if not h5py.is_hdf5(path):
+        return None
+    with h5py.File(path, "r") as file:
+        try:
+            found = calibration_of(file, path)
+        except ConfigError as error:
+            return {"error": str(error)}
+    return found and {"text": str(found.camera), **asdict(found.camera)}
+
+
 def noise_shares(recording, survey, config, proposals):
     """What the filters in front of the ROI would drop of the recording's first events, and the options that say so.
 
@@ -175,7 +187,7 @@ def noise_shares(recording, survey, config, proposals):
     return found
 
 
-def _report(options, recording, survey, config, proposals, checked, noise):
+def _report(options, recording, survey, config, proposals, checked, noise, camera):
     bin_us, rate = survey.rate()
     return {
         "file": options.recording,
@@ -191,6 +203,7 @@ def _report(options, recording, survey, config, proposals, checked, noise):
         "rate_bin_us": bin_us,
         "rate_per_s": [round(value, 3) for value in rate.tolist()],
         "hot_pixels": [{"x": x, "y": y, "events": events} for x, y, events in survey.hot_pixels()],
+        **({"camera": camera} if camera else {}),
         "noise": [{"options": name, "share": round(share, 4)} for name, share in noise.items()],
         "roi_size": [config.roi_width, config.roi_height],
         "proposals": [
@@ -206,7 +219,7 @@ def _report(options, recording, survey, config, proposals, checked, noise):
     }
 
 
-def _text(options, recording, survey, config, proposals, checked, noise):
+def _text(options, recording, survey, config, proposals, checked, noise, camera):
     """Lines for people."""
     rows, columns = survey.counts.shape
     sensor = f"{recording.width}×{recording.height} px"
@@ -224,6 +237,8 @@ def _text(options, recording, survey, config, proposals, checked, noise):
         yield f"rate        {survey.events / span:,.0f} events/s on average; each sign is {bin_us / 1e3:,.6g} ms:"
         top = rate.max()
         yield "            " + "".join(_BARS[int(np.ceil(value / top * 8))] for value in rate) + f"  0 to {top:,.0f}"
+    if camera:
+        yield f"camera      {camera.get('text') or camera['error']}"
     hot = survey.hot_pixels()
     shown = ", ".join(f"{x},{y} ({events:,} events)" for x, y, events in hot[:_HOT_SHOWN])
     more = f", and {len(hot) - _HOT_SHOWN} more" if len(hot) > _HOT_SHOWN else ""

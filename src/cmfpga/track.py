@@ -14,8 +14,8 @@ import types
 from tqdm import tqdm
 
 from . import cli
+from .cli.ingest import add_ingest_options, ingest_fields
 from .cli.lines import Lines, Truth
-from .cli.noise import add_noise_options, noise_fields
 from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from .errors import ConfigError
@@ -79,7 +79,7 @@ def _parser():
         "model: the same in integers (needs torch); float: the article's equations (needs torch); "
         "serial:PORT: a board at a serial port, such as /dev/ttyUSB0 (default: rtl)",
     )
-    add_noise_options(made)
+    add_ingest_options(made)
     cli.add_recording_options(made)
     cli.add_layout_options(made)
     made.add_argument("--format", choices=STREAM_FORMATS, help="of a stream without a header")
@@ -147,7 +147,7 @@ def main(arguments=None):
     with recording:
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
-        fields = {**_sensor_fields(options, recording), **demo, **noise_fields(options, recording)}
+        fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
         config = cli.make_config(options, **fields)
         objects = _objects(options, truth, config, recording)
         _choose(options, objects, recording, config)
@@ -315,7 +315,7 @@ def _summarise(options, config, engine, objects, counts):
             f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
-        for sentence in (one.dropped_text, one.verdict.share, one.verdict.velocity):
+        for sentence in (one.image_text, one.dropped_text, one.verdict.share, one.verdict.velocity):
             if sentence:
                 print(f"{who}{sentence}")
     if cycles:

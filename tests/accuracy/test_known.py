@@ -12,7 +12,7 @@ from cmfpga.accuracy import bias, default_use, judged, known
 from cmfpga.accuracy.synthetic import synthetic_cases
 from cmfpga.config import preset
 from cmfpga.errors import RecordingError
-from cmfpga.imaging.camera import Camera
+from cmfpga.camera import read_calibration
 
 FAST = preset("fast")
 
@@ -91,7 +91,7 @@ NOTED = {
 @pytest.mark.parametrize("make", NOTED, ids=lambda make: make.__name__)
 def test_truth_of_turning_cameras(make, data_dir):
     one, (file, omega) = make(data_dir), NOTED[make]
-    camera = Camera(*known._data(data_dir / file, "camera_calibration")[0])
+    camera = read_calibration(data_dir / file).camera
     places = np.array(one.rois).T + 32.0
     found = [one.truth(*one.events.t[[0, -1]].tolist(), *place[:, None]) for place in places.T]
     assert np.abs(np.array(found).T - camera.speeds(omega, *places)).max() < 5 and 0 < one.doubt < 10

@@ -16,10 +16,22 @@ from cmfpga.errors import ConfigError, UserError
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
 REAL = [name for name, field in FIELDS.items() if field.type is float and name != "confidence_limit"]
-TEXT = {"gradient", "ascent", "start", "ram_style", "cold", "warm", "when_full", "border", "hot_mask"}
+TEXT = {
+    "gradient",
+    "ascent",
+    "start",
+    "ram_style",
+    "cold",
+    "warm",
+    "when_full",
+    "border",
+    "hot_mask",
+    "camera",
+    "undistortion",
+}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
-    "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful", "hot_mask", "background_us",
+    "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful", "hot_mask", "background_us", "camera",
 }  # fmt: skip
 
 # Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
@@ -32,7 +44,8 @@ LEAST = {
 # What a field's largest value needs of others.
 ROOM = {
     "sensor_width": {}, "roi_width": {"sensor_width": 4096}, "roi_height": {"sensor_height": 4096},
-    "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "iterations": {"max_iterations": 65535},
+    "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "undistortion_frac": {"dt_frac": 12},
+    "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
     "background_us": {"time_bits": 48, "span_bits": 32},
 }  # fmt: skip
@@ -42,6 +55,8 @@ SURE = PROBED | {"confidence": 1}
 READER = {
     "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"},
     **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
+    **{name: {"undistortion": "on", "undistortion_frac": 1} for name in ("undistortion_cell", "camera")},
+    "undistortion_frac": {"undistortion": "on"},
     "hot_mask": {"hot_pixels": 1}, "background_cell": {"background": 1}, "background_us": {"background": 1},
 }  # fmt: skip
 
@@ -165,6 +180,7 @@ def test_choices(name, choices):
     ({"min_roi_events": 2049}, "min_roi_events = 2049: at most 2048 is allowed (buffer_events)"),
     ({"thin_target": 2049}, "thin_target = 2049: at most 2048 is allowed (buffer_events)"),
     ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
+    ({"undistortion": "on", "dt_frac": 2, "v_frac": 1}, "undistortion_frac = 4: at most dt_frac + v_frac = 3 is al"),
     ({"ascent": "sign", "cold": "2:2"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
     ({"ascent": "sign", "max_iterations": 14}, "cold: 15 iterations; at most 14 are allowed (max_"),
     ({"ascent": "sign", "max_iterations": 5, "cold": "0:0"}, "warm: 6 iterations; at most 5 are allowed "),
@@ -359,6 +375,19 @@ def test_an_roi_as_large_as_the_sensor_has_one_position():
 
 
 # ---------------------------------------------------------------- noise
+
+
+def test_a_camera_is_nine_numbers():
+    on = {"undistortion": "on"}
+    assert Config(**on).lens == Config().lens == ()
+    assert Config(**on, camera="200,201,120,90").lens == (200.0, 201.0, 120.0, 90.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert Config(**on, camera=" 200 201 120 90 -.3 .1 1e-3 0 ").lens[4:] == (-0.3, 0.1, 0.001, 0.0, 0.0)
+    for text in ("200,201,120", "200,201,120,90,-0.3", "a,b,c,d", "200,201,120,nan"):
+        shown = " ".join(text.replace(",", " ").split())
+        assert refusal(**on, camera=text) == f"camera: '{shown}': fx fy cx cy k1 k2 p1 p2 k3 is needed, nine numbers"
+    text = "camera: fx = 200, fy = -1: focal lengths above 0 px are needed"
+    assert refusal(**on, camera="200,-1,120,90") == text
+    assert refusal(camera="200,200,120,90").startswith("camera = '200,200,120,90': undistortion = on is needed; ")
 
 
 def test_a_mask_of_hot_pixels_is_read_once():

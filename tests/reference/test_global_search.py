@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import Camera
+from cmfpga.camera import Camera
 from cmfpga.reference.global_search import affine, rotation, search, translation
 
 CAMERA = Camera(199.1, 198.8, 120.2, 90.7, -0.3, 0.1)

@@ -22,9 +22,16 @@ def test_the_file_waives_these_rules_with_reasons(waivers):
     assert len(re.findall(r"^//.*\nlint_off", text, re.MULTILINE)) == len(WAIVED)
 
 
-@pytest.mark.parametrize("name", [*CONFIGS, "fast"])
+OTHERS = {
+    "fast": preset("fast"),
+    "undistorted": preset("fast").replace(undistortion="on", undistortion_frac=6, background=1),
+    "undistorted, no dither": preset("paper").replace(undistortion="on", sensor_width=64, sensor_height=65),
+}
+
+
+@pytest.mark.parametrize("name", [*CONFIGS, *OTHERS])
 def test_no_warning_beside_them_and_all_are_needed(name, waivers, tmp_path):
-    _, text = emitted(CONFIGS.get(name) or preset(name))
+    _, text = emitted(CONFIGS.get(name) or OTHERS[name])
     assert verilator_lint(text, tmp_path, "-Wall", waivers) == (0, set())
     status, warnings = verilator_lint(text, tmp_path, "-Wall")
     assert status and warnings == WAIVED

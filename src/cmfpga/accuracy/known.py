@@ -14,9 +14,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from ..camera import read_calibration
 from ..errors import RecordingError
 from ..events import Events, generate, open_recording
-from ..imaging.camera import Camera
 from .yardstick import ROI
 
 #: Generated: texture, velocity (px/s), noise, size of the object (px), contrast. It crosses the sensor's middle.
@@ -153,7 +153,7 @@ def _turning(path, name, linear):
     from ..reference.global_search import rotation, search
 
     events, sensor = _read(path)
-    camera = Camera(*_data(path, "camera_calibration")[0])
+    camera = read_calibration(path).camera
     found, *halves = (
         search(rotation(camera, part.x, part.y), part.t, linear=linear) for part in (events, events[::2], events[1::2])
     )

@@ -16,6 +16,7 @@ from functools import cached_property
 
 from ..errors import ConfigError
 from .ascent import ASCENTS
+from .camera import parse_camera
 from .confidence import check_confidence
 from .formats import Formats
 from .geometry import Geometry
@@ -42,6 +43,9 @@ def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=
 #: Whether the hardware tells how sure v is, and what only that reads.
 CONFIDENCE = {0: (), 1: ("judge", "confidence_limit", "cold_after_doubtful")}
 
+#: Whether the hardware undistorts, and what only that reads.
+UNDISTORTION = {"off": (), "on": ("undistortion_cell", "undistortion_frac", "camera")}
+
 #: Whether the hardware has the filters in front of the ROI, and what only each reads.
 HOT_PIXELS = {0: (), 1: ("hot_mask",)}
 BACKGROUND = {0: (), 1: ("background_cell", "background_us")}
@@ -51,7 +55,7 @@ def unread(fields):
     """``{name: why}`` of those ``fields``, a dictionary of all, that the choices among them do not read."""
     fields, found = {**fields}, {}
     ascents = {name: rule.fields for name, rule in ASCENTS.items()}
-    choices = {"gradient": GRADIENTS, "ascent": ascents, "confidence": CONFIDENCE}
+    choices = {"gradient": GRADIENTS, "ascent": ascents, "confidence": CONFIDENCE, "undistortion": UNDISTORTION}
     for choice, own in (choices | {"hot_pixels": HOT_PIXELS, "background": BACKGROUND}).items():
         chosen = fields[choice]
         for other, names in own.items():
@@ -78,6 +82,12 @@ class Config:
     sensor_height: int = _field(180, "rows of the sensor", unit="px", low=2, high=4096)
     roi_width: int = _field(64, "columns of the region of interest (ROI), even", unit="px", low=2, high=4096)
     roi_height: int = _field(64, "rows of the ROI, even", unit="px", low=2, high=4096)
+
+    # Camera
+    undistortion: str = _field("off", "on: the hardware undistorts at ingest", choices=tuple(UNDISTORTION))
+    undistortion_cell: int = _field(3, "its table has a node every 2^undistortion_cell px", low=1, high=6)
+    undistortion_frac: int = _field(4, "fraction bits of an undistorted position", unit="bits", low=1, high=8)
+    camera: str = _field("", "calibration: fx,fy,cx,cy,k1,k2,p1,p2,k3; empty: nothing is undistorted", runtime=True)
 
     # Noise
     hot_pixels: int = _field(0, "1: the hardware has a mask of hot pixels", low=0, high=1)
@@ -181,32 +191,24 @@ class Config:
         for name, why in unread(vars(self)).items():
             if getattr(self, name) != self.__dataclass_fields__[name].default:
                 raise ConfigError(why)
-        self._check_size("roi_width", "sensor_width")
-        self._check_size("roi_height", "sensor_height")
-        if self.gradient == "sweep":
-            for name in ("roi_width", "roi_height"):
-                if getattr(self, name) % 2:
-                    raise ConfigError(
-                        f"{name} = {getattr(self, name)}: an even number of pixels is needed by the sweep"
-                    )
+        for side in ("width", "height"):
+            self._check_size(f"roi_{side}", f"sensor_{side}")
+            if self.gradient == "sweep" and (size := getattr(self, f"roi_{side}")) % 2:
+                raise ConfigError(f"roi_{side} = {size}: an even number of pixels is needed by the sweep")
         if self.span_bits >= self.time_bits:
             raise ConfigError(
                 f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
                 "or a step back in time could not be told from a long batch"
             )
-        self.hot  # noqa: B018 - raises where the text is malformed
+        self.hot, self.lens  # noqa: B018 - raise where the text is malformed
         if self.background_us > self.widths.background_us_max:
             raise ConfigError(
                 f"background_us = {self.background_us}: at most {self.widths.background_us_max} is allowed (span_bits)"
             )
         self._check_size("min_roi_events", "buffer_events")
         self._check_size("thin_target", "buffer_events")
-        for name, fmt in (
-            ("eta", self.formats.eta),
-            ("roi_gain", self.formats.roi_gain),
-            ("v_start_x", self.formats.v),
-            ("v_start_y", self.formats.v),
-        ):
+        q = self.formats
+        for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
             self._check_real(name, fmt)
         if self.ascent_rule.has_table:
             self.schedules.check()
@@ -216,10 +218,10 @@ class Config:
             self.one_pass.check()
         if self.confidence:
             check_confidence(self)
-        if self.dither_frac > self.dt_frac + self.v_frac:
-            raise ConfigError(
-                f"dither_frac = {self.dither_frac}: at most dt_frac + v_frac = {self.dt_frac + self.v_frac} is allowed"
-            )
+        most = self.dt_frac + self.v_frac
+        for name in ("dither_frac", *UNDISTORTION[self.undistortion][1:2]):
+            if getattr(self, name) > most:
+                raise ConfigError(f"{name} = {getattr(self, name)}: at most dt_frac + v_frac = {most} is allowed")
         for what, width in self.widths.exact.items():
             if width > 63:
                 raise ConfigError(
@@ -325,6 +327,16 @@ class Config:
     def hot(self):
         """The pixels of ``hot_mask``: tuple of (column, row)."""
         return parse_pixels(self.hot_mask, self)
+
+    @cached_property
+    def lens(self):
+        """The nine numbers of ``camera``, in the order of :data:`cmfpga.config.camera.NAMES`; () without one."""
+        return parse_camera(self.camera)
+
+    @property
+    def image(self):
+        """Which image ROI and v are in, for people: ``undistorted``; empty where it is what the sensor sees."""
+        return "undistorted" if self.lens else ""
 
     @cached_property
     def motion(self):

@@ -21,5 +21,10 @@ class Formats:
             Q(bits_for(last), c.v_frac + c.roi_gain_frac, signed=False)
             for last in (c.geometry.roi_x_max, c.geometry.roi_y_max)
         )
+        #: Fraction bits of an event's position when it is stored, and when it is dithered.
+        self.event_frac = c.undistortion_frac if c.undistortion == "on" else 0
+        self.dithered_frac = max(c.dither_frac, self.event_frac)
+        #: How far a node of the table that undistorts moves an event: two bits more than the position has.
+        self.node_x, self.node_y = (Q(bits, c.undistortion_frac + 2) for bits in (c.geometry.x_bits, c.geometry.y_bits))
         # Warped position relative to the ROI, clamped to −2 … its size (whole pixels outside vote nowhere).
         self.position_x, self.position_y = (Q(bits_for(size), c.position_frac) for size in (c.roi_width, c.roi_height))

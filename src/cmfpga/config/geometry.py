@@ -29,6 +29,13 @@ class Geometry:
         self.cell_columns, self.cell_rows = (-(-size >> cell) for size in (config.sensor_width, config.sensor_height))
         self.cell_column_bits = bits_for(self.cell_columns - 1)  #: the row stands above them
         self.cell_depth = self.cell_rows << self.cell_column_bits  #: cells of the background's filter, as mask_depth
+        step = config.undistortion_cell
+        #: Nodes of the table that undistorts: one every 2^undistortion_cell px, in four banks by parity.
+        self.node_columns, self.node_rows = (
+            ((size - 1) >> step) + 2 for size in (config.sensor_width, config.sensor_height)
+        )
+        self.node_column_bits = bits_for((self.node_columns - 1) >> 1)  #: of a bank; the row stands above them
+        self.node_depth = ((self.node_rows + 1) >> 1) << self.node_column_bits  #: words of one bank
 
     def level_size(self, level):
         """Columns and rows of the image whose pixels are 2^level px wide."""

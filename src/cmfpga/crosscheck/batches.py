@@ -184,6 +184,7 @@ def random_settings(config, rng, previous_roi):
         cold_after_doubtful=int(rng.random() < 0.8),
         confidence_limit=int(rng.choice([1, 20, 90, 90, 1023])),
         hot_mask=random_mask(config, rng, roi or previous_roi),
+        camera=random_lens(config, rng),
         background_us=min(config.widths.background_us_max, int(rng.choice([0, 1, 30, 300, 5000, 1 << 31]))),
         **(random_schedules(config, rng) if config.ascent_rule.has_table else {}),
     )
@@ -200,6 +201,17 @@ def random_mask(config, rng, roi):
     else:
         x, y = _inside(config, rng, clamp_roi(config, roi)[0], count)
     return tuple(sorted(set(zip(x.tolist(), y.tolist(), strict=True))))
+
+
+def random_lens(config, rng):
+    """None, or a camera with any distortion that can be undone, its centre near the sensor's."""
+    if config.undistortion == "off" or rng.random() < 0.3:
+        return ()
+    size = np.array([config.sensor_width, config.sensor_height])
+    focus = size.max() * rng.uniform(0.9, 2.0, 2)
+    centre = size * rng.uniform(0.4, 0.6, 2)
+    distortion = rng.uniform(-1, 1, 5) * (0.35, 0.1, 0.01, 0.01, 0.02)
+    return tuple(np.concatenate([focus, centre, distortion]).tolist())
 
 
 def random_schedules(config, rng):

@@ -8,9 +8,9 @@ from ..engines import make_engine
 from ..engines.rtl import to_batch_result
 from ..events import Events
 from ..protocol.results import fields_of
-from ..protocol.settings import BatchSettings, schedule_table, settings_values
+from ..protocol.settings import BatchSettings, settings_values
 from ..verilog.compiler import find_compiler
-from .batches import PATTERNS, random_events, random_mask, random_schedules, random_settings
+from .batches import PATTERNS, random_events, random_lens, random_mask, random_schedules, random_settings
 
 BATCHES = 3 * len(PATTERNS)
 #: Clock cycles after which no further batch begins: seconds of Verilator, and of Amaranth's simulator.
@@ -95,7 +95,7 @@ def compare_stream(core, rng, most, *, gaps, stalls):
     """
     config, model = core.config, make_engine("model", core.config)
     fixed = random_schedules(config, rng) if config.ascent_rule.has_table else {}
-    fixed["hot_mask"] = random_mask(config, rng, model.roi)
+    fixed |= {"hot_mask": random_mask(config, rng, model.roi), "camera": random_lens(config, rng)}
     batches, rows, expected, cycles = [], [], [], 0
     while len(batches) < most and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.roi)
@@ -108,8 +108,7 @@ def compare_stream(core, rng, most, *, gaps, stalls):
         expected.append(model.run(events, settings))
         done = expected[-1]
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
-    core.write_schedule(schedule_table(config, settings))
-    core.write_mask(settings.hot_mask)
+    core.write_tables(settings)
     count = sum(len(t) for t, _, _ in batches)
     late = rng.integers(0, 40, count) * (rng.random(count) < gaps)
     waits = rng.integers(0, 3000, len(batches)) * (rng.random(len(batches)) < stalls)

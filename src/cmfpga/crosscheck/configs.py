@@ -1,6 +1,7 @@
 """Random configurations, small enough to be compiled and simulated in seconds."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -8,6 +9,7 @@ from ..config import Config, unread
 from ..config.schedule import AUTO, STRIDES
 from ..errors import ConfigError
 from ..fixed import Q
+from .batches import random_lens
 
 #: Largest values that are drawn, where the field's own would take too long to simulate, or be refused nearly always.
 LARGEST = {
@@ -51,6 +53,7 @@ def _fields(rng):
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
     values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
+    values["camera"] = ",".join(map(repr, random_lens(SimpleNamespace(**known | values), rng)))
     v = Q(known["v_int"], known["v_frac"])
     values |= {name: v.real(int(rng.integers(v.min, v.max + 1))) for name in ("v_start_x", "v_start_y")}
     limit = _FIELDS["confidence_limit"].metadata

@@ -6,6 +6,7 @@ import numpy as np
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
+from ..camera import node_writes
 from ..protocol.settings import mask_writes, schedule_table, settings_values
 from ..protocol.trace import columns
 from ..rtl.core import Core
@@ -26,8 +27,8 @@ class AmaranthEngine(RtlEngine):
             "(install g++ or clang++ for a thousand times that)"
         )
         self.core = Core(config)
-        self._job = None  # (events, settings, table of schedules, words of the mask) of the batch to simulate
-        self._mask = None  # as it stands
+        self._job = None  # (events, settings, table of schedules, words of mask and nodes) of the batch to simulate
+        self._mask = self._lens = None  # as they stand
         self._outcome = None
 
     @functools.cached_property
@@ -40,8 +41,11 @@ class AmaranthEngine(RtlEngine):
 
     def _simulate(self, events, settings):
         table = schedule_table(self.config, settings)
-        writes = mask_writes(self.config, settings.hot_mask, self._mask) if settings.hot_mask else []
+        mask = mask_writes(self.config, settings.hot_mask, self._mask) if settings.hot_mask else []
         self._mask = settings.hot_mask or self._mask
+        nodes = node_writes(self.config, settings.camera) if settings.camera not in ((), self._lens) else []
+        self._lens = settings.camera or self._lens
+        writes = [("mask_write", word) for word in mask] + [("node_write", node) for node in nodes]
         self._job = (events, settings_values(self.config, settings), table, writes)
         self._outcome = None
         # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
@@ -71,11 +75,12 @@ class AmaranthEngine(RtlEngine):
                 ctx.set(core.schedule_write.payload, {"address": address, "entry": entry})
                 await ctx.tick()
                 ctx.set(core.schedule_write.valid, 0)
-            for word in writes:
-                ctx.set(core.mask_write.valid, 1)
-                ctx.set(core.mask_write.payload, dict(zip(("column", "row", "bits"), word, strict=True)))
+            for name, word in writes:
+                port = getattr(core, name)
+                ctx.set(port.valid, 1)
+                ctx.set(port.payload, dict(zip(port.payload.shape().members, word, strict=True)))
                 await ctx.tick()
-                ctx.set(core.mask_write.valid, 0)
+                ctx.set(port.valid, 0)
             self._outcome = await self._batch(ctx, core, events, values)
 
     @staticmethod

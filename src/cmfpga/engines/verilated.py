@@ -1,6 +1,6 @@
 """The emitted Verilog in Verilator as an engine."""
 
-from ..protocol.settings import schedule_table, settings_values
+from ..protocol.settings import settings_values
 from ..simulation.core import VerilatedCore
 from .rtl import RtlEngine
 
@@ -18,8 +18,7 @@ class VerilatedEngine(RtlEngine):
 
     def _simulate(self, events, settings):
         values = settings_values(self.config, settings)
-        self._core.write_schedule(schedule_table(self.config, settings))
-        self._core.write_mask(settings.hot_mask)
+        self._core.write_tables(settings)
         result, trace, _ = self._core.run(events.t, events.x, events.y, values)
         return result, trace
 

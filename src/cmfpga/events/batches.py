@@ -64,6 +64,8 @@ class BatchCutter:
         Exactly one of them, 1 or more: events, µs, events.
     max_events : int
         Largest batch, in events of the whole sensor.
+    seen : callable, optional
+        ``seen(events)``: events whose ``x`` and ``y`` are where the ROI has them, such as :func:`cmfpga.camera.seen`.
 
     Raises
     ------
@@ -73,7 +75,7 @@ class BatchCutter:
         From the source, here or in :meth:`next`.
     """
 
-    def __init__(self, source, *, start_event=0, events=None, duration_us=None, roi_events=None, max_events):
+    def __init__(self, source, *, start_event=0, events=None, duration_us=None, roi_events=None, max_events, seen=None):
         modes = {"events": events, "duration_us": duration_us, "roi_events": roi_events}
         given = {name: value for name, value in modes.items() if value is not None}
         if len(given) != 1:
@@ -85,6 +87,7 @@ class BatchCutter:
         self.size = whole(self.mode, size)
         if self.mode != "duration_us" and self.size > self.max_events:
             raise ConfigError(f"{self.mode} = {self.size}: at most {self.max_events} is allowed (max_events)")
+        self._seen = seen or (lambda events: events)
         self._source, self._start = source, whole("start_event", start_event, low=0)
         self._chunks = source.chunks(self._start, CHUNK_EVENTS)
         self._chunk = Events.empty()
@@ -150,9 +153,8 @@ class BatchCutter:
             elif self.mode == "duration_us":
                 take, complete, cut_short = self._take_window(rest, count)
             else:
-                take, hits = _take_roi(
-                    rest[: min(_SCAN_EVENTS, self.max_events - count)], roi, self.size - self._inside
-                )
+                ahead = self._seen(rest[: min(_SCAN_EVENTS, self.max_events - count)])
+                take, hits = _take_roi(ahead, roi, self.size - self._inside)
                 self._inside += hits
                 complete = self._inside == self.size
                 cut_short = not complete and count + take == self.max_events
@@ -187,7 +189,7 @@ class BatchCutter:
 def _take_roi(events, roi, wanted):
     """How many of ``events`` to take until ``wanted`` of them are inside the ROI, and how many of those are."""
     x, y, width, height = roi
-    column, row = events.x.astype(np.int64) - x, events.y.astype(np.int64) - y
+    column, row = events.x - (x - 0.5), events.y - (y - 0.5)
     hits = np.flatnonzero((column >= 0) & (column < width) & (row >= 0) & (row < height))
     if len(hits) < wanted:
         return len(events), len(hits)

@@ -238,6 +238,11 @@ class Hdf5Writer:
         with self._errors():
             self._file.attrs.update(attrs)
 
+    def calibration(self, numbers):
+        """The camera: ``fx fy cx cy k1 k2 p1 p2 k3``, as ``/camera_calibration``."""
+        with self._errors():
+            self._file.create_dataset("camera_calibration", data=numbers).attrs["order"] = "fx fy cx cy k1 k2 p1 p2 k3"
+
     def ground_truth(self, times, velocities, start):
         """The true motion, constant piece by piece, as ``/ground_truth/motion/t``, ``velocity`` and ``start``.
 

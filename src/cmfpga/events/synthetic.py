@@ -64,6 +64,8 @@ class Scene:
         Pixels that emit by themselves.
     hot_rate : float
         Rate of each of them, events/s.
+    camera : cmfpga.camera.Camera, optional
+        What distorts the image: position, size and velocity are in the undistorted one, events where it sees them.
     """
 
     seed: int = 0
@@ -79,6 +81,7 @@ class Scene:
     noise: float = 0.0
     hot_pixels: int = 0
     hot_rate: float = 1000.0
+    camera: object = None
 
     def __post_init__(self):
         for name, low, high in (
@@ -249,7 +252,10 @@ def _emit(scene, points, gradients, motion, rng):
         # Thresholds on the way: upwards from the next whole level, downwards from the last one.
         threshold = np.floor(begin_level)[owner] + np.where(up[owner], nth + 1, -nth)
         share = np.clip((threshold - begin_level[owner]) / change[owner], 0, 1)
-        pixel = np.floor(points[owner] + place + share[:, None] * step + 0.5).astype(np.int64)
+        at = points[owner] + place + share[:, None] * step
+        if scene.camera:
+            at = scene.camera.distorted(*at.T).T
+        pixel = np.floor(at + 0.5).astype(np.int64)
         t = np.minimum(np.floor(t0 + share * (t1 - t0)).astype(np.int64), t1 - 1)
         inside = ((pixel >= 0) & (pixel < [scene.width, scene.height])).all(axis=1)
         parts.append((t[inside], pixel[inside, 0], pixel[inside, 1], up[owner][inside].astype(np.uint8)))

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..camera import nearest
 from ..errors import ConfigError, naming
 from ..protocol.flags import Flag
 from .iwe import image_of_warped_events, scaled_roi_events
@@ -62,6 +63,7 @@ class Gallery:
         self.config = config
         self.name = name
         self.motion = motion
+        self._where = f", {config.image}" * bool(config.image)
         self._frames = []  # of every stride-th batch
         self._stride = 1
         self._sharpest = None  # of the batch whose contrast grew most: growth, index, v, images before and after
@@ -84,16 +86,18 @@ class Gallery:
 
     def _frame(self, batch):
         signs = np.zeros((self.config.sensor_height, self.config.sensor_width), np.int32)
-        np.add.at(signs, (batch.events.y, batch.events.x), 2 * batch.events.p.astype(np.int32) - 1)
+        x, y, shown = nearest(self.config, batch.seen.x, batch.seen.y)
+        at = y[shown], x[shown]
+        np.add.at(signs, at, 2 * batch.events.p[shown].astype(np.int32) - 1)
         there = np.zeros(signs.shape, bool)
-        there[batch.events.y, batch.events.x] = True
+        there[at] = True
         events = np.stack([there & (signs < 0), there & (signs >= 0)])
         moved = self._image(batch, batch.result.v).astype(np.float32)
         return _Frame(batch.index, batch.t_ref, batch.result.roi, np.packbits(events, axis=2), moved)
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
-        events = scaled_roi_events(self.config, batch.events, batch.result.roi, **batch.which)
+        events = scaled_roi_events(self.config, batch.seen, batch.result.roi, **batch.which)
         return image_of_warped_events(*events, v, width=self.config.roi_width, height=self.config.roi_height)
 
     def _keep_sharpest(self, batch):
@@ -164,7 +168,7 @@ class Gallery:
         axis.plot(*np.add(self._corners[: frame.index + 1], centre).T, color=_TRAIL, linewidth=2)
         size = (self.config.roi_width, self.config.roi_height)
         axis.add_patch(Rectangle(np.subtract(frame.roi, 0.5), *size, fill=False, edgecolor=_ROI, linewidth=1.5))
-        axis.set(title=frame.title, xlabel="x [px]", ylabel="y [px]")
+        axis.set(title=frame.title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
 
     def _draw_images(self, figure, index, v, still, moved):
         axes = figure.subplots(1, 2, sharex=True, sharey=True)

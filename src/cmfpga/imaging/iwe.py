@@ -11,9 +11,12 @@ _RIM = 3  # pixels on each side of the image; they take the votes that fall outs
 
 
 def events_in_roi(events, roi, width, height):
-    """Which events lie in an ROI, and their columns and rows in it: three int64 [n]."""
-    x, y = events.x.astype(np.int64) - roi[0], events.y.astype(np.int64) - roi[1]
-    index = np.flatnonzero((x >= 0) & (x < width) & (y >= 0) & (y < height))
+    """Which events lie in an ROI, and their columns and rows in it: three int64 [n]; of undistorted ones, float64."""
+    x, y = (
+        axis.astype(np.promote_types(axis.dtype, np.int64)) - corner
+        for axis, corner in zip((events.x, events.y), roi, strict=True)
+    )
+    index = np.flatnonzero((x >= -0.5) & (x < width - 0.5) & (y >= -0.5) & (y < height - 0.5))
     return index, x[index], y[index]
 
 
@@ -30,8 +33,9 @@ def scaled_roi_events(config, events, roi, *, thinned=False, dropped=None):
     if not span:
         return np.zeros((3, 0))
     kept = kept if dropped is None else kept & ~dropped
-    inside = np.stack(events_in_roi(events, roi, config.roi_width, config.roi_height))
-    index, x, y = inside[:, kept[inside[0]]][:, : None if thinned else config.buffer_events]
+    inside = events_in_roi(events, roi, config.roi_width, config.roi_height)
+    stored = np.flatnonzero(kept[inside[0]])[: None if thinned else config.buffer_events]
+    index, x, y = (column[stored] for column in inside)
     return np.stack([x, y, (2 * since[index] - span) / span])
 
 

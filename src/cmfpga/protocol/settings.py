@@ -41,6 +41,11 @@ def with_background(config):
     return bool(config.background)
 
 
+def with_undistortion(config):
+    """Only with ``undistortion="on"``."""
+    return config.undistortion == "on"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """One input of the hardware that may change from batch to batch.
@@ -211,6 +216,9 @@ SETTINGS = (
             places=(Place(word=19, field="ENABLE", width=1),)),
     Setting(name="background_us", field="background_us", high=lambda c: c.widths.background_us_max, default=0,
             when=with_background, places=(Place(word=20),)),
+    Setting(name="camera", shape=lambda c: whole(1), when=with_undistortion, default=(), asked=lambda c: c.lens,
+            raw=lambda c, s: bool(s.camera), doc="1: undistort, as the table of nodes says",
+            places=(Place(word=21, field="ENABLE", width=1),)),
 )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
+from ..camera import undistort
 from ..protocol.flags import Flag
 from ..protocol.results import thins
 from .integer.roi_filter import roi_filter
@@ -15,8 +16,8 @@ class TakenIn:
     """A batch's stored events, and where the others went."""
 
     t: torch.Tensor  # µs since t_1, [n]
-    x: torch.Tensor  # column in the ROI, [n]
-    y: torch.Tensor  # row in the ROI, [n]
+    x: torch.Tensor  # column in the ROI, raw with event_frac fraction bits, [n]
+    y: torch.Tensor  # row in the ROI, the same, [n]
     counts: dict  # what is known of the batch, by the names of the fields of BatchResult
     flags: Flag
     next_thinning: int | None  # what would have brought this batch down to its target
@@ -27,7 +28,7 @@ class TakenIn:
 
 
 def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, False)):
-    """Crop, thin out and store a batch: :class:`TakenIn`.
+    """Undistort, crop, thin out and store a batch: :class:`TakenIn`.
 
     Parameters
     ----------
@@ -41,6 +42,7 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, Fa
     dropped : pair of bool arrays
         As :class:`~.integer.noise_filter.NoiseFilter` judges the events.
     """
+    x, y = undistort(config, settings.camera, x, y)
     inside = roi_filter(config, t, x, y, roi=roi, hot=dropped[0], noise=dropped[1])
     found = len(inside.t)
     factor = last_thinning if settings.thin_target and last_thinning else settings.thinning

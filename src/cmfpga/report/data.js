@@ -17,14 +17,14 @@ async function unpack() {
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   const raw = await new Response(stream).arrayBuffer();
   const total = details.reduce((sum, detail) => sum + detail.events, 0);
-  const [, width, height] = head.frame;
+  const [, width, height] = head.frame, [bits, half] = head.place;
   let event = 0;
   details.forEach((detail, k) => {
     const n = detail.events;
     detail.since = Float64Array.from(new Uint32Array(raw, 4 * event, n));
     for (let i = 1; i < n; ++i) detail.since[i] += detail.since[i - 1];
-    detail.x = new Uint16Array(raw, 4 * total + 2 * event, n);
-    detail.y = new Uint16Array(raw, 6 * total + 2 * event, n);
+    [detail.x, detail.y] = [4, 6].map((bytes) =>
+      Float64Array.from(new Uint16Array(raw, bytes * total + 2 * event, n), (value) => value / 2 ** bits - half));
     detail.frame = new Uint8Array(raw, 8 * total + k * width * height, width * height);
     event += n;
   });

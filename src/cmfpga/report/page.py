@@ -123,6 +123,7 @@ def _data(kept, story):
         "roi": [config.roi_width, config.roi_height],
         "roiNext": list(kept.roi_next),
         "sensor": [config.sensor_width, config.sensor_height],
+        "place": [kept.fraction, 0.5 if config.image else 0],
         "frame": [kept.frame_bin, *(details[0].frame.shape[::-1] if details else (0, 0))],
         "bufferEvents": config.buffer_events,
         "bufferShown": bool(kept.numbers("roi_events").max() > config.buffer_events / 3),

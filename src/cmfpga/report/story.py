@@ -191,6 +191,8 @@ class Story:
         verdict, sharper = self.verdict, self.gain
         sentences = filter(None, (verdict.share, *verdict.warnings(), *verdict.notes()))
         found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
+        if image := self.kept.config.image:
+            found.insert(0, f"ROI, velocity and pictures are in the {image} image.")
         if sharper is not None:
             found.append(
                 f"Moved back by the velocities found, the events make an image of {sharper:.2f} times the contrast "
@@ -232,7 +234,7 @@ class Story:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
             size = {"width": config.roi_width, "height": config.roi_height}
-            ratios.append(gain(detail.x, detail.y, dt, detail.v[-1], **size))
+            ratios.append(gain(*self.kept.places(detail), dt, detail.v[-1], **size))
         return float(np.median(ratios)) if ratios else None
 
 

@@ -23,8 +23,8 @@ from .image.time_scaler import TimeScaler
 from .image.voter import BilinearVoter
 from .image.warp import Warp
 from .ingest.event_buffer import EventBuffer
+from .ingest.front import WRITES, connect_front, make_front
 from .ingest.ingest_control import IngestControl
-from .ingest.noise_filter import BackgroundFilter, HotMask
 from .ingest.reciprocal import Reciprocal
 from .ingest.roi_filter import RoiFilter
 from .ingest.thinner import Thinner
@@ -70,9 +70,9 @@ class Core(CycleFormula, wiring.Component):
         Every iteration's images, for verification. Only where the image has it.
     schedule_write : ``In``, flow of :func:`payloads.schedule_write`
         Fills the table of schedules. Only where the ascent has it.
-    mask_write : ``In``, flow of :func:`payloads.mask_write`
-        Fills the mask of hot pixels, whose contents a reset leaves. Only where there is one, and while no batch is
-        under way.
+    mask_write, node_write : ``In``, flows of :func:`payloads.mask_write`, :func:`payloads.node_write`
+        Fill the mask of hot pixels and the table that undistorts, whose contents a reset leaves. Only where there is
+        one, and while no batch is under way.
 
     Raises
     ------
@@ -95,16 +95,15 @@ class Core(CycleFormula, wiring.Component):
         for name, block in (("pixels", self.image), ("schedule_write", self.ascent)):
             if name in block.signature.members:
                 members[name] = block.signature.members[name]
-        if self.hot_mask:
-            members["mask_write"] = self.hot_mask.signature.members["write"]
+        for name, write in WRITES.items():
+            if name in self.front:
+                members[write] = self.front[name].signature.members["write"]
         super().__init__(members)
 
     def _make_blocks(self):
         config = self.config
-        self.hot_mask = HotMask(config) if config.hot_pixels else None
-        self.background_filter = BackgroundFilter(config) if config.background else None
+        self.front = make_front(config)
         self.roi_filter = RoiFilter(config)
-        self._front = [block for block in (self.hot_mask, self.background_filter, self.roi_filter) if block]
         self.thinner = Thinner(
             payloads.roi_event(config),
             most_stored=config.buffer_events,
@@ -127,7 +126,7 @@ class Core(CycleFormula, wiring.Component):
         self.probe = Probe(config) if config.confidence else None
         self.judge = Judge(config) if config.confidence else None
         # From an event's acceptance until it is counted; from a replay to the warp; from the last vote to the next v.
-        self.drain = sum(block.latency for block in (*self._front, self.thinner)) + 1
+        self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.thinner)) + 1
         self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
         self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
         self.ingest_control = IngestControl(config, drain=self.drain)
@@ -143,11 +142,11 @@ class Core(CycleFormula, wiring.Component):
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
         names = (
-            "ingest_control", "hot_mask", "background_filter", "roi_filter", "thinner", "event_buffer", "reciprocal",
-            "dither", "time_scaler", "warp", "voter", "image", "gradient", "ascent", "probe", "judge", "roi_updater",
-            "iteration_control",
+            "roi_filter", "thinner", "event_buffer", "reciprocal", "dither", "time_scaler", "warp", "voter", "image",
+            "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control",
         )  # fmt: skip
-        return {name: block for name in names if (block := getattr(self, name)) is not None}
+        others = {name: block for name in names if (block := getattr(self, name)) is not None}
+        return {"ingest_control": self.ingest_control, **self.front, **others}
 
     @property
     def blocks(self):
@@ -169,12 +168,10 @@ class Core(CycleFormula, wiring.Component):
         return m
 
     def _ingest(self, m):
-        """Crop, thin out, store, measure the time range."""
+        """Filter, undistort, crop, thin out, store, measure the time range."""
         control, opened = self.ingest_control, self.ingest_control.handover.opened
         connect(m, flipped(self.i), control.i)
-        connect(m, control.o, self._front[0].i)
-        for block, following in itertools.pairwise(self._front):
-            connect(m, block.o, following.i)
+        connect_front(m, self)
         connect(m, self.roi_filter.o, self.thinner.i)
         connect(m, self.thinner.o, self.event_buffer.i)
         connect(m, self.roi_filter.measured, control.measured)
@@ -194,15 +191,6 @@ class Core(CycleFormula, wiring.Component):
             self.opened.eq(opened),
             self.take.eq(control.handover.take),
         ]
-        if self.hot_mask:
-            connect(m, flipped(self.mask_write), self.hot_mask.write)
-            m.d.comb += [self.hot_mask.start.eq(opened), self.hot_mask.enable.eq(self.settings.hot_mask)]
-        if self.background_filter:
-            m.d.comb += [
-                self.background_filter.start.eq(opened),
-                self.background_filter.period.eq(self.settings.background_us),
-                self.background_filter.clear.eq(control.clear),
-            ]
         if thins(self.config):
             m.d.comb += [
                 self.thinner.halved.eq(self.event_buffer.stored.halved),
@@ -211,11 +199,11 @@ class Core(CycleFormula, wiring.Component):
 
     def _cleared(self, m):
         """Image and cells are clear: who is first waits for the other."""
-        if not self.background_filter:
+        if "background_filter" not in self.front:
             return self.image.cleared
         once = Signal()
         m.d.sync += once.eq(once | self.image.cleared)
-        return (self.image.cleared | once) & self.background_filter.cleared
+        return (self.image.cleared | once) & self.front["background_filter"].cleared
 
     def _iterate(self, m):
         """Replay while there is room, scale, warp, vote, sum."""

@@ -64,6 +64,23 @@ def marked_event(config, *marks):
     return data.StructLayout({**event(config).members, **dict.fromkeys(marks, 1)})
 
 
+def undistorted_event(config):
+    """The same, as the ROI filter takes it. Where the hardware undistorts, its position has fraction bits, and half a
+    pixel more than it is: the whole part is the nearest pixel, which need not lie on the sensor.
+    """
+    members, geometry, frac = marked_event(config).members, config.geometry, config.formats.event_frac
+    if frac:
+        members = {**members, "x": Fixed(Q(geometry.x_bits + 1, frac)), "y": Fixed(Q(geometry.y_bits + 1, frac))}
+    return data.StructLayout(members)
+
+
+def node_write(config):
+    """A node of the table that undistorts: how far it moves what lies on it."""
+    geometry, formats = config.geometry, config.formats
+    place = {"column": range(geometry.node_columns), "row": range(geometry.node_rows)}
+    return data.StructLayout({**place, "x": Fixed(formats.node_x), "y": Fixed(formats.node_y)})
+
+
 def mask_write(config):
     """A word of the mask of hot pixels: bit k is the pixel 32·column + k."""
     geometry = config.geometry
@@ -73,10 +90,10 @@ def mask_write(config):
 
 
 def roi_event(config):
-    """An event in the ROI: µs since t_1, column and row in the ROI."""
-    return data.StructLayout(
-        {"t": config.span_bits, "x": bits_for(config.roi_width - 1), "y": bits_for(config.roi_height - 1)}
-    )
+    """An event in the ROI: µs since t_1, column and row in the ROI, as :func:`undistorted_event` has them."""
+    columns, rows, frac = bits_for(config.roi_width - 1), bits_for(config.roi_height - 1), config.formats.event_frac
+    x, y = (Fixed(Q(bits, frac, signed=False)) if frac else bits for bits in (columns, rows))
+    return data.StructLayout({"t": config.span_bits, "x": x, "y": y})
 
 
 def replayed_event(config):
@@ -85,10 +102,16 @@ def replayed_event(config):
 
 
 def dithered_event(config):
-    """An event out of the buffer, with ``dither_frac`` fraction bits in its position."""
-    members = replayed_event(config).members
+    """An event out of the buffer, with ``dithered_frac`` fraction bits in its position.
+
+    Where the hardware undistorts, it has still half a pixel more than it is.
+    """
+    members, formats = replayed_event(config).members, config.formats
     if config.dither_frac:
-        members = {**members, **{axis: Fixed(Q(members[axis], config.dither_frac)) for axis in ("x", "y")}}
+        last = 0 if formats.event_frac else 1  # with that half it may reach the pixel behind the last
+        sizes = {"x": config.roi_width - last, "y": config.roi_height - last}
+        places = {axis: Fixed(Q(bits_for(size), formats.dithered_frac)) for axis, size in sizes.items()}
+        members = {**members, **places}
     return data.StructLayout(members)
 
 

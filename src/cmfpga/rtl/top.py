@@ -40,8 +40,9 @@ class VerilogCore(Core):
         }
         if hasattr(self, "schedule_write"):
             groups["schedule"] = (self.schedule_write, {"valid": True, "payload": True})
-        if hasattr(self, "mask_write"):
-            groups["mask"] = (self.mask_write, {"valid": True, "payload": True})
+        for prefix in ("mask", "node"):
+            if hasattr(self, f"{prefix}_write"):
+                groups[prefix] = (getattr(self, f"{prefix}_write"), {"valid": True, "payload": True})
         if hasattr(self, "pixels"):
             groups["trace_pixels"] = (self.pixels, {"valid": False, "payload": False})
         for prefix, (member, signals) in groups.items():

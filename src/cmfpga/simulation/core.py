@@ -4,9 +4,10 @@ import ctypes
 
 import numpy as np
 
-from ..protocol.settings import mask_writes
+from ..camera import node_writes
+from ..protocol.settings import mask_writes, schedule_table
 from ..rtl.top import VerilogCore
-from ..verilog.compile import compile_library, is_sound, load, port_names
+from ..verilog.compile import TABLES, compile_library, is_sound, load, port_names
 from ..verilog.emit import cache_folder
 
 #: The members of ``struct Run`` of harness.cpp, in order.
@@ -55,8 +56,7 @@ class VerilatedCore:
         self._library.core_new.restype = ctypes.c_void_p
         self._library.core_wave_count.restype = ctypes.c_int64
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
-        self._table = ()
-        self._mask = None
+        self._written = {"schedule": ()}  # what the tables hold
         self.reset()
 
     def reset(self, cycles=2):
@@ -70,21 +70,29 @@ class VerilatedCore:
 
     def write_schedule(self, table):
         """Fill the table of schedules with (level, shift, stride), from address 0 on; between batches only."""
-        handle = self._open()
-        if table == self._table:
-            return
-        self._table = table
-        rows = np.array(table, np.int64).reshape(-1, 3)
-        self._library.core_write_schedule(handle, _pointer(rows), ctypes.c_int64(len(rows)))
+        if self._is_new("schedule", table):
+            self._write("schedule", [(address, *row) for address, row in enumerate(table)])
 
-    def write_mask(self, pixels):
-        """Mark (column, row) of these pixels as hot, and no others, if there are any; between batches only."""
-        handle = self._open()
-        if not pixels or pixels == self._mask:
-            return
-        rows = np.array(mask_writes(self.config, pixels, self._mask), np.int64).reshape(-1, 3)
-        self._mask = pixels
-        self._library.core_write_mask(handle, _pointer(rows), ctypes.c_int64(len(rows)))
+    def write_tables(self, settings):
+        """Fill all tables as a batch with these :class:`BatchSettings` needs them; between batches only."""
+        self.write_schedule(schedule_table(self.config, settings))
+        marked = self._written.get("mask")
+        if settings.hot_mask and self._is_new("mask", settings.hot_mask):
+            self._write("mask", mask_writes(self.config, settings.hot_mask, marked))
+        if settings.camera and self._is_new("node", settings.camera):
+            self._write("node", node_writes(self.config, settings.camera))
+
+    def _is_new(self, table, content):
+        self._open()
+        before, self._written[table] = self._written.get(table), content
+        return content != before
+
+    def _write(self, table, rows):
+        rows = np.array(rows, np.int64)
+        number, width = TABLES.index(table), rows.size // max(1, len(rows))
+        self._library.core_write_table(
+            self._open(), number, _pointer(rows), ctypes.c_int64(width), ctypes.c_int64(len(rows))
+        )
 
     def start_waves(self):
         """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""

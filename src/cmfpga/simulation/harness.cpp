@@ -1,7 +1,7 @@
 // Drives the verilated core batch by batch, behind a C interface that Python's ctypes can call.
 //
-// ports.inc is generated from the core's port list: set_settings(), set_schedule(), get_result(), get_trace(),
-// get_pixels(), get_wave(), set_mask(), and the number of values that each handles.
+// ports.inc is generated from the core's port list: set_settings(), set_table(), get_result(), get_trace(),
+// get_pixels(), get_wave(), and the number of values that each handles.
 
 #include <cstdint>
 #include <memory>
@@ -111,35 +111,20 @@ void core_wave_take(void *simulation, int32_t *cycles, int32_t *ports, int64_t *
     }
 }
 
-// Fill the first `entries` of the table of schedules, one a clock cycle: level, shift and stride of each in `rows`.
+// Write so many words of a table, one a clock cycle: what each of its ports but `valid` gets, `ports` values in a row.
 // Only while no batch is under way.
-void core_write_schedule(void *simulation, const int64_t *rows, int64_t entries) {
-    const int64_t none[3] = {0, 0, 0};
+void core_write_table(void *simulation, int table, const int64_t *rows, int64_t ports, int64_t words) {
     Simulation &s = *static_cast<Simulation *>(simulation);
     s.top->event_valid = 0;
     s.top->result_ready = 0;
-    for (int64_t k = 0; k <= entries; ++k) {
-        const bool valid = k < entries;
-        const int64_t *row = valid ? rows + 3 * k : none;
-        set_schedule(*s.top, valid, valid ? k : 0, row[0], row[1], row[2]);
+    for (int64_t k = 0; k < words; ++k) {
+        set_table(*s.top, table, true, rows + ports * k);
         s.settle();
         s.edge();
     }
-}
-
-// Write so many words of the mask of hot pixels, one a clock cycle: column, row and bits of each in `rows`. Only while no
-// batch is under way.
-void core_write_mask(void *simulation, const int64_t *rows, int64_t words) {
-    const int64_t none[3] = {0, 0, 0};
-    Simulation &s = *static_cast<Simulation *>(simulation);
-    s.top->event_valid = 0;
-    s.top->result_ready = 0;
-    for (int64_t k = 0; k <= words; ++k) {
-        const int64_t *row = k < words ? rows + 3 * k : none;
-        set_mask(*s.top, k < words, row[0], row[1], row[2]);
-        s.settle();
-        s.edge();
-    }
+    if (words) set_table(*s.top, table, false, rows);
+    s.settle();
+    s.edge();
 }
 
 // Offer batches without a pause between them, and take results at once or after a stall.

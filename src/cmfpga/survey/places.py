@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from ..camera import nearest, seen, undistort
 from ..errors import RecordingError
 from ..events import Events
 
@@ -10,10 +11,14 @@ _PLACES = 4  # candidates that are looked at from one start
 
 
 class Window:
-    """Events of a recording from one event on, read as they are asked for."""
+    """Events of a recording from one event on, read as they are asked for.
 
-    def __init__(self, recording, start):
-        self.start = start
+    With a camera in ``config`` they are where the undistorted image has them, on whole pixels; those that leave the
+    sensor are far beyond it.
+    """
+
+    def __init__(self, recording, start, config):
+        self.start, self._config = start, config
         self._chunks = recording.chunks(start)
         self._events = Events.empty()
         self._ended = False
@@ -28,7 +33,7 @@ class Window:
         if chunk is None:
             self._ended = True
             return False
-        self._events = Events.concatenate([self._events, chunk])
+        self._events = Events.concatenate([self._events, whole_pixels(self._config, chunk)])
         return True
 
     def first(self):
@@ -47,6 +52,25 @@ class Window:
         return self._events[a:b]
 
 
+def whole_pixels(config, events):
+    """``events`` as a :class:`Window` has them."""
+    if not config.lens:
+        return events
+    placed = seen(config, events)
+    x, y, there = nearest(config, placed.x, placed.y)
+    return Events(events.t, np.where(there, x, 65535), np.where(there, y, 65535), events.p)
+
+
+def hot_places(config, hot):
+    """Hot pixels, (x, y, events) each, where a :class:`Window` has their events."""
+    if not (config.lens and hot):
+        return hot
+    x, y, counts = np.array(hot).T
+    step = 2.0**-config.formats.event_frac
+    x, y, there = nearest(config, *(axis * step for axis in undistort(config, config.lens, x, y)))
+    return np.stack([x, y, counts], axis=1)[there].tolist()
+
+
 def busy_places(events, config, hot, recording):
     """Corners of ROIs with many events, the busiest first."""
     columns = recording.width or config.sensor_width
@@ -58,7 +82,7 @@ def busy_places(events, config, hot, recording):
     inside = (events.x < columns) & (events.y < rows)
     where = events.y[inside].astype(np.int64) * columns + events.x[inside]
     counts = np.bincount(where, minlength=columns * rows).reshape(rows, columns).astype(float)
-    for x, y, _ in hot:
+    for x, y, _ in hot_places(config, hot):
         if x < columns and y < rows:
             counts[y, x] = 0
     # Few very busy pixels are no better than many that are busy.

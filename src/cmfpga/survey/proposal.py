@@ -127,7 +127,7 @@ def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda
 
 
 def _from(recording, start, config, hot, count, tick):
-    window = Window(recording, start)
+    window = Window(recording, start, config)
     found = []
     for place in busy_places(window.first(), config, hot, recording):
         tick()

@@ -11,6 +11,7 @@ import warnings
 from dataclasses import asdict, dataclass
 
 from .. import __version__
+from ..camera import seen
 from ..config import Config
 from ..errors import ConfigError, UserError
 from ..imaging.iwe import gain, scaled_roi_events
@@ -124,7 +125,8 @@ def _track(task):
     with contextlib.ExitStack() as stack:
         recording = stack.enter_context(open_recording(task.path, sensor=task.sensor, time_unit=task.time_unit))
         limit = task.config.max_batch_events
-        cutter = BatchCutter(recording, start_event=task.start_event, **task.size, max_events=limit)
+        placed = functools.partial(seen, task.config)
+        cutter = BatchCutter(recording, start_event=task.start_event, **task.size, max_events=limit, seen=placed)
         engine = stack.enter_context(contextlib.closing(open_engine(task.engine, task.config, option="--engine")))
         tracked = track(engine, cutter, roi=task.roi, batches=task.batches)
         batches = [_batch(batch, motion, task.config) for batch in tracked]
@@ -137,7 +139,7 @@ def _batch(batch, motion, config):
     """The columns of track.csv as numbers, and :data:`MORE_COLUMNS`."""
     row = {**batch.values, **dict.fromkeys(MORE_COLUMNS)}
     if batch.v_px_per_s:  # a degenerate batch measures nothing
-        events = scaled_roi_events(config, batch.events, batch.result.roi, **batch.which | {"thinned": True})
+        events = scaled_roi_events(config, batch.seen, batch.result.roi, **batch.which | {"thinned": True})
         row["gain"] = gain(*events, batch.result.v, width=config.roi_width, height=config.roi_height)
     row |= {name: row[name] and float(f"{row[name]:.{DIGITS}g}") for name in ("contrast", "gain")}
     if motion is not None and len(batch.events):

@@ -4,6 +4,7 @@ import contextlib
 import itertools
 import warnings
 
+from ..camera import camera_fields
 from ..config import DEFAULT_PRESET, preset
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
@@ -67,7 +68,9 @@ def track(
         Of a stream: as of :class:`~cmfpga.events.LiveSource`.
     **fields
         Fields of the configuration to change, such as ``roi_width=48``. ``hot_mask="auto"``, beside ``hot_pixels=1``,
-        is that of the pixels that a reading of the recording finds.
+        is that of the pixels that a reading of the recording finds. ``camera`` undistorts, so that ROI and velocity
+        are in the undistorted image: a file as ``--camera`` of the command takes it, a :class:`~cmfpga.camera.Camera`,
+        or its numbers.
 
     Returns
     -------
@@ -219,4 +222,6 @@ def _config(source, name, fields):
         warnings.warn(told, stacklevel=4)
     if fields.get("hot_mask") == "auto":
         fields = {**fields, "hot_mask": hot_mask(source)}
+    if fields.get("camera"):
+        fields = {**fields, **camera_fields(fields["camera"], source)}
     return preset(name).replace(**{**given, **fields})

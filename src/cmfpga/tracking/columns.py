@@ -115,8 +115,11 @@ def row(values):
     return tuple("" if values[name] is None else column.text.format(values[name]) for name, column in COLUMNS.items())
 
 
-def csv_writer(file):
-    """A writer of rows into ``track.csv``, which has its head already."""
+def csv_writer(file, image=""):
+    """A function that writes a batch's values into ``track.csv``, which has its head already.
+
+    ``image``, where it is told, is what the last column says: which image ROI and v are in.
+    """
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    return writer
+    writer.writerow((*COLUMNS, *["image"] * bool(image)))
+    return lambda values: writer.writerow((*row(values), *[image] * bool(image)))

@@ -5,8 +5,10 @@ In shorter batches v is measured too large and scatters, in longer ones objects 
 results give equal lengths. Figures: docs/track.md.
 """
 
+import functools
 import math
 
+from ..camera import seen
 from ..config.defaults import BATCH_EVENTS
 from ..events import WAITING, BatchCutter
 from ..imaging.iwe import events_in_roi
@@ -66,7 +68,10 @@ class FittedCutter(BatchCutter):
     """
 
     def __init__(self, source, config, *, start_event=0, first=None, max_events):
-        super().__init__(source, start_event=start_event, events=min(first or 1, max_events), max_events=max_events)
+        size = min(first or 1, max_events)
+        super().__init__(
+            source, start_event=start_event, events=size, max_events=max_events, seen=functools.partial(seen, config)
+        )
         self._config, self._surveyed = config, first is not None
         self._shortest = self._sure = self.size
         self._doubtful = 0  # batches in a row
@@ -128,7 +133,7 @@ class FittedCutter(BatchCutter):
         length = 2 * _FIRST_ROI_EVENTS
         while True:
             ahead = yield from self._ahead(length)
-            inside, _, _ = events_in_roi(ahead, roi[:2], *roi[2:])
+            inside, _, _ = events_in_roi(self._seen(ahead), roi[:2], *roi[2:])
             if len(inside) >= _FIRST_ROI_EVENTS:
                 return int(inside[_FIRST_ROI_EVENTS - 1]) + 1
             if len(ahead) < length or length == self.max_events:
@@ -167,4 +172,5 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
     if not size and config.confidence and config.judge:
         return FittedCutter(source, config, start_event=start_event, first=first, max_events=min(limit, most or limit))
     size = size or {"events": first or min(usual, limit)}
-    return BatchCutter(source, start_event=start_event, max_events=limit, **size)
+    placed = functools.partial(seen, config)
+    return BatchCutter(source, start_event=start_event, max_events=limit, seen=placed, **size)

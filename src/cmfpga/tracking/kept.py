@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..camera import nearest
 from ..config import Config
 from ..errors import ConfigError, naming
 from ..imaging.iwe import scaled_roi_events
@@ -37,7 +38,8 @@ class Detail:
     frame : uint8 array [rows, columns]
         Events per pixel of the sensor, at most 255; ``frame_bin`` × ``frame_bin`` pixels in one.
     x, y : uint16 arrays [n]
-        ROI events: column and row in the ROI, px.
+        ROI events: column and row in the ROI, px; of an undistorted image, with :attr:`Kept.fraction` bits behind the
+        point and half a pixel more.
     since : uint32 array [n]
         Their time since the batch's first event, µs.
     v : float64 array [T + 1, 2]
@@ -104,6 +106,16 @@ class Kept:
         """Pixels along one side of an element of an event frame."""
         return -(-max(self.config.sensor_width, self.config.sensor_height) // FRAME_SIZE)
 
+    @property
+    def fraction(self):
+        """Fraction bits of the positions of details: those that 16 bits leave room for."""
+        side = max(self.config.roi_width, self.config.roi_height)
+        return min(self.config.formats.event_frac, 16 - side.bit_length()) if self.config.image else 0
+
+    def places(self, detail):
+        """Columns and rows of a :class:`Detail`'s events in the ROI, px, float64 [2, n]."""
+        return np.stack([detail.x, detail.y]) * 2.0**-self.fraction - 0.5 * bool(self.config.image)
+
     def column(self, name):
         """Text of a column of ``track.csv``, one per batch."""
         at = list(COLUMNS).index(name)
@@ -130,11 +142,14 @@ class Kept:
             self._sizes = {detail.batch: self._sizes[detail.batch] for detail in self.details}
 
     def _detail(self, batch):
-        config, result, events = self.config, batch.result, batch.events
+        config, result = self.config, batch.result
         side = self.frame_bin
         frame = np.zeros((-(-config.sensor_height // side), -(-config.sensor_width // side)), np.int64)
-        np.add.at(frame, (events.y // side, events.x // side), 1)
-        x, y, dt = scaled_roi_events(config, events, result.roi, **batch.which)
+        x, y, shown = nearest(config, batch.seen.x, batch.seen.y)
+        np.add.at(frame, (y[shown] // side, x[shown] // side), 1)
+        *places, dt = scaled_roi_events(config, batch.seen, result.roi, **batch.which)
+        half = 0.5 * bool(config.image)
+        x, y = (np.minimum((axis + half) * 2.0**self.fraction, 65535) for axis in places)
         since = np.rint((dt + 1) * result.span / 2)
         path = [result.v]
         if result.trace is not None:

@@ -7,8 +7,9 @@ have. What is kept of the batches is up to the consumers that the caller chooses
 import functools
 import itertools
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
+from ..camera import seen
 from ..events import WAITING, Events
 from ..imaging.iwe import contrast
 from ..protocol.confidence import confidence, covariance, is_sure
@@ -51,6 +52,8 @@ class TrackedBatch:
         Which events were dropped as hot and as noise; None where there are no such filters.
     roi_next : pair of int or None
         Where the next batch is cropped, if not where the engine moved the ROI.
+    undistorted : cmfpga.camera.undistortion.Seen or None
+        The events in the undistorted image, where there is a camera.
     """
 
     index: int
@@ -65,6 +68,12 @@ class TrackedBatch:
     thinning: int = 1
     marks: tuple | None = None
     roi_next: tuple | None = None
+    undistorted: Any = None
+
+    @property
+    def seen(self):
+        """The events where ROI and v have them."""
+        return self.events if self.undistorted is None else self.undistorted
 
     @property
     def which(self):
@@ -103,14 +112,14 @@ class Consumer(Protocol):
 
 
 class CsvConsumer:
-    """Writes ``track.csv`` into an open file as the batches come."""
+    """Writes ``track.csv`` into an open file as the batches come; ``image`` as of :func:`~.columns.csv_writer`."""
 
-    def __init__(self, file):
-        self._writer = csv_writer(file)
+    def __init__(self, file, image=""):
+        self._write = csv_writer(file, image)
 
     def add(self, batch):
         """Write a batch's line."""
-        self._writer.writerow(batch.row())
+        self._write(batch.values)
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=()):
@@ -157,12 +166,13 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
         # v is per half batch: that of a batch of another length is no start.
         result, marks, (plan, thinning) = run(events, start, fitted and len(events) != length)
         start, length = course.after(result), len(events)
+        placed = seen(config, events)
         batch = TrackedBatch(
             index,
             events,
             result,
             t_ref=float(events.t[0]) + result.span / 2 if len(events) else None,
-            contrast=contrast(config, events, result.roi, result.v, **_which(result, marks)),
+            contrast=contrast(config, placed, result.roi, result.v, **_which(result, marks)),
             flags=result.flags | (Flag.CUT if events.cut_short else Flag(0)),
             confidence=confidence(config, result),
             covariance=covariance(config, result),
@@ -170,6 +180,7 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
             thinning=thinning,
             marks=marks,
             roi_next=start or result.roi_next,
+            undistorted=placed if config.lens else None,
         )
         if fitted:
             cutter.add(batch)

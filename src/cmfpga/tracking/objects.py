@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from ..camera import Camera
 from ..errors import ConfigError, naming
 from ..imaging.gallery import Gallery
 from .fit import FittedCutter
@@ -113,7 +114,7 @@ class TrackedObject:
         path = self._file(folder, "track", ".csv")
         stack.enter_context(naming(path))
         file = stack.enter_context(path.open("w", newline=""))
-        self.consumers.append(CsvConsumer(file))
+        self.consumers.append(CsvConsumer(file, self.config.image))
 
     def _later(self, consumer, write):
         self.consumers.append(consumer)
@@ -151,6 +152,12 @@ class TrackedObject:
         )
 
     @property
+    def image_text(self):
+        """Which image ROI and v are in, for people; empty without a camera."""
+        image = self.config.image
+        return image and f"ROI and velocity are in the {image} image: {Camera(*self.config.lens)}"
+
+    @property
     def remarks(self):
         """Warnings and notes on the whole track: ``(kind, sentence)``."""
         found, fitted = self.verdict, isinstance(self.cutter, FittedCutter)
@@ -165,6 +172,7 @@ class TrackedObject:
             **self.verdict.summary(),
             "cycles": sum(self.cycles) if self.cycles else None,
             **({"dropped": self.dropped} if self.dropped else {}),
+            **({"image": self.config.image} if self.config.image else {}),
             "roi_next": list(self.roi_next),
             "files": [str(path) for path in self.files],
         }

@@ -96,7 +96,9 @@ class Tracking:
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
         with naming(path), open(path, "w", newline="") as file:
-            csv_writer(file).writerows(map(row, self._values))
+            write = csv_writer(file, self.config.image)
+            for values in self._values:
+                write(values)
 
     def to_arrays(self):
         """``{name: array}`` of all columns of ``track.csv``."""

@@ -87,7 +87,8 @@ class BatchTrace:
     levels : int64 [T]
         Level of each iteration.
     t, x, y : int64 [n]
-        Stored ROI events: µs since the batch's first event, column and row in the ROI, px.
+        Stored ROI events: µs since the batch's first event, column and row in the ROI, px; float64 where the hardware
+        undistorts.
     x_dithered, y_dithered : float64 [n]
         The same positions as the iterations use them: with the dither, if the configuration has one.
     dt : float64 [n]
@@ -112,10 +113,12 @@ class BatchTrace:
         if len(np.atleast_1d(marks[0])) not in (1, len(events)):
             raise self._changed()
         taken = {"roi": result.roi, "last_thinning": None, "dropped": marks}
+        frac = config.formats.event_frac
         batch = take_in(config, events.t, events.x, events.y, settings, **taken)
         if batch.counts != {key: getattr(result, key) for key in batch.counts}:
             raise self._changed()
-        self.t, self.x, self.y = (axis.numpy() for axis in (batch.t, batch.x, batch.y))
+        self.t = batch.t.numpy()
+        self.x, self.y = (axis.numpy() * 2.0**-frac if frac else axis.numpy() for axis in (batch.x, batch.y))
         self.levels = np.array([entry.level for entry in self.plan], np.int64)
         self.v = np.array(result.trace.v, np.float64) * (1 if self._real else config.formats.v.step)
         self._settings = settings
@@ -124,7 +127,7 @@ class BatchTrace:
         else:
             dt = time_scaler(config, batch.t, span=result.span) if result.span else torch.zeros_like(batch.t)
             self._events = (*dither(config, batch.x, batch.y), dt)
-            steps = (2.0**-config.dither_frac, 2.0**-config.dither_frac, config.formats.dt.step)
+            steps = (2.0**-config.formats.dithered_frac, 2.0**-config.formats.dithered_frac, config.formats.dt.step)
         self.x_dithered, self.y_dithered, self.dt = (
             axis.numpy() * step for axis, step in zip(self._events, steps, strict=True)
         )

@@ -18,7 +18,7 @@ from vcd.gtkw import GTKWSave
 from ..engines import AXI
 from ..engines.rtl import to_batch_result
 from ..errors import ConfigError, naming
-from ..protocol.settings import BatchSettings, schedule_table, settings_values
+from ..protocol.settings import BatchSettings, settings_values
 from ..rtl.payloads import Fixed
 from ..rtl.top import VerilogCore, flatten
 from ..verilog.compiler import find_compiler
@@ -179,8 +179,7 @@ def record(config, batch):
     )
     core, events = WaveCore(config), batch.events
     with contextlib.closing(VerilatedCore(config, core=core)) as running:
-        running.write_schedule(schedule_table(config, settings))
-        running.write_mask(settings.hot_mask)
+        running.write_tables(settings)
         running.start_waves()
         ports, trace, _ = running.run(events.t, events.x, events.y, settings_values(config, settings))
         waves = running.take_waves()

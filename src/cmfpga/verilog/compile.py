@@ -21,6 +21,9 @@ from ..rtl.top import VerilogCore
 from .compiler import CompilerError, compiler_output, first_line, require_compiler
 from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
+#: Tables that are written at run time: what their ports begin with.
+TABLES = ("schedule", "mask", "node")
+
 
 def compile_library(core):
     """Path of the shared library of ``core``'s Verilog, compiled unless the cache has it, undamaged.
@@ -204,24 +207,19 @@ def _ports_include(core):
 
     settings = [setter(f"settings_{name}", f"from[{k}]") for k, name in enumerate(port_names(core.inputs, "settings_"))]
     events = [setter(f"event_{name}", name) for name in ("t", "x", "y", "last")]
-    schedule = [
-        setter(f"schedule_{name}", name.removeprefix("entry_"))
-        for name in ("valid", "address", "entry_level", "entry_shift", "entry_stride")
-        if f"schedule_{name}" in core.inputs
-    ]
-    mask = [
-        setter(f"mask_{name}", name) for name in ("valid", "column", "row", "bits") if f"mask_{name}" in core.inputs
-    ]
-    entry = ", ".join(f"int64_t {name}" for name in ("valid", "address", "level", "shift", "stride"))
+    tables = []
+    for number, prefix in enumerate(TABLES):
+        ports = {"valid": "valid"} | {name: f"row[{k}]" for k, name in enumerate(port_names(core.inputs, f"{prefix}_"))}
+        lines = [
+            setter(f"{prefix}_{name}", value) for name, value in ports.items() if f"{prefix}_{name}" in core.inputs
+        ]
+        tables += [f"    if (table == {number}) {{", *lines, "    }"]
     pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
     lines = [
         f"enum {{ SETTINGS_VALUES = {len(settings)} }};",
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
-        f"static void set_schedule(Vcore &top, {entry}) {{",
-        *schedule,
-        "}",
-        "static void set_mask(Vcore &top, int64_t valid, int64_t column, int64_t row, int64_t bits) {",
-        *mask,
+        "static void set_table(Vcore &top, int table, int64_t valid, const int64_t *row) {",
+        *tables,
         "}",
         "static void set_settings(Vcore &top, const int64_t *from) {",
         *settings,

@@ -98,7 +98,7 @@ class IntegerCore(Sequence):
     def iterate(self, x, y, dt, v, *, entry, eta=0):
         """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
 
-        ``x`` and ``y`` have ``dither_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
+        ``x`` and ``y`` have ``dithered_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
         ``eta`` raw.
         """
         config, level = self.config, entry.level

@@ -6,15 +6,19 @@ from ...config.dither import DITHER_BITS, FACTORS
 
 
 def dither(config, x, y):
-    """Positions with a sub-pixel offset: raw with ``dither_frac`` fraction bits.
+    """Positions with a sub-pixel offset: from ``event_frac`` to ``dithered_frac`` fraction bits, raw.
 
-    The offset of the k-th stored event is frac((k + ½)·α) − ½, floored, with the R2 sequence's α of each axis.
+    An undistorted position is dithered too: what comes from one pixel still lies on one point. The offset of the k-th
+    stored event is frac((k + ½)·α) − ½, floored, with the R2
+    sequence's α of each axis.
     """
-    frac = config.dither_frac
+    frac, wide = config.dither_frac, config.formats.dithered_frac
+    x, y = (axis << (wide - config.formats.event_frac) for axis in (x, y))
     if not frac:
         return x, y
     k = torch.arange(len(x))
-    return tuple(
-        (axis << frac) + (((factor // 2 + k * factor) % (1 << DITHER_BITS)) >> (DITHER_BITS - frac)) - (1 << (frac - 1))
-        for axis, factor in zip((x, y), FACTORS, strict=True)
+    offsets = (
+        (((factor // 2 + k * factor) % (1 << DITHER_BITS)) >> (DITHER_BITS - frac)) - (1 << (frac - 1))
+        for factor in FACTORS
     )
+    return tuple(axis + (offset << (wide - frac)) for axis, offset in zip((x, y), offsets, strict=True))

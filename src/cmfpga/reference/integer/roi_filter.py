@@ -11,8 +11,8 @@ class Filtered:
     """ROI events, relative to the batch's first event and the ROI's origin, and the count of every other."""
 
     t: torch.Tensor  # µs since the batch's first event
-    x: torch.Tensor  # column in the ROI
-    y: torch.Tensor  # row in the ROI
+    x: torch.Tensor  # column in the ROI, event_frac
+    y: torch.Tensor  # row in the ROI, event_frac
     events: int
     outside: int
     time_back: int
@@ -28,7 +28,8 @@ def roi_filter(config, t, x, y, *, roi, hot=False, noise=False):
     Parameters
     ----------
     t, x, y : integer arrays, one length
-        Time stamps in µs (only their ``time_bits`` low bits count), sensor columns and rows.
+        Time stamps in µs (only their ``time_bits`` low bits count); columns and rows, raw with ``event_frac`` fraction
+        bits, as of :func:`cmfpga.camera.undistort`. The nearest pixel tells whether an event is in the ROI.
     roi : pair of int
         Left column and top row of the ROI.
     hot, noise : bool arrays
@@ -41,8 +42,11 @@ def roi_filter(config, t, x, y, *, roi, hot=False, noise=False):
     wrap, half = 1 << config.time_bits, 1 << (config.time_bits - 1)
     since_first = (t - t[0] + half) % wrap - half
     back, late, span = _time_errors(config, since_first)
-    rx, ry = x - roi[0], y - roi[1]
-    inside = (rx >= 0) & (rx < config.roi_width) & (ry >= 0) & (ry < config.roi_height)
+    frac = config.formats.event_frac
+    half = (1 << frac) >> 1
+    rx, ry = x - (roi[0] << frac), y - (roi[1] << frac)
+    column, row = (rx + half) >> frac, (ry + half) >> frac
+    inside = (column >= 0) & (column < config.roi_width) & (row >= 0) & (row < config.roi_height)
     timely = ~(back | late)
     hot, noise = (np.broadcast_to(mask, len(t)) for mask in (hot, noise))
     good = timely & ~(hot | noise)

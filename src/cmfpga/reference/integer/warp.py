@@ -9,7 +9,7 @@ def warp(config, x, y, dt, v, level=0):
     Parameters
     ----------
     x, y : int64 tensors, [n]
-        Columns and rows in the ROI, with ``dither_frac`` fraction bits.
+        Columns and rows in the ROI, with ``dithered_frac`` fraction bits.
     dt : int64 tensor, [n]
         Raw ``config.formats.dt``.
     v : pair of int
@@ -31,7 +31,7 @@ def warp(config, x, y, dt, v, level=0):
 
 def _warp_axis(config, x, dt, v, level, size):
     frac = config.dt_frac + config.v_frac
-    position = (x << (frac - config.dither_frac)) - dt * v
+    position = (x << (frac - config.formats.dithered_frac)) - dt * v
     half = 1 << (frac - 1)
     scaled = floor_shift(position + half, frac + level - config.position_frac) - (1 << (config.position_frac - 1))
     return saturate(scaled, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)

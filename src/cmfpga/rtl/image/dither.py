@@ -1,6 +1,6 @@
 """Dither: moves each event by a sub-pixel offset of its own."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -48,7 +48,8 @@ class Dither(wiring.Component):
         )
 
     def elaborate(self, platform):
-        frac = self.config.dither_frac
+        frac, formats = self.config.dither_frac, self.config.formats
+        wide = formats.dithered_frac
         m = Module()
         event = self.i.payload
         for axis, factor in zip(("x", "y"), FACTORS, strict=True):
@@ -62,6 +63,8 @@ class Dither(wiring.Component):
                 m.d.sync += phase.eq(start)
             with m.Elif(self.i.valid):
                 m.d.sync += phase.eq(phase + step)
-            m.d.sync += self.o.payload[axis].eq((event[axis] << frac) + phase[-frac:] - (1 << (frac - 1)))
+            place, offset = event[axis] << (wide - formats.event_frac), phase[-frac:]
+            offset = Cat(Const(0, wide - frac), offset) if wide > frac else offset
+            m.d.sync += self.o.payload[axis].eq(place + offset - (1 << (wide - 1)))
         m.d.sync += [self.o.valid.eq(self.i.valid), self.o.payload.t.eq(event.t), self.o.payload.last.eq(event.last)]
         return m

@@ -44,11 +44,13 @@ class Warp(wiring.Component):
         config = self.config
         m = Module()
         frac = config.dt_frac + config.v_frac
-        # Without coarse levels the halves cancel.
+        # Without coarse levels the halves cancel; undistorted positions come with theirs.
         half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)
+        if config.formats.event_frac:
+            half, scaled_half = 0, 1 << (config.position_frac - 1)
         for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
             coordinate = self.i.payload[axis]
-            align = frac - config.dither_frac
+            align = frac - config.formats.dithered_frac
             product_s1 = Signal(
                 signed(config.formats.dt.width + config.formats.v.width), reset_less=True, name=f"product_{axis}_s1"
             )

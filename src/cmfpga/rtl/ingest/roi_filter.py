@@ -3,7 +3,7 @@
 import functools
 import operator
 
-from amaranth.hdl import Module, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -34,7 +34,7 @@ class RoiFilter(wiring.Component):
 
     Members
     -------
-    i : ``In``, flow of :func:`payloads.marked_event`
+    i : ``In``, flow of :func:`payloads.undistorted_event`
         All events of the batch; ``last`` is not used here. Those that are marked tell the time, and are dropped.
     o : ``Out``, flow of :func:`payloads.roi_event`
         Events in the ROI.
@@ -52,7 +52,7 @@ class RoiFilter(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.marked_event(config))),
+                "i": In(payloads.flow(payloads.undistorted_event(config))),
                 "o": Out(payloads.flow(payloads.roi_event(config))),
                 "start": In(1),
                 "roi": In(payloads.roi_corner(config)),
@@ -61,12 +61,13 @@ class RoiFilter(wiring.Component):
         )
 
     def elaborate(self, platform):
-        config, found = self.config, self.measured
+        config, found, frac = self.config, self.measured, self.config.formats.event_frac
+        width, height = config.roi_width, config.roi_height
         m = Module()
 
         # Stage 1: register the event; the first one sets t_1.
         valid_s1 = Signal()
-        event_s1 = Signal(payloads.marked_event(config), reset_less=True)
+        event_s1 = Signal(payloads.undistorted_event(config), reset_less=True)
         first = Signal(init=1)
         m.d.sync += [valid_s1.eq(self.i.valid), event_s1.eq(self.i.payload)]
         with m.If(self.start):
@@ -79,13 +80,13 @@ class RoiFilter(wiring.Component):
         # Stage 2: relative to t_1 (modulo the counter's width) and to the ROI.
         valid_s2 = Signal()
         t_s2 = Signal(signed(config.time_bits), reset_less=True)
-        x_s2 = Signal(signed(config.geometry.x_bits + 1), reset_less=True)
-        y_s2 = Signal(signed(config.geometry.y_bits + 1), reset_less=True)
+        x_s2 = Signal(signed(len(event_s1.x) + 1), reset_less=True)
+        y_s2 = Signal(signed(len(event_s1.y) + 1), reset_less=True)
         m.d.sync += [
             valid_s2.eq(valid_s1),
             t_s2.eq((event_s1.t - found.t_first)[: config.time_bits].as_signed()),
-            x_s2.eq(event_s1.x - self.roi.x),
-            y_s2.eq(event_s1.y - self.roi.y),
+            x_s2.eq(event_s1.x - Cat(Const(0, frac), self.roi.x)),
+            y_s2.eq(event_s1.y - Cat(Const(0, frac), self.roi.y)),
         ]
         marks = {name: delay(m, event_s1[name], 1, name=name) for name in ("hot", "noise") if hasattr(found, name)}
 
@@ -94,7 +95,7 @@ class RoiFilter(wiring.Component):
         m.d.comb += [
             back.eq(t_s2 < found.span),
             late.eq(t_s2 >= 1 << config.span_bits),
-            inside.eq((x_s2 >= 0) & (x_s2 < config.roi_width) & (y_s2 >= 0) & (y_s2 < config.roi_height)),
+            inside.eq((x_s2 >= 0) & (x_s2 < width << frac) & (y_s2 >= 0) & (y_s2 < height << frac)),
         ]
         m.d.sync += [
             self.o.valid.eq(_unmarked(valid_s2 & inside & ~back & ~late, marks)),

@@ -1,13 +1,20 @@
-"""The options of the filters in front of the ROI, and the fields of the configuration that they ask for."""
+"""The options of what is in front of the ROI, filters and undistortion, and the fields that they ask for."""
 
 import re
 
+from ..camera import camera_fields
 from ..errors import ConfigError, naming
-from . import natural
+from . import files, natural
 
 
-def add_noise_options(made):
-    """``--hot-pixels`` and ``--background-us``, for :func:`noise_fields`."""
+def add_ingest_options(made):
+    """``--camera``, ``--hot-pixels`` and ``--background-us``, for :func:`ingest_fields`."""
+    files(made.add_argument(
+        "--camera", metavar="FILE",
+        help="undistort events as this calibration says, so that ROI and velocity are in the undistorted image: HDF5 "
+        "with /camera_calibration (often the recording itself), a ROS camera_info YAML, or a text of fx fy cx cy k1 k2 "
+        "p1 p2 k3; or these numbers",
+    ))  # fmt: skip
     group = made.add_argument_group("noise (dropped events are counted; what suits: python -m cmfpga.info RECORDING)")
     group.add_argument(
         "--hot-pixels", metavar="auto|X,Y;X,Y|FILE",
@@ -20,9 +27,9 @@ def add_noise_options(made):
     )  # fmt: skip
 
 
-def noise_fields(options, recording):
+def ingest_fields(options, recording):
     """The fields that the options ask for; ``recording`` is read where they say ``auto``."""
-    fields = {}
+    fields = camera_fields(options.camera, recording) if options.camera is not None else {}
     if options.hot_pixels is not None:
         fields |= {"hot_pixels": 1, "hot_mask": _mask(options.hot_pixels, recording)}
     if options.background_us is not None:

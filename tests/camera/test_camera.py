@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import Camera
+from cmfpga.camera import Camera
 
 LENSES = {
     "pinhole": Camera(199.0, 201.0, 120.0, 90.0),

@@ -1,0 +1,41 @@
+"""What stands in front of the ROI filter, where the hardware has it: noise filters and undistorter."""
+
+import itertools
+
+from amaranth.lib.wiring import connect, flipped
+
+from .noise_filter import BackgroundFilter, HotMask
+from .undistorter import Undistorter
+
+#: Blocks with a table that is written at run time, and the core's member that fills it.
+WRITES = {"hot_mask": "mask_write", "undistorter": "node_write"}
+
+
+def make_front(config):
+    """``{name: block}``, in the order in which events pass."""
+    there = {
+        "hot_mask": (HotMask, config.hot_pixels),
+        "background_filter": (BackgroundFilter, config.background),
+        "undistorter": (Undistorter, config.undistortion == "on"),
+    }
+    return {name: make(config) for name, (make, wanted) in there.items() if wanted}
+
+
+def connect_front(m, core):
+    """From ingest control to the ROI filter; tables and settings."""
+    control, settings, opened = core.ingest_control, core.settings, core.ingest_control.handover.opened
+    path = [*core.front.values(), core.roi_filter]
+    connect(m, control.o, path[0].i)
+    for block, following in itertools.pairwise(path):
+        connect(m, block.o, following.i)
+    for name, block in core.front.items():
+        m.d.comb += block.start.eq(opened)
+        if name in WRITES:
+            connect(m, flipped(getattr(core, WRITES[name])), block.write)
+    if "hot_mask" in core.front:
+        m.d.comb += core.front["hot_mask"].enable.eq(settings.hot_mask)
+    if "background_filter" in core.front:
+        block = core.front["background_filter"]
+        m.d.comb += [block.period.eq(settings.background_us), block.clear.eq(control.clear)]
+    if "undistorter" in core.front:
+        m.d.comb += core.front["undistorter"].enable.eq(settings.camera)

@@ -1,0 +1,146 @@
+"""Undistorted events in every engine: the same positions, fractions and all, and each event counted once."""
+
+import dataclasses
+import inspect
+import textwrap
+
+import numpy as np
+import pytest
+
+from cmfpga.config import Config, preset
+from cmfpga.crosscheck.batches import random_events, random_settings
+from cmfpga.crosscheck.compare import check
+from cmfpga.engines import make_engine
+from cmfpga.engines.amaranth_sim import AmaranthEngine
+from cmfpga.engines.verilated import VerilatedEngine
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events
+from cmfpga.protocol.results import counts_of
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.rtl.image import dither, warp
+from cmfpga.rtl.ingest import roi_filter
+from cmfpga.verilog.compiler import find_compiler
+
+SMALL = {
+    "sensor_width": 45, "sensor_height": 40, "roi_width": 16, "roi_height": 12, "buffer_events": 128, "span_bits": 12,
+    "undistortion": "on",
+}  # fmt: skip
+CONFIGS = {
+    "fast": preset("fast").replace(**SMALL, hot_pixels=1, background=1),
+    # Without a dither and without coarse levels: the fractions alone.
+    "paper": Config(**SMALL, undistortion_frac=6, undistortion_cell=2),
+    # A dither that is coarser than the positions; and one that is finer.
+    "coarse dither": preset("fast").replace(**SMALL | {"roi_width": 15}, dither_frac=2, undistortion_frac=5),
+    "fine dither": Config(**SMALL, dither_frac=7, undistortion_frac=3, undistortion_cell=4, position_frac=3),
+}
+LENS = (44.0, 43.0, 21.0, 20.5, -0.3, 0.08, 0.002, -0.001, 0.01)
+
+pytestmark = pytest.mark.skipif(not find_compiler(), reason="no C++ compiler for the emitted Verilog")
+
+
+@pytest.fixture(scope="module", params=CONFIGS)
+def config(request):
+    return CONFIGS[request.param]
+
+
+def test_all_engines_see_the_same(config, rng):
+    engines = [
+        VerilatedEngine(config),
+        AmaranthEngine(config),
+        make_engine("model", config),
+        make_engine("float", config),
+    ]
+    roi, off = (0, 0), 0
+    for lens in (LENS, (), LENS, (*LENS[:4], 0.2, *LENS[5:])):
+        for _ in range(3):
+            settings, roi = random_settings(config, rng, roi)
+            short = {"iterations": 1, "cold": settings.cold[:2], "warm": settings.warm[:2], "thin_target": 0}
+            settings = dataclasses.replace(settings, roi=roi, camera=lens, **short)
+            events = random_events(config, rng, roi)[1][:120]
+            compiled, simulated, model, floating = (engine.run(events, settings) for engine in engines)
+            assert compiled == simulated and dataclasses.replace(compiled, cycles=None) == model
+            for result in (compiled, floating):
+                assert result.events == len(events) == sum(getattr(result, name) for name in counts_of(config))
+            assert floating.roi_events == compiled.roi_events and floating.outside == compiled.outside
+            off += compiled.outside
+    assert off
+    engines[0].close()
+
+
+def test_hardware_and_model_through_long_batches_and_without_a_pause(config):
+    batches, iterations = check(config, 3)
+    assert batches > 60 and iterations > 100
+
+
+MUTANTS = {  # module, old, new, configuration
+    "ROI in whole pixels": (roi_filter, "y - Cat(Const(0, frac), self.roi.y)", "y - self.roi.y", "fast"),
+    "a row more": (roi_filter, "(y_s2 < height << frac)", "(y_s2 < (height + 1) << frac)", "paper"),
+    "half a pixel twice": (warp, "half, scaled_half = 0,", "scaled_half =", "fast"),
+    "half a pixel stays": (warp, "half, scaled_half = 0, 1 << (config.position_frac - 1)", "half = 0", "paper"),
+    "dither too small": (dither, "Cat(Const(0, wide - frac), offset)", "offset", "coarse dither"),
+    "positions too small": (dither, "event[axis] << (wide - formats.event_frac)", "event[axis]", "fine dither"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_broken_block_is_noticed(name, rng, monkeypatch):
+    """Fractions that a block behind the undistorter handles wrongly."""
+    module, old, new, which = MUTANTS[name]
+    kind = next(k for k in vars(module).values() if inspect.isclass(k) and k.__module__ == module.__name__)
+    source = textwrap.dedent(inspect.getsource(kind.elaborate))
+    assert source.count(old) == 1
+    broken = dict(vars(module))
+    exec(source.replace(old, new), broken)
+    monkeypatch.setattr(kind, "elaborate", broken["elaborate"])
+    config = CONFIGS[which]
+    simulated, model, right = AmaranthEngine(config), make_engine("model", config), True
+    for roi in ((3, 4), (20, 14), (11, 9)):
+        x, y = roi[0] + rng.integers(-3, 19, 100), roi[1] + rng.integers(-3, 15, 100)
+        events = Events(np.arange(100) * 9, x.clip(0, 44), y.clip(0, 39), np.zeros(100))
+        settings = dataclasses.replace(BatchSettings.from_config(config, roi), camera=LENS, iterations=2, eta=900)
+        right &= dataclasses.replace(simulated.run(events, settings), cycles=None) == model.run(events, settings)
+    assert not right
+
+
+def test_without_a_camera_it_is_the_hardware_without_undistortion(rng):
+    """Whole pixels, in the same order: the same result, but for the fractions that there are none of."""
+    config = CONFIGS["fast"]
+    plain = config.replace(undistortion="off")
+    one, other = make_engine("model", config), make_engine("model", plain)
+    roi = (0, 0)
+    for _ in range(12):
+        settings, roi = random_settings(config, rng, roi)
+        settings = dataclasses.replace(settings, camera=())
+        _, events = random_events(config, rng, roi)
+        assert one.run(events, settings) == other.run(events, settings)
+
+
+def test_what_leaves_the_sensor_is_counted(rng):
+    """The corners of a barrel's image lie outside of the undistorted one."""
+    config = CONFIGS["paper"].replace(camera=",".join(map(repr, LENS)))
+    roi = config.geometry.roi_x_max, config.geometry.roi_y_max
+    corner = np.full(30, config.sensor_width - 1), np.full(30, config.sensor_height - 1)
+    events = Events(np.arange(30) * 10, *corner, np.zeros(30))
+    result = make_engine("rtl", config).run(events, BatchSettings.from_config(config, roi))
+    assert (result.outside, result.roi_events) == (30, 0)
+    still = make_engine("rtl", config).run(
+        events, dataclasses.replace(BatchSettings.from_config(config, roi), camera=())
+    )
+    assert (still.outside, still.roi_events) == (0, 30)
+
+
+def test_a_reset_leaves_the_table(rng):
+    config = CONFIGS["fast"].replace(camera=",".join(map(repr, LENS)))
+    engine, settings = VerilatedEngine(config), BatchSettings.from_config(config, (10, 10))
+    _, events = random_events(config, rng, (10, 10), "random_everywhere")
+    found = []
+    for _ in range(2):
+        found.append(dataclasses.replace(engine.run(events, settings), cycles=None))
+        engine._core.reset()
+    assert found[0] == found[1] and found[0].outside
+    engine.close()
+
+
+def test_the_axi_top_has_none():
+    with pytest.raises(ConfigError, match=r"^undistortion = on: the AXI top has no such table$"):
+        make_engine("axi", CONFIGS["paper"])
