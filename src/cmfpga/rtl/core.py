@@ -2,7 +2,7 @@
 
 import itertools
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import EnableInserter, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -17,7 +17,7 @@ from .ascent.roi_updater import RoiUpdater
 from .confidence.judge import Judge
 from .confidence.probe import Probe
 from .cycle_formula import CycleFormula
-from .image import IMAGES
+from .image import image_of
 from .image.dither import Dither
 from .image.time_scaler import TimeScaler
 from .image.voter import BilinearVoter
@@ -113,14 +113,12 @@ class Core(CycleFormula, wiring.Component):
         )
         self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
-        self.dither = Dither(config) if config.dither_frac else None
-        self.time_scaler = TimeScaler(config)
-        self.warp = Warp(config)
-        self.voter = BilinearVoter(config)
-        path = [self.event_buffer, self.dither, self.time_scaler, self.warp, self.voter]
-        self._path = [block for block in path if block is not None]
-        in_flight = sum(block.latency for block in self._path) - 1
-        self.image = IMAGES[config.gradient](config, in_flight=in_flight)
+        self._lanes = [self._lane(number) for number in range(config.lanes)]
+        self.dither, self.time_scaler, self.warp, self.voter = (
+            self._lanes[0].get(name) for name in ("dither", "time_scaler", "warp", "voter")
+        )
+        in_flight = sum(block.latency for block in (self.event_buffer, *self._lanes[0].values())) - 1
+        self.image = image_of(config)(config, in_flight=in_flight)
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
         self.roi_updater = RoiUpdater(config)
@@ -139,15 +137,26 @@ class Core(CycleFormula, wiring.Component):
             probe_delay=Probe.latency,
         )
 
+    def _lane(self, number):
+        """What is between buffer and image, in the order of data flow."""
+        config = self.config
+        dither = {"dither": Dither(config, number)} if config.dither_frac else {}
+        return dither | {"time_scaler": TimeScaler(config), "warp": Warp(config), "voter": BilinearVoter(config)}
+
     @property
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
-        names = (
+        front = (
             "ingest_control", "hot_mask", "background_filter", "roi_filter", "thinner", "event_buffer", "reciprocal",
-            "dither", "time_scaler", "warp", "voter", "image", "gradient", "ascent", "probe", "judge", "roi_updater",
-            "iteration_control",
         )  # fmt: skip
-        return {name: block for name in names if (block := getattr(self, name)) is not None}
+        back = ("image", "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control")
+        lanes = {
+            f"{name}_{number}" if number else name: block
+            for number, lane in enumerate(self._lanes)
+            for name, block in lane.items()
+        }
+        front, back = ({name: getattr(self, name) for name in names} for names in (front, back))
+        return {name: block for name, block in (front | lanes | back).items() if block is not None}
 
     @property
     def blocks(self):
@@ -157,8 +166,10 @@ class Core(CycleFormula, wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        in_lanes = [id(block) for lane in self._lanes for block in lane.values()]
         for name, block in self.boxes.items():
-            m.submodules[name] = block
+            pauses = self.config.lanes > 1 and id(block) in in_lanes
+            m.submodules[name] = EnableInserter(self.image.room)(block) if pauses else block
         self._ingest(m)
         self._iterate(m)
         self._ascend(m)
@@ -220,21 +231,31 @@ class Core(CycleFormula, wiring.Component):
     def _iterate(self, m):
         """Replay while there is room, scale, warp, vote, sum."""
         control, batch, image = self.iteration_control, self.ingest_control.handover.batch, self.image
-        for block, following in itertools.pairwise(self._path):
-            connect(m, block.o, following.i)
-        connect(m, self.voter.o, image.votes)
+        for number, lane in enumerate(self._lanes):
+            ports = (self.event_buffer.o, image.votes)
+            replayed, votes = ports if self.config.lanes == 1 else (array[number] for array in ports)
+            blocks = [*lane.values()]
+            outputs, inputs = [replayed, *(block.o for block in blocks)], [*(block.i for block in blocks), votes]
+            for output, following in zip(outputs, inputs, strict=True):
+                connect(m, output, following)
         m.d.comb += [
             self.reciprocal.start.eq(control.divide),
             self.reciprocal.span.eq(batch.span),
             control.divided.eq(self.reciprocal.done),
             self.event_buffer.replay.eq(control.replay),
             self.event_buffer.room.eq(image.room),
-            self.time_scaler.span.eq(batch.span),
-            self.time_scaler.shift.eq(self.reciprocal.shift),
-            self.time_scaler.mantissa.eq(self.reciprocal.mantissa),
-            self.warp.v.eq(self.ascent.warped if self.config.confidence else self.ascent.v),
-            self.warp.level.eq(self.ascent.level),
-            self.voter.level.eq(self.ascent.level),
+        ]
+        for lane in self._lanes:
+            scaler, warp, voter = (lane[name] for name in ("time_scaler", "warp", "voter"))
+            m.d.comb += [
+                scaler.span.eq(batch.span),
+                scaler.shift.eq(self.reciprocal.shift),
+                scaler.mantissa.eq(self.reciprocal.mantissa),
+                warp.v.eq(self.ascent.warped if self.config.confidence else self.ascent.v),
+                warp.level.eq(self.ascent.level),
+                voter.level.eq(self.ascent.level),
+            ]
+        m.d.comb += [
             image.clear.eq(self.ingest_control.clear),
             self.ingest_control.cleared.eq(self._cleared(m)),
             control.complete.eq(image.complete),
@@ -243,11 +264,8 @@ class Core(CycleFormula, wiring.Component):
         if by_signs(self.config):
             stride = self.ascent.stride
             m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
-            if self.dither:
-                m.d.comb += [
-                    self.dither.started.eq(self.event_buffer.started),
-                    self.dither.subset.eq(self.event_buffer.subset),
-                ]
+            for dither in (lane["dither"] for lane in self._lanes if self.dither):
+                m.d.comb += [dither.started.eq(self.event_buffer.started), dither.subset.eq(self.event_buffer.subset)]
         if hasattr(self, "pixels"):
             m.d.comb += self.pixels.valid.eq(image.pixels.valid & control.iterating)
             m.d.comb += self.pixels.payload.eq(image.pixels.payload)
