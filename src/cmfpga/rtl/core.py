@@ -2,7 +2,7 @@
 
 import itertools
 
-from amaranth.hdl import EnableInserter, Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -18,10 +18,7 @@ from .confidence.judge import Judge
 from .confidence.probe import Probe
 from .cycle_formula import CycleFormula
 from .image import image_of
-from .image.dither import Dither
-from .image.time_scaler import TimeScaler
-from .image.voter import BilinearVoter
-from .image.warp import Warp
+from .image.lane import Lane
 from .ingest.event_buffer import EventBuffer
 from .ingest.ingest_control import IngestControl
 from .ingest.noise_filter import BackgroundFilter, HotMask
@@ -46,7 +43,8 @@ class Core(CycleFormula, wiring.Component):
 
     One event per cycle at ingest and in every iteration, which with a schedule may use every second or fourth of
     them. A batch of N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its
-    first event to its result.
+    first event to its result. With ``lanes``, dither to voter are there several times, and an iteration has as many
+    events a cycle as long as no queue in the image is full.
 
     Parameters
     ----------
@@ -113,11 +111,9 @@ class Core(CycleFormula, wiring.Component):
         )
         self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
-        self._lanes = [self._lane(number) for number in range(config.lanes)]
-        self.dither, self.time_scaler, self.warp, self.voter = (
-            self._lanes[0].get(name) for name in ("dither", "time_scaler", "warp", "voter")
-        )
-        in_flight = sum(block.latency for block in (self.event_buffer, *self._lanes[0].values())) - 1
+        self.lanes = [Lane(config, number) for number in range(config.lanes)]
+        self.warp, self.voter = (self.lanes[0].blocks[name] for name in ("warp", "voter"))
+        in_flight = self.event_buffer.latency + self.lanes[0].latency - 1
         self.image = image_of(config)(config, in_flight=in_flight)
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
@@ -137,12 +133,6 @@ class Core(CycleFormula, wiring.Component):
             probe_delay=Probe.latency,
         )
 
-    def _lane(self, number):
-        """What is between buffer and image, in the order of data flow."""
-        config = self.config
-        dither = {"dither": Dither(config, number)} if config.dither_frac else {}
-        return dither | {"time_scaler": TimeScaler(config), "warp": Warp(config), "voter": BilinearVoter(config)}
-
     @property
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
@@ -150,13 +140,9 @@ class Core(CycleFormula, wiring.Component):
             "ingest_control", "hot_mask", "background_filter", "roi_filter", "thinner", "event_buffer", "reciprocal",
         )  # fmt: skip
         back = ("image", "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control")
-        lanes = {
-            f"{name}_{number}" if number else name: block
-            for number, lane in enumerate(self._lanes)
-            for name, block in lane.items()
-        }
         front, back = ({name: getattr(self, name) for name in names} for names in (front, back))
-        return {name: block for name, block in (front | lanes | back).items() if block is not None}
+        boxes = [front, *(lane.boxes for lane in self.lanes), back]
+        return {name: block for part in boxes for name, block in part.items() if block is not None}
 
     @property
     def blocks(self):
@@ -166,10 +152,9 @@ class Core(CycleFormula, wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        in_lanes = [id(block) for lane in self._lanes for block in lane.values()]
+        pausing = {name: lane for lane in self.lanes for name in lane.boxes}
         for name, block in self.boxes.items():
-            pauses = self.config.lanes > 1 and id(block) in in_lanes
-            m.submodules[name] = EnableInserter(self.image.room)(block) if pauses else block
+            m.submodules[name] = pausing[name].pausing(block, self.image.room) if name in pausing else block
         self._ingest(m)
         self._iterate(m)
         self._ascend(m)
@@ -231,13 +216,8 @@ class Core(CycleFormula, wiring.Component):
     def _iterate(self, m):
         """Replay while there is room, scale, warp, vote, sum."""
         control, batch, image = self.iteration_control, self.ingest_control.handover.batch, self.image
-        for number, lane in enumerate(self._lanes):
-            ports = (self.event_buffer.o, image.votes)
-            replayed, votes = ports if self.config.lanes == 1 else (array[number] for array in ports)
-            blocks = [*lane.values()]
-            outputs, inputs = [replayed, *(block.o for block in blocks)], [*(block.i for block in blocks), votes]
-            for output, following in zip(outputs, inputs, strict=True):
-                connect(m, output, following)
+        for lane in self.lanes:
+            lane.connect(m, self.event_buffer, image)
         m.d.comb += [
             self.reciprocal.start.eq(control.divide),
             self.reciprocal.span.eq(batch.span),
@@ -245,16 +225,9 @@ class Core(CycleFormula, wiring.Component):
             self.event_buffer.replay.eq(control.replay),
             self.event_buffer.room.eq(image.room),
         ]
-        for lane in self._lanes:
-            scaler, warp, voter = (lane[name] for name in ("time_scaler", "warp", "voter"))
-            m.d.comb += [
-                scaler.span.eq(batch.span),
-                scaler.shift.eq(self.reciprocal.shift),
-                scaler.mantissa.eq(self.reciprocal.mantissa),
-                warp.v.eq(self.ascent.warped if self.config.confidence else self.ascent.v),
-                warp.level.eq(self.ascent.level),
-                voter.level.eq(self.ascent.level),
-            ]
+        for lane in self.lanes:
+            v = self.ascent.warped if self.config.confidence else self.ascent.v
+            lane.scale_and_warp(m, batch.span, self.reciprocal, v, self.ascent.level)
         m.d.comb += [
             image.clear.eq(self.ingest_control.clear),
             self.ingest_control.cleared.eq(self._cleared(m)),
@@ -264,8 +237,8 @@ class Core(CycleFormula, wiring.Component):
         if by_signs(self.config):
             stride = self.ascent.stride
             m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
-            for dither in (lane["dither"] for lane in self._lanes if self.dither):
-                m.d.comb += [dither.started.eq(self.event_buffer.started), dither.subset.eq(self.event_buffer.subset)]
+            for lane in self.lanes:
+                lane.replay_subsets(m, self.event_buffer)
         if hasattr(self, "pixels"):
             m.d.comb += self.pixels.valid.eq(image.pixels.valid & control.iterating)
             m.d.comb += self.pixels.payload.eq(image.pixels.payload)

@@ -16,8 +16,8 @@ class BilinearVoter(wiring.Component):
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
     dropped alone; with ``border = whole`` its event then changes no derivative. With fx, fy the fractions and one
-    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others follow by
-    subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
+    product of each (fx·fy, dt·fx, dt·fy; with one lane in LUTs if the fractions have at most four bits), all others
+    follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -61,7 +61,7 @@ class BilinearVoter(wiring.Component):
         # dt·1, and what rounds dt·(1 − fy) half up, so that one subtraction is left.
         shift = config.dt_frac + frac - config.derivative_frac
         dt_half_s1 = register(signed(config.formats.dt.width + frac + 1), "dt_half_s1")
-        product = small_product if frac <= 4 else operator.mul
+        product = small_product if frac <= 4 and config.lanes == 1 else operator.mul
         m.d.sync += [
             fx_fy_s1.eq(product(fx, fy)),
             dt_fx_s1.eq(product(dt, fx)),

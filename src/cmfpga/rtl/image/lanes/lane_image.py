@@ -86,7 +86,12 @@ class LaneImage(OnePassImage):
 
         sums = self.lane_sums
         for number, each in enumerate(self.classes):
-            m.d.comb += [each.turn.eq(turn), each.tag.eq(used), each.sweep.valid.eq(idle), each.sweep.payload.eq(address)]
+            m.d.comb += [
+                each.turn.eq(turn),
+                each.tag.eq(used),
+                each.sweep.valid.eq(idle),
+                each.sweep.payload.eq(address),
+            ]
             for lane, votes in enumerate(self.votes):
                 vote = sums.votes[lane][number]
                 m.d.comb += [
@@ -94,9 +99,7 @@ class LaneImage(OnePassImage):
                     vote.valid.eq(votes.valid & self.room & votes.payload.banks[number].valid),
                     each.i[lane].eq(vote),
                 ]
-            m.d.comb += [
-                sums.steps[config.lanes * number + bank].eq(step) for bank, step in enumerate(each.o)
-            ]
+            m.d.comb += [sums.steps[config.lanes * number + bank].eq(step) for bank, step in enumerate(each.o)]
         m.d.comb += [
             sums.begin.eq(first),
             self.sums.payload.eq(sums.sums),

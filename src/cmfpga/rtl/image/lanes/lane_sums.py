@@ -21,8 +21,12 @@ def add_up(m, values, name):
     if len(values) <= 2:
         return values
     groups = [values[k : k + FAN_IN] for k in range(0, len(values), FAN_IN)]
-    sums = [sum(group[2:3] + group[3:], group[0] + group[1]) if len(group) < 4 else
-            (group[0] + group[1]) + (group[2] + group[3]) for group in groups]
+    sums = [
+        sum(group[2:3] + group[3:], group[0] + group[1])
+        if len(group) < 4
+        else (group[0] + group[1]) + (group[2] + group[3])
+        for group in groups
+    ]
     return add_up(m, [delay(m, each, 1, name=f"{name}_{k}") for k, each in enumerate(sums)], f"{name}_of")
 
 

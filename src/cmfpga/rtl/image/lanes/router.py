@@ -48,7 +48,9 @@ class Router(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         lanes = range(self.config.lanes)
-        given = [[] for _ in lanes]  # by lane: of each bank
+        given = [[] for _ in lanes]  # by lane: by each bank
+        swept = Signal(self.config.geometry.word_bits)
+        m.d.sync += swept.eq(Mux(self.sweep.valid, self.sweep.payload, 0))
         for bank, o in enumerate(self.o):
             half, number = bank & 1, bank >> 1
             wanted = Cat(self.wants[lane][half][number] for lane in lanes)
@@ -58,12 +60,16 @@ class Router(wiring.Component):
                 taken = select(self.turn, [Cat(wanted[other] for other in others).any() for others in before])
                 m.d.comb += grant[lane].eq(wanted[lane] & ~taken)
                 given[lane].append(grant[lane])
-            swept = Signal(payloads.lane_operation(self.config), name=f"swept_{bank}")
-            m.d.comb += swept.address.eq(Mux(self.sweep.valid, self.sweep.payload, 0))
-            chosen = swept.as_value()
-            for lane in lanes:
-                chosen |= Mux(grant[lane], self.heads[lane][half].as_value(), 0)
-            m.d.sync += [o.valid.eq(wanted.any() | self.sweep.valid), o.payload.eq(chosen)]
+            # By number, so that a bit of four lanes is a LUT.
+            bits = range(self.config.geometry.lane_bits)
+            chosen = Cat(Cat(grant[lane] for lane in lanes if lane >> bit & 1).any() for bit in bits)
+            operation = Signal(payloads.lane_operation(self.config), name=f"operation_{bank}")
+            m.d.sync += o.valid.eq(wanted.any() | self.sweep.valid)
+            with m.If(wanted.any()):
+                m.d.sync += operation.eq(select(chosen, [self.heads[lane][half] for lane in lanes]))
+            with m.Else():
+                m.d.sync += operation.eq(0)
+            m.d.comb += [o.payload.add.eq(operation.add), o.payload.address.eq(operation.address | swept)]
         for lane in lanes:
             m.d.comb += self.taken[lane].eq(Cat(Cat(given[lane][half::2]).any() for half in range(2)))
         return m
