@@ -22,7 +22,7 @@ def test_the_file_waives_these_rules_with_reasons(waivers):
     assert len(re.findall(r"^//.*\nlint_off", text, re.MULTILINE)) == len(WAIVED)
 
 
-@pytest.mark.parametrize("name", [*CONFIGS, "fast"])
+@pytest.mark.parametrize("name", [*CONFIGS, "fast", "fast-4"])
 def test_no_warning_beside_them_and_all_are_needed(name, waivers, tmp_path):
     _, text = emitted(CONFIGS.get(name) or preset(name))
     assert verilator_lint(text, tmp_path, "-Wall", waivers) == (0, set())

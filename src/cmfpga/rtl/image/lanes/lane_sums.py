@@ -20,14 +20,9 @@ def add_up(m, values, name):
     """``values`` added to one or two numbers, :func:`stages` cycles later."""
     if len(values) <= 2:
         return values
-    groups = [values[k : k + FAN_IN] for k in range(0, len(values), FAN_IN)]
-    sums = [
-        sum(group[2:3] + group[3:], group[0] + group[1])
-        if len(group) < 4
-        else (group[0] + group[1]) + (group[2] + group[3])
-        for group in groups
-    ]
-    return add_up(m, [delay(m, each, 1, name=f"{name}_{k}") for k, each in enumerate(sums)], f"{name}_of")
+    groups = zip(*[iter(values)] * FAN_IN, strict=True)
+    sums = [delay(m, (a + b) + (c + d), 1, name=f"{name}_{k}") for k, (a, b, c, d) in enumerate(groups)]
+    return add_up(m, sums, f"{name}_of")
 
 
 class LaneSums(wiring.Component):
@@ -79,12 +74,12 @@ class LaneSums(wiring.Component):
             grown = [self._pair(m, lane, name, *pair) for lane in range(self.config.lanes) for pair in pairs]
             self._total(m, self.sums[name], add_up(m, grown, name), begin)
         begin = delay(m, self.begin, self._ahead + self.latency - 1, name="begin_products", valid=True)
-        for axis in self.config.motion.names:
-            grown = [self._growth(m, axis, number) for number in range(4 * self.config.lanes)]
-            self._total(m, self.sums[f"s{axis}"], add_up(m, grown, f"s{axis}"), begin)
+        totals = {f"d{axis}": self.sums[f"s{axis}"] for axis in self.config.motion.names}
         if self.config.confidence:
-            grown = [self._growth_of_square(m, number) for number in range(4 * self.config.lanes)]
-            self._total(m, self.squares, add_up(m, grown, "squares"), begin)
+            totals["i"] = self.squares
+        for name, total in totals.items():
+            grown = [self._growth(m, name, number) for number in range(4 * self.config.lanes)]
+            self._total(m, total, add_up(m, grown, f"products_{name}"), begin)
         return m
 
     def _total(self, m, total, growth, begin):
@@ -100,15 +95,9 @@ class LaneSums(wiring.Component):
             value = Mux(first.valid ^ second.valid, Mux(first.valid, first[name], second[name]), 0)
         return delay(m, value, 1, name=f"pair_{name}_{lane}_{a}")
 
-    def _growth(self, m, axis, number):
-        """What a bank adds to Σ I·D, I·d + w·(D + d); two cycles."""
-        step, d = self.steps[number], f"d{axis}"
-        old = delay(m, step.i * step.add[d], 1, name=f"old_{axis}_{number}")
-        new = delay(m, step.total[d] * step.add.i, 1, name=f"new_{axis}_{number}")
-        return delay(m, old + new, 1, name=f"growth_{axis}_{number}")
-
-    def _growth_of_square(self, m, number):
-        """What a bank adds to Σ I², w·(2·I + w); two cycles."""
+    def _growth(self, m, name, number):
+        """What a bank adds to Σ I·D, I·d + w·(D + d), or to Σ I², where D is I; two cycles."""
         step = self.steps[number]
-        both = delay(m, 2 * step.i + step.add.i, 1, name=f"both_{number}")  # I before and after
-        return delay(m, both * delay(m, step.add.i, 1, name=f"w_{number}"), 1, name=f"square_{number}")
+        old = delay(m, step.i * step.add[name], 1, name=f"old_{name}_{number}")
+        new = delay(m, step.total[name] * step.add.i, 1, name=f"new_{name}_{number}")
+        return delay(m, old + new, 1, name=f"growth_{name}_{number}")
