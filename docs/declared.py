@@ -50,7 +50,7 @@ def fields_table():
     for field in dataclasses.fields(Config):
         meta = field.metadata
         if meta["choices"]:
-            allowed = ", ".join(meta["choices"])
+            allowed = ", ".join(map(str, meta["choices"]))
         else:
             low, high = meta["low"], meta["high"]
             allowed = "" if low is None else f"{low:g} …" if high is None else f"{low:,} … {high:,}"

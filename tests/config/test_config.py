@@ -14,7 +14,7 @@ from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, 
 from cmfpga.errors import ConfigError, UserError
 
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
-BOUNDED = [name for name, field in FIELDS.items() if field.type is int]
+BOUNDED = [name for name, field in FIELDS.items() if field.type is int and not field.metadata["choices"]]
 REAL = [name for name, field in FIELDS.items() if field.type is float and name != "confidence_limit"]
 TEXT = {
     "gradient",
@@ -76,7 +76,7 @@ def refusal(**changes):
 def test_the_defaults_are_the_presets_and_no_limit_is_missing():
     assert PRESETS["paper"] == Config() == preset("paper")
     assert all(FIELDS[name].metadata["low"] is not None and FIELDS[name].metadata["high"] for name in BOUNDED)
-    assert set(BOUNDED) | set(REAL) | TEXT | {"confidence_limit"} == set(FIELDS)
+    assert set(BOUNDED) | set(REAL) | TEXT | {"confidence_limit", "lanes"} == set(FIELDS)
     for field in FIELDS.values():
         assert len(field.metadata["doc"]) > 5
 
@@ -163,6 +163,15 @@ def test_choices(name, choices):
         assert getattr(Config(max_level=2, **{name: choice}), name) == choice
     for value in ("", "LAST", " sweep", 1, None, ["last"]):
         assert refusal(**{name: value}) == f"{name} = {value!r}: one of {', '.join(choices)} is needed"
+
+
+def test_lanes():
+    for lanes in (1, 2, np.int64(4), 8):
+        found = Config(gradient="one_pass", lanes=lanes).lanes
+        assert found == lanes and type(found) is int
+    for value in (0, 3, 16, True, 4.0, "4", None):
+        assert refusal(gradient="one_pass", lanes=value) == f"lanes = {value!r}: one of 1, 2, 4, 8 is needed"
+    assert refusal(lanes=4) == "lanes = 4: gradient = one_pass is needed; gradient = sweep ignores it"
 
 
 # ---------------------------------------------------------------- fields together

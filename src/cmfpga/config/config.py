@@ -28,7 +28,7 @@ from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
 #: Gradient architectures, and the fields that only each reads.
-GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "confidence")}
+GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "lanes", "confidence")}
 WHEN_FULL = ("drop", "thin")
 BORDERS = ("corners", "whole")
 RAM_STYLES = ("auto", "block", "ultra")
@@ -178,6 +178,9 @@ class Config:
     roi_gain_int: int = _field(2, "integer bits of roi_gain", unit="bits", low=1, high=4)
     roi_gain_frac: int = _field(4, "fraction bits of roi_gain", unit="bits", low=0, high=8)
     dither_frac: int = _field(0, "fraction bits of the dither of positions; 0: none", unit="bits", low=0, high=8)
+    lanes: int = _field(
+        1, "events that an iteration takes in a cycle; more than 1 for the shortest latency", choices=(1, 2, 4, 8)
+    )
     tag_bits: int = _field(8, "width of the iteration's number in the one-pass banks", unit="bits", low=2, high=20)
 
     # Memories
@@ -232,15 +235,16 @@ class Config:
     def _check_field(self, field, value):
         meta = field.metadata
         if meta["choices"]:
-            if value not in meta["choices"]:
-                raise ConfigError(f"{field.name} = {value!r}: one of {', '.join(meta['choices'])} is needed")
+            if value not in meta["choices"] or (field.type is int and not self._is(int, value)):
+                allowed = ", ".join(map(str, meta["choices"]))
+                raise ConfigError(f"{field.name} = {value!r}: one of {allowed} is needed")
+            object.__setattr__(self, field.name, field.type(value))
             return
         if field.type is str:
             if not isinstance(value, str):
                 raise ConfigError(f"{field.name} = {value!r}: text is needed")
             return
-        kind = numbers.Integral if field.type is int else numbers.Real  # NumPy's too
-        if isinstance(value, bool) or not isinstance(value, kind):
+        if not self._is(field.type, value):
             raise ConfigError(
                 f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed"
             )
@@ -250,6 +254,11 @@ class Config:
             raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
         if not isinstance(value, (int, float)):
             object.__setattr__(self, field.name, field.type(value))
+
+    @staticmethod
+    def _is(kind, value):
+        """Whether it is a number of this kind, NumPy's included."""
+        return isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
 
     def _check_size(self, name, limit):
         if getattr(self, name) > getattr(self, limit):

@@ -11,17 +11,19 @@ class OnePass(Derived):
     def latency(self):
         """Cycles of an iteration beside its n events, in which no vote enters the banks.
 
-        The latencies of warp, voter, banks, sums, gradient and ascent, less one: a test holds them to those of the
-        blocks.
+        The latencies of warp, voter, banks, sums, gradient and ascent, less one; or where lanes make those from the
+        banks on shorter, of what is in front of the warp. A test holds them to those of the blocks.
         """
         warp = 4 if self._c.max_level else 3
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
-        return warp + 3 + 4 + 4 + gradient + self._c.ascent_rule.latency - 1
+        sums = {1: 4 + 4, 2: 7, 4: 8, 8: 8}[self._c.lanes]
+        feed = 10 + (self._c.dither_frac > 0)
+        return warp + 3 + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
 
     @property
     def fewest_idle_cycles(self):
         """So many an iteration, or the sweep of the banks doesn't pass every word before its tag comes back."""
-        return -(-self._c.geometry.bank_depth // ((1 << self._c.tag_bits) - 1))
+        return -(-self._c.geometry.words // ((1 << self._c.tag_bits) - 1))
 
     def check(self):
         """Raise :exc:`ConfigError` if there are too few tags."""
@@ -29,5 +31,5 @@ class OnePass(Derived):
         if idle < self.fewest_idle_cycles:
             raise ConfigError(
                 f"tag_bits = {self._c.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
-                f"= {tags * idle}, at least the {self._c.geometry.bank_depth} words of a bank are needed"
+                f"= {tags * idle}, at least the {self._c.geometry.words} words of a bank are needed"
             )

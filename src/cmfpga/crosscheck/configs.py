@@ -42,7 +42,7 @@ def _fields(rng):
     """Values of some fields, each by itself within its limits."""
     defaults = {field.name: field.default for field in dataclasses.fields(Config)}
     values = {
-        field.name: _integer(field, rng) if field.type is int else str(rng.choice(field.metadata["choices"]))
+        field.name: field.type(rng.choice(choices)) if (choices := field.metadata["choices"]) else _integer(field, rng)
         for field in dataclasses.fields(Config)
         if (field.type is int or field.metadata["choices"]) and rng.random() < 0.7
     }

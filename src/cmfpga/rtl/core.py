@@ -1,6 +1,5 @@
 """The core: events in, velocity and a moving ROI out. One instance tracks one object."""
 
-import itertools
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -17,11 +16,8 @@ from .ascent.roi_updater import RoiUpdater
 from .confidence.judge import Judge
 from .confidence.probe import Probe
 from .cycle_formula import CycleFormula
-from .image import IMAGES
-from .image.dither import Dither
-from .image.time_scaler import TimeScaler
-from .image.voter import BilinearVoter
-from .image.warp import Warp
+from .image import image_of
+from .image.lane import Lane
 from .ingest.event_buffer import EventBuffer
 from .ingest.front import WRITES, connect_front, make_front
 from .ingest.ingest_control import IngestControl
@@ -46,7 +42,8 @@ class Core(CycleFormula, wiring.Component):
 
     One event per cycle at ingest and in every iteration, which with a schedule may use every second or fourth of
     them. A batch of N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its
-    first event to its result.
+    first event to its result. With ``lanes``, dither to voter are there several times, and an iteration has as many
+    events a cycle as long as no queue in the image is full.
 
     Parameters
     ----------
@@ -112,14 +109,10 @@ class Core(CycleFormula, wiring.Component):
         )
         self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
-        self.dither = Dither(config) if config.dither_frac else None
-        self.time_scaler = TimeScaler(config)
-        self.warp = Warp(config)
-        self.voter = BilinearVoter(config)
-        path = [self.event_buffer, self.dither, self.time_scaler, self.warp, self.voter]
-        self._path = [block for block in path if block is not None]
-        in_flight = sum(block.latency for block in self._path) - 1
-        self.image = IMAGES[config.gradient](config, in_flight=in_flight)
+        self.lanes = [Lane(config, number) for number in range(config.lanes)]
+        self.warp, self.voter = (self.lanes[0].blocks[name] for name in ("warp", "voter"))
+        in_flight = self.event_buffer.latency + self.lanes[0].latency - 1
+        self.image = image_of(config)(config, in_flight=in_flight)
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
         self.roi_updater = RoiUpdater(config)
@@ -141,12 +134,11 @@ class Core(CycleFormula, wiring.Component):
     @property
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
-        names = (
-            "roi_filter", "thinner", "event_buffer", "reciprocal", "dither", "time_scaler", "warp", "voter", "image",
-            "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control",
-        )  # fmt: skip
-        others = {name: block for name in names if (block := getattr(self, name)) is not None}
-        return {"ingest_control": self.ingest_control, **self.front, **others}
+        first = ("roi_filter", "thinner", "event_buffer", "reciprocal")
+        last = ("image", "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control")
+        first, last = ({name: getattr(self, name) for name in names} for names in (first, last))
+        boxes = [{"ingest_control": self.ingest_control}, self.front, first, *(lane.boxes for lane in self.lanes), last]
+        return {name: block for part in boxes for name, block in part.items() if block is not None}
 
     @property
     def blocks(self):
@@ -156,8 +148,9 @@ class Core(CycleFormula, wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        pausing = {name: lane for lane in self.lanes for name in lane.boxes}
         for name, block in self.boxes.items():
-            m.submodules[name] = block
+            m.submodules[name] = pausing[name].pausing(block, self.image.room) if name in pausing else block
         self._ingest(m)
         self._iterate(m)
         self._ascend(m)
@@ -208,21 +201,19 @@ class Core(CycleFormula, wiring.Component):
     def _iterate(self, m):
         """Replay while there is room, scale, warp, vote, sum."""
         control, batch, image = self.iteration_control, self.ingest_control.handover.batch, self.image
-        for block, following in itertools.pairwise(self._path):
-            connect(m, block.o, following.i)
-        connect(m, self.voter.o, image.votes)
+        for lane in self.lanes:
+            lane.connect(m, self.event_buffer, image)
         m.d.comb += [
             self.reciprocal.start.eq(control.divide),
             self.reciprocal.span.eq(batch.span),
             control.divided.eq(self.reciprocal.done),
             self.event_buffer.replay.eq(control.replay),
             self.event_buffer.room.eq(image.room),
-            self.time_scaler.span.eq(batch.span),
-            self.time_scaler.shift.eq(self.reciprocal.shift),
-            self.time_scaler.mantissa.eq(self.reciprocal.mantissa),
-            self.warp.v.eq(self.ascent.warped if self.config.confidence else self.ascent.v),
-            self.warp.level.eq(self.ascent.level),
-            self.voter.level.eq(self.ascent.level),
+        ]
+        for lane in self.lanes:
+            v = self.ascent.warped if self.config.confidence else self.ascent.v
+            lane.scale_and_warp(m, batch.span, self.reciprocal, v, self.ascent.level)
+        m.d.comb += [
             image.clear.eq(self.ingest_control.clear),
             self.ingest_control.cleared.eq(self._cleared(m)),
             control.complete.eq(image.complete),
@@ -231,11 +222,8 @@ class Core(CycleFormula, wiring.Component):
         if by_signs(self.config):
             stride = self.ascent.stride
             m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
-            if self.dither:
-                m.d.comb += [
-                    self.dither.started.eq(self.event_buffer.started),
-                    self.dither.subset.eq(self.event_buffer.subset),
-                ]
+            for lane in self.lanes:
+                lane.replay_subsets(m, self.event_buffer)
         if hasattr(self, "pixels"):
             m.d.comb += self.pixels.valid.eq(image.pixels.valid & control.iterating)
             m.d.comb += self.pixels.payload.eq(image.pixels.payload)

@@ -46,9 +46,11 @@ class CycleFormula:
         """Cycles that a batch takes more if v's confidence is measured, beside those of four iterations."""
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
-    def cycles(self, *, events, roi_events, iterations, judge=None):
-        """Clock cycles of a batch: N + Σ n_k + T·(sweep + L) + constant; more where the image is not ``exact_cycles``.
+    def cycles(self, *, events, roi_events, iterations, judge=None, most=False):
+        """Clock cycles of a batch: N + Σ ⌈n_k/K⌉ + T·(sweep + L) + constant, with K lanes.
 
+        Where the image is not ``exact_cycles`` these are the fewest, if no vote has to wait, or the ``most``; what lies
+        between depends on the images (:func:`cmfpga.reference.integer.lanes.waits`).
         n_k events of the batch's n are used in iteration k. ``iterations`` says how many there are, each of which
         uses all n; or it is the plan, a ``ScheduleEntry`` for each. If v's confidence is measured (setting ``judge``,
         by default the configuration's), there are four more, which use all n, and :attr:`judge_latency`. From the cycle
@@ -59,16 +61,20 @@ class CycleFormula:
         every = ScheduleEntry(0, None)
         plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
         plan, more = ((*plan, *[every] * 4), self.judge_latency) if judged else (plan, 0)
-        iterated = sum(used_events(plan, roi_events)) + len(plan) * (self.sweep_cycles + self.iteration_latency)
+        groups = [-(-n // self.config.lanes) for n in used_events(plan, roi_events)]
+        votes = sum(map(self.image.most_cycles, groups) if most else groups)
+        iterated = votes + len(plan) * (self.sweep_cycles + self.iteration_latency)
         return max(events, self.shortest_batch) + iterated + self.batch_latency + more
 
     @property
     def cycle_formula(self):
-        """:meth:`cycles` as text."""
+        """:meth:`cycles` as text; "≥" where the image is not ``exact_cycles``."""
+        least = "" if self.image.exact_cycles else "≥ "
         each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
+        n, n_k = (f"⌈{n}/{self.config.lanes}⌉" if self.config.lanes > 1 else n for n in ("n", "n_k"))
         if not by_signs(self.config):
-            return f"N + T·(n + {each}) + {self.batch_latency}"
+            return f"{least}N + T·({n} + {each}) + {self.batch_latency}"
         each = f"({each})" if self.sweep_cycles else each
         if self.judge is None:
-            return f"N + Σ n_k + T·{each} + {self.batch_latency}"
-        return f"N + Σ n_k + 4·n + (T + 4)·{each} + {self.batch_latency + self.judge_latency}"
+            return f"{least}N + Σ {n_k} + T·{each} + {self.batch_latency}"
+        return f"{least}N + Σ {n_k} + 4·{n} + (T + 4)·{each} + {self.batch_latency + self.judge_latency}"

@@ -51,6 +51,11 @@ def flow(layout):
     return stream.Signature(layout, always_ready=True)
 
 
+def of_lanes(config, member):
+    """What each lane has: an array of ``member``, or with one lane ``member`` itself."""
+    return member.array(config.lanes) if config.lanes > 1 else member
+
+
 def event(config):
     """An event as the camera sends it; ``last`` ends the batch. Polarity is not used."""
     return data.StructLayout(
@@ -164,7 +169,19 @@ def tagged_operation(config):
     """What a tagged bank is asked to do: add to a word, which is zero unless it carries this tag."""
     vote = votes(config)["banks"].shape.elem_shape
     add = {name: vote[name].shape for name in pixel(config).members}
-    return data.StructLayout({"address": vote["address"].shape, "tag": config.tag_bits, "add": data.StructLayout(add)})
+    address = config.geometry.word_bits
+    return data.StructLayout({"address": address, "tag": config.tag_bits, "add": data.StructLayout(add)})
+
+
+def lane_operation(config):
+    """What the router hands to a bank: the tag is that of all of them."""
+    operation = tagged_operation(config)
+    return data.StructLayout({name: operation[name].shape for name in ("address", "add")})
+
+
+def lane_vote(config):
+    """A vote in a queue, which is for every second bank of its parity class: which of them."""
+    return data.StructLayout({"operation": lane_operation(config), "bank": config.geometry.lane_bits - 1})
 
 
 def tagged_step(config):

@@ -199,7 +199,7 @@ class VerilatedCore:
                 sum(stalls) + sum([] if gaps is None else gaps)
             )
             for events, plan in zip(lengths, plans, strict=True):
-                limit += 2 * self.core.cycles(events=events, roi_events=events, iterations=plan) + 1000
+                limit += 2 * self.core.cycles(events=events, roi_events=events, iterations=plan, most=True) + 1000
         run = _Run(
             **{name: _pointer(array) for name, array in arrays.items()},
             batches=len(batches),

@@ -13,6 +13,7 @@ from .confidence import confidence
 from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
+from .lanes import waits
 from .sign import sign_updater
 from .time_scaler import time_scaler
 from .voter import voter
@@ -48,17 +49,21 @@ class IntegerCore(Sequence):
         Scaled times of the last batch's ROI events.
     iterations : list of IntegerIteration
         Intermediates of the last batch, where ``run`` was asked to keep them.
+    count_waits : bool
+        Count ``waited``: cycles for which the last batch's votes wait for each other, where there are lanes. Off at
+        first, because it takes as long as all else.
     """
 
     def __init__(self, config):
         super().__init__(config, 1 << config.formats.roi_x.f)
         self.dt = None
         self.iterations = []
+        self.count_waits, self.waited = False, 0
         self._keep = False
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
         """Process one batch; ``keep`` every iteration's images in ``iterations`` (memory: T images)."""
-        self._keep, self.iterations = keep, []
+        self._keep, self.iterations, self.waited = keep, [], 0
         return super().run(t, x, y, settings, cut=cut)
 
     @property
@@ -102,7 +107,10 @@ class IntegerCore(Sequence):
         ``eta`` raw.
         """
         config, level = self.config, entry.level
-        images = accumulator(config, voter(config, *warp(config, x, y, dt, v, level), dt, level))
+        votes = voter(config, *warp(config, x, y, dt, v, level), dt, level)
+        if self.count_waits and config.lanes > 1:
+            self.waited += waits(config, votes)
+        images = accumulator(config, votes)
         sums = gradient_reader(images)
         g = gradient(config, sums)
         step = STEPS[config.ascent]

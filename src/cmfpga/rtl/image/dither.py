@@ -24,6 +24,8 @@ class Dither(wiring.Component):
     ----------
     config : Config
         ``dither_frac``, not zero.
+    lane : int
+        Of ``config.lanes``, among which the events are dealt out in turn: the first event is that with this number.
 
     Members
     -------
@@ -36,8 +38,8 @@ class Dither(wiring.Component):
 
     latency = 1
 
-    def __init__(self, config):
-        self.config = config
+    def __init__(self, config, lane=0):
+        self.config, self.lane = config, lane
         subset = {"started": In(1), "subset": In(payloads.subset(config))}
         super().__init__(
             {
@@ -53,12 +55,19 @@ class Dither(wiring.Component):
         m = Module()
         event = self.i.payload
         for axis, factor in zip(("x", "y"), FACTORS, strict=True):
-            phase = Signal(DITHER_BITS, init=factor // 2, name=f"phase_{axis}")
-            begin, start, step = self.i.valid & event.last, factor // 2, factor
+            top, lanes = 1 << DITHER_BITS, self.config.lanes
+            first = (factor // 2 + self.lane * factor) % top
+            phase = Signal(DITHER_BITS, init=first, name=f"phase_{axis}")
+            begin, start, step = event.last if lanes > 1 else self.i.valid & event.last, first, lanes * factor % top
             if by_signs(self.config):
-                begin, top = self.started, 1 << DITHER_BITS
-                start = select(self.subset.first, [(factor // 2 + k * factor) % top for k in range(STRIDES[-1])])
-                step = select(self.subset.stride, [stride * factor % top for stride in STRIDES])
+                begin = self.started
+                starts = [
+                    [(factor // 2 + (k + self.lane * stride) * factor) % top for k in range(STRIDES[-1])]
+                    for stride in STRIDES
+                ]
+                starts = [select(self.subset.first, each) for each in starts]
+                start = select(self.subset.stride, starts) if self.lane else starts[0]
+                step = select(self.subset.stride, [lanes * stride * factor % top for stride in STRIDES])
             with m.If(begin):
                 m.d.sync += phase.eq(start)
             with m.Elif(self.i.valid):

@@ -59,7 +59,7 @@ class ImageSums(wiring.Component):
     def __init__(self, config, *, in_flight, pixels=False):
         self.config, self.in_flight = config, in_flight
         members = {
-            "votes": In(payloads.flow(payloads.votes(config))),
+            "votes": payloads.of_lanes(config, In(payloads.flow(payloads.votes(config)))),
             "room": Out(1),
             "complete": Out(1),
             "sums": Out(payloads.flow(payloads.sums(config))),
@@ -75,6 +75,10 @@ class ImageSums(wiring.Component):
     @property
     def blocks(self):
         return {"image": self}
+
+    def most_cycles(self, cycles):
+        """How long events that take so many ``cycles`` where there is always room take at most."""
+        return cycles
 
     def check(self, idle_cycles):
         """Whether it can work where no vote comes for ``idle_cycles`` between two iterations; else an error."""

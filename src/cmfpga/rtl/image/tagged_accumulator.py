@@ -45,7 +45,7 @@ class TaggedBank(wiring.Component):
         pixel = payloads.pixel(config)
         word = data.StructLayout({**pixel.members, "tag": config.tag_bits})
         style = {} if config.ram_style == "auto" else {"ram_style": config.ram_style}
-        m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.bank_depth, init=[], attrs=style)
+        m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.words, init=[], attrs=style)
         write, read = ram.write_port(), ram.read_port()
 
         valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 6)]

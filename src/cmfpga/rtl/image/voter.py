@@ -14,8 +14,8 @@ class BilinearVoter(wiring.Component):
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
     dropped alone; with ``border = whole`` its event then changes no derivative. With fx, fy the fractions and one
-    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others follow by
-    subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
+    product of each (fx·fy, dt·fx, dt·fy; with one lane in LUTs if the fractions have at most four bits), all others
+    follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -53,7 +53,7 @@ class BilinearVoter(wiring.Component):
 
         fx_fy_s1 = register(2 * frac, "fx_fy_s1")
         # dt·fx, dt·fy: in LUTs as two terms, which stage 2 adds, so that no stage has adders in a row.
-        small = frac <= 4
+        small = frac <= 4 and config.lanes == 1
         factors = partial_products if small else lambda value, factor: [value * factor]
         dt_fx_s1, dt_fy_s1 = (
             [delay(m, term, 1, name=f"{name}_{number}") for number, term in enumerate(factors(dt, factor))]

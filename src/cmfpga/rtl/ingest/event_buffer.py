@@ -1,6 +1,6 @@
 """Event buffer: stores a batch's ROI events and replays them in every iteration."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.hdl import Cat, Const, EnableInserter, Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -47,7 +47,8 @@ class EventBuffer(wiring.Component):
     i : ``In``, flow of :func:`payloads.roi_event`
         Events to store.
     o : ``Out``, flow of :func:`payloads.replayed_event`
-        The stored events in order, or a subset; ``last`` marks the last one.
+        The stored events in order, or a subset; ``last`` marks the last one. With lanes, an array: each lane has the
+        next event, and ``last`` marks the last ones, also where a lane has none any more.
     clear : ``In(1)``
         Begin to fill: the other buffer, if there are two. No event in this cycle.
     take : ``In(1)``
@@ -59,7 +60,8 @@ class EventBuffer(wiring.Component):
     started, subset : ``Out(1)``, ``Out``, :func:`payloads.subset`
         A replay has begun, one cycle; what it replays, from then on until the next. Only with a schedule.
     room : ``In(1)``
-        Where it is low, the replay pauses: here alone, because nothing behind can be stalled.
+        Where it is low, the replay pauses: here alone, because nothing behind can be stalled. With lanes, all that
+        replays stands still.
     stored : ``Out``, :func:`stored`
     """
 
@@ -71,7 +73,7 @@ class EventBuffer(wiring.Component):
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.roi_event(config))),
-                "o": Out(payloads.flow(payloads.replayed_event(config))),
+                "o": payloads.of_lanes(config, Out(payloads.flow(payloads.replayed_event(config)))),
                 "clear": In(1),
                 "take": In(1),
                 "replay": In(1),
@@ -89,7 +91,7 @@ class EventBuffer(wiring.Component):
         # Rotated addresses are of all those bits.
         words = 1 << bits_for(depth - 1) if thins(self.config) else depth
         ports = []
-        for number in range(self.config.buffers):
+        for number in range(self.config.buffers * self.config.lanes):
             events = memory.Memory(shape=payloads.roi_event(self.config), depth=words, init=[])
             m.submodules[f"events_{number}"] = events
             ports.append((events.write_port(), events.read_port()))
@@ -106,9 +108,12 @@ class EventBuffer(wiring.Component):
         stays, place, placed = (self._thin if thins(self.config) else self._drop)(m, full)
         m.d.comb += full.eq(count == depth)
         for number, (write, _) in enumerate(ports):  # a cycle later
-            mine = stays & (filling == number)
+            mine = stays & (filling == number // self.config.lanes)
             m.d.sync += [write.addr.eq(place), write.data.eq(self.i.payload), write.en.eq(mine)]
 
+        if self.config.lanes > 1:
+            self._replay_in_lanes(m, ports, replaying, replayed, placed)
+            return m
         # Stage 1: address.
         reading_s1 = Signal()
         address_s1 = Signal(range(max(2, depth)))
@@ -133,6 +138,34 @@ class EventBuffer(wiring.Component):
         m.d.comb += [self.o.payload.eq(output), self.o.payload.last.eq(delay(m, last_s1, 3, name="last"))]
         m.d.sync += self.o.valid.eq(delay(m, reading_s1 & self.room, 2, name="reading", valid=True))
         return m
+
+    def _replay_in_lanes(self, m, ports, replaying, replayed, placed):
+        """As with one lane; each has a copy of all events, so that any stride and any place suits it."""
+        lanes = self.config.lanes
+        m.submodules.replay = EnableInserter(self.room)(r := Module())
+        first, step = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1))
+        base, reading = Signal(range(max(2, self.config.buffer_events))), Signal()
+        beyond = base + (step << bits_for(lanes - 1))
+        last = Signal()
+        r.d.comb += last.eq(reading & (beyond >= replayed))
+        with r.If(self.replay):
+            r.d.sync += [reading.eq(1), base.eq(first)]
+        with r.Elif(reading):
+            r.d.sync += [reading.eq(~last), base.eq(beyond)]
+        which = delay(r, replaying, 3, name="which")
+        for lane, o in enumerate(self.o):
+            number = Signal(len(beyond), name=f"number_{lane}")
+            r.d.comb += number.eq(base | step * lane)  # these bits of the base are 0
+            place = delay(r, placed(number), 1, name=f"place_{lane}")
+            outputs = []
+            for _, read in ports[lane::lanes]:
+                m.d.comb += [read.addr.eq(place), read.en.eq(self.room)]
+                outputs.append(delay(r, read.data.as_value(), 1, name=f"output_{lane}_{len(outputs)}"))
+            r.d.comb += [
+                o.payload.eq(Mux(which, outputs[-1], outputs[0])),
+                o.payload.last.eq(delay(r, last, 3, name=f"last_{lane}", valid=True)),
+                o.valid.eq(delay(r, reading & (number < replayed), 3, name=f"reading_{lane}", valid=True)),
+            ]
 
     def _drop(self, m, full):
         """What comes when it is full is dropped.

@@ -1,0 +1,70 @@
+"""Lane: the blocks from event buffer to image, of which there may be several side by side."""
+
+from amaranth.hdl import EnableInserter
+from amaranth.lib.wiring import connect
+
+from ...protocol.settings import by_signs
+from .dither import Dither
+from .time_scaler import TimeScaler
+from .voter import BilinearVoter
+from .warp import Warp
+
+
+class Lane:
+    """Dither, where there is one, scaler, warp and voter; one event a cycle.
+
+    Parameters
+    ----------
+    config : Config
+    number : int
+        Of ``config.lanes``: that of the first event of a replay that it has.
+
+    Attributes
+    ----------
+    blocks : dict
+        By name, in the order of data flow.
+    latency : int
+    """
+
+    def __init__(self, config, number):
+        self.config, self.number = config, number
+        self.blocks = {"dither": Dither(config, number)} if config.dither_frac else {}
+        self.blocks |= {"time_scaler": TimeScaler(config), "warp": Warp(config), "voter": BilinearVoter(config)}
+        self.latency = sum(block.latency for block in self.blocks.values())
+
+    @property
+    def boxes(self):
+        """The blocks by their names in the core."""
+        return {f"{name}_{self.number}" if self.number else name: block for name, block in self.blocks.items()}
+
+    def pausing(self, block, room):
+        """What is to be elaborated of a block: with other lanes, all stand still where there is no room."""
+        return EnableInserter(room)(block) if self.config.lanes > 1 else block
+
+    def connect(self, m, buffer, image):
+        """Into the lane and out of it."""
+        replayed, votes = buffer.o, image.votes
+        if self.config.lanes > 1:
+            replayed, votes = replayed[self.number], votes[self.number]
+        for block in self.blocks.values():
+            connect(m, replayed, block.i)
+            replayed = block.o
+        connect(m, replayed, votes)
+
+    def scale_and_warp(self, m, span, reciprocal, v, level):
+        """What is the same for all events of an iteration."""
+        scaler, warp, voter = (self.blocks[name] for name in ("time_scaler", "warp", "voter"))
+        m.d.comb += [
+            scaler.span.eq(span),
+            scaler.shift.eq(reciprocal.shift),
+            scaler.mantissa.eq(reciprocal.mantissa),
+            warp.v.eq(v),
+            warp.level.eq(level),
+            voter.level.eq(level),
+        ]
+
+    def replay_subsets(self, m, buffer):
+        """Which events a replay has, the dither knows from the buffer; only with a schedule."""
+        if self.config.dither_frac and by_signs(self.config):
+            dither = self.blocks["dither"]
+            m.d.comb += [dither.started.eq(buffer.started), dither.subset.eq(buffer.subset)]

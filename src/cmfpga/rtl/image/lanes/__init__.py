@@ -1,0 +1,1 @@
+"""Blocks that sum the votes of several events a cycle (docs/lanes.md)."""

@@ -1,0 +1,110 @@
+"""The fastest way to sum: several events a cycle, in one pass."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+
+from ...arithmetic import delay
+from ..image_sums import ImageSums
+from ..one_pass_image import OnePassImage
+from ..tagged_accumulator import TaggedBank
+from .lane_sums import LaneSums
+from .parity_class import ParityClass
+from .vote_queue import VoteQueue
+
+
+class LaneImage(OnePassImage):
+    """The votes of K lanes wait in queues for K banks of each parity class; the sums grow with every vote.
+
+    Votes for one bank take turns, so an iteration takes longer than n/K cycles: how long depends on its image. Where a
+    queue is nearly full, ``room`` goes away, and all that comes before the votes stands still at once.
+
+    As :class:`~cmfpga.rtl.image.tagged_accumulator.TaggedAccumulator`, banks are swept between iterations.
+
+    See :class:`ImageSums` for parameters, members and attributes; ``votes`` is an array of K flows, of which the first
+    marks the last events of an iteration, and has one whenever another has.
+    """
+
+    exact_cycles = False
+    sweep_cycles = ParityClass.latency + 1
+
+    def __init__(self, config, *, in_flight):
+        self.lane_sums = LaneSums(config, ahead=ParityClass.latency + TaggedBank.latency)
+        self.classes = [ParityClass(config) for _ in range(4)]
+        # From the last votes to the sums, less those to ``complete``.
+        last = ParityClass.latency + TaggedBank.latency + self.lane_sums.latency
+        self.latency = last - self.sweep_cycles
+        self.lead = last - self.lane_sums.plain_latency
+        ImageSums.__init__(self, config, in_flight=in_flight)
+
+    @property
+    def blocks(self):
+        return {**{f"parity_class_{k}": each for k, each in enumerate(self.classes)}, "lane_sums": self.lane_sums}
+
+    def most_cycles(self, cycles):
+        """Of a queue that is full two votes go in 2·K cycles, a cycle later there is room, and then for two.
+
+        In the end, a queue and its head are left.
+        """
+        lanes = self.config.lanes
+        return (cycles + 1) // 2 * (2 * lanes + 3) + (VoteQueue.depth + 1) * lanes
+
+    def elaborate(self, platform):
+        config = self.config
+        m = Module()
+        for name, block in self.blocks.items():
+            m.submodules[name] = block
+        lead = self.votes[0]
+        came, first, idle = Signal(), Signal(), Signal(init=1)  # votes are taken; an iteration's first; between two
+        m.d.comb += [came.eq(lead.valid & self.room), first.eq(came & idle)]
+
+        # What is marked last closes the iteration, as late as its votes may be in the banks.
+        closes = delay(m, came & lead.payload.last, ParityClass.latency - 1, name="closes", valid=True)
+        closing, drained = Signal(), Signal()
+        m.d.comb += drained.eq(closing & Cat(each.empty for each in self.classes).all())
+        with m.If(drained):
+            m.d.sync += closing.eq(0)
+        with m.Elif(closes):
+            m.d.sync += closing.eq(1)
+        m.d.sync += self.complete.eq(drained)
+        with m.If(came):
+            m.d.sync += idle.eq(0)
+        with m.Elif(self.complete):
+            m.d.sync += idle.eq(1)
+
+        full, turn = Signal(), Signal(range(config.lanes))
+        m.d.sync += [full.eq(Cat(each.full for each in self.classes).any()), turn.eq(Mux(first, 0, turn + 1))]
+        m.d.comb += self.room.eq(~full)
+
+        tag, used = Signal(config.tag_bits, init=1), Signal(config.tag_bits)
+        with m.If(self.next):
+            m.d.sync += tag.eq(Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1))
+        address = Signal(range(max(2, config.geometry.words)))
+        last = address == config.geometry.words - 1
+        with m.If(idle):
+            m.d.sync += address.eq(Mux(last, 0, address + 1))
+        m.d.sync += used.eq(Mux(idle, 0, tag))
+        m.d.comb += self.cleared.eq(idle & last)
+
+        sums = self.lane_sums
+        for number, each in enumerate(self.classes):
+            m.d.comb += [
+                each.turn.eq(turn),
+                each.tag.eq(used),
+                each.sweep.valid.eq(idle),
+                each.sweep.payload.eq(address),
+            ]
+            for lane, votes in enumerate(self.votes):
+                vote = sums.votes[lane][number]
+                m.d.comb += [
+                    vote.eq(votes.payload.banks[number]),
+                    vote.valid.eq(votes.valid & self.room & votes.payload.banks[number].valid),
+                    each.i[lane].eq(vote),
+                ]
+            m.d.comb += [sums.steps[config.lanes * number + bank].eq(step) for bank, step in enumerate(each.o)]
+        m.d.comb += [
+            sums.begin.eq(first),
+            self.sums.payload.eq(sums.sums),
+            self.sums.valid.eq(delay(m, self.complete, self.latency, name="complete", valid=True)),
+        ]
+        if config.confidence:
+            m.d.comb += self.squares.eq(sums.squares)
+        return m

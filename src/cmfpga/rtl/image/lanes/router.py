@@ -1,0 +1,75 @@
+"""Router: the heads of a parity class's queues to its banks."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from ... import payloads
+from ...arithmetic import select
+
+
+class Router(wiring.Component):
+    """Gives every bank one of the heads that want it, in every cycle: that of the lane whose turn it is, or the next.
+
+    The turn goes round, so a head waits for as many cycles as there are lanes at most. What a bank gets stands in a
+    register, one cycle later.
+
+    Members
+    -------
+    turn : ``In``
+        The lane that is preferred.
+    wants : ``In``, array of K arrays of two
+        Of the queues of each lane, by the lowest bit of the banks that they are for: a bit for each of these banks.
+    heads : ``In``, array of K arrays of two :func:`payloads.lane_operation`
+    sweep : ``In``, flow of an address
+        For all banks, while there are no heads.
+    taken : ``Out``, array of K
+        A bit for each queue of a lane: its head is given.
+    o : ``Out``, array of K flows of :func:`payloads.lane_operation`
+        For each bank. Nothing is added where ``sweep`` is, or nothing is given.
+    """
+
+    latency = 1
+
+    def __init__(self, config):
+        self.config = config
+        lanes, operation = config.lanes, payloads.lane_operation(config)
+        super().__init__(
+            {
+                "turn": In(range(lanes)),
+                "wants": In(data.ArrayLayout(data.ArrayLayout(lanes // 2, 2), lanes)),
+                "heads": In(data.ArrayLayout(data.ArrayLayout(operation, 2), lanes)),
+                "sweep": In(payloads.flow(config.geometry.word_bits)),
+                "taken": Out(data.ArrayLayout(2, lanes)),
+                "o": Out(payloads.flow(operation)).array(lanes),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        lanes = range(self.config.lanes)
+        given = [[] for _ in lanes]  # by lane: by each bank
+        swept = Signal(self.config.geometry.word_bits)
+        m.d.sync += swept.eq(Mux(self.sweep.valid, self.sweep.payload, 0))
+        for bank, o in enumerate(self.o):
+            half, number = bank & 1, bank >> 1
+            wanted = Cat(self.wants[lane][half][number] for lane in lanes)
+            grant = Signal(len(lanes), name=f"grant_{bank}")
+            for lane in lanes:
+                before = [[(turn + k) % len(lanes) for k in range((lane - turn) % len(lanes))] for turn in lanes]
+                taken = select(self.turn, [Cat(wanted[other] for other in others).any() for others in before])
+                m.d.comb += grant[lane].eq(wanted[lane] & ~taken)
+                given[lane].append(grant[lane])
+            # By number, so that a bit of four lanes is a LUT.
+            bits = range(self.config.geometry.lane_bits)
+            chosen = Cat(Cat(grant[lane] for lane in lanes if lane >> bit & 1).any() for bit in bits)
+            operation = Signal(payloads.lane_operation(self.config), name=f"operation_{bank}")
+            m.d.sync += o.valid.eq(wanted.any() | self.sweep.valid)
+            with m.If(wanted.any()):
+                m.d.sync += operation.eq(select(chosen, [self.heads[lane][half] for lane in lanes]))
+            with m.Else():
+                m.d.sync += operation.eq(0)
+            m.d.comb += [o.payload.add.eq(operation.add), o.payload.address.eq(operation.address | swept)]
+        for lane in lanes:
+            m.d.comb += self.taken[lane].eq(Cat(Cat(given[lane][half::2]).any() for half in range(2)))
+        return m

@@ -1,0 +1,64 @@
+"""Between lanes and banks no vote is lost or doubled, and none waits for ever.
+
+The router is proved by k-induction, so for any number of cycles: every bank that is wanted gets exactly one head, what
+is taken is given, and a head waits for fewer cycles than there are lanes. A queue, of two words in place of sixteen, is
+checked for any votes and stalls of the first cycles: enough to fill it, to empty it and to go round.
+"""
+
+import pytest
+
+from cmfpga.rtl.image.lanes import router, vote_queue
+from support.formal.harness import needs_solver, solve
+from support.formal.lanes_proof import QueueHarness, RouterHarness, tiny
+from support.formal.mutants import Mutant
+
+pytestmark = needs_solver
+CYCLES = 9
+
+
+def queue(module, lanes=4):
+    return QueueHarness(type("ShortQueue", (module.VoteQueue,), {"depth": 2})(tiny(lanes)))
+
+
+def routing(module, lanes=4):
+    return RouterHarness(module.Router(tiny(lanes)))
+
+
+@pytest.mark.parametrize("lanes", [2, 4, 8])
+def test_the_router_for_any_number_of_cycles(lanes, tmp_path):
+    outcome = solve(routing(router, lanes), "prove", lanes + 2, tmp_path)
+    assert outcome.by_induction, outcome.log
+
+
+@pytest.mark.parametrize("lanes", [2, 4])
+def test_the_queue(lanes, tmp_path):
+    outcome = solve(queue(vote_queue, lanes), "bmc", CYCLES, tmp_path)
+    assert outcome.status == "PASS", outcome.log
+
+
+@pytest.mark.parametrize("harness", [queue(vote_queue), routing(router)], ids=["queue", "router"])
+def test_what_is_proved_can_happen(harness, tmp_path):
+    outcome = solve(harness, "cover", CYCLES, tmp_path)
+    assert (outcome.status, outcome.covered) == ("PASS", harness.COVERS), outcome.log
+
+
+MUTANTS = [
+    Mutant("two heads given", "eq(wanted[lane] & ~taken)", "eq(wanted[lane])", router),
+    Mutant("turn ignored", "select(self.turn, [", "select(0 * self.turn, [", router),
+    Mutant("taken, not given", "Cat(given[lane][half::2]).any()", "Cat(given[lane]).any()", router),
+    Mutant("head of another lane", "if lane >> bit & 1", "if lane >> bit & 1 or lane == 1", router),
+    Mutant("a vote too many", "level >= self.depth - 1", "level >= self.depth", vote_queue),
+    Mutant("head lost", "load.eq(waits & (self.taken | ~self.wants.any()))", "load.eq(waits)", vote_queue),
+    Mutant("head again", "with m.Elif(self.taken):", "with m.Elif(self.taken & self.full):", vote_queue),
+    Mutant("empty early", "self.empty.eq(~waits & ~self.wants.any())", "self.empty.eq(~waits)", vote_queue),
+    Mutant(
+        "level stays", "with m.If(~self.i.valid & load):", "with m.If(load & ~self.taken & ~self.i.valid):", vote_queue
+    ),
+]
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=str)
+def test_the_proof_finds(mutant, tmp_path):
+    harness = routing if mutant.original is router else queue
+    outcome = solve(harness(mutant.module()), "bmc", CYCLES, tmp_path)
+    assert outcome.status == "FAIL" and outcome.step is not None, outcome.log
