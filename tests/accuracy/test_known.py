@@ -10,9 +10,9 @@ import pytest
 from cmfpga import accuracy, cli
 from cmfpga.accuracy import bias, default_use, judged, known
 from cmfpga.accuracy.synthetic import synthetic_cases
+from cmfpga.camera import read_calibration
 from cmfpga.config import preset
 from cmfpga.errors import RecordingError
-from cmfpga.camera import read_calibration
 
 FAST = preset("fast")
 
