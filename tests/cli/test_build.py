@@ -105,10 +105,18 @@ def test_runtime_fields_do_not_change_the_verilog(emitted):
 
 # Fields that only shape the fast architecture, and words that are others than the default.
 FAST_ONLY = ("schedule_entries", "max_level", "tag_bits", "dither_frac", "ram_style")
-WORDS = {"gradient": "one_pass", "ascent": "sign", "ram_style": "block", "when_full": "thin", "border": "whole"}
+WORDS = {
+    "gradient": "one_pass",
+    "ascent": "sign",
+    "ram_style": "block",
+    "when_full": "thin",
+    "border": "whole",
+    "undistortion": "on",
+}
 # The confidence needs formats of its own.
 NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confidence": 0},
-          "background_cell": {"background": 1}}  # fmt: skip
+          "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
+          "undistortion_frac": {"undistortion": "on"}}  # fmt: skip
 QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
 
 
