@@ -42,7 +42,6 @@ class ResultPacket(wiring.Component):
     Members
     -------
     i : ``In``, stream of :func:`cmfpga.rtl.payloads.result`
-        Not in the first cycle behind a reset or ``forget``.
     o : ``Out``, stream of :func:`payloads.beat`
         TLAST at the end of each packet, TKEEP all ones.
     wire, config_range : ``In(1)``
@@ -99,11 +98,12 @@ class ResultPacket(wiring.Component):
             put.addr.eq(Cat(beat, ~shown)),
             self.written.eq(self._new_word(m, number, beat, following)),
             put.data.eq(self.written),
-            following.eq(beat + self.writing),
+            following.eq(beat + 1),
             put.en.eq(self.writing),
             self.word.eq(Mux(any_shown, Mux(self.address[0], get.data[32:], get.data[:32]), 0)),
         ]
-        m.d.sync += beat.eq(following)
+        with m.If(self.writing):
+            m.d.sync += beat.eq(following)
         with m.If(self.begun):
             m.d.sync += self.held.eq(self.hold)
         with m.If(self.taken):
@@ -155,15 +155,14 @@ class ResultPacket(wiring.Component):
     def _new_half(self, m, own, beat, following, words):
         """That of its 32 bits that has the fields ``words[beat]``.
 
-        Registers choose among four words each, a cycle before; all but one are zero. What is there in the first cycle
-        only is chosen in that. The widest words come first, so that the upper bits choose among few.
+        The first is chosen in its own cycle. Registers choose among four of the others each, a cycle before; all but
+        one are zero. The widest words come first, so that the upper bits choose among few.
         """
         sums = [k for k, fields in words.items() if any(f.link.startswith("sums_") for f in fields)]
-        late = any(f.link != "batch" for f in words[0])
         bits = {k: self._bits(fields, own) for k, fields in words.items()}
         width = {k: sum(not isinstance(bit, Const) for bit in found) for k, found in bits.items()}
-        ranked = sorted((k for k in width if width[k] and not (late and k == 0)), key=width.get, reverse=True)
-        parts = [Mux(beat == 0, Cat(bits[0]), 0)] if late else []
+        ranked = sorted((k for k in width if k and width[k]), key=width.get, reverse=True)
+        parts = [Mux(beat == 0, Cat(bits[0]), 0)]
         nothing = Signal()  # they mean nothing then
         m.d.comb += nothing.eq(self.i.payload.flags[Flag.DEGENERATE.bit_length() - 1] & following.matches(*sums))
         place = Cat(following.matches(*(k for rank, k in enumerate(ranked) if rank >> bit & 1)) for bit in range(2))
@@ -171,7 +170,7 @@ class ResultPacket(wiring.Component):
             chosen = Signal(32)
             found = ranked[first : first + 4]
             m.d.sync += chosen.eq(0)
-            with m.If(following.matches(*found) & ~nothing):
+            with m.If(self.writing & following.matches(*found) & ~nothing):
                 m.d.sync += chosen.eq(Array(Cat(bits[k]) for k in found)[place[: bits_for(len(found) - 1)]])
             parts.append(chosen)
         return functools.reduce(operator.or_, parts)
