@@ -154,7 +154,7 @@ def test_one_event_per_cycle(rng):
 JUMPS, OFTEN, GRID = {"jumps": 0.05}, {"event_p": 0.6, "end_p": 0.3}, {"grid": 10}
 MUTANTS = {  # old, new, ends, how many tokens of which kind show it
     "ends are forgotten": ("held.end.eq(1)", "held.end.eq(0)", "tlast", 200, {}),
-    "a wrong number": ("number.eq(count + 1)", "number.eq(count + 2)", "count", 7, {"event_p": 1.0}),
+    "a wrong number": ("completes(number + 1,", "completes(number + 2,", "count", 7, {"event_p": 1.0}),
     "a TLAST behind the number": ("& ~(leaves & by_number & ~self.o.payload.last)", "", "one and tlast", 600, OFTEN),
     "a TLAST behind the next event": ("payload.last & ~arrives)", "payload.last)", "one and tlast", 200, OFTEN),
     "one microsecond": (">= current.duration)", "> current.duration)", "duration", 200, GRID),

@@ -4,9 +4,10 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.protocol.registers.contract import COUNTERS
-from cmfpga.rtl.shell.counters import BY_PULSE, LONGEST, OF_FLAGS, OF_RESULTS, PULSES, Counters
+from cmfpga.protocol.results import RESULTS
+from cmfpga.rtl.shell.counters import BITS, BY_PULSE, LONGEST, PLACES, PULSES, Counters
 from support.bench import simulate
-from support.values import Port, random_values
+from support.values import Port
 
 CONFIG = preset("fast")
 NAMES = [name.lower() for name in COUNTERS]
@@ -30,33 +31,46 @@ class Model:
         self.shown = [*self.shown, now][-LATE - 1 :]
 
 
-def counted(value, held):
+def counted(result, held):
     """What a result adds to."""
-    bits = {name: value["flags"] >> flag.bit_length() - 1 & 1 for name, flag in OF_FLAGS.items()}
-    of_results = {name: value[name] for name in OF_RESULTS}
-    return {**of_results, **bits, "batches": 1, "results_held_back": held, LONGEST: value["cycles"]}
+    return {**result, "batches": 1, "results_held_back": held}
+
+
+def results(rng):
+    """Of results what counts, and the words of their packets, of which all else is at random."""
+    width = CONFIG.max_batch_events.bit_length()
+    while True:
+        result = {name: int(rng.integers(1 << (1 if name in BITS else width))) for name in PLACES}
+        result[LONGEST] = int(rng.integers(1 << 32)) >> int(rng.integers(32))
+        words = [int(word) for word in rng.integers(1 << 32, size=32)]
+        for name, place in PLACES.items():
+            mask = 1 if name in BITS else (1 << 32) - 1
+            words[place.word] = words[place.word] & ~(mask << place.lsb) | result[name] << place.lsb
+        words[next(f for f in RESULTS if f.name == "cycles").places[0].word] = result[LONGEST]
+        yield result, [low | high << 32 for low, high in zip(words[::2], words[1::2], strict=True)]
 
 
 @pytest.mark.parametrize(("busy", "gap"), [(1.0, 32), (0.9, 32), (0.5, 60), (0.02, 200)])
 def test_against_a_model(busy, gap, rng):
     """Results as often as they may come; clears in any cycle but while a result counts."""
     block, model = Counters(CONFIG), Model()
-    results = random_values(block.result.shape(), rng)
+    made = results(rng)
 
     async def bench(ctx):
-        ports = {name: Port(getattr(block, name)) for name in ("pulses", "begun", "held", "result", "clear", "address")}
-        since, next_gap, held, value = 0, gap, 0, next(results)
+        ports = {name: Port(getattr(block, name)) for name in ("pulses", "begun", "held", "packet", "clear", "address")}
+        since, next_gap, held, (value, words) = 0, gap, 0, next(made)
         for cycle in range(1500):
             quiet = cycle % 500 > 440
             pulses = {name: int(not quiet and rng.random() < busy) for name in PULSES}
             begun = not quiet and since >= next_gap
             clear = not begun and since > block.walk and not quiet and rng.random() < 0.004
             if begun:
-                since, next_gap, held, value = 0, gap + int(rng.integers(4)) * 7, int(rng.integers(2)), next(results)
+                since, next_gap, held = 0, gap + int(rng.integers(4)) * 7, int(rng.integers(2))
+                value, words = next(made)
             ports["pulses"].set(ctx, pulses)
             for name, what in (("begun", begun), ("held", held), ("clear", clear)):
                 ports[name].set(ctx, int(what))
-            ports["result"].set(ctx, value)
+            ports["packet"].set(ctx, words[since] if since < len(words) else 0)
             number = int(rng.integers(len(NAMES)))
             ports["address"].set(ctx, number)
             seen, name = ctx.get(block.word), NAMES[number]

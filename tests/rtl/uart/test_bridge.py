@@ -52,8 +52,9 @@ class Host:
                 values[write.address] = write.data
                 self.written.append((write.address, write.data))
             address = ctx.get(block.bus.read_address)
-            ctx.set(block.bus.read_data, values.get(address, 0xAB000000 + address) if ctx.get(block.bus.read) else 0)
+            answer = values.get(address, 0xAB000000 + address) if ctx.get(block.bus.read) else 0
             await ctx.tick()
+            ctx.set(block.bus.read_data, answer)
 
     async def _line(self, ctx):
         while not self._over:

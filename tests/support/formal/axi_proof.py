@@ -72,6 +72,7 @@ class AxiHarness(Elaboratable):
     def __init__(self, top=None):
         self.top = top or AxiTop(CONFIG)
         self.top.shell.core = AnyCore(self.top.config)
+        self.top.shell.settings.fill = 2  # enough, since memories return anything
         self.sync = ClockDomain("proof", reset_less=True)  # the top has a domain sync of its own
 
     def elaborate(self, platform):

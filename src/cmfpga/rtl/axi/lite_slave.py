@@ -24,7 +24,7 @@ class LiteSlave(wiring.Component):
     """Turns AXI4-Lite transfers into writes and reads of registers.
 
     Address and data of a write may come in any order. A write takes effect in the cycle after both have come, its
-    answer follows a cycle later, both later where the bus is not ready; a read's data come two cycles after its
+    answer follows a cycle later, both later where the bus is not ready; a read's data come three cycles after its
     address. The address's lowest two bits are ignored; beyond the map writes do nothing and reads return 0. One write
     per three cycles. All outputs are low in a reset and in the cycle after it.
 
@@ -38,6 +38,7 @@ class LiteSlave(wiring.Component):
     aw, w, ar : ``In``, streams of :data:`CHANNELS`
     b, r : ``Out``, streams of the same
     bus : ``Out``, :func:`cmfpga.rtl.shell.payloads.register_bus`
+        ``read_data`` a cycle late.
     """
 
     def __init__(self, size):
@@ -83,7 +84,9 @@ class LiteSlave(wiring.Component):
     def _reads(self, m):
         address = self.ar.payload.addr
         beyond = Signal()
-        m.d.sync += [self.bus.read.eq(0), self.ar.ready.eq(~self.bus.read & (~self.r.valid | self.r.ready))]
+        free, answered = Signal(), Signal()  # no answer waits, and the memories are filled; one is there
+        m.d.comb += free.eq(~self.bus.read & ~answered & (~self.r.valid | self.r.ready) & self.bus.write.ready)
+        m.d.sync += [self.bus.read.eq(0), self.ar.ready.eq(free), answered.eq(self.bus.read)]
         with m.If(self.ar.valid & self.ar.ready):
             m.d.sync += [
                 self.bus.read_address.eq(address[2:]),
@@ -91,7 +94,7 @@ class LiteSlave(wiring.Component):
                 self.bus.read.eq(1),
                 self.ar.ready.eq(0),
             ]
-        with m.If(self.bus.read):
+        with m.If(answered):
             m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(Mux(beyond, 0, self.bus.read_data))]
         with m.Elif(self.r.ready):
             m.d.sync += self.r.valid.eq(0)

@@ -61,16 +61,16 @@ class BatchEnd(wiring.Component):
         current = Signal(payloads.end_settings(config))
         held = Signal(payloads.sensor_token(config))
         commanded = Signal()  # the held event was made the last one
-        count = Signal(bits_for(config.max_batch_events))  # events of the batch that have left
+        number = Signal(bits_for(config.max_batch_events), init=1)  # of the held event in its batch
         t_first, later = Signal(config.time_bits), Signal(config.time_bits)
         by_time, by_number, followed, leaves = Signal(), Signal(), Signal(), Signal()
         arrives, ends = Signal(), Signal()
 
+        def completes(number, wanted):
+            return (wanted == number) | (number == config.max_batch_events)
+
         # Is the held event the last one?
-        number = Signal.like(count)
         m.d.comb += [
-            number.eq(count + 1),
-            by_number.eq((number == current.batch_events) | (number == config.max_batch_events)),
             followed.eq(self.i.valid & self.i.payload.event),
             later.eq(self.i.payload.t - t_first),
             # −duration … duration − 1 is still the batch's: the complement of a negative number is one less.
@@ -96,7 +96,8 @@ class BatchEnd(wiring.Component):
             m.d.sync += [
                 held.event.eq(0),
                 commanded.eq(0),
-                count.eq(number),
+                number.eq(number + 1),
+                by_number.eq(completes(number + 1, current.batch_events)),
                 completed.eq(by_number & ~self.o.payload.last & ~arrives),
             ]
         with m.Elif(arrives):
@@ -131,7 +132,8 @@ class BatchEnd(wiring.Component):
         with m.If(self.opened):
             m.d.sync += [
                 self.taking_in.eq(1),
-                count.eq(0),
+                number.eq(1),
+                by_number.eq(completes(1, self.settings.batch_events)),
                 current.eq(self.settings),
                 t_first.eq(held.t),
             ]

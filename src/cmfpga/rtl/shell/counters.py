@@ -1,24 +1,37 @@
 """Counters: 32 bits each, of losses, stalls and work, in a memory with one adder."""
 
-from amaranth.hdl import Array, Cat, Module, Mux, Signal
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
-from ...protocol.flags import Flag
 from ...protocol.registers.contract import COUNTERS
 from ...protocol.results import RESULTS
-from .. import payloads as core
 
-#: Counters that add a result's count.
-OF_RESULTS = tuple(f.name for f in RESULTS if f.total)
-OF_FLAGS = {"degenerate": Flag.DEGENERATE, "cut": Flag.CUT, "doubtful": Flag.DOUBTFUL}
+OF_FLAGS = ("degenerate", "cut", "doubtful")
+#: Counters of what a result packet has, and where: numbers, and bits of its first word.
+PLACES = {f.name: f.places[0] for f in RESULTS if f.total}
+PLACES |= {name: place for f in RESULTS for place in f.places if (name := place.field.lower()) in OF_FLAGS}
+BITS = {name: place.lsb for name, place in PLACES.items() if place.width == 1}
 LONGEST = "longest_batch"
 #: What one result adds to, one a cycle; :data:`LONGEST` takes two, to compare and to store.
-BY_RESULT = (*OF_RESULTS, *OF_FLAGS, "batches", "results_held_back")
+BY_RESULT = (*PLACES, "batches", "results_held_back")
 BY_PULSE = tuple(name.lower() for name in COUNTERS if name.lower() not in (*BY_RESULT, LONGEST))
 PULSES = tuple(name for name in BY_PULSE if name != "cycles")
 #: Counters of a half of the memory, and cycles in which each of its turns comes again, less those for a result.
 TURNS = 16
+#: Cycles that a word's upper half waits, while lower ones are added.
+DELAY = 3
+
+
+def _steps():
+    """The step behind ``begun`` in which each counter of results is added to; behind those of :data:`LONGEST`."""
+    steps = {name: place.word // 2 - 1 + DELAY * (place.word % 2) for name, place in PLACES.items() if name not in BITS}
+    free = iter(sorted(set(range(2, TURNS)) - set(steps.values())))
+    return steps | {name: next(free) for name in BY_RESULT if name not in steps}
+
+
+STEPS = _steps()
+assert len(set(STEPS.values())) == len(STEPS) and min(STEPS.values()) == 2
 
 
 class Counters(wiring.Component):
@@ -34,16 +47,17 @@ class Counters(wiring.Component):
     pulses : ``In``, one bit for each of :data:`PULSES`
         Adds one.
     begun : ``In(1)``
-        A result counts: ``result`` and ``held`` stay for :attr:`walk` cycles. At most every 32 cycles.
+        A result counts. At most every 32 cycles.
     held : ``In(1)``
-        It is not shown in the registers.
-    result : ``In``, :func:`cmfpga.rtl.payloads.result`
+        It is not shown in the registers. Stays for :attr:`walk` cycles.
+    packet : ``In(64)``
+        From ``begun`` on, the words of its packet, one a cycle.
     address, word : ``In(5)``, ``Out(32)``
         The counter of that number in :data:`cmfpga.protocol.registers.contract.COUNTERS`.
     """
 
     #: Cycles of adding a result.
-    walk = len(BY_RESULT) + 2
+    walk = max(STEPS.values()) + 1
 
     def __init__(self, config):
         self.config = config
@@ -52,7 +66,7 @@ class Counters(wiring.Component):
             {
                 **dict.fromkeys(("clear", "begun", "held"), In(1)),
                 "pulses": In(data.StructLayout(dict.fromkeys(PULSES, 1))),
-                "result": In(core.result(config)),
+                "packet": In(64),
                 "address": In(5),
                 "word": Out(32),
             }
@@ -70,7 +84,7 @@ class Counters(wiring.Component):
             m.d.sync += turn.eq(turn + 1)
         with m.If(self.begun):
             m.d.sync += [walking.eq(1), step.eq(0)]
-        compare, keep = walking & (step == self.walk - 2), walking & (step == self.walk - 1)
+        compare, keep = walking & (step == 0), walking & (step == 1)
 
         # A half that was cleared counts as 0 until each of its words was written.
         old_pulses, old_results, renewing = Signal(init=1), Signal(init=1), Signal()
@@ -85,27 +99,32 @@ class Counters(wiring.Component):
             m.d.sync += [old_pulses.eq(1), old_results.eq(1), turn.eq(0)]
 
         # One word a cycle: what is added to it, then the sum.
-        added_s1, place_s1 = Signal(32), Signal(range(2 * TURNS))
+        added_s1, more_s1, place_s1 = Signal(32), Signal(), Signal(range(2 * TURNS))
         nothing_s1, compare_s1, keep_s1, longer = Signal(), Signal(), Signal(), Signal()
-        total = Signal(33)
+        total = Signal(34)
+        counts, pulses = self._pulses(m, turn, walking)
+        of_result, one = self._of_result(m, step, added_s1)
+        with m.If(walking):
+            m.d.sync += [added_s1.eq(of_result), more_s1.eq(one)]
+        with m.Else():
+            m.d.sync += [added_s1.eq(counts[turn]), more_s1.eq(pulses[turn])]
         m.d.sync += [
             walking_s1.eq(walking),
-            added_s1.eq(Mux(walking, self._of_result(step), self._of_pulses(m, turn, walking))),
-            place_s1.eq(Cat(Mux(walking, Mux(keep, self.walk - 2, step), turn)[:4], walking)),
+            place_s1.eq(Cat(Mux(walking, Mux(keep, 0, step), turn)[:4], walking)),
             nothing_s1.eq(Mux(walking, renewing | keep, old_pulses)),
             compare_s1.eq(compare),
             keep_s1.eq(keep),
-            longer.eq(~total[32]),  # of compare: what was there + ~cycles < 2^32
+            longer.eq(~total[33]),  # of compare: what was there + ~cycles < 2^32
         ]
         m.d.comb += [
             get.addr.eq(place_s1),
-            total.eq(Mux(nothing_s1, 0, get.data) + added_s1),
+            total.eq(Cat(more_s1, added_s1) + Cat(more_s1, Mux(nothing_s1, 0, get.data))),
             put.addr.eq(place_s1),
-            put.data.eq(total),
+            put.data.eq(total[1:]),
             put.en.eq(~compare_s1 & (~keep_s1 | longer)),
         ]
-        places = {name: k for k, name in enumerate(BY_PULSE)} | {name: TURNS + k for k, name in enumerate(BY_RESULT)}
-        places[LONGEST] = TURNS + self.walk - 2
+        places = {name: k for k, name in enumerate(BY_PULSE)} | {name: TURNS + k for name, k in STEPS.items()}
+        places[LONGEST] = TURNS
         numbers = [places[name.lower()] for name in COUNTERS]
         m.d.comb += [
             show.addr.eq(Array(numbers + [TURNS - 1] * (32 - len(numbers)))[self.address]),
@@ -113,24 +132,40 @@ class Counters(wiring.Component):
         ]
         return m
 
-    def _of_pulses(self, m, turn, walking):
-        """The pulses that came since the last turn of a counter."""
-        counts = Array(Signal(5, name=f"since_{name}") for name in BY_PULSE)
-        for k, (name, count) in enumerate(zip(BY_PULSE, counts, strict=True)):
-            pulse = 1 if name == "cycles" else self.pulses[name]
-            with m.If(self.clear):
+    def _pulses(self, m, turn, walking):
+        """By turn: the pulses since the counter's last one, and that of this cycle."""
+        counts, pulses = [Const(0)] * TURNS, [Const(0)] * TURNS
+        for k, name in enumerate(BY_PULSE):
+            counts[k] = count = Signal(5, name=f"since_{name}")
+            pulses[k] = Const(1) if name == "cycles" else self.pulses[name]
+            m.d.sync += count.eq(count + pulses[k])
+            with m.If(self.clear | (~walking & (turn == k))):
                 m.d.sync += count.eq(0)
-            with m.Else():
-                m.d.sync += count.eq(Mux(~walking & (turn == k), 0, count) + pulse)
-        return Array([*counts, *[0] * (TURNS - len(counts))])[turn]
+        return Array(counts), Array(pulses)
 
-    def _of_result(self, step):
-        """What a result adds."""
-        result = self.result
-        bits = {name: flag.bit_length() - 1 for name, flag in OF_FLAGS.items()}
-        # What this hardware never counts stays 0.
-        counts = {name: result[name] for name in OF_RESULTS if name in result.shape().members}
-        counts |= {name: result.flags[bit] for name, bit in bits.items() if bit < len(result.flags)}
-        counts |= {"batches": 1, "results_held_back": self.held}
-        added = [*(counts.get(name, 0) for name in BY_RESULT), ~result.cycles, result.cycles]
-        return Array([*added, *[0] * (TURNS - len(added))])[step]
+    def _of_result(self, m, step, before):
+        """What a result adds, and one if it does; ``before``: the last one."""
+        lower, upper = self.packet[:32], self.packet[32:]
+        bits = Signal(data.StructLayout(dict.fromkeys(BITS, 1)))
+        with m.If(self.begun):
+            m.d.sync += [bits[name].eq(upper[lsb]) for name, lsb in BITS.items()]
+        width = max(f.shape(self.config).width for f in RESULTS if f.total)
+        delayed = upper[:width]
+        for _ in range(DELAY):
+            following = Signal(width)
+            m.d.sync += following.eq(delayed)
+            delayed = following
+        # Which: a register, of the step before it. The cycles, which are to be compared with the longest, come first.
+        choices = [~upper, ~before, lower[:width], delayed]
+        numbers = {
+            step: 2 + place.word % 2 for name, place in PLACES.items() if name not in BITS for step in (STEPS[name],)
+        }
+        which, some = Signal(2), Signal()
+        m.d.sync += [some.eq(self.begun), which.eq(0)]
+        with m.If(~self.begun):
+            with m.Switch(step + 1):
+                for k, number in {1: 1, **numbers}.items():
+                    with m.Case(k):
+                        m.d.sync += [which.eq(number), some.eq(1)]
+        one = {STEPS[name]: bits[name] for name in BITS} | {STEPS["batches"]: 1, STEPS["results_held_back"]: self.held}
+        return Mux(some, Array(choices)[which], 0), Cat((step == k) & value for k, value in one.items()).any()

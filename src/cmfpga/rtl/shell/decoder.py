@@ -1,5 +1,8 @@
 """Decoder: words of all formats in, events out."""
 
+import functools
+import operator
+
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
@@ -70,9 +73,8 @@ class Decoder(wiring.Component):
 
         word = data.View(EVT, Mux(vectors | upper, high, low))
         event_type, event, whole, some, final, use = (Signal() for _ in range(6))
-        remaining, index = Signal(32), Signal(5)
+        remaining, index = self._first(m, low)
         m.d.comb += [
-            remaining.eq(low & (low - 1)),
             event_type.eq(packed | word.type.matches(*EVENT_TYPES)),
             whole.eq(Mux(halves, Mux(upper, keep[1].all, keep[0].all), keep[0].all & keep[1].all)),
             some.eq(Mux(halves, Mux(upper, keep[1].any, keep[0].any), keep[0].any | keep[1].any)),
@@ -83,9 +85,6 @@ class Decoder(wiring.Component):
             self.i.ready.eq(~held | (use & final)),
             self.empty.eq(~held),
         ]
-        for k in reversed(range(32)):
-            with m.If(low[k]):
-                m.d.comb += index.eq(k)
         with m.If(use):
             m.d.sync += [upper.eq(~final), held.eq(~final)]
             with m.If(vectors):
@@ -99,12 +98,13 @@ class Decoder(wiring.Component):
                 m.d.sync += [keep[k].any.eq(found.any()), keep[k].all.eq(found.all())]
 
         # What it says.
-        token, other = self.o.payload, data.View(PACKED, Cat(low, high))
+        token, other, moved = self.o.payload, data.View(PACKED, Cat(low, high)), Signal(COLUMN_BITS + 1)
         m.d.comb += [
             time_high.high.eq(word.as_value()[:HIGH_BITS]),
             time_high.low.eq(word.low),
             token.t.eq(Mux(packed, other.t, time_high.t)),
-            token.x.eq(Mux(packed, other.x, word.x + Mux(vectors, index, 0))),
+            moved.eq(data.View(EVT, high).x + Mux(vectors, index, 0)),
+            token.x.eq(Mux(packed, other.x, Mux(vectors | upper, moved, word.x))),
             token.y.eq(Mux(packed, other.y, word.y)),
             token.known.eq(time_high.known | packed),
             token.event.eq(event),
@@ -125,3 +125,21 @@ class Decoder(wiring.Component):
         with m.Elif(some & ~whole):
             m.d.comb += self.format_error.eq(use)
         return m
+
+    @staticmethod
+    def _first(m, mask):
+        """``mask`` without its lowest one, and where that is, by groups of four bits."""
+        remaining, index, lowest = Signal.like(mask), Signal(range(len(mask))), Signal(4)
+        groups = [mask[k : k + 4] for k in range(0, len(mask), 4)]
+        some, before, first = (Signal(len(groups), name=name) for name in ("some", "before", "first"))
+        m.d.comb += [
+            some.eq(Cat(group.any() for group in groups)),
+            before.eq(Cat(some[:k].any() for k in range(len(groups)))),
+            first.eq(some & ~before),
+            remaining.eq(mask & Cat(before[k // 4] | groups[k // 4][: k % 4].any() for k in range(len(mask)))),
+            lowest.eq(functools.reduce(operator.or_, (g & f.replicate(4) for g, f in zip(groups, first, strict=True)))),
+            index[0].eq(~lowest[0] & (lowest[1] | ~lowest[2])),
+            index[1].eq(~lowest[0] & ~lowest[1]),
+            index[2:].eq(Cat(Cat(f for k, f in enumerate(first) if k >> bit & 1).any() for bit in range(3))),
+        ]
+        return remaining, index

@@ -51,7 +51,7 @@ def register_bus():
     """Signature of the register bus, for who asks.
 
     A write takes place when it is ready. ``read_data`` are there in the cycle of ``read_address``; ``read`` says that
-    they are wanted in this one, otherwise they may be wrong.
+    they are wanted in this one, otherwise they may be wrong. Behind a reset nothing is read before a write is ready.
     """
     return wiring.Signature(
         {

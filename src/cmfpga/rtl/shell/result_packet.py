@@ -3,10 +3,11 @@
 import functools
 import operator
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, Value
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal, Value
 from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from ...fixed import bits_for
 from ...protocol.flags import Flag
 from ...protocol.results import PACKET_BEATS
 from .. import payloads as core
@@ -23,14 +24,6 @@ def value_of(result, link):
         return result[link]
     outer = max((name for name in names if link.startswith(f"{name}_")), key=len)
     return result[outer][link[len(outer) + 1 :]]
-
-
-def select(index, choices):
-    """``choices[index]``; one that stands at several places is chosen by one condition."""
-    places = {}
-    for k, choice in enumerate(choices):
-        places.setdefault(id(choice), (choice, []))[1].append(k)
-    return functools.reduce(operator.or_, (choice & index.matches(*found) for choice, found in places.values()))
 
 
 class ResultPacket(wiring.Component):
@@ -55,10 +48,14 @@ class ResultPacket(wiring.Component):
         Flags that go into the result that begins in this cycle.
     stream_results, hold : ``In(1)``
         Send packets; keep the registers as they are. Both as they are when a result begins.
+    wait : ``In(1)``
+        No result may begin.
     forget : ``In(1)``
         Begin again with batch 1 (soft reset); not while ``writing``. A packet that is being sent is completed.
     read, address, word : ``In(1)``, ``In``, ``Out(32)``
         In a cycle with ``read``, the result register of that number.
+    written : ``Out(64)``
+        From ``begun`` on, the packet's words, one a cycle.
     begun, taken, stalled, held, writing, sending : ``Out(1)``
         A result begins; it was taken; it waits for the packet ahead; the last that began is not shown; a result is
         being written, or was a few cycles ago; a packet is being sent.
@@ -76,9 +73,10 @@ class ResultPacket(wiring.Component):
             {
                 "i": In(stream.Signature(core.result(config))),
                 "o": Out(stream.Signature(payloads.beat())),
-                **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "forget", "read"), In(1)),
+                **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "wait", "forget", "read"), In(1)),
                 "address": In(BEAT_BITS + 1),
                 "word": Out(32),
+                "written": Out(payloads.DATA_BITS),
                 **dict.fromkeys(("begun", "taken", "stalled", "held", "writing", "sending"), Out(1)),
             }
         )
@@ -90,20 +88,22 @@ class ResultPacket(wiring.Component):
         put, get = store.write_port(), store.read_port(domain="comb")
         number = Signal(32, init=1)
         shown, any_shown = Signal(), Signal()  # the half that the registers show, once there is a result
-        beat = Signal(BEAT_BITS)  # that is written; it runs on to 0 behind the last one
+        beat, following = Signal(BEAT_BITS), Signal(BEAT_BITS)  # that is written; it runs on to 0 behind the last one
         m.d.comb += [
-            self.begun.eq(self.i.valid & (beat == 0) & ~self.open),
+            self.begun.eq(self.i.valid & (beat == 0) & ~self.open & ~self.wait),
             self.stalled.eq(self.i.valid & (beat == 0) & self.open),
             self.writing.eq(self.begun | (beat != 0)),
             self.i.ready.eq(beat == self.beats - 1),
             self.taken.eq(self.i.valid & self.i.ready),
             put.addr.eq(Cat(beat, ~shown)),
-            put.data.eq(self._new_word(m, number, beat)),
+            self.written.eq(self._new_word(m, number, beat, following)),
+            put.data.eq(self.written),
+            following.eq(beat + 1),
             put.en.eq(self.writing),
             self.word.eq(Mux(any_shown, Mux(self.address[0], get.data[32:], get.data[:32]), 0)),
         ]
         with m.If(self.writing):
-            m.d.sync += beat.eq(beat + 1)
+            m.d.sync += beat.eq(following)
         with m.If(self.begun):
             m.d.sync += self.held.eq(self.hold)
         with m.If(self.taken):
@@ -136,20 +136,8 @@ class ResultPacket(wiring.Component):
             m.d.sync += [self.open.eq(self.stream_results), half.eq(~shown)]
         return half, sent
 
-    def _new_word(self, m, number, beat):
+    def _new_word(self, m, number, beat, following):
         """The 64-bit word of the result on ``i`` that is written."""
-        group = self.registers.group("Result")
-        words = [[] for _ in range(2 << BEAT_BITS)]
-        for register in group:
-            words[(register.offset - group[0].offset) // 4] = register.fields
-        halves = [self._new_half(m, number, beat, words[half::2], half) for half in range(2)]
-        return Cat(*halves)
-
-    def _new_half(self, m, number, beat, words, half):
-        """That of its 32 bits that has the fields ``words[beat]``.
-
-        What no field fills is the sign of the field below, selected once for all bits.
-        """
         result = self.i.payload
         own = {
             "batch": number,
@@ -157,18 +145,42 @@ class ResultPacket(wiring.Component):
             "wire": self.wire,
             "config_range": self.config_range,
         }
-        zero, above = Const(0), Signal(name=f"above_{half}")
-        bits, signs, sums = [[above] * len(words) for _ in range(32)], [zero] * len(words), []
-        for k, fields in enumerate(words):
-            for f in fields:
-                value = Value.cast(own[f.link] if f.link in own else value_of(result, f.link))
-                for bit in range(f.link_lsb, min(len(value), f.link_lsb + f.width)):
-                    bits[f.lsb + bit - f.link_lsb][k] = value[bit]
-                if value.shape().signed:
-                    signs[k] = value[-1]
-                if f.link.startswith("sums_"):
-                    sums.append(k)
-        nothing = Signal(name=f"nothing_{half}")  # they mean nothing then
-        degenerate = result.flags[Flag.DEGENERATE.bit_length() - 1]
-        m.d.comb += [above.eq(select(beat, signs)), nothing.eq(degenerate & beat.matches(*sums))]
-        return Mux(nothing, 0, Cat(select(beat, choice) for choice in bits))
+        group = self.registers.group("Result")
+        halves = {}, {}
+        for register in group:
+            word = (register.offset - group[0].offset) // 4
+            halves[word % 2][word // 2] = register.fields
+        return Cat(self._new_half(m, own, beat, following, words) for words in halves)
+
+    def _new_half(self, m, own, beat, following, words):
+        """That of its 32 bits that has the fields ``words[beat]``.
+
+        The first is chosen in its own cycle. Registers choose among four of the others each, a cycle before; all but
+        one are zero. The widest words come first, so that the upper bits choose among few.
+        """
+        sums = [k for k, fields in words.items() if any(f.link.startswith("sums_") for f in fields)]
+        bits = {k: self._bits(fields, own) for k, fields in words.items()}
+        width = {k: sum(not isinstance(bit, Const) for bit in found) for k, found in bits.items()}
+        ranked = sorted((k for k in width if k and width[k]), key=width.get, reverse=True)
+        parts = [Mux(beat == 0, Cat(bits[0]), 0)]
+        nothing = Signal()  # they mean nothing then
+        m.d.comb += nothing.eq(self.i.payload.flags[Flag.DEGENERATE.bit_length() - 1] & following.matches(*sums))
+        place = Cat(following.matches(*(k for rank, k in enumerate(ranked) if rank >> bit & 1)) for bit in range(2))
+        for first in range(0, len(ranked), 4):
+            chosen = Signal(32)
+            found = ranked[first : first + 4]
+            m.d.sync += chosen.eq(0)
+            with m.If(self.writing & following.matches(*found) & ~nothing):
+                m.d.sync += chosen.eq(Array(Cat(bits[k]) for k in found)[place[: bits_for(len(found) - 1)]])
+            parts.append(chosen)
+        return functools.reduce(operator.or_, parts)
+
+    def _bits(self, fields, own):
+        """Of a word: those of its fields, with the sign in front of them."""
+        bits = [Const(0)] * 32
+        for f in fields:
+            value = Value.cast(own[f.link] if f.link in own else value_of(self.i.payload, f.link))
+            sign = value[-1] if value.shape().signed else Const(0)
+            taken = [value[bit] for bit in range(f.link_lsb, min(len(value), f.link_lsb + f.width))]
+            bits[f.lsb : f.lsb + f.width] = taken + [sign] * (f.width - len(taken))
+        return bits

@@ -63,15 +63,22 @@ class ScheduleStore(wiring.Component):
         write = self.bus.write.payload
         bits = bits_for(count - 1)
         mine = Signal()
+        assert first % (1 << bits) == 0, "a place is the lower bits of its address"
+
+        def inside(address):
+            return (address[bits:] == first >> bits) & (address[:bits] < count)
+
         m.d.comb += [
-            mine.eq((write.address >= first) & (write.address < first + count)),
-            put.addr.eq((write.address - first)[:bits]),
+            mine.eq(inside(write.address)),
+            put.addr.eq(write.address),
             put.data.eq(write.data),
             put.en.eq(Mux(self.bus.write.valid & mine, write.strobe[: len(put.en)], 0)),
-            get.addr.eq(Mux(self.bus.read, self.bus.read_address - first, position)),
+            get.addr.eq(Mux(self.bus.read, self.bus.read_address, position)),
         ]
-        shown = (self.bus.read_address >= first) & (self.bus.read_address < first + count)
-        m.d.comb += [self.bus.write.ready.eq(1), self.bus.read_data.eq(Mux(shown, get.data, 0))]
+        m.d.comb += [
+            self.bus.write.ready.eq(1),
+            self.bus.read_data.eq(Mux(inside(self.bus.read_address), get.data, 0)),
+        ]
 
         # The core.
         last = Signal(range(count))

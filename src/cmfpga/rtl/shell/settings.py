@@ -14,12 +14,12 @@ WORDS = 32
 class Settings(wiring.Component):
     """The registers that are stored as whole words, and the settings of the next batch.
 
-    A memory keeps the words as they were written. One limiter takes each over, in the cycle after it was written; while
+    A memory keeps the words as they were written. One limiter takes each over, two cycles after it was written; while
     ``lock`` is high it takes none over, and all of them behind that, during which no write is ready and no batch may
     begin. Settings with fewer bits come from the register bank. What stands here in the cycle of ``opened`` are a
     batch's settings.
 
-    A reset clears no memory: until its first write a register reads its reset value.
+    A reset clears no memory: behind one, the registers' reset values are written into it, and no write is ready.
 
     Parameters
     ----------
@@ -42,6 +42,9 @@ class Settings(wiring.Component):
     used_roi : ``Out(1)``
         One cycle: the ROI was loaded.
     """
+
+    #: Cycles behind a reset in which the memory is filled.
+    fill = WORDS
 
     def __init__(self, config, registers):
         self.config = config
@@ -67,50 +70,40 @@ class Settings(wiring.Component):
         put = store.write_port(granularity=8)
         get = store.read_port(domain="comb")
         place = {register.offset // 4: register.offset // 4 % WORDS for register in self.kept}
-        fresh = Signal(WORDS)  # written since the reset
-
-        def is_fresh(address):
-            return Cat((address == k) & fresh[k] for k in place.values()).any()
-
-        def default(address):
-            resets = {r.offset // 4 % WORDS: r.reset for r in self.kept}
-            return Cat(address.matches(*(k for k, reset in resets.items() if reset >> bit & 1)) for bit in range(32))
 
         # All words in turn behind a lock; else the one that was just written, but not while software reads.
-        locked, walking, taking, mine = Signal(), Signal(), Signal(), Signal()
+        filling, locked, walking, taking, mine = Signal(init=1), Signal(), Signal(), Signal(), Signal()
         current = Signal(range(WORDS))
         m.d.comb += [
-            self.blocking.eq(locked & ~self.lock | walking),
+            self.blocking.eq(filling | locked & ~self.lock | walking),
             bus.write.ready.eq(~(self.blocking | taking & bus.read)),
             mine.eq(bus.write.valid & bus.write.ready & address.matches(*place)),
         ]
         m.d.sync += locked.eq(self.lock)
-        with m.If(~(taking & bus.read)):
+        with m.If(filling):
+            m.d.sync += [current.eq(current + 1), filling.eq(current != self.fill - 1)]
+        with m.Elif(~(taking & bus.read)):
             m.d.sync += [current.eq(address), taking.eq(mine & ~self.lock)]
             with m.If(self.blocking):
                 m.d.sync += [walking.eq(~(walking & (current == WORDS - 1))), taking.eq(1)]
                 m.d.sync += current.eq(Mux(walking, current + 1, 0))
 
-        # The memory; a first write fills the bytes that it leaves with those of the reset value.
-        first, found = Signal(), Signal()
-        write = bus.write.payload
-        mask = Cat(bit.replicate(8) for bit in write.strobe)
+        # The memory.
+        resets = {r.offset // 4 % WORDS: r.reset for r in self.kept}
+        default = Cat(current.matches(*(k for k, reset in resets.items() if reset >> bit & 1)) for bit in range(32))
         m.d.comb += [
-            put.addr.eq(address),
-            first.eq(~is_fresh(put.addr)),
-            put.data.eq((write.data & mask) | (default(put.addr) & ~mask)),
-            put.en.eq(Mux(mine, write.strobe | first.replicate(4), 0)),
+            put.addr.eq(Mux(filling, current, address)),
+            put.data.eq(Mux(filling, default, bus.write.payload.data)),
+            put.en.eq(Mux(filling, 0b1111, Mux(mine, bus.write.payload.strobe, 0))),
             get.addr.eq(Mux(bus.read, bus.read_address, current)),
-            found.eq(is_fresh(get.addr)),
         ]
-        for k in place.values():
-            with m.If(mine & (put.addr == k)):
-                m.d.sync += fresh[k].eq(1)
         with m.If(bus.read_address.matches(*place)):
-            m.d.comb += bus.read_data.eq(Mux(found, get.data, default(get.addr)))
-        taken = Signal()
-        m.d.comb += taken.eq(taking & found & ~bus.read)
-        self._limit(m, taken, current, get.data)
+            m.d.comb += bus.read_data.eq(get.data)
+        # A walk's last word is no setting, so that all have been limited when it ends.
+        taken, place_s1, word_s1 = Signal(), Signal.like(current), Signal(32)
+        assert all(r.group != "Settings" or r.offset // 4 % WORDS != WORDS - 1 for r in self.kept)
+        m.d.sync += [taken.eq(taking & ~bus.read), place_s1.eq(current), word_s1.eq(get.data)]
+        self._limit(m, taken, place_s1, word_s1)
         self._narrow(m)
         m.d.comb += self.used_roi.eq(self.opened & ~self.lock)
         return m

@@ -4,7 +4,7 @@ import functools
 import operator
 
 from amaranth.hdl import ClockDomain, DomainRenamer, Module, Mux, ResetInserter, ResetSignal, Signal
-from amaranth.lib import stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from ...protocol.flags import Flag
@@ -46,7 +46,8 @@ class Shell(wiring.Component):
     Members
     -------
     bus : ``In``, :func:`payloads.register_bus`
-        Ready but for some cycles behind the end of ``SETTINGS_LOCK``.
+        Ready but for some cycles behind a reset and the end of ``SETTINGS_LOCK``. ``read_data`` come a cycle later than
+        a block's.
     i : ``In``, stream of :func:`payloads.beat`
         Words of events.
     o : ``Out``, stream of :func:`payloads.beat`
@@ -70,7 +71,8 @@ class Shell(wiring.Component):
         self.schedule_store = None
         if "SCHEDULE" in self.registers:
             self.schedule_store = ScheduleStore(config, self.registers["SCHEDULE"])
-        self.soft_reset, self.resetting = Signal(), Signal()  # resetting: as soon as no result is being taken over
+        # Asked for until it was done, as soon as no result is being taken over. Registers: much hangs on them.
+        self.soft_reset, self.resetting = Signal(), Signal()
         # What the input is taken for: the registers' values, once the words that came before have left.
         self.bypassing, self.form, self.swap = Signal(), Signal(2), Signal()
         self.input_pending = Signal()
@@ -102,12 +104,11 @@ class Shell(wiring.Component):
         soft.clk = self.clock
         m.domains += soft
         # A result that is being taken over stays in the core until it is complete; nothing new begins meanwhile.
-        asked = self.bank.commands.ctrl_soft_reset | self.resetting
-        m.d.sync += self.resetting.eq(asked & self.result_packet.writing)
-        m.d.comb += [
-            self.soft_reset.eq(asked & ~self.result_packet.writing),
-            soft.rst.eq(ResetSignal() | self.soft_reset),
+        m.d.sync += [
+            self.resetting.eq(self.bank.commands.ctrl_soft_reset | (self.resetting & ~self.soft_reset)),
+            self.soft_reset.eq(self.resetting & ~self.soft_reset & ~self.result_packet.writing),
         ]
+        m.d.comb += [self.result_packet.wait.eq(self.resetting), soft.rst.eq(ResetSignal() | self.soft_reset)]
         # Words that are passed on may already be offered on o.
         m.submodules.input = ResetInserter(self.soft_reset & ~self.bypassing)(self.input)
         for name in ("input_path", "batch_end", "core"):
@@ -258,10 +259,11 @@ class Shell(wiring.Component):
             asked = bus.read_address[len(block.address) :] == first >> len(block.address)
             m.d.comb += block.address.eq(bus.read_address)
             answers.append(Mux(asked, block.word, 0))
-        m.d.comb += [
-            packet.read.eq(bus.read & asked),
-            bus.read_data.eq(functools.reduce(operator.or_, answers)),
-        ]
+        m.d.comb += packet.read.eq(bus.read & asked)
+        # Registers that are cleared choose among them.
+        answered = Signal(data.ArrayLayout(32, len(answers)))
+        m.d.sync += [kept.eq(answer) for kept, answer in zip(answered, answers, strict=True)]
+        m.d.comb += bus.read_data.eq(functools.reduce(operator.or_, answered))
 
     def _registers(self, m):
         bank, counters, packet = self.bank, self.counters, self.result_packet
@@ -269,7 +271,7 @@ class Shell(wiring.Component):
             counters.clear.eq(bank.commands.ctrl_clear_counters | self.soft_reset),
             counters.begun.eq(packet.begun),
             counters.held.eq(packet.held),
-            counters.result.eq(self.core.o.payload),
+            counters.packet.eq(packet.written),
         ]
         entering, leaving = self.i, self.o
         counted = self.input_path.counted

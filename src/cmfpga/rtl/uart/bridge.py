@@ -29,6 +29,7 @@ class Bridge(wiring.Component):
         One cycle: a byte was lost.
     sent : ``Out``, stream of 8 bits
     bus : ``Out``, :func:`cmfpga.rtl.shell.payloads.register_bus`
+        ``read_data`` a cycle late.
     words : ``Out``, stream of :func:`cmfpga.rtl.shell.payloads.beat`
         To the shell.
     packets : ``In``, stream of the same
@@ -68,7 +69,7 @@ class Bridge(wiring.Component):
         connect(m, self.buffer.o, flipped(self.words))
         connect(m, self.writer.o, flipped(self.sent))
         # An access to a register, and the reply that waits: a word is in it behind READ.
-        self.access = Signal(data.StructLayout({"write": 1, "address": 16, "data": 32}))
+        self.access = Signal(data.StructLayout({"write": 1, "shell": 1, "link": 1, "address": 10, "data": 32}))
         self.read_data, self.reading, self.stalled = Signal(32), Signal(), Signal()
         self.reply = Signal(data.StructLayout({"sequence": 8, "status": 8, "word": 32}))
         self.with_word, self.pending, self.answered = Signal(), Signal(), Signal()
@@ -100,7 +101,9 @@ class Bridge(wiring.Component):
         m.d.comb += [buffer.i.valid.eq(word_ended), buffer.i.payload.eq(arguments[16:])]
 
         lengths = {link.HELLO: 2, link.READ: 4, link.WRITE: 8}
-        fits, busy, again, new = Signal(), Signal(), Signal(), Signal()
+        fits, busy, again, new, too_soon = Signal(), Signal(), Signal(), Signal(), Signal()
+        address = Signal(16)
+        m.d.comb += address.eq(Mux(command == link.READ, arguments[32:], arguments[:16]))
         with m.Switch(command):
             for known_command, length in lengths.items():
                 with m.Case(known_command):
@@ -138,7 +141,9 @@ class Bridge(wiring.Component):
                         self.reply.sequence.eq(number),
                         self.reply.status.eq(Mux(~fits, link.REFUSED, Mux(busy, link.BUSY, link.DONE))),
                         self.with_word.eq(fits & (command == link.READ)),
-                        self.access.address.eq(Mux(command == link.READ, arguments[32:], arguments[:16])),
+                        self.access.address.eq(address[2:]),
+                        self.access.shell.eq(address[12:] == 0),
+                        self.access.link.eq(address[12:] == link.BASE >> 12),
                         self.access.data.eq(arguments[16:]),
                         self.access.write.eq(new & (command == link.WRITE)),
                     ]
@@ -146,12 +151,16 @@ class Bridge(wiring.Component):
                         m.d.sync += [last_number.eq(number), known.eq(command != link.HELLO)]
                     m.next = "ACCESS"
             with m.State("ACCESS"):
-                m.d.comb += self.reading.eq(self.with_word)
-                with m.If(reader.end | reader.bad):
-                    m.d.comb += [buffer.drop.eq(1), counted.overruns.eq(1)]
+                m.d.comb += [self.reading.eq(self.with_word), too_soon.eq(1)]
                 with m.If(~self.stalled):
-                    m.d.sync += [self.reply.word.eq(self.read_data), self.pending.eq(1), self.access.write.eq(0)]
-                    m.next = "IDLE"
+                    m.d.sync += self.access.write.eq(0)
+                    m.next = "ANSWER"
+            with m.State("ANSWER"):
+                m.d.comb += too_soon.eq(1)
+                m.d.sync += [self.reply.word.eq(self.read_data), self.pending.eq(1)]
+                m.next = "IDLE"
+        with m.If(too_soon & (reader.end | reader.bad)):
+            m.d.comb += [buffer.drop.eq(1), counted.overruns.eq(1)]
         with m.If(self.answered):
             m.d.sync += self.pending.eq(0)
 
@@ -198,16 +207,16 @@ class Bridge(wiring.Component):
     def _registers(self, m, counted):
         """Those below 4 KiB are the shell's, those from :data:`~cmfpga.protocol.link.BASE` on the link's."""
         bank, access = self.bank, self.access
-        for bus, page in ((self.bus, 0), (bank.bus, link.BASE >> 12)):
+        for bus, asked in ((self.bus, access.shell), (bank.bus, access.link)):
             m.d.comb += [
-                bus.write.valid.eq(access.write & (access.address[12:] == page)),
-                bus.write.payload.address.eq(access.address[2:12]),
+                bus.write.valid.eq(access.write & asked),
+                bus.write.payload.address.eq(access.address),
                 bus.write.payload.data.eq(access.data),
                 bus.write.payload.strobe.eq(0b1111),
-                bus.read.eq(self.reading & (access.address[12:] == page)),
-                bus.read_address.eq(access.address[2:12]),
+                bus.read.eq(self.reading & asked),
+                bus.read_address.eq(access.address),
             ]
-            with m.If(access.address[12:] == page):
+            with m.If(asked):
                 m.d.comb += [self.read_data.eq(bus.read_data), self.stalled.eq(access.write & ~bus.write.ready)]
         m.d.comb += [
             self.buffer.flush.eq(bank.commands.link_flush_now),
