@@ -21,11 +21,9 @@ from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
-#: With lanes only the whole core, and beside it without confidence.
-LANES = {"fast-4": {}, "fast-4, no confidence": {"confidence": 0}}
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
-BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}} | json.loads(PATH.read_text(encoding="utf-8"))
+BASELINES = {"fingerprints": {}, "placed": {}} | json.loads(PATH.read_text(encoding="utf-8"))
 
 
 def fingerprint(text, row, module=resources):
@@ -69,12 +67,6 @@ def widths_of(widths):
     return current(name, BASELINES["widths"].get(name), text, lambda: resources.core(text)), text
 
 
-def lanes_of(name):
-    """Row of a preset with lanes; and the text."""
-    text = emitted(preset(name.split(",")[0]).replace(**LANES[name]))[1]
-    return current(name, BASELINES["lanes"].get(name), text, lambda: resources.core(text)), text
-
-
 def placed_of(name, seeds=SEEDS):
     """Clock and area of a preset, and the text."""
     text = emitted(preset(name))[1]
@@ -111,11 +103,6 @@ def main(what=None):
         name = ", ".join(map(str, widths))
         rows[name], text = widths_of(widths)
         fingerprints[name] = fingerprint(text, rows[name])
-        write(BASELINES)
-
-    for name in LANES:
-        BASELINES["lanes"][name], text = lanes_of(name)
-        fingerprints[name] = fingerprint(text, BASELINES["lanes"][name])
         write(BASELINES)
 
 

@@ -15,6 +15,7 @@ from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.model import ModelEngine
 from cmfpga.engines.verilated import VerilatedEngine
 from cmfpga.errors import ConfigError
+from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import compile as library
 from cmfpga.verilog import compiler as cplusplus
 from cmfpga.verilog.compile import compile_library
@@ -70,7 +71,7 @@ def builds(monkeypatch, tmp_path):
     monkeypatch.setattr(library, "_verilate", lambda scratch, top: None)
     monkeypatch.setattr(library, "_compile", pretend)
     # The text of the hardware: what matters here is only when it changes.
-    monkeypatch.setattr(library, "emit_verilog", lambda core: f"// {core.config.hardware_hash}\n")
+    monkeypatch.setattr(library, "emit_verilog", lambda core, name: f"// {core.config.hardware_hash}\n")
     monkeypatch.setattr(cplusplus, "find_compiler", lambda: "echo")
     return made
 
@@ -99,6 +100,25 @@ def test_the_cache_is_not_reused_for_anything_else(builds, monkeypatch):
     )
     newer = compile_library(fake_core(CONFIG))
     assert len({first, other, newer}) == 3 and len(builds) == 3
+
+
+def test_the_verilog_is_kept_until_the_package_changes(builds, monkeypatch):
+    emitted = []
+    monkeypatch.setattr(
+        library, "emit_verilog", lambda core, name: emitted.append(name) or f"// {core.config.hardware_hash}\n"
+    )
+    first = compile_library(VerilogCore(CONFIG))
+    assert compile_library(VerilogCore(CONFIG.replace(iterations=7))) == first and emitted == ["cmfpga_core"]
+    assert compile_library(VerilogCore(CONFIG.replace(buffer_events=33))) != first and len(emitted) == 2
+    monkeypatch.setattr(library, "_package_digest", lambda: "of another package")
+    assert compile_library(VerilogCore(CONFIG)) == first and len(emitted) == 3
+
+    class Other(VerilogCore):
+        pass
+
+    assert (
+        compile_library(Other(CONFIG)) == compile_library(Other(CONFIG)) and len(emitted) == 5
+    )  # nothing is known of it
 
 
 @pytest.mark.parametrize("damage", ["cut", "changed", "without digest", "digest cut"])
@@ -173,7 +193,7 @@ def test_cxx_goes_before_the_others(compiler, cxx, monkeypatch):
 
 
 def test_what_all_libraries_share_is_compiled_once(cxx, monkeypatch, tmp_path):
-    monkeypatch.setattr(library, "emit_verilog", lambda core: f"// {core.config.hardware_hash}\n")
+    monkeypatch.setattr(library, "emit_verilog", lambda core, name: f"// {core.config.hardware_hash}\n")
     cxx(f'for last; do :; done; [ "$last" = --version ] && exit; echo "$*" >>"{tmp_path / "log"}"; echo x >"$last"')
     for events in (33, 34):
         compile_library(fake_core(CONFIG.replace(buffer_events=events)))
@@ -237,7 +257,7 @@ def compile(compiler, version, scratch, library):
 
 module._verilate = lambda scratch, top: None
 module._compile = compile
-module.emit_verilog = lambda core: "// the same"
+module.emit_verilog = lambda core, name: "// the same"
 compiler.find_compiler = lambda: "echo"
 ports = {f"event_{name}": Signal(4) for name in ("t", "x", "y", "last")}
 print(input() + module.compile_library(SimpleNamespace(config=Config(), inputs=ports, outputs={})).read_text())

@@ -76,12 +76,6 @@ def test_the_axi_top_is_like_its_baseline_and_fits(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", update.LANES)
-def test_lanes_are_like_their_baselines(name):
-    assert_like_baseline(update.lanes_of(name)[0], BASELINES["lanes"][name], name)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("widths", WIDTHS, ids=str)
 def test_word_widths_are_like_their_baselines(widths):
     assert_like_baseline(update.widths_of(widths)[0], BASELINES["widths"][", ".join(map(str, widths))], widths)

@@ -304,12 +304,14 @@ def run(main, arguments=None):
 
 def _unraisable(hook, unraisable):
     """Python drops what a destructor raises; an interrupt that came there comes again, a little later."""
-    if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        again = threading.Timer(0.01, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
+    if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+        return hook(unraisable)
+    try:
+        again = threading.Timer(0.2, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
         again.daemon = True
         again.start()
-    else:
-        hook(unraisable)
+    except KeyboardInterrupt:  # on a busy machine this one has come again before it left here
+        _unraisable(hook, unraisable)
 
 
 def _fail(message):

