@@ -17,6 +17,7 @@ from functools import cached_property
 from ..errors import ConfigError
 from .ascent import ASCENTS
 from .camera import parse_camera
+from .choices import CHOICES, GRADIENTS, UNDISTORTION
 from .confidence import check_confidence
 from .formats import Formats
 from .geometry import Geometry
@@ -27,8 +28,6 @@ from .schedule import AUTO, Schedules
 from .widths import Widths
 
 START_MODES = ("zero", "given", "last")
-#: Gradient architectures, and the fields that only each reads.
-GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "lanes", "confidence")}
 WHEN_FULL = ("drop", "thin")
 BORDERS = ("corners", "whole")
 RAM_STYLES = ("auto", "block", "ultra")
@@ -40,23 +39,10 @@ def _field(default, doc, *, unit="", low=None, high=None, choices=None, runtime=
     return dataclasses.field(default=default, metadata=meta)
 
 
-#: Whether the hardware tells how sure v is, and what only that reads.
-CONFIDENCE = {0: (), 1: ("judge", "confidence_limit", "cold_after_doubtful")}
-
-#: Whether the hardware undistorts, and what only that reads.
-UNDISTORTION = {"off": (), "on": ("undistortion_cell", "undistortion_frac", "camera")}
-
-#: Whether the hardware has the filters in front of the ROI, and what only each reads.
-HOT_PIXELS = {0: (), 1: ("hot_mask",)}
-BACKGROUND = {0: (), 1: ("background_cell", "background_us")}
-
-
 def unread(fields):
     """``{name: why}`` of those ``fields``, a dictionary of all, that the choices among them do not read."""
     fields, found = {**fields}, {}
-    ascents = {name: rule.fields for name, rule in ASCENTS.items()}
-    choices = {"gradient": GRADIENTS, "ascent": ascents, "confidence": CONFIDENCE, "undistortion": UNDISTORTION}
-    for choice, own in (choices | {"hot_pixels": HOT_PIXELS, "background": BACKGROUND}).items():
+    for choice, own in CHOICES.items():
         chosen = fields[choice]
         for other, names in own.items():
             for name in names if chosen != other and chosen in [*own] else ():

@@ -1,6 +1,5 @@
 """The core: events in, velocity and a moving ROI out. One instance tracks one object."""
 
-
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
