@@ -1,6 +1,6 @@
 """In front of the ROI filter: a mask of hot pixels, and a filter of background activity. Both only mark events."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.hdl import Array, Cat, Const, Module, Mux, Signal
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -62,7 +62,7 @@ class HotMask(wiring.Component):
             write.en.eq(self.write.valid),
             read.addr.eq(address(column, event.y)),
             self.o.valid.eq(delay(m, self.i.valid, self.latency, name="valid", valid=True)),
-            self.o.payload.hot.eq(delay(m, read.data.bit_select(within_s1, 1) & enabled, 1, name="hot")),
+            self.o.payload.hot.eq(delay(m, Array(read.data)[within_s1] & enabled, 1, name="hot")),
         ]
         for name in event.shape().members:
             m.d.comb += self.o.payload[name].eq(delay(m, event[name], self.latency, name=name))
