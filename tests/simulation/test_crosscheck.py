@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from cmfpga import crosscheck
+from cmfpga import cli, crosscheck
 from cmfpga.config import ASCENTS, GRADIENTS, Config
 from cmfpga.crosscheck.configs import assignments, random_config
 from cmfpga.reference.integer import core as model
@@ -75,3 +75,18 @@ def test_a_traceback_is_a_finding(no_compiler, capsys, monkeypatch):
     status, found = outcome(capsys, "--configs", "1", "--seed", "33")
     assert (status, found["mismatches"], found["tracebacks"]) == (1, 0, 1)
     assert "on purpose" in found["findings"][0]["traceback"]
+
+
+def test_interrupted_it_says_what_it_has(monkeypatch, capsys):
+    outcomes = iter([np.array([3, 40]), KeyboardInterrupt])
+
+    def check(config, seed):
+        if (outcome := next(outcomes)) is KeyboardInterrupt:
+            raise outcome
+        return outcome
+
+    monkeypatch.setattr("cmfpga.crosscheck.compare.check", check)
+    assert cli.run(crosscheck.main, ["--configs", "500"]) == 130
+    said = capsys.readouterr()
+    assert said.out.startswith("1 configurations (") and " 3 batches, 40 iterations: 0 mismatches" in said.out
+    assert said.err.endswith("interrupted\n")

@@ -16,7 +16,7 @@ from .configs import assignments, random_config
 
 EXAMPLES = (
     "python -m cmfpga.crosscheck",
-    "python -m cmfpga.crosscheck --seconds 36000 --seed 1000   # a night",
+    "python -m cmfpga.crosscheck --seconds 36000 --seed 1000   # a night; Ctrl-C ends it sooner",
     "python -m cmfpga.crosscheck --configs 1 --seed 1017       # one of them again",
     "python -m cmfpga.crosscheck --configs 500 --json > crosscheck.json",
 )
@@ -46,19 +46,24 @@ def main(arguments=None):
     count = options.configs or (None if options.seconds else 5)
     begin = time.monotonic()
     totals, refused, findings, seed = np.zeros(2, int), 0, [], options.seed
-    with _own_cache() as cache, tqdm(total=count, unit="configuration", disable=None) as bar:
-        while seed - options.seed < count if count else time.monotonic() - begin < options.seconds:
-            config, skipped = random_config(np.random.default_rng(seed))
-            refused += skipped
-            try:
-                totals += check(config, seed)
-            except Exception as error:
-                findings.append(_finding(seed, config, error))
-            for made in cache.glob("cmfpga_*"):
-                made.unlink()
-            bar.set_postfix(found=len(findings), refresh=False)
-            bar.update()
-            seed += 1
+    try:
+        with _own_cache() as cache, tqdm(total=count, unit="configuration", disable=None) as bar:
+            while seed - options.seed < count if count else time.monotonic() - begin < options.seconds:
+                config, skipped = random_config(np.random.default_rng(seed))
+                refused += skipped
+                try:
+                    totals += check(config, seed)
+                except Exception as error:
+                    findings.append(_finding(seed, config, error))
+                for made in cache.glob("cmfpga_*"):
+                    made.unlink()
+                bar.set_postfix(found=len(findings), refresh=False)
+                bar.update()
+                seed += 1
+    except KeyboardInterrupt as error:  # after what was found until then
+        interruption = error
+    else:
+        interruption = None
     outcome = {
         "engine": "verilator" if find_compiler() else "amaranth",
         "configurations": seed - options.seed,
@@ -71,6 +76,8 @@ def main(arguments=None):
         "findings": findings,
     }
     print(json.dumps(outcome, indent=2, ensure_ascii=False) if options.json else _text(outcome))
+    if interruption and not findings:
+        raise interruption
     return 1 if findings else 0
 
 
