@@ -1,7 +1,9 @@
 """What the tests of sweeps share: a small hardware and recording, and ways to run the command."""
 
 import contextlib
+import functools
 import os
+import signal
 import subprocess
 import sys
 
@@ -46,7 +48,12 @@ def started(*arguments):
     """``python -m cmfpga.sweep`` in a process of its own, killed at the end if it still runs."""
     command = [sys.executable, "-W", "error", "-m", "cmfpga.sweep", *map(str, arguments)]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env={**os.environ, "COLUMNS": "100"}
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "COLUMNS": "100"},
+        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # in the background it is ignored
     ) as process:
         try:
             yield process

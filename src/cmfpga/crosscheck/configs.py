@@ -50,6 +50,7 @@ def _fields(rng):
         values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng))
     if values.get("background"):  # or a reset would sweep millions of cells
         values["background_cell"] = max(values.get("background_cell", 1), 4)
+    values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
     values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
