@@ -1,8 +1,6 @@
 """Undistorted events in every engine: the same positions, fractions and all, and each event counted once."""
 
 import dataclasses
-import inspect
-import textwrap
 
 import numpy as np
 import pytest
@@ -20,6 +18,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.image import dither, warp
 from cmfpga.rtl.ingest import roi_filter
 from cmfpga.verilog.compiler import find_compiler
+from support.mutation import break_blocks
 
 SMALL = {
     "sensor_width": 45, "sensor_height": 40, "roi_width": 16, "roi_height": 12, "buffer_events": 128, "span_bits": 12,
@@ -86,12 +85,7 @@ MUTANTS = {  # module, old, new, configuration
 def test_a_broken_block_is_noticed(name, rng, monkeypatch):
     """Fractions that a block behind the undistorter handles wrongly."""
     module, old, new, which = MUTANTS[name]
-    kind = next(k for k in vars(module).values() if inspect.isclass(k) and k.__module__ == module.__name__)
-    source = textwrap.dedent(inspect.getsource(kind.elaborate))
-    assert source.count(old) == 1
-    broken = dict(vars(module))
-    exec(source.replace(old, new), broken)
-    monkeypatch.setattr(kind, "elaborate", broken["elaborate"])
+    break_blocks(monkeypatch, module, old, new)
     config = CONFIGS[which]
     simulated, model, right = AmaranthEngine(config), make_engine("model", config), True
     for roi in ((3, 4), (20, 14), (11, 9)):

@@ -1,6 +1,5 @@
 """AXI4-Lite and AXI4-Stream: the AXI top keeps their rules, whatever masters, core and reset do (bounded proofs)."""
 
-import inspect
 import types
 
 import pytest
@@ -10,6 +9,7 @@ from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.rtl.shell import result_packet, skid_buffer
 from support.formal.axi_proof import CONFIG, AxiHarness
 from support.formal.harness import needs_solver, solve
+from support.mutation import methods_of, mutated
 
 pytestmark = needs_solver
 
@@ -45,24 +45,17 @@ MUTANTS = {  # block's attribute in the top, or in its shell: module, old, new
 }  # fmt: skip
 
 
-def mutated(name):
+def broken_top(name):
     """The top with one of its blocks broken."""
     attribute, original, old, new = MUTANTS[name]
-    source = inspect.getsource(original)
-    assert source.count(old) == 1, f"{name}: its pattern occurs {source.count(old)} times"
-    module = types.ModuleType(original.__name__)
-    module.__package__ = original.__package__
-    source = source.replace(old, new)
-    exec(compile(source, f"<{name}>", "exec"), module.__dict__)
     top = AxiTop(CONFIG)
     block = getattr(top if attribute == "lite_slave" else top.shell, attribute)
-    for key, value in vars(getattr(module, type(block).__name__)).items():
-        if inspect.isfunction(value) and key != "__init__":
-            setattr(block, key, types.MethodType(value, block))
+    for key, value in methods_of(mutated(original, old, new), type(block).__name__).items():
+        setattr(block, key, types.MethodType(value, block))
     return top
 
 
 @pytest.mark.parametrize("name", MUTANTS)
 def test_the_proof_finds(name, tmp_path):
-    outcome = solve(AxiHarness(mutated(name)), "bmc", CYCLES, tmp_path)
+    outcome = solve(AxiHarness(broken_top(name)), "bmc", CYCLES, tmp_path)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -1,8 +1,5 @@
 """Blocks broken on purpose, one at a time: batches through the core notice each (see also ``tests/verilog``)."""
 
-import inspect
-import types
-
 import pytest
 
 from cmfpga.rtl import iteration_control
@@ -10,6 +7,7 @@ from cmfpga.rtl.confidence import probe
 from cmfpga.rtl.image import gradient_reader, one_pass_gradient
 from cmfpga.rtl.ingest import ingest_control
 from support.core_batches import CONFIGS, random_batch, run, spread
+from support.mutation import break_blocks
 
 MUTANTS = {  # module, old, new, configuration
     "a pair does not cancel": (one_pass_gradient, "Mux(valid[a] ^ valid[b], Mux(", "Mux(1, Mux(", "one pass"),
@@ -37,16 +35,7 @@ MUTANTS = {  # module, old, new, configuration
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_broken_block_is_noticed(name, monkeypatch, rng):
     original, old, new, which = MUTANTS[name]
-    source = inspect.getsource(original)
-    assert source.count(old) == 1, f"{name}: its pattern occurs {source.count(old)} times"
-    mutant = types.ModuleType(original.__name__)
-    mutant.__package__ = original.__package__
-    exec(compile(source.replace(old, new), f"<{name}>", "exec"), mutant.__dict__)
-    kinds = [kind for kind in vars(mutant).values() if getattr(kind, "__module__", "") == mutant.__name__]
-    for kind in filter(inspect.isclass, kinds):
-        for key, value in vars(kind).items():
-            if inspect.isfunction(value) and key != "__init__":
-                monkeypatch.setattr(getattr(original, kind.__name__), key, value)
+    break_blocks(monkeypatch, original, old, new)
     config = CONFIGS[which]
     follow = {"cold_after_doubtful": 0} if config.confidence else {}
     follow |= {"iterations": 2, "min_roi_events": 5, "eta": config.formats.eta.raw(8.0)}

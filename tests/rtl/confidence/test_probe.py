@@ -1,7 +1,5 @@
 """The probe against the velocities that it names, in their cycle; and what it keeps of the last iteration."""
 
-import inspect
-
 import pytest
 
 from cmfpga.config import preset
@@ -10,6 +8,7 @@ from cmfpga.rtl import payloads
 from cmfpga.rtl.confidence import probe as module
 from cmfpga.rtl.confidence.probe import Probe
 from support.bench import play
+from support.mutation import mutated
 from support.values import random_value
 
 CONFIG = preset("fast")
@@ -63,9 +62,6 @@ def test_the_last_iteration_is_kept(rng):
     ],
 )  # fmt: skip
 def test_another_probe_would_be_noticed(old, new, rng):
-    source = inspect.getsource(module)
-    assert source.count(old) == 1, old
-    mutant = {"__name__": module.__name__, "__package__": module.__package__}
-    exec(source.replace(old, new), mutant)
+    mutant = mutated(module, old, new)
     with pytest.raises(AssertionError):
-        check(mutant["Probe"](CONFIG), rng)
+        check(mutant.Probe(CONFIG), rng)

@@ -1,8 +1,6 @@
 """Undistorter against its model, and the model against the camera's equations."""
 
 import dataclasses
-import inspect
-import textwrap
 
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from cmfpga.rtl.ingest import undistorter
 from cmfpga.rtl.ingest.undistorter import Undistorter
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import NARROW, ODD, TINY
+from support.mutation import break_blocks
 from support.values import random_gaps
 
 ON = {"undistortion": "on"}
@@ -135,11 +134,7 @@ MUTANTS = {
 @pytest.mark.parametrize("name", MUTANTS)
 def test_a_broken_block_is_noticed(name, rng, monkeypatch):
     old, new = MUTANTS[name]
-    source = textwrap.dedent(inspect.getsource(Undistorter.elaborate))
-    assert source.count(old) == 1
-    broken = dict(vars(undistorter))
-    exec(source.replace(old, new), broken)
-    monkeypatch.setattr(Undistorter, "elaborate", broken["elaborate"])
+    break_blocks(monkeypatch, undistorter, old, new)
     with pytest.raises(AssertionError):
         test_hardware_is_the_model("odd", "gaps", rng)
         test_without_a_camera_nothing_moves_whatever_the_table_holds("odd", rng)

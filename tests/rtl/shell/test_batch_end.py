@@ -8,6 +8,7 @@ from cmfpga.reference.wire import BatchEnds, Token, split_batches
 from cmfpga.rtl.shell import batch_end
 from cmfpga.rtl.shell.batch_end import BatchEnd
 from support.axi_streams import FLOWS, pass_through
+from support.mutation import break_blocks
 from support.values import Port
 
 CONFIG = Config(max_batch_events=50)
@@ -167,14 +168,8 @@ MUTANTS = {  # old, new, ends, how many tokens of which kind show it
 
 @pytest.mark.parametrize("mutant", MUTANTS)
 def test_mutants(mutant, monkeypatch, rng):
-    import inspect
-
     old, new, name, count, kind = MUTANTS[mutant]
-    source = inspect.getsource(batch_end)
-    assert source.count(old) == 1
-    scope = {"__name__": batch_end.__name__, "__package__": batch_end.__package__}
-    exec(compile(source.replace(old, new), mutant, "exec"), scope)
-    monkeypatch.setattr(f"{__name__}.BatchEnd", scope["BatchEnd"])
+    break_blocks(monkeypatch, batch_end, old, new)
     tokens = some_tokens(rng, count, **kind)
     with pytest.raises(AssertionError):
         check(tokens, name, "both", rng, busy=0)

@@ -1,11 +1,11 @@
 """Both accumulators, broken on purpose: each mutant must be found by the proof."""
 
-import inspect
 import types
 from dataclasses import dataclass
 
 from cmfpga.rtl import read_modify_write
 from cmfpga.rtl.image import accumulator, tagged_accumulator
+from support.mutation import mutated
 
 
 @dataclass(frozen=True)
@@ -18,14 +18,8 @@ class Mutant:
     original: types.ModuleType = accumulator
 
     def module(self):
-        """The mutated module. Fails where the source has changed so that the mutant means nothing any more."""
-        source = inspect.getsource(self.original)
-        count = source.count(self.old)
-        assert count == 1, f"mutant {self.name!r} has to be rewritten: its pattern occurs {count} times:\n{self.old}"
-        module = types.ModuleType(f"{self.original.__name__}_mutant")
-        module.__package__ = self.original.__package__
-        exec(compile(source.replace(self.old, self.new), f"<mutant {self.name}>", "exec"), module.__dict__)
-        return module
+        """The mutated module."""
+        return mutated(self.original, self.old, self.new)
 
     def __str__(self):
         return self.name.replace(" ", "-")
