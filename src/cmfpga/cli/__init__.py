@@ -303,15 +303,13 @@ def run(main, arguments=None):
 
 
 def _unraisable(hook, unraisable):
-    """Python drops what a destructor raises; an interrupt that came there comes again, a little later."""
-    if not issubclass(unraisable.exc_type, KeyboardInterrupt):
-        return hook(unraisable)
-    try:
+    """Python drops what a destructor raises; an interrupt that came there comes again, when this has returned."""
+    if issubclass(unraisable.exc_type, KeyboardInterrupt):
         again = threading.Timer(0.2, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT))
         again.daemon = True
         again.start()
-    except KeyboardInterrupt:  # on a busy machine this one has come again before it left here
-        _unraisable(hook, unraisable)
+    else:
+        hook(unraisable)
 
 
 def _fail(message):
