@@ -30,6 +30,27 @@ PRESETS = {
     "fast": _FAST,
     "fast-4": _FAST.replace(lanes=4),
     "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4096, tag_bits=9),
+    "similarity": _FAST.replace(
+        motion="similarity",
+        confidence=0,
+        roi_width=128,
+        roi_height=128,
+        buffer_events=8192,
+        tag_bits=9,
+        schedule_entries=64,
+    ),
+    "rotation": _FAST.replace(
+        motion="rotation",
+        confidence=0,
+        roi_width=240,
+        roi_height=180,
+        buffer_events=32768,
+        tag_bits=10,
+        schedule_entries=64,
+        max_level=3,
+        undistortion="on",
+        ram_style="ultra",
+    ),
     "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 

@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..fixed import saturate
+from ..config.motion import CURVE_BITS, CURVE_FRAC, PLACE_FRAC, centre_of, check_lens, curve
+from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
 
@@ -120,10 +121,32 @@ def _field_of(config, name):
     return type(config).__dataclass_fields__[name]
 
 
+def with_rotation(config):
+    """Only with ``motion="rotation"``."""
+    return config.motion == "rotation"
+
+
+def velocity_shape(config):
+    """The motion's parameters."""
+    return {parameter.name: parameter.fmt for parameter in config.motion_model.parameters}
+
+
 def _start(config):
-    """Raw start velocity."""
-    start = (config.v_start_x, config.v_start_y) if config.start == "given" else (0.0, 0.0)
-    return tuple(config.formats.v.raw(axis) for axis in start)
+    """Raw start velocity; what is no translation starts at 0."""
+    start = {"x": config.v_start_x, "y": config.v_start_y} if config.start == "given" else {}
+    return tuple(parameter.fmt.raw(start.get(parameter.name, 0.0)) for parameter in config.motion_model.parameters)
+
+
+def _place(config):
+    """A position on the sensor, in quarters of a pixel."""
+    return pair(*(Q(bits, PLACE_FRAC, signed=False) for bits in (config.geometry.x_bits, config.geometry.y_bits)))
+
+
+def _lens(config):
+    """The camera's nine numbers."""
+    if with_rotation(config):
+        check_lens(config)
+    return config.lens
 
 
 def _plan_shape(config):
@@ -194,7 +217,7 @@ SETTINGS = (
             places=(Place(word=7, register="START_MODE", field="LAST", width=1,
                           doc="1: the last batch's v; 0: V_START_X, V_START_Y",
                           register_doc="start velocity of a batch"),)),
-    Setting(name="v_start", shape=lambda c: pair(c.formats.v), asked=_start, doc="start velocity, raw",
+    Setting(name="v_start", shape=velocity_shape, asked=_start, doc="start velocity, raw",
             unit="px/half batch",
             places=(Place(word=8, register="V_START_X", part="_x", unit="", doc="start velocity along x, raw"),
                     Place(word=9, register="V_START_Y", part="_y", unit="", doc="start velocity along y, raw"))),
@@ -216,9 +239,13 @@ SETTINGS = (
             places=(Place(word=19, field="ENABLE", width=1),)),
     Setting(name="background_us", field="background_us", high=lambda c: c.widths.background_us_max, default=0,
             when=with_background, places=(Place(word=20),)),
-    Setting(name="camera", shape=lambda c: whole(1), when=with_undistortion, default=(), asked=lambda c: c.lens,
+    Setting(name="camera", shape=lambda c: whole(1), when=with_undistortion, default=(), asked=_lens,
             raw=lambda c, s: bool(s.camera), doc="1: undistort, as the table of nodes says",
             places=(Place(word=21, field="ENABLE", width=1),)),
+    Setting(name="centre", when=with_rotation, shape=_place, raw=lambda c, s: centre_of(s.camera), unit="px",
+            doc="principal point, raw: quarters of a pixel"),
+    Setting(name="curve", shape=lambda c: whole(CURVE_BITS), when=with_rotation, raw=lambda c, s: curve(s.camera),
+            doc=f"2^{CURVE_FRAC}/f² of the focal length f in px"),
 )  # fmt: skip
 
 

@@ -21,6 +21,8 @@ class TimeScaler(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.dithered_event`
     o : ``Out``, flow of :func:`payloads.scaled_event`
+    basis : ``In``, :func:`payloads.basis`
+        That of the event that goes out; only where the motion has one.
     span, shift, mantissa : ``In``
         The range and its reciprocal; may change only while no event is in flight.
     """
@@ -32,6 +34,7 @@ class TimeScaler(wiring.Component):
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.dithered_event(config))),
+                **payloads.with_basis(config, In),
                 "o": Out(payloads.flow(payloads.scaled_event(config))),
                 "span": In(config.span_bits),
                 "shift": In(bits_for(config.span_bits - 1)),
@@ -73,4 +76,6 @@ class TimeScaler(wiring.Component):
             self.o.payload.y.eq(delay(m, self.i.payload.y, self.latency - 1, name="y")),
             self.o.payload.last.eq(delay(m, self.i.payload.last, self.latency - 1, name="last")),
         ]
+        if self.config.motion_model.basis:
+            m.d.comb += self.o.payload.basis.eq(self.basis)
         return m
