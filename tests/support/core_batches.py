@@ -36,6 +36,15 @@ CONFIGS = {
         **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, buffers=1, weight_frac=3,
         derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
     ),
+    # Motions beyond translation: a lever arm of 8 px, which a fast zoom or roll leaves.
+    "similarity": preset("similarity").replace(
+        **SMALL | {"roi_width": 20}, **LIMITS, tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
+    ),
+    # An ROI smaller than the sensor, one buffer; a camera without distortion, whose table is that of a reset.
+    "rotation": preset("rotation").replace(
+        **SMALL | {"roi_height": 13}, **LIMITS | {"buffer_events": 37}, buffers=1, tag_bits=4, ram_style="auto",
+        max_level=2, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4", camera="36,35,18.3,16.8",
+    ),
     # A full buffer thins out; of a depth that is odd and no power of two.
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
@@ -109,7 +118,8 @@ def random_batch(config, rng, *, bad_times=0.15):
             roi_gain=int(edge_integers(rng, 0, config.formats.roi_gain.max, 1)[0]),
             start_last=bool(rng.integers(2)),
             v_start=tuple(
-                edge_integers(rng, max(config.formats.v.min, -slow), min(config.formats.v.max, slow), 2).tolist()
+                int(edge_integers(rng, max(parameter.fmt.min, -slow), min(parameter.fmt.max, slow), 1)[0])
+                for parameter in config.motion_model.parameters
             ),
             min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
             thinning=int(rng.choice([1, 1, 1, 2, 3, 7, 255])),

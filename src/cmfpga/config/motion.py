@@ -135,17 +135,18 @@ def motion_model(config):
     )
 
 
+def needs(motion):
+    """``{field: value}`` of what the hardware of a motion builds on."""
+    beyond = {"gradient": "one_pass", "ascent": "sign", "border": "whole", "lanes": 1, "confidence": 0}
+    return {"translation": {}, "similarity": beyond, "rotation": {**beyond, "undistortion": "on"}}[motion]
+
+
 def check_motion(config):
-    """Raise :exc:`ConfigError` where the hardware of another motion than translation lacks what it builds on."""
-    if config.motion == "translation":
-        return
-    needed = {"gradient": "one_pass", "ascent": "sign", "border": "whole", "lanes": 1, "confidence": 0}
-    if config.motion == "rotation":
-        needed["undistortion"] = "on"
-    for name, value in needed.items():
+    """Raise :exc:`ConfigError` where the hardware lacks what its motion builds on."""
+    for name, value in needs(config.motion).items():
         if getattr(config, name) != value:
             raise ConfigError(f"motion = {config.motion}: {name} = {value} is needed")
-    if max(config.roi_width, config.roi_height) < 16:
+    if config.motion != "translation" and max(config.roi_width, config.roi_height) < 16:
         raise ConfigError(f"motion = {config.motion}: an ROI of at least 16 px along one side is needed")
 
 
