@@ -3,8 +3,9 @@
 import pytest
 
 from cmfpga.rtl import iteration_control
+from cmfpga.rtl.ascent import sign
 from cmfpga.rtl.confidence import probe
-from cmfpga.rtl.image import gradient_reader, one_pass_gradient
+from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, warp
 from cmfpga.rtl.ingest import ingest_control
 from support.core_batches import CONFIGS, random_batch, run, spread
 from support.mutation import break_blocks
@@ -15,6 +16,19 @@ MUTANTS = {  # module, old, new, configuration
     "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
     "warped by the last probe": (probe, "self.complete & turn.any()", "self.complete & turn[:3].any()", "fast"),
     "sums of the last probe": (probe, "self.sums.valid & self.iterating", "self.sums.valid", "fast"),
+    "half a pixel too far": (basis, "1 << PLACE_FRAC) >> 1 if", "1 << PLACE_FRAC) >> 2 if", "rotation"),
+    "the ROI's corner forgotten": (basis, "self.corner[axis] << PLACE_FRAC", "0", "rotation"),
+    "a centre beside the ROI's": (basis, "2 * (size - 1)", "2 * size", "similarity"),
+    "not bent": (basis, "product_s3 * self.curve", "product_s3 * 0", "rotation"),
+    "xy by xx": (basis, '("xy", "p", "q")', '("xy", "p", "p")', "rotation"),
+    "turned the wrong way": (flow, "if sign > 0 else total - product", "if 1 else 0", "similarity"),
+    "flow floored": (flow, "round_half_up(total, motion.frac)", "total >> motion.frac", "similarity"),
+    "the flow's event": (warp, '{name: delay(m, event[name], flow.latency, name=f"{name}_flow")',
+                         '{name: delay(m, event[name], 1, name=f"{name}_flow")', "similarity"),
+    "another event's basis": (one_pass_gradient, "self._stages - 1\n", "self._stages - 2\n", "similarity"),
+    "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
+    "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
+    "zoom without a limit": (sign, "saturate(target, fmt.min, fmt.max)", "target", "similarity"),
     "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),
