@@ -11,11 +11,6 @@ from math import floor
 from ..errors import ConfigError
 from ..fixed import Q, bits_for
 
-#: Of an event's position in the basis: quarters of a pixel.
-PLACE_FRAC = 2
-#: Fraction bits of the rotation's curve, 2^CURVE_FRAC/f² of a focal length f in px, and its width.
-CURVE_FRAC, CURVE_BITS = 27, 17
-
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
@@ -61,6 +56,11 @@ class MotionModel:
     lever: int
     basis: dict
 
+    #: Of an event's position in the basis: quarters of a pixel.
+    place_frac = 2
+    #: Fraction bits of a rotation's curve, 1/f² of the focal length f in px, and its width.
+    curve_frac, curve_bits = 27, 17
+
     @property
     def names(self):
         """Names of the parameters, in order."""
@@ -69,7 +69,19 @@ class MotionModel:
     @property
     def frac(self):
         """Fraction bits of the basis."""
-        return self.lever + PLACE_FRAC
+        return self.lever + self.place_frac
+
+    def lens(self, config):
+        """The camera's nine numbers; :exc:`ConfigError` where a rotation cannot be seen by them."""
+        return check_lens(config) if self.name == "rotation" else config.lens
+
+    def centre(self, lens):
+        """A camera's principal point, in quarters of a pixel: what a rotation counts ``p`` and ``q`` from."""
+        return tuple(floor(at * (1 << self.place_frac) + 0.5) for at in lens[2:4])
+
+    def curve(self, lens):
+        """2^curve_frac/f² of a camera's nine numbers, limited to its width: what ``xx``, ``xy``, ``yy`` are made of."""
+        return min(round((1 << self.curve_frac) / (lens[0] * lens[1])), (1 << self.curve_bits) - 1)
 
     def factors(self, parameter):
         """``((axis, member of the basis, sign), …)`` of a parameter's terms."""
@@ -125,7 +137,7 @@ def motion_model(config):
     farthest = {name: size if "xx" in members else size // 2 for name, size in zip("pq", sizes, strict=True)}
     integer = {name: max(0, bits_for(far + 1) - lever) for name, far in farthest.items()}
     # Rays beyond 63 degrees from the axis (xx = 4) saturate.
-    formats = {name: Q(integer.get(name, 2), lever + PLACE_FRAC) for name in members}
+    formats = {name: Q(integer.get(name, 2), lever + MotionModel.place_frac) for name in members}
     return MotionModel(
         name=config.motion,
         parameters=(*axes, *(Parameter(name=name, fmt=limited) for name in more)),
@@ -151,7 +163,7 @@ def check_motion(config):
 
 
 def check_lens(config):
-    """Raise :exc:`ConfigError` unless there is a camera that a rotation can be seen by."""
+    """The nine numbers of the camera by which a rotation is seen; :exc:`ConfigError` where there is none that fits."""
     if not config.lens:
         raise ConfigError("motion = rotation: a calibration is needed: camera = fx,fy,cx,cy,k1,k2,p1,p2,k3, in px")
     fx, fy, cx, cy = config.lens[:4]
@@ -160,15 +172,6 @@ def check_lens(config):
     for name, value, size in (("cx", cx, config.sensor_width), ("cy", cy, config.sensor_height)):
         if not 0 <= value <= size - 1:
             raise ConfigError(f"motion = rotation: {name} = {value:g} px: 0 to {size - 1} is needed, on the sensor")
-    if (least := 2 ** ((CURVE_FRAC - CURVE_BITS) / 2)) > (fx * fy) ** 0.5:
+    if (least := 2 ** ((MotionModel.curve_frac - MotionModel.curve_bits) / 2)) > (fx * fy) ** 0.5:
         raise ConfigError(f"motion = rotation: f = {(fx * fy) ** 0.5:g} px: at least {least:g} px is needed")
-
-
-def centre_of(lens):
-    """A camera's principal point, in quarters of a pixel: what ``p`` and ``q`` are counted from."""
-    return tuple(floor(at * (1 << PLACE_FRAC) + 0.5) for at in lens[2:4])
-
-
-def curve(lens):
-    """2^CURVE_FRAC/f² of a camera's nine numbers, limited to its format: what ``xx``, ``xy``, ``yy`` are made of."""
-    return min(round((1 << CURVE_FRAC) / (lens[0] * lens[1])), (1 << CURVE_BITS) - 1)
+    return config.lens

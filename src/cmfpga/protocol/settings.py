@@ -11,7 +11,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..config.motion import CURVE_BITS, CURVE_FRAC, PLACE_FRAC, centre_of, check_lens, curve
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
@@ -139,14 +138,8 @@ def _start(config):
 
 def _place(config):
     """A position on the sensor, in quarters of a pixel."""
-    return pair(*(Q(bits, PLACE_FRAC, signed=False) for bits in (config.geometry.x_bits, config.geometry.y_bits)))
-
-
-def _lens(config):
-    """The camera's nine numbers."""
-    if with_rotation(config):
-        check_lens(config)
-    return config.lens
+    geometry, frac = config.geometry, config.motion_model.place_frac
+    return pair(*(Q(bits, frac, signed=False) for bits in (geometry.x_bits, geometry.y_bits)))
 
 
 def _plan_shape(config):
@@ -239,13 +232,13 @@ SETTINGS = (
             places=(Place(word=19, field="ENABLE", width=1),)),
     Setting(name="background_us", field="background_us", high=lambda c: c.widths.background_us_max, default=0,
             when=with_background, places=(Place(word=20),)),
-    Setting(name="camera", shape=lambda c: whole(1), when=with_undistortion, default=(), asked=_lens,
+    Setting(name="camera", shape=lambda c: whole(1), when=with_undistortion, default=(), asked=lambda c: c.motion_model.lens(c),
             raw=lambda c, s: bool(s.camera), doc="1: undistort, as the table of nodes says",
             places=(Place(word=21, field="ENABLE", width=1),)),
-    Setting(name="centre", when=with_rotation, shape=_place, raw=lambda c, s: centre_of(s.camera), unit="px",
-            doc="principal point, raw: quarters of a pixel"),
-    Setting(name="curve", shape=lambda c: whole(CURVE_BITS), when=with_rotation, raw=lambda c, s: curve(s.camera),
-            doc=f"2^{CURVE_FRAC}/f² of the focal length f in px"),
+    Setting(name="centre", when=with_rotation, shape=_place, unit="px",
+            raw=lambda c, s: c.motion_model.centre(s.camera), doc="principal point, raw: quarters of a pixel"),
+    Setting(name="curve", when=with_rotation, shape=lambda c: whole(c.motion_model.curve_bits),
+            raw=lambda c, s: c.motion_model.curve(s.camera), doc="2^27/f² of the focal length f in px"),
 )  # fmt: skip
 
 

@@ -5,7 +5,6 @@ import pytest
 import torch
 
 from cmfpga.config import preset
-from cmfpga.config.motion import CURVE_BITS
 from cmfpga.reference.integer import motion as model
 from cmfpga.reference.integer.voter import Votes
 from cmfpga.rtl import payloads
@@ -50,8 +49,8 @@ def test_basis(name, rng):
         corner = tuple(int(rng.integers(most + 1)) for most in (config.geometry.roi_x_max, config.geometry.roi_y_max))
         lens = (focus, focus, *rng.uniform(0, (config.sensor_width - 1, config.sensor_height - 1)))
         if config.motion == "rotation":
-            centre, bend = model.centre_of(lens), model.curve(lens)
-            assert bend < 1 << CURVE_BITS
+            centre, bend = config.motion_model.centre(lens), config.motion_model.curve(lens)
+            assert bend < 1 << config.motion_model.curve_bits
             still = {"centre": dict(zip("xy", centre, strict=True)), "curve": bend}
             script[0] |= still | {"corner": dict(zip("xy", corner, strict=True))}
             script.insert(0, script[0])  # the middle is known a cycle later

@@ -8,7 +8,6 @@ votes that an event meets in its pixels that is not their own basis, but that of
 import numpy as np
 import torch
 
-from ...config.motion import CURVE_FRAC, PLACE_FRAC, centre_of, curve
 from ...fixed import floor_shift, round_half_up, saturate
 
 
@@ -28,16 +27,16 @@ def basis(config, x, y, *, roi, camera):
     if not motion.basis:
         return {}
     if config.motion == "rotation":
-        centre = [at - (corner << PLACE_FRAC) for at, corner in zip(centre_of(camera), roi, strict=True)]
+        centre = [at - (corner << motion.place_frac) for at, corner in zip(motion.centre(camera), roi, strict=True)]
     else:
         centre = [2 * (size - 1) for size in (config.roi_width, config.roi_height)]
-    drop = config.formats.dithered_frac - PLACE_FRAC
+    drop = config.formats.dithered_frac - motion.place_frac
     p, q = (floor_shift(axis, drop) - middle for axis, middle in zip((x, y), centre, strict=True))
     found = {"p": p, "q": q}
     if "xx" in motion.basis:
-        across, down, fmt = p >> PLACE_FRAC, q >> PLACE_FRAC, motion.basis["xx"]
+        across, down, fmt = p >> motion.place_frac, q >> motion.place_frac, motion.basis["xx"]
         for name, product in (("xx", across * across), ("xy", across * down), ("yy", down * down)):
-            bent = round_half_up(product * curve(camera), CURVE_FRAC - motion.frac)
+            bent = round_half_up(product * motion.curve(camera), motion.curve_frac - motion.frac)
             found[name] = saturate(bent, fmt.min, fmt.max)
     return found
 

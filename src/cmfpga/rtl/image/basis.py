@@ -4,7 +4,6 @@ from amaranth.hdl import Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ...config.motion import CURVE_FRAC, PLACE_FRAC
 from ...fixed import floor_shift, round_half_up
 from .. import payloads
 from ..arithmetic import delay, saturate
@@ -48,19 +47,21 @@ class Basis(wiring.Component):
     def elaborate(self, platform):
         config, motion = self.config, self.config.motion_model
         m = Module()
-        drop = config.formats.dithered_frac - PLACE_FRAC
+        drop = config.formats.dithered_frac - motion.place_frac
         # Undistorted positions come with half a pixel more than they are.
-        more = (1 << PLACE_FRAC) >> 1 if config.formats.event_frac else 0
+        more = (1 << motion.place_frac) >> 1 if config.formats.event_frac else 0
         found, whole_s1 = {}, {}
         for name, axis, size in (("p", "x", config.roi_width), ("q", "y", config.roi_height)):
             middle = Const(2 * (size - 1))
             if hasattr(self, "centre"):  # it stays for a batch
-                middle = delay(m, self.centre[axis] - (self.corner[axis] << PLACE_FRAC), 1, name=f"middle_{name}")
+                middle = delay(
+                    m, self.centre[axis] - (self.corner[axis] << motion.place_frac), 1, name=f"middle_{name}"
+                )
             place = floor_shift(getattr(self, axis), drop) - more
             # Stage 1: subtract.
             place_s1 = Signal(self.o[name].shape(), name=f"{name}_s1", reset_less=True)
             m.d.sync += place_s1.eq(place - middle)
-            whole_s1[name] = place_s1 >> PLACE_FRAC
+            whole_s1[name] = place_s1 >> motion.place_frac
             found[name] = delay(m, place_s1, self.latency - 1, name=name)
         for name, a, b in (("xx", "p", "p"), ("xy", "p", "q"), ("yy", "q", "q")):
             if name in motion.basis:
@@ -69,7 +70,7 @@ class Basis(wiring.Component):
                 product_s3 = delay(m, whole_s1[a] * whole_s1[b], 2, name=name)
                 bent_s5 = delay(m, product_s3 * self.curve, 2, name=f"bent_{name}")
                 found[name] = Signal(self.o[name].shape(), name=f"{name}_s6", reset_less=True)
-                bent = round_half_up(bent_s5, CURVE_FRAC - motion.frac)
+                bent = round_half_up(bent_s5, motion.curve_frac - motion.frac)
                 m.d.sync += found[name].eq(saturate(bent, fmt.min, fmt.max))
         m.d.comb += [self.o[name].eq(value) for name, value in found.items()]
         return m
