@@ -124,8 +124,7 @@ def main(what=None):
     for kind, cores in (("lanes", LANES), ("motions", MOTIONS)):
         for name, changes in cores.items():
             BASELINES[kind][name], text = core_alone(kind, name, changes)
-            key = name if kind == "lanes" else f"{name} core"
-            fingerprints[key] = fingerprint(text, BASELINES[kind][name])
+            fingerprints[name] = fingerprint(text, BASELINES[kind][name])
             write(BASELINES)
 
 
