@@ -29,7 +29,7 @@ PRESETS = {
     "paper": Config(),
     "fast": _FAST,
     "fast-4": _FAST.replace(lanes=4),
-    "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4096, tag_bits=9),
+    "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9),
     "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 
