@@ -1,5 +1,6 @@
 """Fixtures that all tests share."""
 
+import gc
 import hashlib
 import os
 from pathlib import Path
@@ -33,3 +34,10 @@ def _one_thread():
     import torch
 
     torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _rare_collection():
+    """A design is very many objects that stay: looking through them over and over takes half of its elaboration."""
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 10)

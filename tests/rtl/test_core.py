@@ -20,6 +20,7 @@ from support.core_batches import (
     FLOWS,
     PLANS,
     centered,
+    core_of,
     moving_points,
     random_batch,
     run,
@@ -110,10 +111,8 @@ def test_cycle_formula_is_exact(name, rng):
         for iterations in (1, 4)
         for count in (1, 2, 30)
     ]
-    core = Core(config)
-    bench, outcomes = drive_core(core, batches, rng=rng, eager=config.buffers == 1)
-    simulate(core, bench)
-    results = check_core(config, batches, outcomes, free=True)
+    core = core_of(config).top
+    results, outcomes = run(config, batches, rng, eager=config.buffers == 1)
     for result, outcome in zip(results, outcomes, strict=True):
         assert Flag.DEGENERATE not in result.flags
         counts = {name: getattr(result, name) for name in ("events", "roi_events", "iterations")}
