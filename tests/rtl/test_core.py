@@ -239,7 +239,9 @@ def test_strides_and_thinning(buffers, rng):
     config = CONFIGS["fast"].replace(buffer_events=520, max_batch_events=2100, buffers=buffers)
     plan = parse_schedule("2:1/4 0:-1/2 1:0/4*2", name="plan", max_level=2, v=config.formats.v, entries=4)
     batches = [
-        spread(config, rng, count, cold=plan, warm=plan[:2], roi_gain=0, **({"roi": None} if number % 2 else {}))
+        spread(
+            config, rng, count, cold=plan, warm=plan[:2], roi_gain=0, judge=0, **({"roi": None} if number % 2 else {})
+        )
         for number, count in enumerate((511, 513, 256, 2079, 255, 1041, 700))
     ]
     results, _ = run(config, batches, rng, eager=buffers == 1)

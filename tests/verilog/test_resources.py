@@ -43,8 +43,9 @@ def test_the_fast_core_is_like_its_baseline(fast):
     assert_like_baseline(fast, BASELINES["presets"]["fast"]["total"], "fast")
 
 
-@pytest.mark.parametrize("name", update.PRESETS)
-def test_rams_and_dsps_of_every_block(name):
+def test_rams_and_dsps_of_every_block():
+    """By Yosys in every run, unlike what follows."""
+    name = "fast"
     found = resources.hard_blocks(emitted(preset(name))[1])
     stored = {f"{TOP}_{block}": row for block, row in BASELINES["presets"][name]["blocks"].items()}
     stored[TOP] = BASELINES["presets"][name]["total"]
