@@ -10,6 +10,17 @@ import pytest
 
 pytest_plugins = ["support.commands", "support.small_core"]
 
+#: Rooms with tests of half a minute. They come first, so that two workers meet at short ones, and neither waits long.
+LONG = ("formal", "simulation", "verilog", "driver", "docs", "cli", "accuracy")
+
+
+def pytest_collection_modifyitems(items):
+    def place(item):
+        room = item.path.relative_to(Path(__file__).parent).parts[0]
+        return LONG.index(room) if room in LONG else len(LONG)
+
+    items.sort(key=place)
+
 
 @pytest.fixture(scope="session")
 def data_dir():
