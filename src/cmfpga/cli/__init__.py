@@ -4,7 +4,6 @@ import argparse
 import contextlib
 import dataclasses
 import functools
-import gc
 import math
 import re
 import signal
@@ -285,7 +284,6 @@ def run(main, arguments=None):
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a terminal or a pipe may not have every sign of a path or a unit
             stream.reconfigure(errors="backslashreplace")
-    gc.set_threshold(50_000, 20, 10)  # a design is very many objects that stay, and looking through them takes long
     hook, sys.unraisablehook = sys.unraisablehook, functools.partial(_unraisable, sys.unraisablehook)
     try:
         return main(arguments)
