@@ -1,5 +1,6 @@
 """The core against its model: everything that leaves it, in every iteration of batches that follow one another."""
 
+import functools
 import itertools
 
 import numpy as np
@@ -12,7 +13,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.iteration_control import IterationControl
-from support.bench import simulate
+from support.bench import Repeated
 from support.core import Batch, check_core, constant_cycles, drive_core, judge_cycles, per_iteration
 from support.core_batches import (
     CENTER,
@@ -318,15 +319,20 @@ def test_settings_are_taken_with_the_first_event(rng):
 # ---------------------------------------------------------------- reset
 
 
+@functools.cache
+def resettable(config):
+    """A core, its reset, and both as a design."""
+    core, reset, top = Core(config), Signal(), Module()
+    top.submodules.core = ResetInserter(reset)(core)
+    return core, reset, Repeated(top)
+
+
 @pytest.mark.parametrize("name", ["small", "two", "fast"])
 @pytest.mark.parametrize("moment", ["ingest", "division", "votes", "sweep", "evaluation", "result"])
 def test_reset_in_the_middle(name, moment, rng):
     """A reset forgets v, the ROI and the batch, and the images that it leaves in the RAMs are swept away."""
     config = CONFIGS[name]
-    core = Core(config)
-    reset = Signal()
-    top = Module()
-    top.submodules.core = ResetInserter(reset)(core)
+    core, reset, top = resettable(config)
     moved = [spread(config, rng, 20, iterations=2, eta=config.formats.eta.raw(8.0)) for _ in range(2)]
     serial = config.buffers == 1
     come, came = at_moment(core, moment), []
@@ -353,7 +359,7 @@ def test_reset_in_the_middle(name, moment, rng):
         ctx.set(core.i.valid, 0)
         await second(ctx)
 
-    simulate(top, bench)
+    top.simulate(bench)
     check_core(config, again, outcomes, free=True)
 
 
