@@ -5,8 +5,10 @@ import pytest
 from cmfpga.rtl import iteration_control
 from cmfpga.rtl.ascent import sign
 from cmfpga.rtl.confidence import probe
+from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, warp
 from cmfpga.rtl.ingest import ingest_control
+from support.bench import Repeated
 from support.core_batches import CONFIGS, random_batch, run, spread
 from support.mutation import break_blocks
 
@@ -57,4 +59,4 @@ def test_a_broken_block_is_noticed(name, monkeypatch, rng):
     batches += [spread(config, rng, count, roi=None, **follow) for count in (5, 90, 20)]
     batches += [random_batch(config, rng) for _ in range(4)]
     with pytest.raises(AssertionError):
-        run(config, batches, rng, stall=0.5)
+        run(config, batches, rng, stall=0.5, core=Repeated(Core(config)))
