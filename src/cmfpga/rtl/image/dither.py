@@ -1,6 +1,6 @@
 """Dither: moves each event by a sub-pixel offset of its own."""
 
-from amaranth.hdl import Cat, Const, Module, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -54,11 +54,14 @@ class Dither(wiring.Component):
         wide = formats.dithered_frac
         m = Module()
         event = self.i.payload
+        # Lanes add the start to 0, as a step is added: a LUT a bit, in place of two.
+        adds_start = by_signs(self.config) and self.config.lanes > 1
         for axis, factor in zip(("x", "y"), FACTORS, strict=True):
             top, lanes = 1 << DITHER_BITS, self.config.lanes
             first = (factor // 2 + self.lane * factor) % top
-            phase = Signal(DITHER_BITS, init=first, name=f"phase_{axis}")
+            phase = Signal(DITHER_BITS, init=0 if adds_start else first, name=f"phase_{axis}")
             begin, start, step = event.last if lanes > 1 else self.i.valid & event.last, first, lanes * factor % top
+            moves = self.i.valid
             if by_signs(self.config):
                 begin = self.started
                 starts = [
@@ -68,9 +71,12 @@ class Dither(wiring.Component):
                 starts = [select(self.subset.first, each) for each in starts]
                 start = select(self.subset.stride, starts) if self.lane else starts[0]
                 step = select(self.subset.stride, [lanes * stride * factor % top for stride in STRIDES])
+            if adds_start:
+                begin, moves = event.last, self.started | self.i.valid
+                start, step = 0, Mux(self.started, start, step)
             with m.If(begin):
                 m.d.sync += phase.eq(start)
-            with m.Elif(self.i.valid):
+            with m.Elif(moves):
                 m.d.sync += phase.eq(phase + step)
             place, offset = event[axis] << (wide - formats.event_frac), phase[-frac:]
             offset = Cat(Const(0, wide - frac), offset) if wide > frac else offset

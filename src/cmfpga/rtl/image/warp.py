@@ -77,7 +77,11 @@ class Warp(wiring.Component):
             )
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
-            self.o.payload.dt.eq(delay(m, self.i.payload.dt, self.latency - 1, name="dt")),
-            self.o.payload.last.eq(delay(m, self.i.payload.last, self.latency - 1, name="last")),
+            *(  # of several lanes in registers, as in the scaler
+                self.o.payload[name].eq(
+                    delay(m, self.i.payload[name], self.latency - 1, name=name, valid=config.lanes > 1)
+                )
+                for name in ("dt", "last")
+            ),
         ]
         return m
