@@ -17,7 +17,7 @@ class OnePass(Derived):
         warp = 4 if self._c.max_level else 3
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
         sums = 4 + 4 if self._c.lanes == 1 else 10 + self._c.geometry.lane_bits
-        feed = 10 + (self._c.dither_frac > 0)
+        feed = 10 + (self._c.dither_frac > 0) * (1 if self._c.lanes == 1 else 2)
         return warp + 3 + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
 
     @property

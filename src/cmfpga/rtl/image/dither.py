@@ -1,6 +1,6 @@
 """Dither: moves each event by a sub-pixel offset of its own."""
 
-from amaranth.hdl import Cat, Const, Module, Mux, Signal
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -8,7 +8,7 @@ from ...config.dither import DITHER_BITS, FACTORS
 from ...config.schedule import STRIDES
 from ...protocol.settings import by_signs
 from .. import payloads
-from ..arithmetic import select
+from ..arithmetic import delay, select
 
 
 class Dither(wiring.Component):
@@ -18,7 +18,8 @@ class Dither(wiring.Component):
     They depend on k alone, so every iteration sees the same, and the buffer need not store them; a replay of a subset
     says which k its events have.
 
-    One event per cycle; latency :attr:`latency` cycle.
+    One event per cycle; latency :attr:`latency` cycles. With lanes, all of them have the first lane's sequence, which
+    synthesis merges, and add their distance to it in a cycle of its own.
 
     Parameters
     ----------
@@ -36,10 +37,9 @@ class Dither(wiring.Component):
         a schedule, the next one begins behind the last event.
     """
 
-    latency = 1
-
     def __init__(self, config, lane=0):
         self.config, self.lane = config, lane
+        self.latency = 1 if config.lanes == 1 else 2
         subset = {"started": In(1), "subset": In(payloads.subset(config))}
         super().__init__(
             {
@@ -54,32 +54,27 @@ class Dither(wiring.Component):
         wide = formats.dithered_frac
         m = Module()
         event = self.i.payload
-        # Lanes add the start to 0, as a step is added: a LUT a bit, in place of two.
-        adds_start = by_signs(self.config) and self.config.lanes > 1
+        placed = event if self.config.lanes == 1 else delay(m, event, 1, name="event")
         for axis, factor in zip(("x", "y"), FACTORS, strict=True):
             top, lanes = 1 << DITHER_BITS, self.config.lanes
-            first = (factor // 2 + self.lane * factor) % top
-            phase = Signal(DITHER_BITS, init=0 if adds_start else first, name=f"phase_{axis}")
+            first = factor // 2
+            phase = Signal(DITHER_BITS, init=first, name=f"phase_{axis}")
             begin, start, step = event.last if lanes > 1 else self.i.valid & event.last, first, lanes * factor % top
-            moves = self.i.valid
+            distance = self.lane * factor % top
             if by_signs(self.config):
                 begin = self.started
-                starts = [
-                    [(factor // 2 + (k + self.lane * stride) * factor) % top for k in range(STRIDES[-1])]
-                    for stride in STRIDES
-                ]
-                starts = [select(self.subset.first, each) for each in starts]
-                start = select(self.subset.stride, starts) if self.lane else starts[0]
+                start = select(self.subset.first, [(factor // 2 + k * factor) % top for k in range(STRIDES[-1])])
                 step = select(self.subset.stride, [lanes * stride * factor % top for stride in STRIDES])
-            if adds_start:
-                begin, moves = event.last, self.started | self.i.valid
-                start, step = 0, Mux(self.started, start, step)
+                distance = select(self.subset.stride, [self.lane * stride * factor % top for stride in STRIDES])
             with m.If(begin):
                 m.d.sync += phase.eq(start)
-            with m.Elif(moves):
+            with m.Elif(self.i.valid):
                 m.d.sync += phase.eq(phase + step)
-            place, offset = event[axis] << (wide - formats.event_frac), phase[-frac:]
+            if lanes > 1:
+                phase = delay(m, (phase + distance)[:DITHER_BITS], 1, name=f"lane_{axis}")
+            place, offset = placed[axis] << (wide - formats.event_frac), phase[-frac:]
             offset = Cat(Const(0, wide - frac), offset) if wide > frac else offset
             m.d.sync += self.o.payload[axis].eq(place + offset - (1 << (wide - 1)))
-        m.d.sync += [self.o.valid.eq(self.i.valid), self.o.payload.t.eq(event.t), self.o.payload.last.eq(event.last)]
+        valid = delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)
+        m.d.sync += [self.o.valid.eq(valid), self.o.payload.t.eq(placed.t), self.o.payload.last.eq(placed.last)]
         return m
