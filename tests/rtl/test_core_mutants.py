@@ -52,7 +52,6 @@ MUTANTS_OF_LANES = {  # module, old, new
     "queues not waited for": (lane_image, "drained.eq(closing & ", "drained.eq(closing | closing & "),
     "lanes go on without room": (lane_image, "self.room.eq(~full)", "self.room.eq(1)"),
     "banks not swept": (lane_image, "each.sweep.valid.eq(idle)", "each.sweep.valid.eq(0)"),
-    "tag stays": (lane_image, "with m.If(self.next):", "with m.If(0):"),
     "first votes not summed": (lane_sums, "self.plain_latency - 1", "self.plain_latency"),
     "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),
     "product of another vote": (lane_sums, "max(0, number - 1)", "number"),
