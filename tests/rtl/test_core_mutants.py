@@ -88,4 +88,4 @@ def test_broken_lanes_are_noticed(name, monkeypatch, rng):
         return
     break_blocks(monkeypatch, *MUTANTS_OF_LANES[name])
     with pytest.raises(AssertionError):
-        run(LANES, batches, rng, stall=0.5)
+        run(LANES, batches, rng, stall=0.5, core=Repeated(Core(LANES)))
