@@ -31,7 +31,7 @@ from cmfpga.events import BatchCutter, open_recording
 from cmfpga.tracking.loop import track
 
 FAST = preset("fast")
-FLAT = FAST.replace(**{name: re.sub(r"\d:(-?\d)", r"0:\1", text) for name, text in MEASURED.items()})
+FLAT = FAST.replace(**{name: re.sub(r"\d:(-?\d)", r"0:\1", text) for name, text in MEASURED["translation"].items()})
 PART = 100  # synthetic batches of the quick tests
 EVERY = 6  # of the real ones
 ROOMY = {"buffer_events": REAL_ROI_EVENTS[1]}  # what holds every real batch
@@ -68,7 +68,7 @@ def test_cold_is_missed_without(config, synthetic):
 
 def test_warm_is_missed_from_elsewhere(synthetic):
     """The warm schedule does not reach as far as v = 0: it is not what makes the cold suite easy."""
-    warm_only = FAST.replace(cold=MEASURED["warm"])
+    warm_only = FAST.replace(cold=MEASURED["translation"]["warm"])
     assert not reaches(score_errors(warm_only, synthetic[:PART]), **COLD)
 
 

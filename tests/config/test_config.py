@@ -28,6 +28,7 @@ TEXT = {
     "hot_mask",
     "camera",
     "undistortion",
+    "motion",
 }
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",

@@ -41,7 +41,7 @@ def test_refusals(text, message):
 def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
     best = Config(ascent="sign", max_level=2)
     assert (best.cold, best.warm) == ("auto", "auto")
-    assert best.schedules.cold == parse_schedule(MEASURED["cold"], **LIMITS)
+    assert best.schedules.cold == parse_schedule(MEASURED["translation"]["cold"], **LIMITS)
     flat = preset("paper").replace(ascent="sign")
     assert flat.schedules.cold == tuple((0, step, stride) for _, step, stride in best.schedules.cold)
     narrow = best.replace(max_level=1, v_int=1, v_frac=2)

@@ -140,7 +140,7 @@ MUTANTS = {
     "derivatives floored": ("voter", "round_half_up(dt * a, ", "floor_shift(dt * a, "),
     "a border that drops corners": ("voter", "(column < width)", "(column < width - 1)"),
     "a derivative's sign": ("voter", "derivative(gx), derivative(fx), -", "derivative(gx), -derivative(fx), -"),
-    "G without its second term": ("gradient", "sums.sy - sums.i * sums.dy", "sums.sy"),
+    "G without its second term": ("gradient", "* s - sums.i * d for", "* s for"),
     "step floored": ("constant", "v + round_half_up(limited_slope * gain, ", "v + floor_shift(limited_slope * gain, "),
 }  # fmt: skip
 

@@ -3,10 +3,13 @@
 import pytest
 
 from cmfpga.rtl import iteration_control
+from cmfpga.rtl.ascent import sign
 from cmfpga.rtl.confidence import probe
-from cmfpga.rtl.image import dither, gradient_reader, one_pass_gradient
+from cmfpga.rtl.core import Core
+from cmfpga.rtl.image import basis, dither, flow, gradient_reader, moments, one_pass_gradient, warp
 from cmfpga.rtl.image.lanes import lane_image, lane_sums, parity_class
 from cmfpga.rtl.ingest import event_buffer, ingest_control
+from support.bench import Repeated
 from support.core_batches import CENTER, CONFIGS, LANES, centered, random_batch, run, spread
 from support.mutation import break_blocks
 
@@ -16,6 +19,19 @@ MUTANTS = {  # module, old, new, configuration
     "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
     "warped by the last probe": (probe, "self.complete & turn.any()", "self.complete & turn[:3].any()", "fast"),
     "sums of the last probe": (probe, "self.sums.valid & self.iterating", "self.sums.valid", "fast"),
+    "half a pixel too far": (basis, "1 << motion.place_frac) >> 1 if", "1 << motion.place_frac) >> 2 if", "rotation"),
+    "the ROI's corner forgotten": (basis, "self.corner[axis] << motion.place_frac", "0", "rotation"),
+    "a centre beside the ROI's": (basis, "2 * (size - 1)", "2 * size", "similarity"),
+    "not bent": (basis, "product_s3 * self.curve", "product_s3 * 0", "rotation"),
+    "xy by xx": (basis, '("xy", "p", "q")', '("xy", "p", "p")', "rotation"),
+    "turned the wrong way": (flow, "if sign > 0 else total - product", "if 1 else 0", "similarity"),
+    "flow floored": (flow, "round_half_up(total, motion.frac)", "total >> motion.frac", "similarity"),
+    "the flow's event": (warp, '{name: delay(m, event[name], flow.latency, name=f"{name}_flow")',
+                         '{name: delay(m, event[name], 1, name=f"{name}_flow")', "similarity"),
+    "another event's basis": (one_pass_gradient, "self._stages - 1\n", "self._stages - 2\n", "similarity"),
+    "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
+    "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
+    "zoom without a limit": (sign, "saturate(target, fmt.min, fmt.max)", "target", "similarity"),
     "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),
@@ -44,7 +60,7 @@ def test_a_broken_block_is_noticed(name, monkeypatch, rng):
     batches += [spread(config, rng, count, roi=None, **follow) for count in (5, 90, 20)]
     batches += [random_batch(config, rng) for _ in range(4)]
     with pytest.raises(AssertionError):
-        run(config, batches, rng, stall=0.5)
+        run(config, batches, rng, stall=0.5, core=Repeated(Core(config)))
 
 
 #: With lanes, of what stands around queues and routers, which have proofs of their own (``tests/formal``).

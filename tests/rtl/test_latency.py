@@ -111,7 +111,7 @@ BLOCKS = {
     "gradient": Timing(Gradient(DEFAULT), 1, every=Gradient.lead),
     "gradient, P no power of two": Timing(Gradient(ODD), 4, every=Gradient.lead),
     "velocity": Timing(
-        Velocity(payloads.velocity(DEFAULT), DEFAULT.formats.v, target_bits=20), 1, out="moved",
+        Velocity(payloads.velocity(DEFAULT), target_bits=20), 1, out="moved",
         item=lambda k: {"move": 1},
     ),
     "constant ascent": Timing(ConstantAscent(DEFAULT), 5, out="run.updated", every=2),

@@ -46,7 +46,10 @@ CONFIGS = {
     "eight lanes, constant": Config(
         gradient="one_pass", lanes=8, dither_frac=3, roi_width=14, roi_height=18, buffer_events=100, **NARROW
     ),
-    "paper, in one pass": Config(gradient="one_pass", roi_width=40, roi_height=30, buffer_events=300),
+    "similarity": preset("similarity").replace(buffer_events=500),
+    "rotation": preset("rotation").replace(roi_width=90, roi_height=50, buffer_events=500, ram_style="auto"),
+    # Banks that are so deep that a word lies in several memories.
+    "paper, in one pass": Config(gradient="one_pass", roi_width=120, roi_height=70, buffer_events=300),
 }
 BATCHES = {"paper": 300, "fast": 300}  # 60 for the others
 

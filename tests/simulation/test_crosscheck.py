@@ -44,6 +44,7 @@ def test_all_of_a_configuration_is_drawn():
 def no_compiler(monkeypatch):
     for module in ("cmfpga.verilog.compiler", "cmfpga.engines", "cmfpga.crosscheck.compare"):
         monkeypatch.setattr(f"{module}.find_compiler", lambda: None)
+    monkeypatch.setattr("cmfpga.crosscheck.compare.SLOW_CYCLES", 5_000)
 
 
 def test_without_a_compiler(no_compiler, capsys):
@@ -58,7 +59,7 @@ def test_a_difference_is_found_and_can_be_repeated(no_compiler, capsys, monkeypa
 
     def wrong(images):
         sums = right(images)
-        return sums._replace(sx=sums.sx + 1) if sums.i > 0 else sums
+        return sums._replace(s=(sums.s[0] + 1, *sums.s[1:])) if sums.i > 0 else sums
 
     monkeypatch.setattr(model, "gradient_reader", wrong)
     assert crosscheck.main(["--configs", "1", "--seed", "41"]) == 1

@@ -101,6 +101,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             for number, batch in enumerate(batches)
             for k, (t, x, y) in enumerate(batch.events)
         ]
+        taken_in = [batch.raw_settings(config, table) for batch in batches]
         position, offering, held, finished = 0, False, None, 0
         for address, values in enumerate(table):
             entry = dict(zip(("level", "shift", "stride"), table_entry(config, values), strict=True))
@@ -116,9 +117,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
                 offering = wanted and rng.random() >= gap
             i_valid.set(ctx, int(offering))
             event.set(ctx, payload if offering else next(noise))
-            settings.set(
-                ctx, batches[number].raw_settings(config, table) if offering and k == 0 else next(settings_noise)
-            )
+            settings.set(ctx, taken_in[number] if offering and k == 0 else next(settings_noise))
             # Output.
             ready = rng.random() >= stall
             o_ready.set(ctx, int(ready))
@@ -165,7 +164,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
     ``free``: the source had no gap, and no batch was offered while another was under way, unless the core has one
     buffer: the closed formula holds.
     """
-    model = model or IntegerCore(config)
+    model, names = model or IntegerCore(config), config.motion_model.names
     results = []
     for number, (batch, outcome) in enumerate(zip(batches, outcomes, strict=True)):
         t, x, y = (np.array(column, np.int64) for column in zip(*batch.events, strict=True))
@@ -175,7 +174,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
         result = dict(outcome.result)
         sums, cycles = result.pop("sums"), result.pop("cycles")
         raw = {
-            "v": {"x": model.v[0], "y": model.v[1]},
+            "v": dict(zip(names, model.v, strict=True)),
             "t_first": int(t[0]),
             "roi": dict(zip("xy", wanted.roi, strict=True)),
             "roi_next": dict(zip("xy", wanted.roi_next, strict=True)),
@@ -186,7 +185,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             f"batch {number}"
         )
         assert wanted.events == sum(result[name] for name in COUNTS)
-        steps = [{"v": dict(zip("xy", i.v, strict=True)), "sums": i.sums._asdict()} for i in model.iterations]
+        steps = [{"v": dict(zip(names, i.v, strict=True)), "sums": _sums(names, i.sums)} for i in model.iterations]
         assert outcome.trace == steps, f"batch {number}"
         if config.gradient == "sweep":
             images = [words for iteration in model.iterations for words in bank_pixels(config, iteration.images)]
@@ -199,6 +198,12 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
         if free and not degenerate:
             assert cycles == cycles_of(config, wanted, model.plan), f"batch {number}"
     return results
+
+
+def _sums(names, sums):
+    """The sums of an iteration by the names of the core's."""
+    own = {f"s{name}": s for name, s in zip(names, sums.s, strict=True)}
+    return {"i": sums.i, "dx": sums.dx, "dy": sums.dy, **own}
 
 
 def _named(value):
@@ -222,6 +227,7 @@ SHORTEST = 8
 def per_iteration(config):
     """P/4 + L as a number, L in one pass."""
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
+    division = division if config.motion == "translation" else 3  # flow and moments take four cycles, the gradient none
     ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
     return division + ascent + 16 + (config.geometry.bank_words if config.gradient == "sweep" else 0)
 
@@ -236,4 +242,5 @@ def judge_cycles(config):
 def constant_cycles(config):
     """Cycles of a batch that depend on neither N, n nor T, as a number."""
     dither = 1 if config.dither_frac else 0
+    dither += 7 if config.undistortion == "on" else 0
     return config.span_bits + config.reciprocal_bits + dither + (29 if config.buffers == 1 else 21)

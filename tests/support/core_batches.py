@@ -1,12 +1,14 @@
 """Batches for the core under test: of any kind, or just good ones; and configurations that are small enough."""
 
+import functools
+
 import numpy as np
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import parse_schedule
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.core import Core
-from support.bench import simulate
+from support.bench import Repeated
 from support.configs import NARROW, TINY
 from support.core import Batch, check_core, drive_core
 from support.values import edge_integers
@@ -35,6 +37,15 @@ CONFIGS = {
     "one buffer, confidence": preset("fast").replace(
         **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, buffers=1, weight_frac=3,
         derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
+    ),
+    # Motions beyond translation: a lever arm of 8 px, which a fast zoom or roll leaves.
+    "similarity": preset("similarity").replace(
+        **SMALL | {"roi_width": 20}, **LIMITS, tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
+    ),
+    # An ROI smaller than the sensor, one buffer; a camera without distortion, whose table is that of a reset.
+    "rotation": preset("rotation").replace(
+        **SMALL | {"roi_height": 13}, **LIMITS | {"buffer_events": 37}, buffers=1, tag_bits=4, ram_style="auto",
+        max_level=2, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4", camera="36,35,18.3,16.8",
     ),
     # A full buffer thins out; of a depth that is odd and no power of two.
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
@@ -112,7 +123,8 @@ def random_batch(config, rng, *, bad_times=0.15):
             roi_gain=int(edge_integers(rng, 0, config.formats.roi_gain.max, 1)[0]),
             start_last=bool(rng.integers(2)),
             v_start=tuple(
-                edge_integers(rng, max(config.formats.v.min, -slow), min(config.formats.v.max, slow), 2).tolist()
+                int(edge_integers(rng, max(parameter.fmt.min, -slow), min(parameter.fmt.max, slow), 1)[0])
+                for parameter in config.motion_model.parameters
             ),
             min_roi_events=int(rng.choice([0, 1, min(2, config.buffer_events), config.buffer_events])),
             thinning=int(rng.choice([1, 1, 1, 2, 3, 7, 255])),
@@ -126,14 +138,20 @@ def random_batch(config, rng, *, bad_times=0.15):
     )
 
 
-def run(config, batches, rng, *, gap=0.0, stall=0.0, eager=True, free=True):
+@functools.cache
+def core_of(config):
+    """The core, elaborated: several seconds' work for thousands of cycles."""
+    return Repeated(Core(config))
+
+
+def run(config, batches, rng, *, gap=0.0, stall=0.0, eager=True, free=True, core=None):
     """Simulate from reset and compare; returns (the model's results, outcomes).
 
     Not ``free``: acceptance waits until it is known what was stored, and no formula holds.
     """
-    core = Core(config)
-    bench, outcomes = drive_core(core, batches, rng=rng, gap=gap, stall=stall, eager=eager)
-    simulate(core, bench)
+    core = core or core_of(config)
+    bench, outcomes = drive_core(core.top, batches, rng=rng, gap=gap, stall=stall, eager=eager)
+    core.simulate(bench)
     # With two buffers the cycles of a batch depend on the one before, if it is offered while that is under way.
     alone = config.buffers == 1 or not eager
     return check_core(config, batches, outcomes, free=free and not gap and alone), outcomes

@@ -16,7 +16,7 @@ from .yardstick import peak_error
 
 #: Cold schedules to compare.
 SCHEDULES = (
-    MEASURED["cold"],  # the default
+    MEASURED["translation"]["cold"],  # the default
     "2:2/4 2:1/4*2 2:0/4*3 1:0/2 1:-1/2*2 1:-2/2 1:-2*2 1:-3*2 0:-3 0:-4",  # an iteration more at full resolution
     BEFORE["cold"],
     "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the same reach, a step more
@@ -36,7 +36,7 @@ SCHEDULES = (
 
 #: Warm schedules to compare.
 WARM_SCHEDULES = (
-    MEASURED["warm"],  # the default
+    MEASURED["translation"]["warm"],  # the default
     "1:-1 1:-2 1:-3*2 0:-4",  # as many events, without strides
     BEFORE["warm"],
     "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5",

@@ -21,7 +21,7 @@ from .choices import CHOICES, GRADIENTS, UNDISTORTION
 from .confidence import check_confidence
 from .formats import Formats
 from .geometry import Geometry
-from .motion import translation
+from .motion import MOTIONS, check_motion, motion_model
 from .noise import parse_pixels
 from .one_pass import OnePass
 from .schedule import AUTO, Schedules
@@ -68,6 +68,9 @@ class Config:
     sensor_height: int = _field(180, "rows of the sensor", unit="px", low=2, high=4096)
     roi_width: int = _field(64, "columns of the region of interest (ROI), even", unit="px", low=2, high=4096)
     roi_height: int = _field(64, "rows of the ROI, even", unit="px", low=2, high=4096)
+
+    # Motion
+    motion: str = _field("translation", "what the ascent looks for", choices=tuple(MOTIONS))
 
     # Camera
     undistortion: str = _field("off", "on: the hardware undistorts at ingest", choices=tuple(UNDISTORTION))
@@ -205,6 +208,7 @@ class Config:
             self._check_size("iterations", "max_iterations")
         if self.gradient == "one_pass":
             self.one_pass.check()
+        check_motion(self)
         if self.confidence:
             check_confidence(self)
         most = self.dt_frac + self.v_frac
@@ -334,9 +338,9 @@ class Config:
         return "undistorted" if self.lens else ""
 
     @cached_property
-    def motion(self):
-        """The motion model."""
-        return translation(self.formats.v)
+    def motion_model(self):
+        """What ``motion`` stands for."""
+        return motion_model(self)
 
     @cached_property
     def ascent_rule(self):

@@ -26,5 +26,8 @@ class Formats:
         self.dithered_frac = max(c.dither_frac, self.event_frac)
         #: How far a node of the table that undistorts moves an event: two bits more than the position has.
         self.node_x, self.node_y = (Q(bits, c.undistortion_frac + 2) for bits in (c.geometry.x_bits, c.geometry.y_bits))
+        #: What an event moves by in half a batch, along either axis: v, and with a basis the terms that it has.
+        motion = c.motion_model
+        self.flow = Q(bits_for(motion.stretch << c.v_int), c.v_frac) if motion.basis else self.v
         # Warped position relative to the ROI, clamped to −2 … its size (whole pixels outside vote nowhere).
         self.position_x, self.position_y = (Q(bits_for(size), c.position_frac) for size in (c.roi_width, c.roi_height))

@@ -18,6 +18,8 @@ class OnePass(Derived):
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
         sums = 4 + 4 if self._c.lanes == 1 else 10 + self._c.geometry.lane_bits
         feed = 10 + (self._c.dither_frac > 0) * (1 if self._c.lanes == 1 else 2)
+        if self._c.motion_model.basis:
+            warp, gradient, sums = warp + 2, 0, sums + 2
         return warp + 3 + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
 
     @property

@@ -14,10 +14,20 @@ from .derived import Derived
 
 AUTO = "auto"
 
-# Measured best on synthetic and real batches; see docs/accuracy.md.
+# Measured best on synthetic and real batches; see docs/accuracy.md and docs/motion.md.
 MEASURED = {
-    "cold": "2:2/4 2:1/4*2 2:0/4*2 2:-1/4 1:0/2 1:-1/2*2 1:-2/2 1:-2 1:-3*3 0:-4",
-    "warm": "1:-1/2 1:-2/2 1:-2 1:-3*2 0:-4",
+    "translation": {
+        "cold": "2:2/4 2:1/4*2 2:0/4*2 2:-1/4 1:0/2 1:-1/2*2 1:-2/2 1:-2 1:-3*3 0:-4",
+        "warm": "1:-1/2 1:-2/2 1:-2 1:-3*2 0:-4",
+    },
+    "similarity": {
+        "cold": "2:1*3 2:0*3 2:-1*3 1:-1*2 1:-2*3 0:-2*2 0:-3*3 0:-4*2 0:-5*2",
+        "warm": "2:-1/2*2 1:-1/2*2 1:-2*2 0:-3*2 0:-4*2 0:-5",
+    },
+    "rotation": {
+        "cold": "3:2/4 3:1/4*2 3:0/4*2 2:0/4 2:-1/4*2 1:-1/2 1:-2/2*2 1:-3/2*2 0:-3/2*2 0:-4 0:-5 0:-6",
+        "warm": "2:0/4 2:-1/4*2 1:-1/4 1:-2/4*2 1:-3/2*2 0:-3/2*2 0:-4 0:-5 0:-6",
+    },
 }
 
 #: Every so many of the stored events.
@@ -61,7 +71,7 @@ def used_events(plan, n):
     return [len(range(n)[used(entry, k, n)]) for k, entry in enumerate(plan)]
 
 
-def parse_schedule(text, *, name, max_level, v, entries):
+def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
     """The iterations of a schedule, a tuple of :class:`ScheduleEntry`.
 
     Parameters
@@ -76,6 +86,8 @@ def parse_schedule(text, *, name, max_level, v, entries):
         Format of v: steps from its unit to half its range.
     entries : int
         Length of the hardware's table.
+    motion : str
+        For ``auto``.
 
     Raises
     ------
@@ -84,7 +96,7 @@ def parse_schedule(text, *, name, max_level, v, entries):
     """
     auto = text == AUTO
     iterations = []
-    for word in (MEASURED[name] if auto else text).split():
+    for word in (MEASURED[motion][name] if auto else text).split():
         match = _ENTRY.fullmatch(word)
         if not match:
             raise ConfigError(f"{name}: {word!r}: LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1")
@@ -110,6 +122,7 @@ class Schedules(Derived):
 
     def _parse(self, name):
         limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}
+        limits["motion"] = self._c.motion
         return parse_schedule(getattr(self._c, name), name=name, **limits)
 
     @property

@@ -74,13 +74,34 @@ class Widths(Derived):
         return self.sum_i_max * self.derivative_image_max
 
     @property
+    def s_frac(self):
+        """Fraction bits of S, which with another motion than translation has those of its basis."""
+        motion = self._c.motion_model
+        return self._c.weight_frac + self._c.derivative_frac + (motion.frac if motion.basis else 0)
+
+    @property
     def s_bits(self):
-        """Width of Sx and Sy (two's complement)."""
-        return signed_bits_for(self.s_max)
+        """Width of Σ I·D of a parameter of the motion (two's complement)."""
+        return signed_bits_for(self.moment_max if self._c.motion_model.basis else self.s_max)
+
+    @property
+    def growth_max(self):
+        """Bound of what an event adds to Σ I·D along an axis: I·d + w·(D + d) for each of its votes.
+
+        Its four |d| sum to 2·(|dt| + 1 unit) at most, its four w to 1 and half a unit each.
+        """
+        return self.image_max * 2 * (self.derivative_max + 1) + (self.weight_max + 2) * self.derivative_image_max
+
+    @property
+    def moment_max(self):
+        """Bound of Σ I·D of a parameter, with another motion than translation: events times their basis."""
+        return self._c.buffer_events * self.growth_max * self._c.motion_model.reach
 
     @property
     def g_max(self):
-        """Bound of |G| = |P·S − ΣI·ΣD|."""
+        """Bound of |G| = |P·S − ΣI·ΣD|, or of another motion than translation |S|."""
+        if self._c.motion_model.basis:
+            return self.moment_max
         return self._c.geometry.pixels * self.s_max + self.sum_i_max * self.sum_d_max
 
     @property

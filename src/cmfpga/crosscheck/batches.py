@@ -175,7 +175,8 @@ def random_settings(config, rng, previous_roi):
         roi_gain=int(rng.integers(config.formats.roi_gain.max + 1)),
         start_last=bool(rng.random() < 0.5),
         v_start=tuple(
-            int(v) for v in rng.integers(config.formats.v.min, config.formats.v.max + 1, 2) >> rng.integers(0, 12)
+            int(rng.integers(parameter.fmt.min, parameter.fmt.max + 1) >> rng.integers(0, 12))
+            for parameter in config.motion_model.parameters
         ),
         min_roi_events=min(config.buffer_events, int(rng.choice([1, 1, 1, 4]))),
         thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
@@ -204,11 +205,17 @@ def random_mask(config, rng, roi):
 
 
 def random_lens(config, rng):
-    """None, or a camera with any distortion that can be undone, its centre near the sensor's."""
-    if config.undistortion == "off" or rng.random() < 0.3:
+    """None, or a camera with any distortion that can be undone, its centre near the sensor's.
+
+    A rotation always has one, with square pixels and a focal length that its format holds.
+    """
+    turning = config.motion == "rotation"
+    if config.undistortion == "off" or (rng.random() < 0.3 and not turning):
         return ()
     size = np.array([config.sensor_width, config.sensor_height])
     focus = size.max() * rng.uniform(0.9, 2.0, 2)
+    if turning:
+        focus = max(33, focus[0]) * rng.uniform(1, 1.04, 2)
     centre = size * rng.uniform(0.4, 0.6, 2)
     distortion = rng.uniform(-1, 1, 5) * (0.35, 0.1, 0.01, 0.01, 0.02)
     return tuple(np.concatenate([focus, centre, distortion]).tolist())

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from ..config import Config, unread
+from ..config.motion import MOTIONS, needs
 from ..config.schedule import AUTO, STRIDES
 from ..errors import ConfigError
 from ..fixed import Q
@@ -51,6 +52,8 @@ def _fields(rng):
     if values.get("background"):  # or a reset would sweep millions of cells
         values["background_cell"] = max(values.get("background_cell", 1), 4)
     values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
+    values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
+    values |= needs(values["motion"])
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
     values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))

@@ -20,7 +20,7 @@ class RtlEngine(Engine):
 
     def __init__(self, config):
         super().__init__(config)
-        self._v = (0.0, 0.0)
+        self._v = (0.0,) * len(config.motion_model.names)
 
     @property
     def v(self):
@@ -39,5 +39,5 @@ class RtlEngine(Engine):
 
 def to_batch_result(config, result, trace):
     """A :class:`BatchResult` of raw values: result ports by name, and the trace ports' [T, 7] in their order."""
-    trace = Trace.of_ports(config, trace, (result["v_x"], result["v_y"]))
+    trace = Trace.of_ports(config, trace, tuple(result[f"v_{name}"] for name in config.motion_model.names))
     return BatchResult(**decode(config, result), trace=trace)

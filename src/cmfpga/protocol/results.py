@@ -13,13 +13,10 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .settings import with_background, with_confidence, with_hot_pixels
+from .settings import velocity_shape, with_background, with_confidence, with_hot_pixels
 from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
-
-#: Parts of a result's sums.
-SUMS = ("i", "dx", "dy", "sx", "sy")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,11 +72,11 @@ def _corner(config):
 
 
 def sums_shape(config):
-    """Sums over the ROI: ΣI, ΣDx, ΣDy, Σ I·Dx, Σ I·Dy."""
+    """Sums over the ROI: ΣI, ΣDx, ΣDy; and Σ I·D of each parameter of the motion."""
     w, i, d = config.widths, config.weight_frac, config.derivative_frac
-    sum_i = Q(w.sum_i_bits - i, i, signed=False)
-    sum_d, s = Q(w.sum_d_bits - 1 - d, d), Q(w.s_bits - 1 - i - d, i + d)
-    return dict(zip(SUMS, (sum_i, sum_d, sum_d, s, s), strict=True))
+    sum_d, s = Q(w.sum_d_bits - 1 - d, d), Q(w.s_bits - 1 - w.s_frac, w.s_frac)
+    sums = {f"s{name}": s for name in config.motion_model.names}
+    return {"i": Q(w.sum_i_bits - i, i, signed=False), "dx": sum_d, "dy": sum_d, **sums}
 
 
 def squares_shape(config):
@@ -95,7 +92,7 @@ def curvature_shape(config):
 
 def trace_shape(config):
     """One iteration: the velocity that it used, and its sums."""
-    return {"v": pair(config.formats.v), "sums": sums_shape(config)}
+    return {"v": velocity_shape(config), "sums": sums_shape(config)}
 
 
 def _long(word, name, part, doc, signed=None):
@@ -118,7 +115,7 @@ _FILTERED = {"scope": "batch", "default": 0}
 
 #: In the order of the Verilog ports, behind which come those of the AXI top. Words never change.
 RESULTS = (
-    ResultField(name="v", shape=lambda c: pair(c.formats.v), scope="region", doc="velocity", unit="px/half batch",
+    ResultField(name="v", shape=velocity_shape, scope="region", doc="velocity", unit="px/half batch",
                 places=(Place(word=4, register="RESULT_V_X", part="_x", doc="velocity along x, raw: see FORMATS"),
                         Place(word=5, register="RESULT_V_Y", part="_y", doc="velocity along y, raw"))),
     ResultField(name="t_first", shape=lambda c: whole(c.time_bits), scope="batch", taken_in=True, default=None,
@@ -147,7 +144,7 @@ RESULTS = (
                 doc="ROI that the next batch is cropped with, unless it loads another", places=corner(17)),
     ResultField(name="iterations", shape=lambda c: whole(c.widths.iteration_bits), scope="region",
                 doc="iterations done", places=(Place(word=2),)),
-    ResultField(name="sums", shape=sums_shape, scope="region", default=None, nothing=(0,) * len(SUMS),
+    ResultField(name="sums", shape=sums_shape, scope="region", default=None, nothing=(0,) * 5,
                 doc="sums of the last iteration; 0 in a degenerate batch", read=lambda *raw: raw,
                 places=(*_long(18, "RESULT_SUM_I", "_i", "ΣI of the last iteration, raw; 0 in a degenerate batch"),
                         *_long(20, "RESULT_SUM_DX", "_dx", "ΣDx"), *_long(22, "RESULT_SUM_DY", "_dy", "ΣDy"),
@@ -226,7 +223,7 @@ def decode(config, values, *more):
     """
     found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
     if Flag.DEGENERATE in found["flags"]:
-        found["sums"] = (0,) * len(SUMS)  # the core's mean nothing then
+        found["sums"] = (0,) * len(found["sums"])  # the core's mean nothing then
     return found
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..fixed import saturate
+from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
 
@@ -120,10 +120,26 @@ def _field_of(config, name):
     return type(config).__dataclass_fields__[name]
 
 
+def with_rotation(config):
+    """Only with ``motion="rotation"``."""
+    return config.motion == "rotation"
+
+
+def velocity_shape(config):
+    """The motion's parameters."""
+    return {parameter.name: parameter.fmt for parameter in config.motion_model.parameters}
+
+
 def _start(config):
-    """Raw start velocity."""
-    start = (config.v_start_x, config.v_start_y) if config.start == "given" else (0.0, 0.0)
-    return tuple(config.formats.v.raw(axis) for axis in start)
+    """Raw start velocity; what is no translation starts at 0."""
+    start = {"x": config.v_start_x, "y": config.v_start_y} if config.start == "given" else {}
+    return tuple(parameter.fmt.raw(start.get(parameter.name, 0.0)) for parameter in config.motion_model.parameters)
+
+
+def _place(config):
+    """A position on the sensor, in quarters of a pixel."""
+    geometry, frac = config.geometry, config.motion_model.place_frac
+    return pair(*(Q(bits, frac, signed=False) for bits in (geometry.x_bits, geometry.y_bits)))
 
 
 def _plan_shape(config):
@@ -194,7 +210,7 @@ SETTINGS = (
             places=(Place(word=7, register="START_MODE", field="LAST", width=1,
                           doc="1: the last batch's v; 0: V_START_X, V_START_Y",
                           register_doc="start velocity of a batch"),)),
-    Setting(name="v_start", shape=lambda c: pair(c.formats.v), asked=_start, doc="start velocity, raw",
+    Setting(name="v_start", shape=velocity_shape, asked=_start, doc="start velocity, raw",
             unit="px/half batch",
             places=(Place(word=8, register="V_START_X", part="_x", unit="", doc="start velocity along x, raw"),
                     Place(word=9, register="V_START_Y", part="_y", unit="", doc="start velocity along y, raw"))),
@@ -216,9 +232,14 @@ SETTINGS = (
             places=(Place(word=19, field="ENABLE", width=1),)),
     Setting(name="background_us", field="background_us", high=lambda c: c.widths.background_us_max, default=0,
             when=with_background, places=(Place(word=20),)),
-    Setting(name="camera", shape=lambda c: whole(1), when=with_undistortion, default=(), asked=lambda c: c.lens,
-            raw=lambda c, s: bool(s.camera), doc="1: undistort, as the table of nodes says",
+    Setting(name="camera", shape=lambda c: whole(1), when=with_undistortion, default=(),
+            asked=lambda c: c.motion_model.lens(c), raw=lambda c, s: bool(s.camera),
+            doc="1: undistort, as the table of nodes says",
             places=(Place(word=21, field="ENABLE", width=1),)),
+    Setting(name="centre", when=with_rotation, shape=_place, unit="px",
+            raw=lambda c, s: c.motion_model.centre(s.camera), doc="principal point, raw: quarters of a pixel"),
+    Setting(name="curve", when=with_rotation, shape=lambda c: whole(c.motion_model.curve_bits),
+            raw=lambda c, s: c.motion_model.curve(s.camera), doc="2^27/f² of the focal length f in px"),
 )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .results import SUMS, trace_shape
+from .results import trace_shape
 from .shapes import leaves
 
 
@@ -16,10 +16,10 @@ class Trace:
     the float engine. ``v`` has T + 1 rows: the one that each iteration used, and the result.
     """
 
-    v: np.ndarray  # [T + 1, 2]
+    v: np.ndarray  # [T + 1, parameters of the motion]
     sum_i: np.ndarray  # [T]
     sum_d: np.ndarray  # [T, 2]
-    s: np.ndarray  # [T, 2]
+    s: np.ndarray  # [T, parameters]
 
     def __eq__(self, other):
         return isinstance(other, Trace) and all(
@@ -30,21 +30,23 @@ class Trace:
     def without_iterations(cls, v):
         """Of a batch that leaves the velocity at ``v``: T = 0."""
         v = np.array([v])
-        none = np.zeros((0, 2), v.dtype)
-        return cls(v=v, sum_i=none[:, 0], sum_d=none, s=none)
+        none = v[:0]
+        return cls(v=v, sum_i=none[:, 0], sum_d=none[:, :2], s=none)
 
     @classmethod
     def of_ports(cls, config, rows, v):
         """Of the trace ports' values, int64 [T, :func:`columns`], and the raw v of the result."""
         at = {name: k for k, name in enumerate(columns(config))}
-        vs, d, s = (rows[:, [at[f"{axis}x"], at[f"{axis}y"]]] for axis in ("v_", "sums_d", "sums_s"))
+        names = config.motion_model.names
+        parts = ("v_", names), ("sums_d", ("x", "y")), ("sums_s", names)
+        vs, d, s = (rows[:, [at[prefix + name] for name in those]] for prefix, those in parts)
         return cls(v=np.vstack([vs, [v]]), sum_i=rows[:, at["sums_i"]], sum_d=d, s=s)
 
     @property
     def last_sums(self):
-        """ΣI, ΣDx, ΣDy, Σ I·Dx, Σ I·Dy of the last iteration; zeros if there was none."""
+        """ΣI, ΣDx, ΣDy, and Σ I·D of each parameter, of the last iteration; zeros if there was none."""
         if not len(self.sum_i):
-            return (0,) * len(SUMS)
+            return (0,) * (3 + self.s.shape[1])
         return (self.sum_i[-1].item(), *self.sum_d[-1].tolist(), *self.s[-1].tolist())
 
 

@@ -22,8 +22,8 @@ class Sequence(ABC):
 
     Attributes
     ----------
-    v : pair of numbers
-        Velocity of the last batch; zero after a reset.
+    v : tuple of numbers
+        Velocity of the last batch, the parameters of its motion; zero after a reset.
     followed : bool
         Whether ``v`` is that of an object that is being followed. A new ROI, a degenerate batch or a reset ends it.
     doubtful : bool
@@ -40,7 +40,7 @@ class Sequence(ABC):
 
     def __init__(self, config, pixel):
         self.config = config
-        self.v = (self.number(config.formats.v, 0),) * 2
+        self.v = (self.number(config.formats.v, 0),) * len(config.motion_model.names)
         self.followed = self.doubtful = False
         self.follower = RoiFollower(config, pixel)
         self.noise_filter = NoiseFilter(config)
@@ -78,12 +78,13 @@ class Sequence(ABC):
         if self.followed:
             if not warm:
                 self.v = tuple(self.number(config.formats.v, axis) for axis in settings.v_start)
-            trace, found, fields = self.ascend(batch, settings, plan)
+            trace, found, fields = self.ascend(batch, settings, plan, roi)
             flags |= found
             judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
             self.v = tuple(trace.v[-1].tolist())
             gain = self.number(config.formats.roi_gain, settings.roi_gain)
-            step = tuple(gain * axis for axis in self.v)
+            moved = {p.moves_roi: v for p, v in zip(config.motion_model.parameters, self.v, strict=True)}
+            step = tuple(gain * moved.get(axis, 0 * gain) for axis in ("x", "y"))
         else:
             trace = Trace.without_iterations(self.v)
             flags |= Flag.DEGENERATE
@@ -111,8 +112,9 @@ class Sequence(ABC):
         """A raw value of a format, as this model computes with it."""
 
     @abstractmethod
-    def ascend(self, batch, settings, plan):
+    def ascend(self, batch, settings, plan, roi):
         """``(Trace, flags, fields)`` of the iterations over a :class:`~.ingest.TakenIn`, from ``v`` on.
 
+        ``roi`` is the corner of the batch, px.
         ``fields`` of the result tell how sure v is, where the hardware can.
         """

@@ -213,7 +213,7 @@ class Core(CycleFormula, wiring.Component):
         ]
         for lane in self.lanes:
             v = self.ascent.warped if self.config.confidence else self.ascent.v
-            lane.scale_and_warp(m, batch.span, self.reciprocal, v, self.ascent.level)
+            lane.scale_and_warp(m, batch, self.reciprocal, v, self.ascent.level)
         m.d.comb += [
             image.clear.eq(self.ingest_control.clear),
             self.ingest_control.cleared.eq(self._cleared(m)),

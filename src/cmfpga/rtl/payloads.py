@@ -6,9 +6,9 @@ from amaranth.hdl import Const, Shape, ShapeCastable, Value
 from amaranth.lib import data, stream
 
 from ..config.schedule import STRIDES
-from ..fixed import Q, bits_for
+from ..fixed import Q, bits_for, signed_bits_for
 from ..protocol.results import curvature_shape, fields_of, squares_shape, sums_shape, trace_shape
-from ..protocol.settings import settings_of
+from ..protocol.settings import settings_of, velocity_shape
 
 #: Width of a stride's logarithm.
 STRIDE_BITS = bits_for(len(STRIDES) - 1)
@@ -123,7 +123,34 @@ def dithered_event(config):
 def scaled_event(config):
     """An event with its scaled time."""
     members = dithered_event(config).members
-    return data.StructLayout({"dt": Fixed(config.formats.dt), "x": members["x"], "y": members["y"], "last": 1})
+    return data.StructLayout(
+        {"dt": Fixed(config.formats.dt), "x": members["x"], "y": members["y"], "last": 1, **with_basis(config)}
+    )
+
+
+def basis(config):
+    """What the motion makes of an event's position."""
+    return data.StructLayout({name: Fixed(q) for name, q in config.motion_model.basis.items()})
+
+
+def with_basis(config, member=lambda layout: layout):
+    """The member ``basis`` of what travels with an event, where the motion has one."""
+    return {"basis": member(basis(config))} if config.motion_model.basis else {}
+
+
+def displacement(config):
+    """How far an event moves along x and y in half a batch."""
+    return data.StructLayout(dict.fromkeys(("x", "y"), Fixed(config.formats.flow)))
+
+
+def growth(config):
+    """What an event adds to Σ I·D along an axis."""
+    return of_width(signed_bits_for(config.widths.growth_max), config.weight_frac + config.derivative_frac)
+
+
+def moments(config):
+    """S of each parameter of the motion."""
+    return of_parameters(config, sums(config)["sx"].shape)
 
 
 def warped_event(config):
@@ -134,6 +161,7 @@ def warped_event(config):
             "x": Fixed(config.formats.position_x),
             "y": Fixed(config.formats.position_y),
             "last": 1,
+            **with_basis(config),
         }
     )
 
@@ -145,17 +173,17 @@ def votes(config):
             "valid": 1,
             "address": config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
             "i": Fixed(Q(1, config.weight_frac, signed=False)),
-            **of_parameters(config, Fixed(Q(1, config.derivative_frac)), prefix="d"),
+            **dict.fromkeys(("dx", "dy"), Fixed(Q(1, config.derivative_frac))),
         }
     )
-    return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1})
+    return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1, **with_basis(config)})
 
 
 def pixel(config):
     """One pixel of the three images."""
     derivative = of_width(config.widths.derivative_image_bits, config.derivative_frac)
     i = of_width(config.widths.image_bits, config.weight_frac, signed=False)
-    return data.StructLayout({"i": i, **of_parameters(config, derivative, prefix="d")})
+    return data.StructLayout({"i": i, "dx": derivative, "dy": derivative})
 
 
 def sweep_address(config):
@@ -216,20 +244,19 @@ def curvature(config):
     return shaped(curvature_shape(config))
 
 
-def of_parameters(config, shape, prefix=""):
-    """Members of a layout: a number of this shape for each parameter of the motion."""
-    return {prefix + name: shape for name in config.motion.names}
+def of_parameters(config, shape):
+    """A number of this shape for each parameter of the motion."""
+    return data.StructLayout(dict.fromkeys(config.motion_model.names, shape))
 
 
 def gradient(config):
-    """G = P·S − ΣI·ΣD of each parameter of the motion."""
-    width, fraction = config.widths.g_bits, config.weight_frac + config.derivative_frac
-    return data.StructLayout(of_parameters(config, of_width(width, fraction)))
+    """G = P·S − ΣI·ΣD of each parameter of the motion; S, where ΣD = 0."""
+    return of_parameters(config, of_width(config.widths.g_bits, config.widths.s_frac))
 
 
 def velocity(config):
     """The parameters of the motion, raw; of a translation, pixels per half batch, ``config.formats.v``."""
-    return data.StructLayout({parameter.name: Fixed(parameter.fmt) for parameter in config.motion.parameters})
+    return shaped(velocity_shape(config))
 
 
 def roi_corner(config):

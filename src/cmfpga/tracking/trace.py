@@ -177,7 +177,7 @@ class BatchTrace:
             "iwe_dy": done.images.dy.numpy()[:rows, :columns],
             "sum_i": done.sums.i,
             "sum_d": np.array([done.sums.dx, done.sums.dy], np.int64),
-            "s": np.array([done.sums.sx, done.sums.sy], np.int64),
+            "s": np.array(done.sums.s, np.int64),
             "g": np.array(done.g),  # may be wider than 64 bits
         }
         weight, derivative = 2.0**-config.weight_frac, 2.0**-config.derivative_frac

@@ -42,7 +42,7 @@ def check(config, items, spacing=None, seed=0):
         for cycle in script[at - block.lead : at + 1]:
             cycle["i.payload"] |= {"i": sums.i, "dx": sums.dx, "dy": sums.dy}
         script[at]["i.valid"] = 1
-        script[at]["i.payload"] |= {"sx": sums.sx, "sy": sums.sy}
+        script[at]["i.payload"] |= dict(zip(("sx", "sy"), sums.s, strict=True))
     recording = play(block, script)
     expected = [dict(zip("xy", gradient(config, sums), strict=True)) for sums in items]
     assert recording.values() == expected
@@ -52,7 +52,7 @@ def check(config, items, spacing=None, seed=0):
 
 def random_sums(config, rng, count):
     columns = [edge_integers(rng, low, high, count).tolist() for low, high in bounds(config)]
-    return [Sums(*values) for values in zip(*columns, strict=True)]
+    return [Sums(*values[:3], values[3:]) for values in zip(*columns, strict=True)]
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -68,7 +68,7 @@ def test_exact_at_the_bounds(name):
     config = SHAPES[name]
     extremes = [sorted({low, 0, high}) for low, high in bounds(config)]
     # y takes the opposite of x, which halves the number of combinations without losing one.
-    items = [Sums(i, dx, -dx, sx, -sx) for i, dx, sx in itertools.product(extremes[0], extremes[1], extremes[3])]
+    items = [Sums(i, dx, -dx, (sx, -sx)) for i, dx, sx in itertools.product(extremes[0], extremes[1], extremes[3])]
     recording = check(config, items)
     came = [value for item in recording.values() for value in item.values()]
     assert max(came) == config.widths.g_max and min(came) == -config.widths.g_max

@@ -74,7 +74,7 @@ def check(config, batches, *, spacing=0, seed=0):
             for _ in range(2):
                 cycle()
             moved = [
-                sign_updater(config, axis_v, axis_g, log2_step=shift - config.formats.v.f)
+                sign_updater(config.formats.v, axis_v, axis_g, log2_step=shift - config.formats.v.f)
                 for axis_v, axis_g in zip(v, g, strict=True)
             ]
             v = moved[0][0], moved[1][0]

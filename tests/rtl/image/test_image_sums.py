@@ -55,7 +55,9 @@ class RegisterImage(ImageSums):
         with m.If(done):
             sums = self.sums.payload
             m.d.sync += [sums[name].eq(sum(pixel[name] for pixel in flat)) for name in ("i", "dx", "dy")]
-            m.d.sync += [sums[f"s{p}"].eq(sum(pixel.i * pixel[f"d{p}"] for pixel in flat)) for p in config.motion.names]
+            m.d.sync += [
+                sums[f"s{p}"].eq(sum(pixel.i * pixel[f"d{p}"] for pixel in flat)) for p in config.motion_model.names
+            ]
         m.d.comb += [
             self.complete.eq(delay(m, done, self.sweep_cycles - 1, name="complete", valid=True)),
             self.sums.valid.eq(delay(m, done, Gradient.lead + 1, name="valid", valid=True)),

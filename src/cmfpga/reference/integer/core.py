@@ -14,6 +14,7 @@ from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
 from .lanes import waits
+from .motion import basis, flow, moments
 from .sign import sign_updater
 from .time_scaler import time_scaler
 from .voter import voter
@@ -24,17 +25,17 @@ from .warp import warp
 class IntegerIteration:
     """Every intermediate of one iteration, raw integers."""
 
-    v: tuple[int, int]
+    v: tuple[int, ...]
     images: Images
     sums: Sums
-    g: tuple[int, int]
-    v_next: tuple[int, int]
+    g: tuple[int, ...]
+    v_next: tuple[int, ...]
 
 
-#: By the value of ``ascent``: the step of one axis from raw v, ``(next v, saturated)``.
+#: By the value of ``ascent``: the step of one parameter from raw v, ``(next v, saturated)``.
 STEPS = {
-    "constant": lambda config, v, g, eta, entry: updater(config, v, g, gain=gain(config, eta)),
-    "sign": lambda config, v, g, eta, entry: sign_updater(config, v, g, log2_step=entry.log2_step),
+    "constant": lambda config, fmt, v, g, eta, entry: updater(config, v, g, gain=gain(config, eta)),
+    "sign": lambda config, fmt, v, g, eta, entry: sign_updater(fmt, v, g, log2_step=entry.log2_step),
 }
 
 
@@ -68,22 +69,25 @@ class IntegerCore(Sequence):
 
     @property
     def velocity(self):
-        return tuple(self.config.formats.v.real(axis) for axis in self.v)
+        return tuple(self.config.formats.v.real(one) for one in self.v)
 
     def number(self, fmt, raw):
         return raw
 
-    def ascend(self, batch, settings, plan):
+    def ascend(self, batch, settings, plan, roi):
         config = self.config
         self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
         x, y = dither(config, batch.x, batch.y)
+        b = basis(config, x, y, roi=roi, camera=settings.camera)
         velocities, sums, flags = [self.v], [], Flag(0)
         for k, entry in enumerate(plan):
-            events = (axis[used(entry, k, len(x))] for axis in (x, y, self.dt))
-            done, saturated = self.iterate(*events, velocities[-1], entry=entry, eta=settings.eta)
+            part = used(entry, k, len(x))
+            events = (axis[part] for axis in (x, y, self.dt))
+            its = {name: member[part] for name, member in b.items()}
+            done, saturated = self.iterate(*events, velocities[-1], entry=entry, eta=settings.eta, b=its)
             flags |= Flag.SATURATED if saturated else Flag(0)
             velocities.append(done.v_next)
-            sums.append(done.sums)
+            sums.append((*done.sums[:3], *done.sums.s))
             if self._keep:
                 self.iterations.append(done)
         judged = {}
@@ -98,22 +102,24 @@ class IntegerCore(Sequence):
             flags |= doubt
         table = np.array(sums, np.int64)
         v = np.array(velocities, np.int64)
-        return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:5]), flags, judged
+        return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:]), flags, judged
 
-    def iterate(self, x, y, dt, v, *, entry, eta=0):
+    def iterate(self, x, y, dt, v, *, entry, eta=0, b=None):
         """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
 
         ``x`` and ``y`` have ``dithered_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
-        ``eta`` raw.
+        ``eta`` raw; ``b`` the events' :func:`basis`.
         """
         config, level = self.config, entry.level
-        votes = voter(config, *warp(config, x, y, dt, v, level), dt, level)
+        votes = voter(config, *warp(config, x, y, dt, flow(config, v, b), level), dt, level)
         if self.count_waits and config.lanes > 1:
             self.waited += waits(config, votes)
         images = accumulator(config, votes)
         sums = gradient_reader(images)
+        if b:
+            sums = sums._replace(s=tuple(moments(config, votes, b)))
         g = gradient(config, sums)
         step = STEPS[config.ascent]
-        steps = [step(config, axis_v, axis_g, eta, entry) for axis_v, axis_g in zip(v, g, strict=True)]
-        (vx, saturated_x), (vy, saturated_y) = steps
-        return IntegerIteration(tuple(v), images, sums, g, (vx, vy)), saturated_x or saturated_y
+        each = zip((parameter.fmt for parameter in config.motion_model.parameters), v, g, strict=True)
+        found, saturated = zip(*(step(config, *parameter, eta, entry) for parameter in each), strict=True)
+        return IntegerIteration(tuple(v), images, sums, g, found), any(saturated)

@@ -9,16 +9,20 @@ class Sums(NamedTuple):
     i: int  # ΣI
     dx: int  # ΣDx
     dy: int  # ΣDy
-    sx: int  # Σ I·Dx
-    sy: int  # Σ I·Dy
+    s: tuple[int, ...]  # Σ I·D of each parameter of the motion
 
 
 def gradient_reader(images):
     """The sums that the gradient is made of."""
     i, dx, dy = images
-    return Sums(*(int(total) for total in (i.sum(), dx.sum(), dy.sum(), (i * dx).sum(), (i * dy).sum())))
+    return Sums(*(int(total) for total in (i.sum(), dx.sum(), dy.sum())), (int((i * dx).sum()), int((i * dy).sum())))
 
 
 def gradient(config, sums):
-    """(Gx, Gy), G = P·S − ΣI·ΣD: Eq. C_v_x with the means multiplied out, ∂C/∂v = 2·G/P² in raw units."""
-    return config.geometry.pixels * sums.sx - sums.i * sums.dx, config.geometry.pixels * sums.sy - sums.i * sums.dy
+    """(Gx, Gy), G = P·S − ΣI·ΣD: Eq. C_v_x with the means multiplied out, ∂C/∂v = 2·G/P² in raw units.
+
+    Of another motion than translation S itself, since ΣD = 0 where only whole cells have derivatives.
+    """
+    if config.motion_model.basis:
+        return sums.s
+    return tuple(config.geometry.pixels * s - sums.i * d for s, d in zip(sums.s, (sums.dx, sums.dy), strict=True))

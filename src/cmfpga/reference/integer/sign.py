@@ -3,9 +3,9 @@
 from ...fixed import saturate
 
 
-def sign_updater(config, v, g, *, log2_step):
-    """One step v + 2^log2_step · sign(G) along one axis: (next raw v, whether it was limited to its format)."""
-    step = 1 << (log2_step + config.formats.v.f)
+def sign_updater(fmt, v, g, *, log2_step):
+    """One step v + 2^log2_step · sign(G) of one parameter: (next raw v, whether it was limited to its format)."""
+    step = 1 << (log2_step + fmt.f)
     target = v + step * ((g > 0) - (g < 0))
-    limited = saturate(target, config.formats.v.min, config.formats.v.max)
+    limited = saturate(target, fmt.min, fmt.max)
     return limited, limited != target

@@ -12,8 +12,8 @@ def warp(config, x, y, dt, v, level=0):
         Columns and rows in the ROI, with ``dithered_frac`` fraction bits.
     dt : int64 tensor, [n]
         Raw ``config.formats.dt``.
-    v : pair of int
-        Raw ``config.formats.v``.
+    v : pair of int, or of int64 tensors [n]
+        Along x and y, with ``v_frac`` fraction bits.
     level : int
         Pixels are 2^level px wide: x'' = (x' + ½)/2^level − ½.
 

@@ -81,7 +81,7 @@ class Ascent(wiring.Component):
         self.config = config
         layout, probes = payloads.velocity(config), bool(config.confidence)
         probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout), "restarted": Out(1)} if probes else {}
-        self.velocity = Velocity(layout, config.formats.v, target_bits=target_bits, probes=probes)
+        self.velocity = Velocity(layout, target_bits=target_bits, probes=probes)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.gradient(config))),

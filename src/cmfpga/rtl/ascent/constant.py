@@ -31,7 +31,7 @@ class ConstantAscent(Ascent):
         _, mantissa = config.widths.gradient_scale
         gain = Signal(config.formats.gain.width, reset_less=True)
         m.d.sync += gain.eq(round_half_up(run.settings.eta * mantissa, 8))
-        clipped = [self._target(m, name, gain) for name in config.motion.names]
+        clipped = [self._target(m, name, gain) for name in config.motion_model.names]
         m.d.comb += [
             self.velocity.move.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
             self.velocity.clipped.eq(Cat(*clipped).any()),

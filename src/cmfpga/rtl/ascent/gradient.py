@@ -14,6 +14,8 @@ class Gradient(wiring.Component):
     Every gradient architecture ends here. ΣI·ΣD is ready when S arrives, because its factors are final ``lead``
     cycles earlier. P is a constant; where it is a power of two, P·S is a shift and costs no cycle.
 
+    In a motion beyond translation only whole cells have derivatives, so that ΣD = 0: G is S, at once.
+
     One item per ``lead`` cycles; latency :attr:`latency` cycles.
 
     Parameters
@@ -36,6 +38,8 @@ class Gradient(wiring.Component):
         self.config = config
         self._early = lead > self.lead
         self.latency = 1 if self._is_shift(config.geometry.pixels) else 1 + self.lead
+        if config.motion_model.basis:
+            self.latency = 0
         super().__init__(
             {"i": In(payloads.flow(payloads.sums(config))), "o": Out(payloads.flow(payloads.gradient(config)))}
         )
@@ -43,6 +47,10 @@ class Gradient(wiring.Component):
     def elaborate(self, platform):
         config = self.config
         m = Module()
+        if not self.latency:
+            m.d.comb += self.o.valid.eq(self.i.valid)
+            m.d.comb += [self.o.payload[name].eq(self.i.payload[f"s{name}"]) for name in config.motion_model.names]
+            return m
         for name, means in self._means(m).items():
             means = delay(m, means, self.latency - 1, name=f"means_{name}")
             scaled = self.i.payload[f"s{name}"] * config.geometry.pixels
@@ -60,8 +68,10 @@ class Gradient(wiring.Component):
         """
         config, sums = self.config, self.i.payload
         shape = signed(config.widths.sum_i_bits + config.widths.sum_d_bits)
-        if config.widths.sum_i_bits < 18 and config.widths.sum_d_bits <= 27 and len(config.motion.names) == 2:  # signed
-            means = {name: Signal(shape, name=f"means_{name}", reset_less=True) for name in config.motion.names}
+        if (
+            config.widths.sum_i_bits < 18 and config.widths.sum_d_bits <= 27 and len(config.motion_model.names) == 2
+        ):  # signed
+            means = {name: Signal(shape, name=f"means_{name}", reset_less=True) for name in config.motion_model.names}
             first, second = means
             turn = Signal()
             product = Signal(shape, reset_less=True)
@@ -76,7 +86,7 @@ class Gradient(wiring.Component):
             return means
         return {
             name: wide_product(m, sums.i, sums[f"d{name}"], self.lead, name=f"means_{name}")
-            for name in config.motion.names
+            for name in config.motion_model.names
         }
 
     @staticmethod

@@ -1,6 +1,6 @@
 """ROI updater: holds the ROI's position and moves it with the object."""
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -80,7 +80,8 @@ class RoiUpdater(wiring.Component):
         with m.If(self.move & self.still):
             m.d.sync += gain.eq(0)
         move_s2 = delay(m, running[-1], 2, name="move", valid=True)
-        v = {parameter.moves_roi: self.v[parameter.name] for parameter in config.motion.parameters}
+        still = dict.fromkeys(("x", "y"), Const(0, signed(config.formats.v.width)))
+        v = still | {parameter.moves_roi: self.v[parameter.name] for parameter in config.motion_model.parameters}
         out_of_range, moved_out = [], []
         for axis, wanted, limit, fmt in (
             ("x", self.x, config.geometry.roi_x_max, config.formats.roi_x),

@@ -61,19 +61,19 @@ class SignAscent(Ascent):
             self.stride.eq(schedule.stride),
             self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
         ]
-        clipped = [self._target(m, name) for name in self.config.motion.names]
+        clipped = [self._target(m, parameter.name, parameter.fmt) for parameter in self.config.motion_model.parameters]
         m.d.comb += self.velocity.clipped.eq(Cat(*clipped).any())
         return m
 
-    def _target(self, m, name):
+    def _target(self, m, name, fmt):
         """Where one parameter is to go; returns whether that was limited."""
-        v, fmt, g = self.v[name], self.config.formats.v, self.i.payload[name]
+        v, g = self.v[name], self.i.payload[name]
 
         def register(shape, what):
             return Signal(shape, name=f"{what}_{name}", reset_less=True)
 
         # Long before the gradient: v up and down, because v and the step stand.
-        step = register(fmt.width - 1, "step")
+        step = register(self.config.formats.v.width - 1, "step")
         m.d.sync += step.eq(1 << self.schedule.shift)
         ways = []
         for way, target in (("up", v + step), ("down", v - step)):

@@ -16,9 +16,7 @@ class Velocity(wiring.Component):
     Parameters
     ----------
     layout : StructLayout
-        Of v: a member for each parameter.
-    fmt : Q
-        The format of each; they saturate.
+        Of v: a member for each parameter, a :class:`~cmfpga.rtl.payloads.Fixed`, which saturates.
     target_bits : int
         Width of a target, two's complement.
     probes : bool
@@ -48,8 +46,7 @@ class Velocity(wiring.Component):
 
     latency = 1
 
-    def __init__(self, layout, fmt, *, target_bits, probes=False):
-        self.fmt = fmt
+    def __init__(self, layout, *, target_bits, probes=False):
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "load", "move", "clipped"), In(1)),
@@ -65,17 +62,18 @@ class Velocity(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         limited = self.clipped
-        for name in self.v.shape().members:
+        for name, shape in self.v.shape().members.items():
+            fmt = shape.q
             v, target = self.v[name], self.target[name]
             registers = [v, self.warped[name]] if hasattr(self, "warped") else [v]
             with m.If(self.load):
                 m.d.sync += [register.eq(self.start[name]) for register in registers]
             with m.Elif(self.move):
-                m.d.sync += [register.eq(saturate(target, self.fmt.min, self.fmt.max)) for register in registers]
+                m.d.sync += [register.eq(saturate(target, fmt.min, fmt.max)) for register in registers]
             if hasattr(self, "warped"):
                 with m.If(self.probe.valid):
                     m.d.sync += self.warped[name].eq(self.probe.payload[name])
-            limited |= (target > self.fmt.max) | (target < self.fmt.min)
+            limited |= (target > fmt.max) | (target < fmt.min)
         m.d.sync += self.moved.eq(self.move)
         with m.If(self.new_batch):
             m.d.sync += self.saturated.eq(0)

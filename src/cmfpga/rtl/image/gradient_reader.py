@@ -56,7 +56,7 @@ class GradientReader(wiring.Component):
             accumulate(m, [pixel[name] for pixel in pixels], sums[name], first, self.i.valid, name=name)
         first = delay(m, first, self.lead, name="first_product")
         active = delay(m, self.i.valid, self.lead, name="active_product", valid=True)
-        for name in self.config.motion.names:
+        for name in self.config.motion_model.names:
             products = [
                 wide_product(m, pixel.i, pixel[f"d{name}"], self.lead, name=f"product_{name}_{n}")
                 for n, pixel in enumerate(pixels)

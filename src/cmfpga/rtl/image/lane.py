@@ -4,6 +4,7 @@ from amaranth.hdl import EnableInserter
 from amaranth.lib.wiring import connect
 
 from ...protocol.settings import by_signs
+from .basis import Basis
 from .dither import Dither
 from .time_scaler import TimeScaler
 from .voter import BilinearVoter
@@ -31,11 +32,15 @@ class Lane:
         self.blocks = {"dither": Dither(config, number)} if config.dither_frac else {}
         self.blocks |= {"time_scaler": TimeScaler(config), "warp": Warp(config), "voter": BilinearVoter(config)}
         self.latency = sum(block.latency for block in self.blocks.values())
+        self.basis = Basis(config) if config.motion_model.basis else None
 
     @property
     def boxes(self):
         """The blocks by their names in the core."""
-        return {f"{name}_{self.number}" if self.number else name: block for name, block in self.blocks.items()}
+        basis = {"basis": self.basis} if self.basis else {}
+        return {
+            f"{name}_{self.number}" if self.number else name: block for name, block in (basis | self.blocks).items()
+        }
 
     def pausing(self, block, room):
         """What is to be elaborated of a block: with other lanes, all stand still where there is no room."""
@@ -46,22 +51,31 @@ class Lane:
         replayed, votes = buffer.o, image.votes
         if self.config.lanes > 1:
             replayed, votes = replayed[self.number], votes[self.number]
-        for block in self.blocks.values():
+        for name, block in self.blocks.items():
+            if name == "time_scaler" and self.basis:
+                m.d.comb += [getattr(self.basis, axis).eq(replayed.payload[axis]) for axis in ("x", "y")]
+                m.d.comb += block.basis.eq(self.basis.o)
             connect(m, replayed, block.i)
             replayed = block.o
         connect(m, replayed, votes)
 
-    def scale_and_warp(self, m, span, reciprocal, v, level):
+    def scale_and_warp(self, m, batch, reciprocal, v, level):
         """What is the same for all events of an iteration."""
         scaler, warp, voter = (self.blocks[name] for name in ("time_scaler", "warp", "voter"))
         m.d.comb += [
-            scaler.span.eq(span),
+            scaler.span.eq(batch.span),
             scaler.shift.eq(reciprocal.shift),
             scaler.mantissa.eq(reciprocal.mantissa),
             warp.v.eq(v),
             warp.level.eq(level),
             voter.level.eq(level),
         ]
+        if hasattr(self.basis, "centre"):
+            m.d.comb += [
+                self.basis.centre.eq(batch.settings.centre),
+                self.basis.curve.eq(batch.settings.curve),
+                self.basis.corner.eq(batch.roi),
+            ]
 
     def dither_as(self, m, first):
         """The sequence of the dither is that of the ``first`` lane."""

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from .. import payloads
 from ..arithmetic import delay
+from .moments import Moments
 
 
 class OnePassGradient(wiring.Component):
@@ -17,6 +18,8 @@ class OnePassGradient(wiring.Component):
     The two corners of a cell's row have opposite ∂w/∂vx, those of a column opposite ∂w/∂vy. So the four I·d of an axis
     are two products, each of a difference of two I; with the four w·(D + d) that makes twelve products a cycle, narrow
     ones: a full pixel by a vote. The differences and the sums of two products fit the adders inside the DSPs.
+
+    In a motion beyond translation an event's increments go on to the :class:`~.moments.Moments`, two cycles more.
 
     One event per cycle; the sums are valid :attr:`latency` cycles after the last votes enter the accumulator, and ΣI,
     ΣDx and ΣDy final :attr:`lead` cycles earlier at the latest.
@@ -44,7 +47,10 @@ class OnePassGradient(wiring.Component):
     def __init__(self, config, *, accumulator_latency):
         self.config = config
         self.accumulator_latency = accumulator_latency
-        self.latency = accumulator_latency + self._stages
+        self.moments = None
+        if config.motion_model.basis:
+            self.moments = Moments(config, payloads.growth(config))
+        self.latency = accumulator_latency + self._stages + (Moments.latency - 1 if self.moments else 0)
         #: Cycles by which the plain sums, which take two, are final before the sums of products.
         self.lead = self.latency - 2
         super().__init__(
@@ -64,11 +70,23 @@ class OnePassGradient(wiring.Component):
             m.d.sync += first.eq(votes.last)
         begin = delay(m, self.votes.valid & first, 1, name="begin", valid=True)
         self._sum_votes(m, begin)
-        begin = delay(m, begin, self.latency - 2, name="begin_products", valid=True)
+        begin = delay(m, begin, self.accumulator_latency + self._stages - 2, name="begin_products", valid=True)
+        grown = {}
         for axis, pairs in (("x", ((0, 1), (2, 3))), ("y", ((0, 2), (1, 3)))):
             growth = [self._growth(m, axis, *pair) for pair in pairs]
-            # Stage 4: sum.
-            self._total(m, sums[f"s{axis}"], growth[0] + growth[1], begin)
+            grown[axis] = growth[0] + growth[1]
+            if not self.moments:
+                # Stage 4: sum.
+                self._total(m, sums[f"s{axis}"], grown[axis], begin)
+        if self.moments:
+            m.submodules.moments = moments = self.moments
+            until = self.accumulator_latency + self._stages - 1
+            m.d.comb += [
+                *(getattr(moments, f"growth_{axis}").eq(value) for axis, value in grown.items()),
+                moments.basis.eq(delay(m, votes.basis, until, name="basis")),
+                moments.begin.eq(begin),
+                *(sums[f"s{name}"].eq(moments.o[name]) for name in self.config.motion_model.names),
+            ]
         if self.config.confidence:
             growth = [self._growth_of_squares(m, *pair) for pair in ((0, 1), (2, 3))]
             self._total(m, self.squares, growth[0] + growth[1], begin)

@@ -21,6 +21,8 @@ class TimeScaler(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.dithered_event`
     o : ``Out``, flow of :func:`payloads.scaled_event`
+    basis : ``In``, :func:`payloads.basis`
+        That of the event that goes out; only where the motion has one.
     span, shift, mantissa : ``In``
         The range and its reciprocal; may change only while no event is in flight.
     """
@@ -32,6 +34,7 @@ class TimeScaler(wiring.Component):
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.dithered_event(config))),
+                **payloads.with_basis(config, In),
                 "o": Out(payloads.flow(payloads.scaled_event(config))),
                 "span": In(config.span_bits),
                 "shift": In(bits_for(config.span_bits - 1)),
@@ -82,4 +85,6 @@ class TimeScaler(wiring.Component):
                 for name in ("x", "y", "last")
             ),
         ]
+        if self.config.motion_model.basis:
+            m.d.comb += self.o.payload.basis.eq(self.basis)
         return m

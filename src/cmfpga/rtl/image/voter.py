@@ -129,6 +129,8 @@ class BilinearVoter(wiring.Component):
                 bank.dx.eq(Mux(right, -dx, dx)),
                 bank.dy.eq(Mux(down, -dy, dy)),
             ]
+        if config.motion_model.basis:
+            m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, 2, name="basis"))
         m.d.sync += [self.o.valid.eq(valid_s2), self.o.payload.last.eq(delay(m, self.i.payload.last, 2, name="last"))]
         return m
 

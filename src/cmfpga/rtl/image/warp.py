@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...fixed import bits_for, floor_shift
 from .. import payloads
 from ..arithmetic import delay, saturate, select
+from .flow import Flow
 
 
 class Warp(wiring.Component):
@@ -17,7 +18,8 @@ class Warp(wiring.Component):
     subtraction).
 
     One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters, ``level``
-    two cycles later.
+    two cycles later. In a motion beyond translation each event has its own velocity, by :class:`Flow`, which takes two
+    cycles more.
 
     Members
     -------
@@ -30,7 +32,9 @@ class Warp(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self.latency = 4 if config.max_level else 3
+        self.flow = Flow(config) if config.motion_model.basis else None
+        self._moving = 4 if config.max_level else 3
+        self.latency = self._moving + (Flow.latency if self.flow else 0)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.scaled_event(config))),
@@ -43,23 +47,29 @@ class Warp(wiring.Component):
     def elaborate(self, platform):
         config = self.config
         m = Module()
+        event, v, fmt = self.i.payload, self.v, config.formats.flow
+        if self.flow:
+            m.submodules.flow = flow = self.flow
+            m.d.comb += [flow.basis.eq(event.basis), flow.v.eq(v)]
+            event = {name: delay(m, event[name], flow.latency, name=f"{name}_flow") for name in ("dt", "x", "y")}
+            v = flow.o
+        else:
+            event = {name: event[name] for name in ("dt", "x", "y")}
         frac = config.dt_frac + config.v_frac
         # Without coarse levels the halves cancel; undistorted positions come with theirs.
         half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)
         if config.formats.event_frac:
             half, scaled_half = 0, 1 << (config.position_frac - 1)
         for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
-            coordinate = self.i.payload[axis]
+            coordinate = event[axis]
             align = frac - config.formats.dithered_frac
-            product_s1 = Signal(
-                signed(config.formats.dt.width + config.formats.v.width), reset_less=True, name=f"product_{axis}_s1"
-            )
+            product_s1 = Signal(signed(config.formats.dt.width + fmt.width), reset_less=True, name=f"product_{axis}_s1")
             # Both terms at full precision: x' + ½ cannot overflow before it is clamped.
             full = signed(max(len(coordinate) + align, len(product_s1)) + 2)
             start_s1 = Signal(full, reset_less=True, name=f"start_{axis}_s1")
             inverse_s2 = Signal(full, reset_less=True, name=f"inverse_{axis}_s2")
             m.d.sync += [  # stage 1: multiply
-                product_s1.eq(self.i.payload.dt * self.v[axis]),
+                product_s1.eq(event["dt"] * v[axis]),
                 start_s1.eq((coordinate << align) + half),
             ]
             # Stage 2: subtract. a − b = ~(~a + b), because an addition is what all tools find in a DSP.
@@ -78,10 +88,13 @@ class Warp(wiring.Component):
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
             *(  # of several lanes in registers, as in the scaler
-                self.o.payload[name].eq(
-                    delay(m, self.i.payload[name], self.latency - 1, name=name, valid=config.lanes > 1)
+                value.eq(delay(m, before, cycles - 1, name=name, valid=config.lanes > 1))
+                for name, value, before, cycles in (
+                    ("dt", self.o.payload.dt, event["dt"], self._moving),
+                    ("last", self.o.payload.last, self.i.payload.last, self.latency),
                 )
-                for name in ("dt", "last")
             ),
         ]
+        if self.flow:
+            m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, self.latency - 1, name="basis"))
         return m

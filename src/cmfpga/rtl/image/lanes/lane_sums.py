@@ -87,7 +87,7 @@ class LaneSums(wiring.Component):
             grown = [self._pair(m, lane, name, *pair) for lane in range(self.config.lanes) for pair in pairs]
             self._total(m, self.sums[name], add_up(m, grown, name), begin)
         begin = delay(m, self.begin, self._ahead + self.latency - 1, name="begin_products", valid=True)
-        totals = {f"d{axis}": self.sums[f"s{axis}"] for axis in self.config.motion.names}
+        totals = {f"d{axis}": self.sums[f"s{axis}"] for axis in self.config.motion_model.names}
         if self.config.confidence:
             totals["i"] = self.squares
         for name, total in totals.items():

@@ -1,0 +1,78 @@
+"""Moments: the gradient by each parameter of a motion beyond translation."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from .. import payloads
+from ..arithmetic import delay
+
+
+class Moments(wiring.Component):
+    """S_p = Σ b_p·(what an event adds to Σ I·D), over both axes and all events.
+
+    The sum of a parameter is that of the increments that :class:`~.one_pass_gradient.OnePassGradient` has in hand, each
+    times the basis of the event that makes it. For the votes that the event meets in its pixels that is not their own
+    basis, but that of an event at most a few px away.
+
+    A multiplier for each term, as in the flow, each with an accumulator. One event per cycle; latency :attr:`latency`
+    cycles.
+
+    Parameters
+    ----------
+    config : Config
+        A motion with a basis.
+    growth : shape
+        Of an event's increment along an axis.
+
+    Members
+    -------
+    growth_x, growth_y : ``In``
+        Zero where there is no event.
+    basis : ``In``, :func:`payloads.basis`
+        With them.
+    begin : ``In(1)``
+        With an iteration's first event.
+    o : ``Out``
+        S of each parameter of the motion.
+    """
+
+    latency = 3
+
+    def __init__(self, config, growth):
+        self.config = config
+        super().__init__(
+            {
+                "growth_x": In(growth),
+                "growth_y": In(growth),
+                "basis": In(payloads.basis(config)),
+                "begin": In(1),
+                "o": Out(payloads.moments(config)),
+            }
+        )
+
+    def elaborate(self, platform):
+        motion = self.config.motion_model
+        m = Module()
+        growth = {"x": self.growth_x, "y": self.growth_y}
+        begin_s1 = delay(m, self.begin, 1, name="begin", valid=True)
+
+        def total(value, name):
+            """Stage 2: sum over the events."""
+            register = Signal(self.o[motion.names[0]].shape(), name=f"total_{name}")
+            m.d.sync += register.eq(value + Mux(begin_s1, 0, register))
+            return register
+
+        plain = {axis: total(delay(m, value, 1, name=f"own_{axis}"), axis) for axis, value in growth.items()}
+        for name in motion.names:
+            # Stage 3: join the terms.
+            s = plain[name].shift_left(motion.frac) if name in plain else 0
+            for axis, member, sign in motion.factors(name):
+                # Stage 1: multiply.
+                product_s1 = delay(m, growth[axis] * self.basis[member], 1, name=f"{name}_{axis}_{member}")
+                part = total(product_s1, f"{name}_{axis}")
+                s = s + part if sign > 0 else s - part
+            register = Signal(self.o[name].shape(), name=f"s_{name}", reset_less=True)
+            m.d.sync += register.eq(s)
+            m.d.comb += self.o[name].eq(register)
+        return m
