@@ -51,9 +51,8 @@ MUTANTS = [
     Mutant("head lost", "load.eq(waits & (self.taken | ~self.wants.any()))", "load.eq(waits)", vote_queue),
     Mutant("head again", "with m.Elif(self.taken):", "with m.Elif(self.taken & self.full):", vote_queue),
     Mutant("empty early", "self.empty.eq(~waits & ~self.wants.any())", "self.empty.eq(~waits)", vote_queue),
-    Mutant(
-        "level stays", "with m.If(~self.i.valid & load):", "with m.If(load & ~self.taken & ~self.i.valid):", vote_queue
-    ),
+    Mutant("level stays", "m.If(self.i.valid ^ load)", "m.If(self.i.valid ^ (load & ~self.taken))", vote_queue),
+    Mutant("address stays", "write.addr.eq(self._next(write.addr))", "write.addr.eq(write.addr)", vote_queue),
 ]
 
 
