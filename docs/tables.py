@@ -153,9 +153,10 @@ def cycles_table():
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
-        schedules = (config.ascent_rule.plan(BatchSettings.from_config(config), warm=False),)
         if hasattr(core, "schedule_write"):
             schedules = (config.schedules.cold, config.schedules.warm)
+        else:
+            schedules = (config.ascent_rule.plan(BatchSettings.from_config(config), warm=False),)
         ours = [core.cycles(**article.BATCH, iterations=one) for one in schedules]
         shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
         theirs = article.cycles(**article.BATCH, pixels=config.geometry.pixels, iterations=100)

@@ -51,7 +51,7 @@ def test_what_a_motion_needs(motion):
 def test_the_exact_model_holds_a_whole_sensor():
     """With quadratic terms and 32,768 events on 240×180 px; a sensor and a buffer that are too large are refused."""
     assert max(preset("rotation").widths.exact.values()) <= 63
-    with pytest.raises(ConfigError, match="needs 6[4-9] bits, more than the 63"):
+    with pytest.raises(ConfigError, match=r"needs 6[4-9] bits, more than the 63"):
         preset("rotation").replace(
             sensor_width=1280, sensor_height=720, roi_width=1280, roi_height=720, buffer_events=1 << 17,
             weight_frac=8, derivative_frac=8, tag_bits=16,

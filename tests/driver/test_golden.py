@@ -5,11 +5,12 @@ import sys
 import numpy as np
 import pytest
 
-from cmfpga.config import PRESETS, Config, preset
+from cmfpga.config import Config, preset
 from cmfpga.driver import golden
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import RESULTS
 from cmfpga.protocol.settings import clamp_roi
+from support.configs import WRAPPED
 from support.driving import CONFIG
 
 
@@ -18,7 +19,7 @@ def test_kept_results_are_current():
     assert kept == golden.json.loads(golden.json.dumps(golden.make())), "run python -m cmfpga.driver.golden"
 
 
-@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("name", WRAPPED)
 def test_the_batch_is_one_that_means_something(name):
     found, source = golden.expected_result(preset(name))
     assert source == "the integer model"

@@ -21,11 +21,14 @@ from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
-#: With lanes only the whole core, and beside it without confidence.
+#: Of these only the whole core: with lanes, and beside it without confidence; motions, and what they stand beside.
 LANES = {"fast-4": {}, "fast-4, no confidence": {"confidence": 0}}
+MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
-BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}} | json.loads(PATH.read_text(encoding="utf-8"))
+BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}, "motions": {}} | json.loads(
+    PATH.read_text(encoding="utf-8")
+)
 
 
 def fingerprint(text, row, module=resources):
@@ -69,10 +72,15 @@ def widths_of(widths):
     return current(name, BASELINES["widths"].get(name), text, lambda: resources.core(text)), text
 
 
+def core_alone(kind, name, changes):
+    """Row of a preset's core, some of its fields changed; and the text."""
+    text = emitted(preset(name.split(",")[0]).replace(**changes))[1]
+    return current(name, BASELINES[kind].get(name), text, lambda: resources.core(text)), text
+
+
 def lanes_of(name):
     """Row of a preset with lanes; and the text."""
-    text = emitted(preset(name.split(",")[0]).replace(**LANES[name]))[1]
-    return current(name, BASELINES["lanes"].get(name), text, lambda: resources.core(text)), text
+    return core_alone("lanes", name, LANES[name])
 
 
 def placed_of(name, seeds=SEEDS):
@@ -113,10 +121,11 @@ def main(what=None):
         fingerprints[name] = fingerprint(text, rows[name])
         write(BASELINES)
 
-    for name in LANES:
-        BASELINES["lanes"][name], text = lanes_of(name)
-        fingerprints[name] = fingerprint(text, BASELINES["lanes"][name])
-        write(BASELINES)
+    for kind, cores in (("lanes", LANES), ("motions", MOTIONS)):
+        for name, changes in cores.items():
+            BASELINES[kind][name], text = core_alone(kind, name, changes)
+            fingerprints[name] = fingerprint(text, BASELINES[kind][name])
+            write(BASELINES)
 
 
 def write(baselines):

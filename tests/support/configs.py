@@ -1,6 +1,6 @@
 """Configurations of blocks under test."""
 
-from cmfpga.config import Config, preset
+from cmfpga.config import PRESETS, Config, preset
 
 NARROW = {
     "dt_frac": 8, "v_frac": 6, "position_frac": 4, "weight_frac": 4, "derivative_frac": 4,
@@ -19,6 +19,9 @@ CONFIGS = {
     "fine": Config(**ODD, dt_frac=2, v_frac=1, position_frac=4, weight_frac=10, derivative_frac=9),
     "sensor": Config(**SENSOR),
 }
+
+#: The presets that the AXI top can be made with.
+WRAPPED = [name for name, config in PRESETS.items() if config.motion == "translation"]
 
 #: With coarse levels and dither, sizes that are odd or no power of two among them.
 LEVELS = {

@@ -82,6 +82,12 @@ def test_lanes_are_like_their_baselines(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", ["rotation", "similarity"])
+def test_motions_are_like_their_baselines(name):
+    assert_like_baseline(update.core_alone("motions", name, {})[0], BASELINES["motions"][name], name)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("widths", WIDTHS, ids=str)
 def test_word_widths_are_like_their_baselines(widths):
     assert_like_baseline(update.widths_of(widths)[0], BASELINES["widths"][", ".join(map(str, widths))], widths)

@@ -102,9 +102,11 @@ def _kept(config):
 
 
 def make():
-    """Content of the file, from the integer model."""
+    """Content of the file, from the integer model: of the presets that a driver can meet."""
     return {
-        name: {"hardware": config.hardware_hash, "result": model_result(config)} for name, config in PRESETS.items()
+        name: {"hardware": config.hardware_hash, "result": model_result(config)}
+        for name, config in PRESETS.items()
+        if config.motion == "translation"
     }
 
 

@@ -2,8 +2,11 @@
 
 from types import SimpleNamespace
 
+import numpy as np
+
 from ..protocol.flags import Flag
 from ..protocol.trace import Trace
+from . import flow
 from .confidence import is_doubtful, probe
 from .floating import ascend, ascend_by_signs, dither, float64, scaled_times
 from .sequence import Sequence
@@ -45,10 +48,12 @@ class FloatCore(Sequence):
             x, y = (axis + offset for axis, offset in zip((x, y), dither(len(x)), strict=True))
         return x, y, scaled_times(batch.t, 0, batch.counts["span"])
 
-    def ascend(self, batch, settings, plan):
+    def ascend(self, batch, settings, plan, roi):
         config = self.config
-        size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
         events = self.place(batch)
+        if config.motion_model.basis:
+            return self._flow(events, settings, plan, roi), Flag(0), {}
+        size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
         done = ASCENTS[config.ascent](events, settings, plan, config=config, **size, v_start=self.v)
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
         if not config.confidence:
@@ -58,3 +63,13 @@ class FloatCore(Sequence):
         kept = {"sums": trace.last_sums, "roi_events": batch.counts["roi_events"], "flags": Flag(0)}
         doubtful = is_doubtful(config, SimpleNamespace(**judged, **kept, v=trace.v[-1].tolist()))
         return trace, Flag.DOUBTFUL if doubtful else Flag(0), judged
+
+    def _flow(self, events, settings, plan, roi):
+        """The trace of a motion beyond translation, whose roll and zoom are limited as in the hardware."""
+        config = self.config
+        b = flow.basis(config, *events[:2], roi=roi, camera=settings.camera)
+        limits = float64([p.fmt.real(p.fmt.max) for p in config.motion_model.parameters])
+        size = {"width": config.roi_width, "height": config.roi_height}
+        done = flow.ascend(*events, b, v_start=self.v, schedule=plan, limits=limits, **size)
+        none = np.zeros((len(plan), 2))
+        return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=none, s=done.s.numpy())

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmfpga import __version__
-from cmfpga.config import PRESETS, Config, preset
+from cmfpga.config import Config, preset
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import Field, Register, RegisterMap, register_map
@@ -12,9 +12,10 @@ from cmfpga.protocol.registers.contract import COUNTERS
 from cmfpga.protocol.results import PACKET_BEATS
 from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.protocol.words import result_values, setting_words, split_packets
+from support.configs import WRAPPED
 
 
-@pytest.fixture(scope="module", params=PRESETS)
+@pytest.fixture(scope="module", params=WRAPPED)
 def config(request):
     return preset(request.param)
 
@@ -46,7 +47,7 @@ def test_discovery(registers, config):
 
 def test_offsets_do_not_depend_on_the_configuration():
     found = {}
-    for name in PRESETS:
+    for name in WRAPPED:
         for register in register_map(preset(name)):
             assert found.setdefault(register.name, register.offset) == register.offset
     assert len(found) > 90

@@ -1,0 +1,110 @@
+"""Motions beyond translation in float64: the same ascent by signs, of parameters whose basis depends on the position.
+
+An event at q px from the centre moves by u = Σ v_p·b_p(q) px per half batch; x' = x − dt·u (:mod:`cmfpga.config.motion`
+names the parameters). The gradient of the contrast is Σ I·∂I/∂v_p, ∂I/∂v_p the sum over events of
+−dt·b_p·∂w/∂x': :func:`slopes`. An image of that sum for each p would be needed; the hardware has one for each axis, and
+takes b_p at the event that arrives for those that were there before it: :func:`sums`.
+"""
+
+from dataclasses import dataclass
+
+import torch
+
+from ..config.schedule import used
+from .floating import accumulate, at_level, bilinear_votes, float64, level_size
+
+
+def basis(config, x, y, *, roi, camera):
+    """b of events: float64 [2, parameters, n], along x and y.
+
+    Parameters
+    ----------
+    config : Config
+        A motion beyond translation.
+    x, y : float64 [n]
+        Columns and rows in the ROI, px.
+    roi : pair of int
+        The ROI's corner.
+    camera : tuple
+        Nine numbers, for a rotation.
+    """
+    motion = config.motion_model
+    arm, focus, centre = float(1 << motion.lever), 1.0, [(config.roi_width - 1) / 2, (config.roi_height - 1) / 2]
+    if config.motion == "rotation":
+        focus, centre = (
+            (camera[0] * camera[1]) ** 0.5,
+            [at - corner for at, corner in zip(camera[2:4], roi, strict=True)],
+        )
+    p, q = (float64(axis) - middle for axis, middle in zip((x, y), centre, strict=True))
+    members = {"p": p / arm, "q": q / arm, "xx": p * p / focus**2, "xy": p * q / focus**2, "yy": q * q / focus**2}
+    found = torch.zeros(2, len(motion.names), len(p), dtype=torch.float64)
+    for row, (axis, terms) in enumerate(motion.terms.items()):
+        found[row, motion.names.index(axis)] = 1.0
+        for name, member, sign in terms:
+            found[row, motion.names.index(name)] += sign * members[member]
+    return found
+
+
+def warped(x, y, dt, v, b, level=0):
+    """Positions at the reference time in pixels 2^level px wide: two float64 [n]."""
+    u = torch.einsum("apn,p->an", b, float64(v))
+    return tuple(at_level(float64(axis) - float64(dt) * moved, level) for axis, moved in zip((x, y), u, strict=True))
+
+
+def _votes(x, y, dt, v, b, *, width, height, level):
+    """(votes, dt of events whose cells are whole, size of the image)."""
+    size = level_size(width, level), level_size(height, level)
+    votes = bilinear_votes(*warped(x, y, dt, v, b, level), *size)
+    return votes, float64(dt) * (votes.pixel < size[0] * size[1]).all(0), size
+
+
+def slopes(x, y, dt, v, b, *, width, height, level=0):
+    """Σ I·∂I/∂v_p, half the derivative of Σ I²: float64 [parameters]. Only whole cells change with v."""
+    votes, dt, size = _votes(x, y, dt, v, b, width=width, height=height, level=level)
+    image = accumulate(votes.pixel, votes.weight, *size)
+    moved = [-dt * (b[0, p] * votes.by_x + b[1, p] * votes.by_y) for p in range(b.shape[1])]
+    return torch.stack([(image * accumulate(votes.pixel, each, *size)).sum() for each in moved])
+
+
+def sums(x, y, dt, v, b, *, width, height, level=0):
+    """(ΣI, S): S_p = Σ b_p·(what an event adds to Σ I·D along each axis), one event after the other, as in hardware."""
+    votes, dt, size = _votes(x, y, dt, v, b, width=width, height=height, level=level)
+    pixel, order = torch.sort(votes.pixel.T.flatten(), stable=True)
+    event, inside = order // 4, pixel < size[0] * size[1]
+    fresh = torch.ones_like(inside)
+    fresh[1:] = pixel[1:] != pixel[:-1]
+    first = torch.cummax(torch.arange(len(pixel)) * fresh, 0).values if len(pixel) else event
+
+    def of_pixels(values):
+        """Votes in the order of their pixels, and what the pixel had before each."""
+        values = values.T.flatten()[order] * inside
+        total = values.cumsum(0) - values
+        return values, total - total[first]
+
+    w, i = of_pixels(votes.weight)
+    s = torch.zeros(b.shape[1], dtype=torch.float64)
+    for along, slope in zip(b, (votes.by_x, votes.by_y), strict=True):
+        d, before = of_pixels(-dt * slope)
+        s += along[:, event] @ (i * d + w * (before + d))
+    return w.sum(), s
+
+
+@dataclass(frozen=True)
+class Ascent:
+    """As :class:`cmfpga.reference.floating.Ascent`: ``v`` [T + 1, parameters], ``sum_i`` [T], ``s`` [T, parameters]."""
+
+    v: torch.Tensor
+    sum_i: torch.Tensor
+    s: torch.Tensor
+
+
+def ascend(x, y, dt, b, *, v_start, schedule, limits, **size):
+    """v ← v + step·sign(S), each parameter by itself, within ±``limits``: an :class:`Ascent`."""
+    v = [float64(v_start)]
+    found = []
+    for k, entry in enumerate(schedule):
+        part = used(entry, k, len(dt))
+        found.append(sums(x[part], y[part], dt[part], v[-1], b[:, :, part], level=entry.level, **size))
+        target = v[-1] + 2.0**entry.log2_step * found[-1][1].sign()
+        v.append(torch.minimum(torch.maximum(target, -limits), limits))
+    return Ascent(torch.stack(v), torch.stack([i for i, _ in found]), torch.stack([s for _, s in found]))
