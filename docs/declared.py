@@ -14,7 +14,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import markdown
 from cmfpga.tracking.columns import COLUMNS
-from cmfpga.verilog import place, resources
+from cmfpga.verilog import resources
 
 RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "verilog" / "baselines.json"
 
@@ -65,23 +65,6 @@ def resources_table(name):
     return f"{made}\nYosys {stored['yosys']}.\n"
 
 
-def placed_table():
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["placed"]
-    rows = [
-        (
-            f"`{name}`",
-            row["fmax_mhz"],
-            ", ".join(map(str, row["seeds"])),
-            *(f"{row[kind]:,}" for kind in place.RESOURCES),
-        )
-        for name, row in stored.items()
-    ]
-    head = ("preset", "MHz, median", "seeds 1, 2 …", *(title for _, title in place.RESOURCES.values()))
-    how = next(iter(stored.values()))
-    made = table(head, rows, right=(1, *range(3, len(head))))
-    return f"{made}\n{how['device']}, speed {how['speed']}; Yosys {how['yosys']}, nextpnr {how['nextpnr']}.\n"
-
-
 def widths_table():
     stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["widths"]
     kinds = ("lut", "ff", "bram36", "dsp")
@@ -107,6 +90,5 @@ DECLARED = {
     "fields": fields_table,
     "resources_fast": lambda: resources_table("fast"),
     "resources_paper": lambda: resources_table("paper"),
-    "placed": placed_table,
     "resources_of_widths": widths_table,
 }

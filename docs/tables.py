@@ -5,7 +5,7 @@ They stand in README.md and docs/*.md between ``<!-- generated: NAME -->`` and `
     python docs/tables.py            rewrite them
     python docs/tables.py --check    change nothing; exit status 1 if a table is out of date
 
-``declared.py`` beside this has the tables that are not of the core.
+``declared.py`` beside this has the tables that are not of the core, ``timed.py`` those of cycles and clock.
 """
 
 import argparse
@@ -14,19 +14,18 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from amaranth.hdl import Fragment, Shape
+from amaranth.hdl import Shape
 from amaranth.lib import data, wiring
 from declared import DECLARED, table
+from timed import TIMED, elaborated
 
 from cmfpga.camera import Camera, nearest, undistort
-from cmfpga.config import PRESETS, preset
+from cmfpga.config import preset
 from cmfpga.protocol.results import RESULTS, trace_shape
-from cmfpga.protocol.settings import SETTINGS, BatchSettings
+from cmfpga.protocol.settings import SETTINGS
 from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ingest.noise_filter import stamps
-from cmfpga.rtl.top import VerilogCore
-from cmfpga.verilog import article
 from cmfpga.verilog.description import formats, ports
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -84,13 +83,6 @@ PORTS = {
 }
 
 
-def elaborated(config):
-    """A core that has been elaborated once (Amaranth warns of those that never are)."""
-    core = VerilogCore(config)
-    Fragment.get(core, None)
-    return core
-
-
 # -------------------------------------------------------------------- tables
 
 
@@ -143,34 +135,6 @@ def constants_table():
             made = " + ".join(f"{core.latencies[block]} `{block}`" for block in blocks)
             rows.append((what, f"{made}; {reason}", total))
     return table(("constant", "made of", "cycles"), rows, right=(2,))
-
-
-def cycles_table():
-    """Formula of each preset, and of `paper` in other sizes, beside the article's."""
-    rows = []
-    sizes = [("paper", size) for size in (32, 48, 128)]
-    for name, size in [*((name, None) for name in PRESETS), *sizes]:
-        config = preset(name)
-        config = config.replace(roi_width=size, roi_height=size) if size else config
-        core = elaborated(config)
-        if hasattr(core, "schedule_write"):
-            schedules = (config.schedules.cold, config.schedules.warm)
-        else:
-            schedules = (config.ascent_rule.plan(BatchSettings.from_config(config), warm=False),)
-        ours = [core.cycles(**article.BATCH, iterations=one) for one in schedules]
-        shown = " / ".join(f"{cycles:,} (T = {len(one)})" for cycles, one in zip(ours, schedules, strict=True))
-        theirs = article.cycles(**article.BATCH, pixels=config.geometry.pixels, iterations=100)
-        what = f"`{name}`" if size is None else f"`{name}`, other size"
-        size = f"{config.roi_width}×{config.roi_height}"
-        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
-    head = (
-        "preset",
-        "ROI, px",
-        "cycles of a batch",
-        "N = {events}, n = {roi_events}".format(**article.BATCH),
-        "article's formula, T = 100",
-    )
-    return table(head, rows, right=(3, 4))
 
 
 def memories_table():
@@ -317,10 +281,10 @@ def undistortion_table():
 
 TABLES = {
     **DECLARED,
+    **TIMED,
     "formats": formats_table,
     "latencies": latencies_table,
     "constants": constants_table,
-    "cycles": cycles_table,
     "memories": memories_table,
     "noise": noise_table,
     "undistortion": undistortion_table,

@@ -1,5 +1,6 @@
 """Verilog of what tb_cmfpga_core.v does with every port of the core: lines, from the tables of ports and columns."""
 
+from cmfpga.rtl.image.sliced_memory import slices
 from cmfpga.verilog.emit import TOP
 
 
@@ -18,8 +19,10 @@ def fill_banks(core):
     if "tagged_accumulator" in core.blocks:
         yield "integer word;"
         yield f"initial for (word = 0; word < {core.config.geometry.bank_depth}; word = word + 1) begin"
-        for n in range(4):
-            yield f"  core.image.tagged_accumulator.bank_{n}.ram[word] = {{$random, $random, $random}};"
+        bank = core.blocks["tagged_accumulator"].banks[0]
+        for memory in [f"ram.{name}" for name in slices(bank.word.size)] if bank.deep else ["ram"]:
+            for n in range(4):
+                yield f"  core.image.tagged_accumulator.bank_{n}.{memory}[word] = {{$random, $random, $random}};"
         yield "end"
 
 
@@ -48,7 +51,7 @@ def write_schedule(columns):
     yield "end endtask"
 
 
-def slices(columns):
+def parts_of(columns):
     """``{column: its part of a word, as text}``."""
     high, found = sum(columns.values()), {}
     for name, width in columns.items():
@@ -59,7 +62,7 @@ def slices(columns):
 
 def compare(memory, columns, ports):
     """All of the ports as one wire, and a task that compares each with a word's part; X there says nothing."""
-    parts = {name: part for name, part in slices(columns).items() if name in ports}
+    parts = {name: part for name, part in parts_of(columns).items() if name in ports}
     yield f"wire [{sum(columns[name] for name in parts) - 1}:0] {memory}_now = {{{', '.join(parts)}}};"
     yield f"task compare_{memory}(input [{sum(columns.values()) - 1}:0] wanted); begin"
     for name, part in parts.items():
@@ -88,6 +91,6 @@ def pixels(names, trace):
         yield '  check("words of pixels", pixel_words, BANK_WORDS);'
     for field in fields:
         width = trace[f"trace_sums_{field}"]
-        part = slices(trace)[f"trace_sums_{field}"]
+        part = parts_of(trace)[f"trace_sums_{field}"]
         yield f'  check("sum of pixels, {field}", sum_of_{field}[{width - 1}:0], {part});'
     yield "end endtask"

@@ -21,7 +21,7 @@ EXAMPLES = (
     "python -m cmfpga.build --preset paper --resources --out build-paper",
     "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
     "python -m cmfpga.build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
-    "python -m cmfpga.build --top ulx3s --bitstream --seeds 3    # a whole bitstream by open tools",
+    "python -m cmfpga.build --top ulx3s --bitstream              # a whole bitstream by open tools",
     "python -m cmfpga.build --list-fields",
 )
 
@@ -100,7 +100,7 @@ def _parser():
     serial = made.add_argument_group("a board without a processor (--top " + ", ".join(_serial_boards()) + ")")
     serial.add_argument(
         "--bitstream", action="store_true", help="its whole bitstream, by Yosys, nextpnr and Trellis (minutes); "
-        "fails if timing is not met by any of --seeds",
+        f"of the first of --seeds ({bitstream.SEEDS}) that meets timing",
     )  # fmt: skip
     serial.add_argument("--baud", type=cli.positive, metavar="N", help="of its serial line (default: the board's)")
     cli.add_config_options(made)
@@ -141,7 +141,7 @@ def main(arguments=None):
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
     emitted = wrapped or paths[0]
     verilog, top = emitted.read_text(encoding="utf-8"), {"top": emitted.stem, "report": _report}
-    image, seeds = emitted.with_suffix(".bit"), options.seeds or 1
+    image, seeds = emitted.with_suffix(".bit"), options.seeds or bitstream.SEEDS
     how = {"device": options.place, "speed": options.speed, "seeds": options.seeds, "aim_mhz": options.target}
     found = {}
     for name, what, measure in (

@@ -12,7 +12,7 @@ from amaranth_boards.ulx3s import ULX3S_85F_Platform
 
 from cmfpga import build
 from cmfpga.boards import ULX3S
-from cmfpga.verilog import bitstream
+from cmfpga.verilog import bitstream, place
 from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.tools import EstimateError
 
@@ -117,11 +117,26 @@ def test_a_bitstream(made, tools, tmp_path):
     clocks, used = tools
     clocks += [74.9, 75.2]
     verilog, image = (made / f"{ULX3S.top}.v").read_text(), tmp_path / "it.bit"
-    found = bitstream.bitstream(verilog, ULX3S, image, seeds=5)
+    found = bitstream.bitstream(verilog, ULX3S, image)
     assert image.read_bytes() == b"bits" and found["seed"] == 2 and not clocks
     assert [tool for tool, _ in used] == ["nextpnr-ecp5", "nextpnr-ecp5", "ecppack"]
     assert {"--85k", "CABGA381", "6"} <= set(used[0][1])
     assert "seed 2: clock 75.2 of 75 MHz, sensor 200 of 75 MHz" in bitstream.text(found)
+
+
+def test_the_command_tries_several_placements(command, monkeypatch, tmp_path):
+    asked = []
+
+    def never(*_, seeds, **__):
+        asked.append(seeds)
+        raise EstimateError("no bitstream")
+
+    monkeypatch.setattr(bitstream, "bitstream", never)
+    monkeypatch.setattr(place, "require_tools", dict)
+    for given in [], ["--seeds", "2"]:
+        done = command(build, "--top", "ulx3s", "--bitstream", *given, *SETS, "--out", tmp_path / "it")
+        assert done.error == "no bitstream"
+    assert asked == [bitstream.SEEDS, 2] and bitstream.SEEDS > 1
 
 
 def test_timing_that_is_not_met(made, tools, tmp_path):

@@ -2,10 +2,11 @@
 
 import pytest
 
+from cmfpga.rtl.image import tagged_accumulator
 from support.formal.accumulator_proof import TINY, AccumulatorHarness, TaggedAccumulatorHarness, small_bank, tiny
 from support.formal.bank_proof import TaggedBankHarness
 from support.formal.harness import needs_solver, solve
-from support.formal.mutants import ACCUMULATOR, READ_ADD_WRITE, TAGGED_ACCUMULATOR, TAGGED_BANK
+from support.formal.mutants import ACCUMULATOR, READ_ADD_WRITE, SLICED_MEMORY, TAGGED_ACCUMULATOR, TAGGED_BANK
 
 # Every counterexample is shorter.
 CYCLES = 14
@@ -29,4 +30,14 @@ CASES = [
 @pytest.mark.parametrize("harness, mutant", CASES)
 def test_proof_finds(harness, mutant, tmp_path):
     outcome = solve(harness(mutant.module()), "bmc", CYCLES, tmp_path)
+    assert outcome.status == "FAIL" and outcome.step is not None, outcome.log
+
+
+@needs_solver
+@pytest.mark.parametrize("mutant", SLICED_MEMORY, ids=str)
+def test_proof_finds_in_deep_banks(mutant, monkeypatch, tmp_path):
+    monkeypatch.setattr(tagged_accumulator, "SHALLOW", 4)
+    monkeypatch.setattr(tagged_accumulator, "SlicedMemory", mutant.module().SlicedMemory)
+    harness = TaggedBankHarness(tagged_accumulator.TaggedBank(tiny(6, 4)))
+    outcome = solve(harness, "bmc", CYCLES, tmp_path)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

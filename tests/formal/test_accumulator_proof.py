@@ -4,7 +4,7 @@ Proved by k-induction, so for any number of cycles: a bank for any operations in
 accumulator for any votes and sweeps, or iterations that keep the rule of the idle cycles, after one pass of the sweep
 over RAMs that hold anything. One row that the solver chooses is followed. Small words and few rows stand for all
 others, because addresses are only compared, and words only added and handed on, in the same way at every width; one
-bank of each is proved at its preset's size all the same.
+bank of each is proved at its preset's size all the same, and a deep one, whose words lie in several RAMs.
 """
 
 import pytest
@@ -51,6 +51,7 @@ PROVED = {
     "tagged bank": (lambda: TaggedBankHarness(TaggedBank(tiny(6, 4))), LONG),
     "tagged bank, no power of two": (lambda: TaggedBankHarness(TaggedBank(tiny(5, 5))), SHORT),
     "tagged bank of fast": (lambda: TaggedBankHarness(TaggedBank(preset("fast"))), SHORT),
+    "tagged bank of fast-128": (lambda: TaggedBankHarness(TaggedBank(preset("fast-128"))), SHORT),
     # One bank at a time, because the solver's time grows faster than their number; all four are alike.
     "tagged accumulator of 4 words": (lambda: swept("4 words", 0), SHORT),
     "its last bank": (lambda: swept("4 words", 3), SHORT),

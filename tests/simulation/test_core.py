@@ -48,7 +48,8 @@ CONFIGS = {
     ),
     "similarity": preset("similarity").replace(buffer_events=500),
     "rotation": preset("rotation").replace(roi_width=90, roi_height=50, buffer_events=500, ram_style="auto"),
-    "paper, in one pass": Config(gradient="one_pass", roi_width=40, roi_height=30, buffer_events=300),
+    # Banks that are so deep that a word lies in several memories.
+    "paper, in one pass": Config(gradient="one_pass", roi_width=120, roi_height=70, buffer_events=300),
 }
 BATCHES = {"paper": 300, "fast": 300}  # 60 for the others
 

@@ -21,8 +21,11 @@ from .tools import EstimateError, read_json, run, yosys
 #: By the board's name.
 PLATFORMS = {"ulx3s": ULX3S_85F_Platform}
 
+#: Placements to try: seeds differ by some 5 %.
+SEEDS = 5
 
-def bitstream(verilog, board, path, *, seeds=1, report=lambda doing: None):
+
+def bitstream(verilog, board, path, *, seeds=SEEDS, report=lambda doing: None):
     """Write the bitstream of ``board`` at ``path``; JSON-ready: clocks, resources, versions. Minutes.
 
     Parameters

@@ -1,7 +1,7 @@
 """The properties of a bank of either accumulator: a shadow of one row, and what must agree with it."""
 
 from amaranth.asserts import AnySeq
-from amaranth.hdl import Assert, Cover, Mux, Signal, Value
+from amaranth.hdl import Assert, Cat, Cover, Mux, Signal, Value
 from amaranth.lib import data
 
 from cmfpga.rtl import payloads
@@ -58,17 +58,24 @@ class RowShadow:
             m.d.sync += difference.eq(first ^ self.after[0].as_value())
 
     def check_memory(self, m, memories):
-        """Every word of the row is written, is right, and nothing else is written: in one RAM, or one a member."""
-        parts = [(memory.content, memory.write.data) for memory in memories]
-        if len(memories) == 1:
-            ((content, written),) = parts
-            parts = [(content[name], written[name]) for name in self.word.members]
-        m.d.comb += [Assert(memory.written == self.hit[self.write]) for memory in memories]
-        for name, (content, written) in zip(self.word.members, parts, strict=True):
+        """Every word of the row is written, is right, and nothing else is written: in one RAM or several, side by side.
+
+        Each holds a member, or so many bits of the word.
+        """
+        content, written = (
+            Signal(self.word, name=f"{self.name}_content"),
+            Signal(self.word, name=f"{self.name}_written"),
+        )
+        m.d.comb += [
+            content.as_value().eq(Cat(memory.content for memory in memories)),
+            written.as_value().eq(Cat(memory.write.data for memory in memories)),
+            *(Assert(memory.written == self.hit[self.write]) for memory in memories),
+        ]
+        for name in self.word.members:
             # The induction stands on this: what is not under way any more is in the RAM.
-            m.d.comb += Assert(content == self.before[self.write][name])
+            m.d.comb += Assert(content[name] == self.before[self.write][name])
             with m.If(self.hit[self.write]):
-                m.d.comb += Assert(written == self.after[self.write][name])
+                m.d.comb += Assert(written[name] == self.after[self.write][name])
 
 
 def tagged_word(config):

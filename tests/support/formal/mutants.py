@@ -4,7 +4,7 @@ import types
 from dataclasses import dataclass
 
 from cmfpga.rtl import read_modify_write
-from cmfpga.rtl.image import accumulator, tagged_accumulator
+from cmfpga.rtl.image import accumulator, sliced_memory, tagged_accumulator
 from support.mutation import mutated
 
 
@@ -109,6 +109,18 @@ TAGGED_BANK = [
     tagged("told past the forwarding", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(base_s3.i)"),
     tagged("told of a word that does not count", "counts & ~behind_s2", "~behind_s2"),
     tagged("told early", "self.o.valid.eq(valid[4])", "self.o.valid.eq(valid[3])"),
+]
+
+SLICED_MEMORY = [
+    Mutant(name, old, new, sliced_memory)
+    for name, old, new in (
+        ("lowest slice in all", "eq(given[low:high])", "eq(given[: high - low])"),
+        ("last slice left out", "range(0, bits, BITS)", "range(0, bits - BITS, BITS)"),
+        ("a bit of each slice left out", "found[low:high].eq(read.data)", "found[low : high - 1].eq(read.data)"),
+        ("an address bit ignored in reading", "eq(self.read.addr)", "eq(self.read.addr[1:] << 1)"),
+        ("written at the row that is read", "eq(self.write.addr)", "eq(self.read.addr)"),
+        ("always written", "eq(self.write.en)", "eq(1)"),
+    )
 ]
 
 ACCUMULATOR = [

@@ -5,6 +5,7 @@ from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
 from .. import payloads
+from .sliced_memory import SHALLOW, SlicedMemory
 
 
 class TaggedBank(wiring.Component):
@@ -26,12 +27,22 @@ class TaggedBank(wiring.Component):
     -------
     i : ``In``, flow of :func:`payloads.tagged_operation`
     o : ``Out``, flow of :func:`payloads.tagged_step`
+
+    Attributes
+    ----------
+    word : :class:`StructLayout`
+        Of its memory.
+    deep : bool
+        The memory is a :class:`~cmfpga.rtl.image.sliced_memory.SlicedMemory`: a block RAM holds fewer words. Not so in
+        UltraRAM, which has 4,096 words of 72 bits and registers of its own between one RAM and the next.
     """
 
     latency = 4
 
     def __init__(self, config):
         self.config = config
+        self.word = data.StructLayout({**payloads.pixel(config).members, "tag": config.tag_bits})
+        self.deep = config.geometry.words > SHALLOW and config.ram_style != "ultra"
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.tagged_operation(config))),
@@ -43,10 +54,14 @@ class TaggedBank(wiring.Component):
         config = self.config
         m = Module()
         pixel = payloads.pixel(config)
-        word = data.StructLayout({**pixel.members, "tag": config.tag_bits})
+        word = self.word
         style = {} if config.ram_style == "auto" else {"ram_style": config.ram_style}
-        m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.words, init=[], attrs=style)
-        write, read = ram.write_port(), ram.read_port()
+        if self.deep:
+            m.submodules.ram = ram = SlicedMemory(word, config.geometry.words, style)
+            write, read = ram.write, ram.read
+        else:
+            m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.words, init=[], attrs=style)
+            write, read = ram.write_port(), ram.read_port()
 
         valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 6)]
         operation = payloads.tagged_operation(config)
@@ -153,6 +168,7 @@ class TaggedAccumulator(wiring.Component):
 
     def __init__(self, config):
         self.config = config
+        self.banks = [TaggedBank(config) for _ in range(4)]
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.votes(config))),
@@ -177,8 +193,7 @@ class TaggedAccumulator(wiring.Component):
 
         voted = Signal(self.latency)
         m.d.sync += voted.eq((voted << 1) | self.i.valid)
-        for number in range(4):
-            bank = TaggedBank(config)
+        for number, bank in enumerate(self.banks):
             m.submodules[f"bank_{number}"] = bank
             vote = self.i.payload.banks[number]
             operation = bank.i.payload

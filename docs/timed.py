@@ -1,0 +1,72 @@
+"""Tables of what a batch takes: cycles by the formula of each preset, and times at the clock that was measured last."""
+
+import json
+
+from amaranth.hdl import Fragment
+from declared import RESOURCES, table
+
+from cmfpga.config import PRESETS, preset
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog import article, place
+
+
+def elaborated(config):
+    """A core that has been elaborated once (Amaranth warns of those that never are)."""
+    core = VerilogCore(config)
+    Fragment.get(core, None)
+    return core
+
+
+def article_cycles(core, **options):
+    """Pairs (T, cycles) of the article's batch, by default: of an ascent by signs without a last v, and with one."""
+    config = core.config
+    if hasattr(core, "schedule_write"):
+        schedules = (config.schedules.cold, config.schedules.warm)
+    else:
+        schedules = (config.ascent_rule.plan(BatchSettings.from_config(config), warm=False),)
+    return [(len(one), core.cycles(**article.BATCH, iterations=one, **options)) for one in schedules]
+
+
+def placed_table():
+    """Clock and area that were measured last, and what the clock makes of the article's batch."""
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["placed"]
+    rows = []
+    for name, row in stored.items():
+        waits = [
+            f"{(cycles - article.BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
+            for count, cycles in article_cycles(elaborated(preset(name)), judge=0)
+        ]
+        seeds, area = ", ".join(map(str, row["seeds"])), (f"{row[kind]:,}" for kind in place.RESOURCES)
+        rows.append((f"`{name}`", row["fmax_mhz"], seeds, " / ".join(waits), *area))
+    titles = (title for _, title in place.RESOURCES.values())
+    head = ("preset", "MHz, median", "seeds 1, 2 …", "last event → result, µs", *titles)
+    how = next(iter(stored.values()))
+    made = table(head, rows, right=(1, *range(3, len(head))))
+    return f"{made}\n{how['device']}, speed {how['speed']}; Yosys {how['yosys']}, nextpnr {how['nextpnr']}.\n"
+
+
+def cycles_table():
+    """Formula of each preset, and of `paper` in other sizes, beside the article's."""
+    rows = []
+    sizes = [("paper", size) for size in (32, 48, 128)]
+    for name, size in [*((name, None) for name in PRESETS), *sizes]:
+        config = preset(name)
+        config = config.replace(roi_width=size, roi_height=size) if size else config
+        core = elaborated(config)
+        shown = " / ".join(f"{cycles:,} (T = {count})" for count, cycles in article_cycles(core))
+        theirs = article.cycles(**article.BATCH, pixels=config.geometry.pixels, iterations=100)
+        what = f"`{name}`" if size is None else f"`{name}`, other size"
+        size = f"{config.roi_width}×{config.roi_height}"
+        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
+    head = (
+        "preset",
+        "ROI, px",
+        "cycles of a batch",
+        "N = {events}, n = {roi_events}".format(**article.BATCH),
+        "article's formula, T = 100",
+    )
+    return table(head, rows, right=(3, 4))
+
+
+TIMED = {"cycles": cycles_table, "placed": placed_table}

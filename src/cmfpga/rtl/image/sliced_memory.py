@@ -1,0 +1,62 @@
+"""Deep memory of wide words: side by side in memories of few bits, each of which is one RAM."""
+
+from amaranth.hdl import Module
+from amaranth.lib import memory, wiring
+from amaranth.lib.wiring import Out
+from amaranth.utils import ceil_log2
+
+#: Bits of each word in one memory: so many of 4,096 words are a block RAM of 16 kibit, whatever the vendor.
+BITS = 4
+#: Of so few words a block RAM holds more bits than that.
+SHALLOW = 2048
+
+
+def slices(bits):
+    """``{name: (low, high)}``: the memories of a word of so many bits, and which bits they hold, ``high`` excluded."""
+    return {f"ram_{low}": (low, min(low + BITS, bits)) for low in range(0, bits, BITS)}
+
+
+class SlicedMemory(wiring.Component):
+    """A memory as :class:`amaranth.lib.memory.Memory`, without contents, with one port to read and one to write.
+
+    Left to itself, synthesis may take fewer RAMs, on top of one another. Then a multiplexer follows them, and the
+    register behind it cannot be the RAMs' own output register: that was the slowest path of all.
+
+    Parameters
+    ----------
+    shape : shape-like
+        Of a word.
+    depth : int
+        Words.
+    attrs : dict
+        Attributes of each of the memories.
+
+    Members
+    -------
+    read : ``Out``, members of :class:`amaranth.lib.memory.ReadPort`
+    write : ``Out``, members of :class:`amaranth.lib.memory.WritePort`
+    """
+
+    def __init__(self, shape, depth, attrs):
+        self._depth, self._attrs = depth, attrs
+        ports = {"addr_width": ceil_log2(depth), "shape": shape}
+        super().__init__(
+            {"read": Out(memory.ReadPort.Signature(**ports)), "write": Out(memory.WritePort.Signature(**ports))}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        found, given = self.read.data.as_value(), self.write.data.as_value()
+        for name, (low, high) in slices(len(found)).items():
+            ram = memory.Memory(shape=high - low, depth=self._depth, init=[], attrs=self._attrs)
+            m.submodules[name] = ram
+            read, write = ram.read_port(), ram.write_port()
+            m.d.comb += [
+                read.addr.eq(self.read.addr),
+                read.en.eq(self.read.en),
+                found[low:high].eq(read.data),
+                write.addr.eq(self.write.addr),
+                write.data.eq(given[low:high]),
+                write.en.eq(self.write.en),
+            ]
+        return m
