@@ -53,10 +53,10 @@ def test_real_rotations(data_dir, capsys, monkeypatch):
     assert int(batches) >= 6 and float(correlation) > 0.85 and float(scale) == pytest.approx(1, abs=0.1)
 
 
-@pytest.mark.parametrize("told", [["--known"], ["--eventcv"], ["--engine", "all"], ["--study", "plain"]])
+@pytest.mark.parametrize("told", [["--known"], ["--engine", "all"], ["--study", "plain"]])
 def test_what_goes_without_it(told, capsys):
     assert run("--motion", "rotation", *told) == 2
-    assert "--motion: --study, --known, --eventcv and --engine all go without it" in capsys.readouterr().err
+    assert "--motion: --study, --known and --engine all go without it" in capsys.readouterr().err
 
 
 def test_another_motion_than_the_preset(capsys):

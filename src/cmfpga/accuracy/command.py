@@ -81,8 +81,8 @@ def main(arguments=None):
     if options.motion and options.preset == DEFAULT_PRESET:
         options.preset = options.motion
     config = cli.make_config(options)
-    if options.motion and (options.study or options.known or options.eventcv or options.engine == "all"):
-        raise ConfigError("--motion: --study, --known, --eventcv and --engine all go without it")
+    if options.motion and (options.study or options.known or options.engine == "all"):
+        raise ConfigError("--motion: --study, --known and --engine all go without it")
     if not options.motion and (config.roi_width, config.roi_height) != (ROI, ROI):
         raise ConfigError(f"ROI of {config.roi_width}×{config.roi_height} px: the suites are for {ROI}×{ROI} px")
     if options.data is not None and not Path(options.data).is_dir():
