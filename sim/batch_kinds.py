@@ -59,8 +59,10 @@ class Maker:
     def __init__(self, config, rng):
         self.config = config
         self.rng = rng
-        # Events that a batch may have in the ROI, so that only the batch that shall overfill the buffer does.
-        self.n = min(160, max(1, 3 * config.buffer_events // 4))
+        # Events that a batch may have in the ROI, so that only the batch that shall overfill the buffer does; a
+        # simulator of Verilog takes a millisecond for each in each iteration, so most batches have fewer.
+        self.most = max(1, 3 * config.buffer_events // 4)
+        self.n = min(64, self.most)
         self.table = schedule_table(config)
 
     def inside(self, n, roi):
@@ -151,7 +153,7 @@ def hesitant(make, roi):
 def repeated(make, roi):
     """The same few pixels again after 1, 2, … 6 events, for the forwarding, and a step as large as can be."""
     x, y = make.inside(6, roi)
-    order = np.concatenate([np.tile(np.arange(distance), 7) for distance in range(1, 7)])[: make.n]
+    order = np.concatenate([np.tile(np.arange(distance), 7) for distance in range(1, 7)])[: make.most]
     settings = {"eta": make.config.formats.eta.max, "start_last": False, "v_start": (0, 0)}
     return {"pixels": (x[order], y[order]), "settings": settings}
 

@@ -1,5 +1,6 @@
 """Fixtures that all tests share."""
 
+import gc
 import hashlib
 import os
 from pathlib import Path
@@ -8,6 +9,17 @@ import numpy as np
 import pytest
 
 pytest_plugins = ["support.commands", "support.small_core"]
+
+#: Rooms with tests of half a minute. They come first, so that two workers meet at short ones, and neither waits long.
+LONG = ("formal", "simulation", "verilog", "driver", "docs", "cli", "accuracy")
+
+
+def pytest_collection_modifyitems(items):
+    def place(item):
+        room = item.path.relative_to(Path(__file__).parent).parts[0]
+        return LONG.index(room) if room in LONG else len(LONG)
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="session")
@@ -33,3 +45,10 @@ def _one_thread():
     import torch
 
     torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _rare_collection():
+    """A design is very many objects that stay: looking through them over and over takes half of its elaboration."""
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 10)

@@ -1,5 +1,6 @@
 """The core against its model: everything that leaves it, in every iteration of batches that follow one another."""
 
+import functools
 import itertools
 
 import numpy as np
@@ -12,7 +13,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.iteration_control import IterationControl
-from support.bench import simulate
+from support.bench import Repeated
 from support.core import Batch, check_core, constant_cycles, drive_core, judge_cycles, per_iteration
 from support.core_batches import (
     CENTER,
@@ -20,6 +21,7 @@ from support.core_batches import (
     FLOWS,
     PLANS,
     centered,
+    core_of,
     moving_points,
     random_batch,
     run,
@@ -110,10 +112,8 @@ def test_cycle_formula_is_exact(name, rng):
         for iterations in (1, 4)
         for count in (1, 2, 30)
     ]
-    core = Core(config)
-    bench, outcomes = drive_core(core, batches, rng=rng, eager=config.buffers == 1)
-    simulate(core, bench)
-    results = check_core(config, batches, outcomes, free=True)
+    core = core_of(config).top
+    results, outcomes = run(config, batches, rng, eager=config.buffers == 1)
     for result, outcome in zip(results, outcomes, strict=True):
         assert Flag.DEGENERATE not in result.flags
         counts = {name: getattr(result, name) for name in ("events", "roi_events", "iterations")}
@@ -240,7 +240,9 @@ def test_strides_and_thinning(buffers, rng):
     config = CONFIGS["fast"].replace(buffer_events=520, max_batch_events=2100, buffers=buffers)
     plan = parse_schedule("2:1/4 0:-1/2 1:0/4*2", name="plan", max_level=2, v=config.formats.v, entries=4)
     batches = [
-        spread(config, rng, count, cold=plan, warm=plan[:2], roi_gain=0, **({"roi": None} if number % 2 else {}))
+        spread(
+            config, rng, count, cold=plan, warm=plan[:2], roi_gain=0, judge=0, **({"roi": None} if number % 2 else {})
+        )
         for number, count in enumerate((511, 513, 256, 2079, 255, 1041, 700))
     ]
     results, _ = run(config, batches, rng, eager=buffers == 1)
@@ -317,15 +319,20 @@ def test_settings_are_taken_with_the_first_event(rng):
 # ---------------------------------------------------------------- reset
 
 
+@functools.cache
+def resettable(config):
+    """A core, its reset, and both as a design."""
+    core, reset, top = Core(config), Signal(), Module()
+    top.submodules.core = ResetInserter(reset)(core)
+    return core, reset, Repeated(top)
+
+
 @pytest.mark.parametrize("name", ["small", "two", "fast"])
 @pytest.mark.parametrize("moment", ["ingest", "division", "votes", "sweep", "evaluation", "result"])
 def test_reset_in_the_middle(name, moment, rng):
     """A reset forgets v, the ROI and the batch, and the images that it leaves in the RAMs are swept away."""
     config = CONFIGS[name]
-    core = Core(config)
-    reset = Signal()
-    top = Module()
-    top.submodules.core = ResetInserter(reset)(core)
+    core, reset, top = resettable(config)
     moved = [spread(config, rng, 20, iterations=2, eta=config.formats.eta.raw(8.0)) for _ in range(2)]
     serial = config.buffers == 1
     come, came = at_moment(core, moment), []
@@ -352,7 +359,7 @@ def test_reset_in_the_middle(name, moment, rng):
         ctx.set(core.i.valid, 0)
         await second(ctx)
 
-    simulate(top, bench)
+    top.simulate(bench)
     check_core(config, again, outcomes, free=True)
 
 

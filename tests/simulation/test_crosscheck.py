@@ -44,6 +44,7 @@ def test_all_of_a_configuration_is_drawn():
 def no_compiler(monkeypatch):
     for module in ("cmfpga.verilog.compiler", "cmfpga.engines", "cmfpga.crosscheck.compare"):
         monkeypatch.setattr(f"{module}.find_compiler", lambda: None)
+    monkeypatch.setattr("cmfpga.crosscheck.compare.SLOW_CYCLES", 5_000)
 
 
 def test_without_a_compiler(no_compiler, capsys):

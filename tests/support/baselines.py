@@ -61,8 +61,12 @@ def core_of(name):
 def axi_of(name):
     """Row of the AXI top, and the text that it depends on."""
     config, stored = preset(name), BASELINES["presets"].get(name, {})
-    text, neutral = emit_verilog(AxiTop(config), BOARD.top), axi_top(config)
-    return current(f"{name} axi", stored.get("axi"), neutral, lambda: resources.core(text, top=BOARD.top)), neutral
+    neutral = axi_top(config)
+
+    def measure():
+        return resources.core(emit_verilog(AxiTop(config), BOARD.top), top=BOARD.top)
+
+    return current(f"{name} axi", stored.get("axi"), neutral, measure), neutral
 
 
 def widths_of(widths):

@@ -39,6 +39,28 @@ def simulate(top, *benches):
     simulator.run()
 
 
+class Repeated:
+    """A design that is elaborated once, and then simulated from its first state as often as is wanted."""
+
+    def __init__(self, top):
+        self.top = top
+        self._simulator = Simulator(top)
+        self._simulator.add_clock(1e-6)
+        self._bench = None
+
+    def simulate(self, bench):
+        """Run until the bench has finished."""
+        begun, self._bench = self._bench, bench
+        if begun:
+            self._simulator.reset()
+        else:
+            self._simulator.add_testbench(self._run)
+        self._simulator.run()
+
+    async def _run(self, ctx):
+        await self._bench(ctx)
+
+
 def member(block, path):
     """The signal that ``path`` ("i.payload") names."""
     for name in path.split("."):

@@ -101,6 +101,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
             for number, batch in enumerate(batches)
             for k, (t, x, y) in enumerate(batch.events)
         ]
+        taken_in = [batch.raw_settings(config, table) for batch in batches]
         position, offering, held, finished = 0, False, None, 0
         for address, values in enumerate(table):
             entry = dict(zip(("level", "shift", "stride"), table_entry(config, values), strict=True))
@@ -116,9 +117,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
                 offering = wanted and rng.random() >= gap
             i_valid.set(ctx, int(offering))
             event.set(ctx, payload if offering else next(noise))
-            settings.set(
-                ctx, batches[number].raw_settings(config, table) if offering and k == 0 else next(settings_noise)
-            )
+            settings.set(ctx, taken_in[number] if offering and k == 0 else next(settings_noise))
             # Output.
             ready = rng.random() >= stall
             o_ready.set(ctx, int(ready))

@@ -1,12 +1,14 @@
 """Batches for the core under test: of any kind, or just good ones; and configurations that are small enough."""
 
+import functools
+
 import numpy as np
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import parse_schedule
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.core import Core
-from support.bench import simulate
+from support.bench import Repeated
 from support.configs import NARROW, TINY
 from support.core import Batch, check_core, drive_core
 from support.values import edge_integers
@@ -49,6 +51,9 @@ CONFIGS = {
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
 }  # fmt: skip
+
+#: Two lanes, whose queues the events of one pixel fill.
+LANES = CONFIGS["fast"].replace(buffer_events=90, lanes=2)
 
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
 
@@ -133,14 +138,20 @@ def random_batch(config, rng, *, bad_times=0.15):
     )
 
 
-def run(config, batches, rng, *, gap=0.0, stall=0.0, eager=True, free=True):
+@functools.cache
+def core_of(config):
+    """The core, elaborated: several seconds' work for thousands of cycles."""
+    return Repeated(Core(config))
+
+
+def run(config, batches, rng, *, gap=0.0, stall=0.0, eager=True, free=True, core=None):
     """Simulate from reset and compare; returns (the model's results, outcomes).
 
     Not ``free``: acceptance waits until it is known what was stored, and no formula holds.
     """
-    core = Core(config)
-    bench, outcomes = drive_core(core, batches, rng=rng, gap=gap, stall=stall, eager=eager)
-    simulate(core, bench)
+    core = core or core_of(config)
+    bench, outcomes = drive_core(core.top, batches, rng=rng, gap=gap, stall=stall, eager=eager)
+    core.simulate(bench)
     # With two buffers the cycles of a batch depend on the one before, if it is offered while that is under way.
     alone = config.buffers == 1 or not eager
     return check_core(config, batches, outcomes, free=free and not gap and alone), outcomes

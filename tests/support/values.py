@@ -22,11 +22,11 @@ class Codec:
         shape = Shape.cast(shape)
         self.width, self.signed = shape.width, shape.signed
         self.mask = (1 << self.width) - 1
+        self.low, self.high = shape_range(shape)
 
     def pack(self, value):
         if self.keys is None:
-            low, high = shape_range(Shape(self.width, self.signed))
-            assert low <= value <= high, f"{value} does not fit {self.width} bits"
+            assert self.low <= value <= self.high, f"{value} does not fit {self.width} bits"
             return value & self.mask
         assert len(value) == len(self.keys)
         bits = 0

@@ -11,8 +11,8 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.verilog.compile import verilator_root
-from cmfpga.verilog.emit import TOP, emit_verilog
+from cmfpga.verilog.compile import kept_verilog, verilator_root
+from cmfpga.verilog.emit import TOP
 
 CONFIGS = {
     "default": Config(),
@@ -27,9 +27,9 @@ CONFIGS = {
 
 @functools.cache
 def emitted(config):
-    """``(core, its Verilog)``."""
+    """``(core, its Verilog)``, emitted once for all processes, and for what is compiled."""
     core = VerilogCore(config)
-    return core, emit_verilog(core)
+    return core, kept_verilog(core, TOP)
 
 
 def modules(text):

@@ -12,6 +12,7 @@ from cmfpga.config import Config, preset
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
+from cmfpga.verilog.compile import kept_verilog
 from cmfpga.verilog.emit import TOP
 from support.verilog_mutants import MUTANTS
 from support.verilog_tools import CONFIGS, emitted, icarus_compile, icarus_run, require_icarus, run
@@ -23,9 +24,13 @@ SEED = 4  # with which either meets every flag that it can
 KINDS = len(make_vectors.KINDS)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def _icarus():
+    """Icarus Verilog, for cores that are emitted once."""
     require_icarus()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(make_vectors, "emit_verilog", lambda core: kept_verilog(core, TOP))
+        yield
 
 
 @pytest.fixture(scope="module")

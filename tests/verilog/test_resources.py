@@ -28,8 +28,8 @@ def assert_like_baseline(row, stored, what):
 
 @pytest.fixture(scope="module")
 def fast():
-    """Row of the whole core."""
-    return resources.core(emitted(preset("fast"))[1])
+    """Row of the whole core; measured where its Verilog, Yosys or the counting has changed."""
+    return update.core_of("fast")[0]["total"]
 
 
 def test_the_fast_core_takes_less_than_the_articles(fast):
@@ -43,8 +43,9 @@ def test_the_fast_core_is_like_its_baseline(fast):
     assert_like_baseline(fast, BASELINES["presets"]["fast"]["total"], "fast")
 
 
-@pytest.mark.parametrize("name", update.PRESETS)
-def test_rams_and_dsps_of_every_block(name):
+def test_rams_and_dsps_of_every_block():
+    """By Yosys in every run, unlike what follows."""
+    name = "fast"
     found = resources.hard_blocks(emitted(preset(name))[1])
     stored = {f"{TOP}_{block}": row for block, row in BASELINES["presets"][name]["blocks"].items()}
     stored[TOP] = BASELINES["presets"][name]["total"]

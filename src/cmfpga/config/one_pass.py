@@ -16,10 +16,10 @@ class OnePass(Derived):
         """
         warp = 4 if self._c.max_level else 3
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
-        sums = {1: 4 + 4, 2: 7, 4: 8, 8: 8}[self._c.lanes]
+        sums = 4 + 4 if self._c.lanes == 1 else 10 + self._c.geometry.lane_bits
+        feed = 10 + (self._c.dither_frac > 0) * (1 if self._c.lanes == 1 else 2)
         if self._c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2
-        feed = 10 + (self._c.dither_frac > 0)
         return warp + 3 + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
 
     @property

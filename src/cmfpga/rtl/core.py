@@ -202,6 +202,8 @@ class Core(CycleFormula, wiring.Component):
         control, batch, image = self.iteration_control, self.ingest_control.handover.batch, self.image
         for lane in self.lanes:
             lane.connect(m, self.event_buffer, image)
+        for lane in self.lanes[1:]:
+            lane.dither_as(m, self.lanes[0])
         m.d.comb += [
             self.reciprocal.start.eq(control.divide),
             self.reciprocal.span.eq(batch.span),

@@ -6,6 +6,7 @@ Also the folder where what is compiled, from it or for it, is kept.
 import atexit
 import contextlib
 import functools
+import gc
 import hashlib
 import logging
 import os
@@ -40,7 +41,7 @@ def emit_verilog(core, name=TOP):
     """
     ports = [*core.inputs.values(), *core.outputs.values()]
     # The Yosys that comes with Amaranth: another one orders and names things differently.
-    with _environment({"AMARANTH_USE_YOSYS": "builtin", **cache_environment("wasmtime")}):
+    with _environment({"AMARANTH_USE_YOSYS": "builtin", **cache_environment("wasmtime")}), _rare_collection():
         text = verilog.convert(core, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
     text = re.sub(r" *\(\* init = .*? \*\)\n", "", text)
@@ -108,6 +109,17 @@ def _temporary_folder(instead_of):
         "CMFPGA_CACHE may name a folder that stays"
     )
     return folder
+
+
+@contextlib.contextmanager
+def _rare_collection():
+    """A design is very many objects that stay: to look for garbage among them takes as long as making them."""
+    before = gc.get_threshold()
+    gc.set_threshold(50_000, 20, 10)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 @contextlib.contextmanager

@@ -4,6 +4,8 @@ from amaranth.asserts import AnySeq
 from amaranth.hdl import Assert, Assume, Cat, ClockDomain, Const, Cover, Elaboratable, Module, Mux, Signal, Value
 
 from cmfpga.config import Config
+from cmfpga.rtl.arithmetic import delay
+from cmfpga.rtl.image.lanes.router import Router
 from support.formal.bank_proof import anything
 
 
@@ -70,6 +72,10 @@ class RouterHarness(Harness):
             chosen = 0
             for lane in lanes:
                 chosen |= Mux(given[lane], before[lane, half][1], 0)
+            chosen, wanted = (
+                delay(m, each, Router.latency - 1, name=f"{name}_{bank}", valid=True)
+                for each, name in ((chosen, "chosen"), (wanted, "was_wanted"))
+            )
             m.d.sync += [expected.eq(chosen), valid.eq(wanted)]
             m.d.comb += Assert((o.valid == valid) & (o.payload.as_value() == expected))
         m.d.comb += Cover(Cat(o.valid for o in dut.o).all())

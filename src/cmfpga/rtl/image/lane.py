@@ -77,6 +77,11 @@ class Lane:
                 self.basis.corner.eq(batch.roi),
             ]
 
+    def dither_as(self, m, first):
+        """The sequence of the dither is that of the ``first`` lane."""
+        if self.config.dither_frac:
+            m.d.comb += self.blocks["dither"].phases.eq(first.blocks["dither"].phases)
+
     def replay_subsets(self, m, buffer):
         """Which events a replay has, the dither knows from the buffer; only with a schedule."""
         if self.config.dither_frac and by_signs(self.config):

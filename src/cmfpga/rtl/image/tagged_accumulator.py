@@ -78,7 +78,9 @@ class TaggedBank(wiring.Component):
                 tag[stage].eq(tag[stage - 1]),
             ]
         add = [self.i.payload.add] + [
-            Signal(operation["add"].shape, name=f"add_s{stage}", reset_less=True) for stage in range(1, 4)
+            # With lanes there are so many that they are to stay registers: with a reset, they become no LUTs.
+            Signal(operation["add"].shape, name=f"add_s{stage}", reset_less=config.lanes == 1 or stage != 2)
+            for stage in range(1, 4)
         ]
         m.d.sync += [add[stage].eq(add[stage - 1]) for stage in range(1, 4)]
         read_s2 = Signal(word, reset_less=True)

@@ -87,8 +87,13 @@ class Warp(wiring.Component):
             )
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
-            self.o.payload.dt.eq(delay(m, event["dt"], self._moving - 1, name="dt")),
-            self.o.payload.last.eq(delay(m, self.i.payload.last, self.latency - 1, name="last")),
+            *(  # of several lanes in registers, as in the scaler
+                value.eq(delay(m, before, cycles - 1, name=name, valid=config.lanes > 1))
+                for name, value, before, cycles in (
+                    ("dt", self.o.payload.dt, event["dt"], self._moving),
+                    ("last", self.o.payload.last, self.i.payload.last, self.latency),
+                )
+            ),
         ]
         if self.flow:
             m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, self.latency - 1, name="basis"))

@@ -90,9 +90,11 @@ class EventBuffer(wiring.Component):
         two = self.config.buffers == 2
         # Rotated addresses are of all those bits.
         words = 1 << bits_for(depth - 1) if thins(self.config) else depth
-        ports = []
-        for number in range(self.config.buffers * self.config.lanes):
-            events = memory.Memory(shape=payloads.roi_event(self.config), depth=words, init=[])
+        # With lanes, two buffers are halves of one memory a lane: then nothing has to choose between two of each.
+        lanes, half, ports = self.config.lanes, bits_for(words - 1), []
+        memories, size = (lanes, words + (two << half)) if lanes > 1 else (self.config.buffers, words)
+        for number in range(memories):
+            events = memory.Memory(shape=payloads.roi_event(self.config), depth=size, init=[])
             m.submodules[f"events_{number}"] = events
             ports.append((events.write_port(), events.read_port()))
 
@@ -108,10 +110,10 @@ class EventBuffer(wiring.Component):
         stays, place, placed = (self._thin if thins(self.config) else self._drop)(m, full)
         m.d.comb += full.eq(count == depth)
         for number, (write, _) in enumerate(ports):  # a cycle later
-            mine = stays & (filling == number // self.config.lanes)
-            m.d.sync += [write.addr.eq(place), write.data.eq(self.i.payload), write.en.eq(mine)]
+            mine, where = (stays & (filling == number), place) if lanes == 1 else (stays, Cat(place[:half], filling))
+            m.d.sync += [write.addr.eq(where), write.data.eq(self.i.payload), write.en.eq(mine)]
 
-        if self.config.lanes > 1:
+        if lanes > 1:
             self._replay_in_lanes(m, ports, replaying, replayed, placed)
             return m
         # Stage 1: address.
@@ -152,17 +154,15 @@ class EventBuffer(wiring.Component):
             r.d.sync += [reading.eq(1), base.eq(first)]
         with r.Elif(reading):
             r.d.sync += [reading.eq(~last), base.eq(beyond)]
-        which = delay(r, replaying, 3, name="which")
         for lane, o in enumerate(self.o):
             number = Signal(len(beyond), name=f"number_{lane}")
             r.d.comb += number.eq(base | step * lane)  # these bits of the base are 0
-            place = delay(r, placed(number), 1, name=f"place_{lane}")
-            outputs = []
-            for _, read in ports[lane::lanes]:
-                m.d.comb += [read.addr.eq(place), read.en.eq(self.room)]
-                outputs.append(delay(r, read.data.as_value(), 1, name=f"output_{lane}_{len(outputs)}"))
+            _, read = ports[lane]
+            half = len(read.addr) - (self.config.buffers - 1)
+            place = delay(r, placed(number)[:half], 1, name=f"place_{lane}")
+            m.d.comb += [read.addr.eq(Cat(place, replaying)), read.en.eq(self.room)]
             r.d.comb += [
-                o.payload.eq(Mux(which, outputs[-1], outputs[0])),
+                o.payload.eq(delay(r, read.data, 1, name=f"output_{lane}")),
                 o.payload.last.eq(delay(r, last, 3, name=f"last_{lane}", valid=True)),
                 o.valid.eq(delay(r, reading & (number < replayed), 3, name=f"reading_{lane}", valid=True)),
             ]

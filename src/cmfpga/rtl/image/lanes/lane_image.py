@@ -24,7 +24,7 @@ class LaneImage(OnePassImage):
     """
 
     exact_cycles = False
-    sweep_cycles = ParityClass.latency + 1
+    sweep_cycles = ParityClass.queued + 1
 
     def __init__(self, config, *, in_flight):
         self.lane_sums = LaneSums(config, ahead=ParityClass.latency + TaggedBank.latency)
@@ -56,8 +56,8 @@ class LaneImage(OnePassImage):
         came, first, idle = Signal(), Signal(), Signal(init=1)  # votes are taken; an iteration's first; between two
         m.d.comb += [came.eq(lead.valid & self.room), first.eq(came & idle)]
 
-        # What is marked last closes the iteration, as late as its votes may be in the banks.
-        closes = delay(m, came & lead.payload.last, ParityClass.latency - 1, name="closes", valid=True)
+        # What is marked last closes the iteration, as late as its votes may have left the queues.
+        closes = delay(m, came & lead.payload.last, ParityClass.queued - 1, name="closes", valid=True)
         closing, drained = Signal(), Signal()
         m.d.comb += drained.eq(closing & Cat(each.empty for each in self.classes).all())
         with m.If(drained):

@@ -7,29 +7,40 @@ from amaranth.lib.wiring import In, Out
 from ... import payloads
 from ...arithmetic import delay
 
-#: Numbers that are added in one cycle.
-FAN_IN = 4
-
 
 def stages(count):
-    """Cycles in which :func:`add_up` adds ``count`` numbers."""
-    return 0 if count <= 2 else 1 + stages(-(-count // FAN_IN))
+    """Cycles in which :func:`add_up` adds ``count`` numbers, a power of two."""
+    return count.bit_length() - 1
 
 
 def add_up(m, values, name):
-    """``values`` added to one or two numbers, :func:`stages` cycles later."""
-    if len(values) <= 2:
-        return values
-    groups = zip(*[iter(values)] * FAN_IN, strict=True)
-    sums = [delay(m, (a + b) + (c + d), 1, name=f"{name}_{k}") for k, (a, b, c, d) in enumerate(groups)]
-    return add_up(m, sums, f"{name}_of")
+    """The sum of ``values``, :func:`stages` cycles later: two at a time, the fewest LUTs and the shortest paths."""
+    if len(values) == 1:
+        return values[0]
+    pairs = zip(values[::2], values[1::2], strict=True)
+    return add_up(m, [delay(m, a + b, 1, name=f"{name}_{k}") for k, (a, b) in enumerate(pairs)], f"{name}_of")
+
+
+def add_products(m, factors, name):
+    """Σ a·b of the pairs ``factors``, as many cycles later: one behind the other, as DSPs add without a LUT."""
+    total = 0
+    for number, pair in enumerate(factors):
+        a, b = (delay(m, each, max(0, number - 1), name=f"{name}_{number}_{k}") for k, each in enumerate(pair))
+        product = delay(m, a * b, 1, name=f"{name}_product_{number}")
+        total = delay(m, total + product, 1, name=f"{name}_{number}") if number else product
+    return total
+
+
+#: Banks whose products one chain of DSPs adds.
+CHAINED = 2
 
 
 class LaneSums(wiring.Component):
     """ΣI, ΣDx, ΣDy, Σ I·Dx and Σ I·Dy, and Σ I² where v's confidence is measured, in one pass.
 
     As :class:`~cmfpga.rtl.image.one_pass_gradient.OnePassGradient`, but a cycle's steps belong to different events, so
-    that each bank has two products for each axis. A step that adds nothing makes them 0.
+    that each bank has two products for each axis. A step that adds nothing makes them 0. With ``border = whole``, ΣDx
+    and ΣDy are 0: the four votes of an event are opposite, or all of them change no derivative.
 
     Parameters
     ----------
@@ -54,7 +65,7 @@ class LaneSums(wiring.Component):
     def __init__(self, config, *, ahead):
         self.config, self._ahead = config, ahead
         lanes = config.lanes
-        self.latency = 2 + stages(4 * lanes) + 1
+        self.latency = 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
         #: From the last votes until ΣI, ΣDx and ΣDy are final.
         self.plain_latency = 1 + stages(2 * lanes) + 1
         super().__init__(
@@ -70,7 +81,9 @@ class LaneSums(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         begin = delay(m, self.begin, self.plain_latency - 1, name="begin", valid=True)
-        for name, pairs in (("i", ((0, 1), (2, 3))), ("dx", ((0, 1), (2, 3))), ("dy", ((0, 2), (1, 3)))):
+        rows, columns = ((0, 1), (2, 3)), ((0, 2), (1, 3))
+        plain = {"i": rows} | ({"dx": rows, "dy": columns} if self.config.border != "whole" else {})
+        for name, pairs in plain.items():
             grown = [self._pair(m, lane, name, *pair) for lane in range(self.config.lanes) for pair in pairs]
             self._total(m, self.sums[name], add_up(m, grown, name), begin)
         begin = delay(m, self.begin, self._ahead + self.latency - 1, name="begin_products", valid=True)
@@ -78,13 +91,16 @@ class LaneSums(wiring.Component):
         if self.config.confidence:
             totals["i"] = self.squares
         for name, total in totals.items():
-            grown = [self._growth(m, name, number) for number in range(4 * self.config.lanes)]
+            grown = [
+                add_products(m, [pair for step in steps for pair in self._products(step, name)], f"{name}_{number}")
+                for number, steps in enumerate(zip(*[iter(self.steps)] * CHAINED, strict=True))
+            ]
             self._total(m, total, add_up(m, grown, f"products_{name}"), begin)
         return m
 
     def _total(self, m, total, growth, begin):
         """Add ``growth`` to ``total``, or to zero; outside iterations there is no growth."""
-        m.d.sync += total.eq(sum(growth) + Mux(begin, 0, total))
+        m.d.sync += total.eq(growth + Mux(begin, 0, total))
 
     def _pair(self, m, lane, name, a, b):
         """What two votes of an event add to a plain sum; of derivatives they are opposite."""
@@ -95,9 +111,7 @@ class LaneSums(wiring.Component):
             value = Mux(first.valid ^ second.valid, Mux(first.valid, first[name], second[name]), 0)
         return delay(m, value, 1, name=f"pair_{name}_{lane}_{a}")
 
-    def _growth(self, m, name, number):
-        """What a bank adds to Σ I·D, I·d + w·(D + d), or to Σ I², where D is I; two cycles."""
-        step = self.steps[number]
-        old = delay(m, step.i * step.add[name], 1, name=f"old_{name}_{number}")
-        new = delay(m, step.total[name] * step.add.i, 1, name=f"new_{name}_{number}")
-        return delay(m, old + new, 1, name=f"growth_{name}_{number}")
+    @staticmethod
+    def _products(step, name):
+        """What a bank adds to Σ I·D, I·d + w·(D + d), or to Σ I², where D is I."""
+        return (step.i, step.add[name]), (step.total[name], step.add.i)

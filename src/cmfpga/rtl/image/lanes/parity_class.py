@@ -32,14 +32,16 @@ class ParityClass(wiring.Component):
     tag : ``In``
         Of what enters the banks: the number of the iteration, or 0 a cycle after ``sweep``.
     sweep : ``In``, flow of an address
-        Where all banks take on ``tag``; only while ``empty``.
+        Where all banks take on ``tag``; not before the cycle after the first in which all were ``empty``.
     full, empty : ``Out(1)``
         A queue has room for one vote more; none has a vote.
     o : ``Out``, array of K :func:`payloads.tagged_step`
         What each bank did, :attr:`TaggedBank.latency` cycles after its operation; where that was no vote's, it added 0.
     """
 
-    latency = 2 + Router.latency
+    #: Cycles after which a vote that had not to wait has left its queue.
+    queued = 3
+    latency = queued - 1 + Router.latency
 
     def __init__(self, config):
         self.config = config

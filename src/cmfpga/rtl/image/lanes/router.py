@@ -5,14 +5,14 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from ... import payloads
-from ...arithmetic import select
+from ...arithmetic import delay, select
 
 
 class Router(wiring.Component):
     """Gives every bank one of the heads that want it, in every cycle: that of the lane whose turn it is, or the next.
 
     The turn goes round, so a head waits for as many cycles as there are lanes at most. What a bank gets stands in a
-    register, one cycle later.
+    register, :attr:`latency` cycles later: in between, the lane that was chosen stands in one, and the heads in others.
 
     Members
     -------
@@ -22,14 +22,14 @@ class Router(wiring.Component):
         Of the queues of each lane, by the lowest bit of the banks that they are for: a bit for each of these banks.
     heads : ``In``, array of K arrays of two :func:`payloads.lane_operation`
     sweep : ``In``, flow of an address
-        For all banks, while there are no heads.
+        For all banks, one cycle later, while there are no heads, and were none two cycles before.
     taken : ``Out``, array of K
         A bit for each queue of a lane: its head is given.
     o : ``Out``, array of K flows of :func:`payloads.lane_operation`
         For each bank. Nothing is added where ``sweep`` is, or nothing is given.
     """
 
-    latency = 1
+    latency = 2
 
     def __init__(self, config):
         self.config = config
@@ -49,6 +49,9 @@ class Router(wiring.Component):
         m = Module()
         lanes = range(self.config.lanes)
         given = [[] for _ in lanes]  # by lane: by each bank
+        heads = [
+            [delay(m, self.heads[lane][half], 1, name=f"head_{lane}_{half}") for half in range(2)] for lane in lanes
+        ]
         swept = Signal(self.config.geometry.word_bits)
         m.d.sync += swept.eq(Mux(self.sweep.valid, self.sweep.payload, 0))
         for bank, o in enumerate(self.o):
@@ -63,10 +66,12 @@ class Router(wiring.Component):
             # By number, so that a bit of four lanes is a LUT.
             bits = range(self.config.geometry.lane_bits)
             chosen = Cat(Cat(grant[lane] for lane in lanes if lane >> bit & 1).any() for bit in bits)
+            chosen = delay(m, chosen, 1, name=f"chosen_{bank}")
+            found = delay(m, wanted.any(), 1, name=f"found_{bank}", valid=True)
             operation = Signal(payloads.lane_operation(self.config), name=f"operation_{bank}")
-            m.d.sync += o.valid.eq(wanted.any() | self.sweep.valid)
-            with m.If(wanted.any()):
-                m.d.sync += operation.eq(select(chosen, [self.heads[lane][half] for lane in lanes]))
+            m.d.sync += o.valid.eq(found | self.sweep.valid)
+            with m.If(found):
+                m.d.sync += operation.eq(select(chosen, [heads[lane][half] for lane in lanes]))
             with m.Else():
                 m.d.sync += operation.eq(0)
             m.d.comb += [o.payload.add.eq(operation.add), o.payload.address.eq(operation.address | swept)]

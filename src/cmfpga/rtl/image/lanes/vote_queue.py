@@ -1,6 +1,6 @@
 """Vote queue: what one lane has for one half of a parity class's banks."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -61,17 +61,20 @@ class VoteQueue(wiring.Component):
             write.en.eq(self.i.valid),
         ]
         with m.If(self.i.valid):
-            m.d.sync += write.addr.eq(write.addr + 1)
-        with m.If(self.i.valid & ~load):
-            m.d.sync += level.eq(level + 1)
-        with m.If(~self.i.valid & load):
-            m.d.sync += level.eq(level - 1)
+            m.d.sync += write.addr.eq(self._next(write.addr))
+        with m.If(self.i.valid ^ load):
+            m.d.sync += level.eq(level + Mux(load, -1, 1))
         with m.If(load):
             m.d.sync += [
-                read.addr.eq(read.addr + 1),
+                read.addr.eq(self._next(read.addr)),
                 self.head.eq(read.data.operation),
                 self.wants.eq(1 << read.data.bank if self.config.lanes > 2 else 1),
             ]
         with m.Elif(self.taken):
             m.d.sync += self.wants.eq(0)
         return m
+
+    @staticmethod
+    def _next(address):
+        """The address after ``address``, of up to four bits: all of them in turn, by a LUT in place of an adder."""
+        return Cat(address[-1:-3:-1].xor() ^ ~address[:-1].any(), address[:-1])
