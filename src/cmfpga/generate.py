@@ -16,10 +16,14 @@ from .errors import ConfigError
 from .events import Events, Hdf5Writer, generate
 from .events.synthetic import TEXTURES
 
+#: Options of motions beyond translation, and the attributes of the file that tell them.
+_TURNING = {"zoom": "zoom_per_s", "roll": "roll_rad_per_s", "rotation": "angular_velocity_rad_per_s"}
+
 EXAMPLES = (
     "python -m cmfpga.generate scene.h5 --velocity 120,-40",
     "python -m cmfpga.generate noisy.h5 --texture dense --noise 0.3 --hot-pixels 5 --seed 7",
     "python -m cmfpga.generate lens.h5 --camera 200,200,120,90,-0.35,0.12,0,0,0    # then track --camera lens.h5",
+    "python -m cmfpga.generate turn.h5 --rotation 0.3,-0.6,0.2 --camera 200,200,120,90 --bars 40    # the camera turns",
     "python -m cmfpga.generate long.h5 --velocity 100,0 --there-and-back --repeat 100   # 50 s in pieces",
 )
 
@@ -30,6 +34,14 @@ def _numbers(text):
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r}: two numbers, as in 120,-40, are needed") from None
     return first, second
+
+
+def _three(text):
+    try:
+        first, second, third = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: three numbers, as in 0,0.6,-0.1, are needed") from None
+    return first, second, third
 
 
 def _number(text):
@@ -48,12 +60,23 @@ def _parser():
     )
     made.add_argument("--texture", choices=TEXTURES, default="lines", help="lines: thin bars; dense: a random pattern")
     made.add_argument(
-        "--size", type=cli.pair("W,H"), default=(40, 40), metavar="W,H", help="size of the object, px (default: 40,40)"
-    )
+        "--size", type=cli.pair("W,H"), metavar="W,H",
+        help="size of the object, px (default: 40,40; with --rotation one and a half times the sensor's)",
+    )  # fmt: skip
     made.add_argument(
         "--position", type=_numbers, metavar="X,Y", help="centre of the object at the start, px (default: the middle)"
     )
-    made.add_argument("--velocity", type=_numbers, default=(100.0, 0.0), metavar="VX,VY", help="px/s (default: 100,0)")
+    made.add_argument("--velocity", type=_numbers, metavar="VX,VY", help="px/s (default: 100,0)")
+    made.add_argument("--zoom", type=_number, default=0.0, metavar="Z", help="growth of the object, 1/s (default: 0)")
+    made.add_argument(
+        "--roll", type=_number, default=0.0, metavar="R", help="turn of the object, rad/s, clockwise (default: 0)"
+    )
+    made.add_argument(
+        "--rotation", type=_three, metavar="WX,WY,WZ",
+        help="the camera turns, rad/s about x (right), y (down), z (forward), in front of what is far away; needs "
+        "--camera, and excludes all other motion",
+    )  # fmt: skip
+    made.add_argument("--bars", type=cli.positive, metavar="N", help="bars of the texture lines (default: by the size)")
     made.add_argument(
         "--duration-us", type=cli.positive, default=500_000, metavar="D", help="length, µs (default: 500000)"
     )
@@ -83,7 +106,11 @@ def main(arguments=None):
     if not options.out.lower().endswith((".h5", ".hdf5")):
         raise ConfigError(f"{options.out}: only HDF5 is written; a name that ends with .h5 is needed")
     width, height = options.sensor
-    velocity = options.velocity
+    velocity, size = options.velocity or (100.0, 0.0), options.size or (40, 40)
+    if options.rotation:
+        if options.velocity or options.there_and_back or options.zoom or options.roll:
+            raise ConfigError("--rotation: nothing but the camera moves; --velocity, --zoom … go without it")
+        velocity, size = (0.0, 0.0), options.size or (width * 3 // 2, height * 3 // 2)
     if options.there_and_back:
         half = options.duration_us // 2
         velocity = ((half, *velocity), (options.duration_us - half, *(-axis for axis in velocity)))
@@ -92,10 +119,10 @@ def main(arguments=None):
         fields = camera_fields(options.camera, SimpleNamespace(width=width, height=height))
         camera = Camera(*parse_camera(fields["camera"]))
     scene = generate(
-        seed=options.seed, width=width, height=height, texture=options.texture, size=options.size,
+        seed=options.seed, width=width, height=height, texture=options.texture, size=size, bars=options.bars,
         position=options.position, velocity=velocity, duration_us=options.duration_us, contrast=options.contrast,
         noise=options.noise, hot_pixels=options.hot_pixels, hot_rate=options.hot_rate,
-        camera=camera,
+        camera=camera, zoom=options.zoom, roll=options.roll, rotation=options.rotation,
     )  # fmt: skip
     events, motion = scene.events, scene.motion
     if not len(events):
@@ -103,11 +130,14 @@ def main(arguments=None):
     # The motion as it is stored: begin of each piece in µs, and its velocity.
     times = np.concatenate([motion.times + k * options.duration_us for k in range(options.repeat)])
     velocities = np.tile(motion.velocities, (options.repeat, 1))
+    turning = {told: getattr(options, name) for name, told in _TURNING.items() if getattr(options, name)}
     with Hdf5Writer(options.out, width, height) as writer:
         writer.attributes(source="synthetic: cmfpga generate", seed=options.seed, texture=options.texture)
         if camera:
             writer.calibration(astuple(camera))
-        writer.ground_truth(times, velocities, motion.position(0))
+        writer.attributes(**turning)
+        if not options.rotation:
+            writer.ground_truth(times, velocities, motion.position(0))
         for k in tqdm(range(options.repeat), unit="scene", disable=None if options.repeat > 1 else True):
             writer.write(Events(events.t + k * options.duration_us, events.x, events.y, events.p))
     count = len(events) * options.repeat
@@ -118,6 +148,7 @@ def main(arguments=None):
             "duration_us": options.duration_us * options.repeat,
             "sensor": [width, height],
             "velocity_px_per_s": [[int(t), *v] for t, v in zip(motion.times, motion.velocities.tolist(), strict=True)],
+            **turning,
             "start_px": motion.position(0).tolist(),
             **({"camera": asdict(camera)} if camera else {}),
         }

@@ -14,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from . import cli
-from .camera import calibration_of
+from .camera import calibration_of, extent
 from .engines import make_engine
 from .errors import ConfigError, RecordingError, needs
 from .events import BatchCutter, open_recording
@@ -122,7 +122,9 @@ def check(recording, config, proposal, batches):
         size = {"events": proposal.batch_events, "max_events": engine.config.max_batch_events}
         cutter = BatchCutter(recording, start_event=proposal.start_event, **size)
         tracked = [*track(engine, cutter, roi=proposal.roi, batches=batches)]
-    return [math.hypot(*batch.result.v) for batch in tracked if batch.v_px_per_s is not None]
+    return [
+        extent(engine.config, batch.result.v, batch.result.roi) for batch in tracked if batch.v_px_per_s is not None
+    ]
 
 
 def track_arguments(proposal):

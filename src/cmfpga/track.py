@@ -26,13 +26,14 @@ from .tracking import api
 from .tracking.fit import FittedCutter, batch_cutter
 from .tracking.loop import in_turn, track
 from .tracking.objects import TrackedObject
-from .tracking.source import sensor_fields, unit_note
+from .tracking.source import sensor_fields, unit_note, whole_sensor
 
 EXAMPLES = (
     "python -m cmfpga.track        # a synthetic scene, with its true motion",
     "python -m cmfpga.track rec.h5 --roi 100,30 --batch-events 5000 --start-event 15000 --batches 20",
     "python -m cmfpga.track events.txt --roi 60,40 --batch-us 20000 --engine model --out track",
     "python -m cmfpga.track rec.h5 --roi 100,30 --set roi_width=48 --set thinning=2",
+    "python -m cmfpga.track rec.h5 --preset rotation    # the camera's angular velocity, by the file's calibration",
     "python -m cmfpga.track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
     "python -m cmfpga.track rec.h5 --roi 100,30 --hot-pixels auto --background-us 5000    # drop noise first",
     "python -m cmfpga.track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
@@ -72,7 +73,7 @@ def _parser():
     made.add_argument(
         "--engine",
         default="rtl",
-        type=_engine,
+        type=cli.checked(engine_name),
         choices=cli.Proposals((*ENGINES, AXI)),
         metavar="{" + ",".join((*ENGINES, AXI, f"{SERIAL}:PORT")) + "}",
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
@@ -132,14 +133,6 @@ def _roi_option(text):
     return name or None, None if place == "auto" else cli.pair("X,Y")(place)
 
 
-def _engine(text):
-    """A parser of ``--engine`` for argparse."""
-    try:
-        return engine_name(text)
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
@@ -190,11 +183,12 @@ def _sensor_fields(options, recording):
 
 def _objects(options, truth, config, recording):
     """The objects that ``--roi`` asks for; of several, those without a name have their number."""
-    asked = options.roi
+    asked = [(name, roi or whole_sensor(config)) for name, roi in options.roi or ()]
     if not asked:
-        if truth is None:
+        start = whole_sensor(config) or (truth and truth.roi_start(config.roi_width, config.roi_height))
+        if start is None:
             raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto")
-        asked = [(None, truth.roi_start(config.roi_width, config.roi_height))]
+        asked = [(None, start)]
     if len(asked) > 1 and not recording.seekable:
         raise ConfigError(f"{recording.name}: a stream comes only once; one --roi is needed")
     objects = []
@@ -315,14 +309,20 @@ def _summarise(options, config, engine, objects, counts):
             f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
-        for sentence in (one.image_text, one.dropped_text, one.verdict.share, one.verdict.velocity):
+        for sentence in (
+            one.image_text,
+            one.dropped_text,
+            one.verdict.share,
+            one.verdict.velocity,
+            one.verdict.motion_text,
+        ):
             if sentence:
                 print(f"{who}{sentence}")
     if cycles:
+        mean = sum(cycles) / len(cycles)
         print(
-            f"{sum(cycles) / len(cycles):,.0f} clock cycles a batch on average, "
-            f"{sum(cycles) / len(cycles) / options.clock / 1e3:.3f} ms "
-            f"at an assumed clock of {options.clock:g} MHz"
+            f"{mean:,.0f} clock cycles a batch on average, {mean / options.clock / 1e3:.3f} ms at an assumed clock of "
+            f"{options.clock:g} MHz"
         )
     if counts:
         print(

@@ -7,8 +7,10 @@ import sys
 from pathlib import Path
 
 from .. import cli
+from ..config import DEFAULT_PRESET
 from ..engines import ENGINES
 from ..errors import ConfigError, RecordingError, needs, write_text
+from .motions import MOTIONS, run_motion
 from .studies import STUDIES, run_study
 from .suites import run_suites
 from .synthetic import BATCHES, SEEDS
@@ -21,6 +23,7 @@ EXAMPLES = (
     "python -m cmfpga.accuracy --set weight_frac=3 --batches 100 --json scores.json",
     "python -m cmfpga.accuracy --seeds 1-3                    # 900 synthetic batches",
     "python -m cmfpga.accuracy --known --data recordings      # and recordings of known motion, in the default use",
+    "python -m cmfpga.accuracy --motion rotation --data recordings    # and a similarity's",
     "python -m cmfpga.accuracy --study widths --data recordings",
 )
 
@@ -49,6 +52,11 @@ def _parser():
         "bias, of slow dense scenes",
     )  # fmt: skip
     made.add_argument(
+        "--motion", choices=MOTIONS,
+        help="instead of the suites: that of a motion beyond translation, with the preset of this name; synthetic "
+        "batches, and with --data real ones of a rotation",
+    )  # fmt: skip
+    made.add_argument(
         "--known", action="store_true",
         help="recordings whose motion is known as well, tracked without an option about batches: how many batches are "
         "trusted, and of these wrong; generated ones, and with --data real ones",
@@ -70,8 +78,12 @@ def _seeds(text):
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
+    if options.motion and options.preset == DEFAULT_PRESET:
+        options.preset = options.motion
     config = cli.make_config(options)
-    if (config.roi_width, config.roi_height) != (ROI, ROI):
+    if options.motion and (options.study or options.known or options.engine == "all"):
+        raise ConfigError("--motion: --study, --known and --engine all go without it")
+    if not options.motion and (config.roi_width, config.roi_height) != (ROI, ROI):
         raise ConfigError(f"ROI of {config.roi_width}×{config.roi_height} px: the suites are for {ROI}×{ROI} px")
     if options.data is not None and not Path(options.data).is_dir():
         raise RecordingError(f"--data {options.data}: no such folder")
@@ -81,7 +93,7 @@ def main(arguments=None):
     if options.data is None:
         print("note: no folder of recordings (--data, $CMFPGA_DATA): synthetic batches only", file=sys.stderr)
     with needs("torch", "reference", "all but --engine rtl"):
-        (run_study if options.study else run_suites)(options, config, report)
+        (run_motion if options.motion else run_study if options.study else run_suites)(options, config, report)
     if options.json:
         text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)
         write_text(options.json, text + "\n")

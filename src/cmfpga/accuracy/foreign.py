@@ -26,3 +26,17 @@ def find(events, roi, width, height):
     found = eventcv.from_numpy(table, sensor_size=(width, height), time_unit="us").contrast_maximise()
     vx, vy = (axis * half for axis in found["params"])
     return (vx, vy), found["improvement"]
+
+
+def find_rotation(camera, events, width, height):
+    """(ωx, ωy, ωz), rad/s, of all events, undistorted as the program does it, to whole pixels; it starts at 0.
+
+    Raises :exc:`~cmfpga.errors.MissingPackage` where it is not installed.
+    """
+    with needs("eventcv", "eventcv", "the comparison with eventcv"):
+        import eventcv
+    distortion = {name: getattr(camera, name) for name in ("k1", "k2", "p1", "p2", "k3")}
+    lens = eventcv.Camera(camera.fx, camera.fy, camera.cx, camera.cy, **distortion)
+    table = np.stack([events.x, events.y, events.t - events.t[0], events.p], axis=1)
+    stream = eventcv.from_numpy(table, sensor_size=(width, height), time_unit="us").undistort(lens)
+    return np.array(stream.contrast_maximise(model="rotation", camera=lens)["params"])

@@ -205,6 +205,18 @@ def files(action):
     return action
 
 
+def checked(parse):
+    """A parser for argparse, made of one that raises :exc:`ConfigError`."""
+
+    def parsed(text):
+        try:
+            return parse(text)
+        except ConfigError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parsed
+
+
 def pair(what):
     """A parser of ``A,B`` (two integers) for argparse."""
 

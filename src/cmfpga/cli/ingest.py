@@ -3,8 +3,10 @@
 import re
 
 from ..camera import camera_fields
+from ..config import preset
 from ..errors import ConfigError, naming
-from . import files, natural
+from ..tracking.source import rotation_fields
+from . import config_changes, files, natural
 
 
 def add_ingest_options(made):
@@ -13,7 +15,7 @@ def add_ingest_options(made):
         "--camera", metavar="FILE",
         help="undistort events as this calibration says, so that ROI and velocity are in the undistorted image: HDF5 "
         "with /camera_calibration (often the recording itself), a ROS camera_info YAML, or a text of fx fy cx cy k1 k2 "
-        "p1 p2 k3; or these numbers",
+        "p1 p2 k3; or these numbers (motion = rotation takes the recording's own by itself)",
     ))  # fmt: skip
     group = made.add_argument_group("noise (dropped events are counted; what suits: python -m cmfpga.info RECORDING)")
     group.add_argument(
@@ -29,7 +31,10 @@ def add_ingest_options(made):
 
 def ingest_fields(options, recording):
     """The fields that the options ask for; ``recording`` is read where they say ``auto``."""
+    given = config_changes(options)
     fields = camera_fields(options.camera, recording) if options.camera is not None else {}
+    motion = given.get("motion", preset(options.preset).motion)
+    fields |= rotation_fields(recording, motion, {**fields, **given}, "--camera FILE")
     if options.hot_pixels is not None:
         fields |= {"hot_pixels": 1, "hot_mask": _mask(options.hot_pixels, recording)}
     if options.background_us is not None:

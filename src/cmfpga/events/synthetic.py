@@ -10,6 +10,7 @@ polarity is the sign of ``−gradient · d``. Each point starts at a random leve
 Pixel (x, y) covers x − ½ … x + ½, as everywhere in this project.
 """
 
+import itertools
 import math
 import operator
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from ..errors import ConfigError
 from .arrays import Events
 from .columns import MemoryRecording
 from .motion import Motion
+from .turning import Turning
 
 TEXTURES = ("lines", "dense")
 MAX_EVENTS = 50_000_000
@@ -66,6 +68,13 @@ class Scene:
         Rate of each of them, events/s.
     camera : cmfpga.camera.Camera, optional
         What distorts the image: position, size and velocity are in the undistorted one, events where it sees them.
+    bars : int, optional
+        Number of bars of the texture ``lines``; one for every 100 px² of the object by default.
+    zoom, roll : float
+        The object grows about its centre by so much per s, and turns by so many rad/s, clockwise on the screen.
+    rotation : (float, float, float), optional
+        Angular velocity of the camera itself, rad/s, about x (to the right), y (down), z (forward), from the start on;
+        what is seen is far away and stands still at the start. Needs ``camera``.
     """
 
     seed: int = 0
@@ -82,6 +91,10 @@ class Scene:
     hot_pixels: int = 0
     hot_rate: float = 1000.0
     camera: object = None
+    bars: int | None = None
+    zoom: float = 0.0
+    roll: float = 0.0
+    rotation: tuple | None = None
 
     def __post_init__(self):
         for name, low, high in (
@@ -94,6 +107,14 @@ class Scene:
         if self.texture not in TEXTURES:
             raise ConfigError(f"texture = {self.texture!r}: one of {', '.join(TEXTURES)} is needed")
         _check_many("size", self.size, 2, 1, 1 << 16, whole=True)
+        if self.bars is not None:
+            _check("bars", self.bars, 1, None, whole=True)
+        for name in ("zoom", "roll"):
+            _check(name, getattr(self, name), -100, 100)
+        if self.rotation is not None:
+            _check_many("rotation", self.rotation, 3, -100, 100)
+            if self.camera is None:
+                raise ConfigError("rotation: a camera is needed")
         if self.position is not None:
             _check_many("position", self.position, 2)
         for duration, _, _ in self._pieces():
@@ -201,7 +222,7 @@ def _times(scene, count, rng):
 def _lines(scene, rng):
     """Edge points (px, relative to the object's centre) and gradients, N×2, of random bars: two edges each."""
     width, height = scene.size
-    count = max(1, round(width * height / _PIXELS_PER_LINE))
+    count = scene.bars or max(1, round(width * height / _PIXELS_PER_LINE))
     half = np.array([width, height]) / 2
     ends = rng.uniform(-half, half, (2, count, 2))
     points, gradients = [], []
@@ -239,10 +260,10 @@ def _emit(scene, points, gradients, motion, rng):
     level = rng.random(len(points))
     end = scene.t_start_us + scene.duration_us
     begins = motion.times[motion.times < end]
-    parts = []
-    for t0, t1 in zip(begins, [*begins[1:], end], strict=True):
-        place, step = motion.position(t0), motion.position(t1) - motion.position(t0)
-        change = -gradients @ step
+    turning, parts = Turning(scene, points, gradients, motion), []
+    pieces = [turning.pieces(t0, t1) for t0, t1 in zip(begins, [*begins[1:], end], strict=True)]
+    for t0, t1 in (pair for times in pieces for pair in itertools.pairwise(times)):
+        place, step, change = turning.step(t0, t1)
         begin_level, level = level, level + change
         up = change > 0
         count = np.abs(np.floor(level) - np.floor(begin_level)).astype(np.int64)
@@ -252,10 +273,10 @@ def _emit(scene, points, gradients, motion, rng):
         # Thresholds on the way: upwards from the next whole level, downwards from the last one.
         threshold = np.floor(begin_level)[owner] + np.where(up[owner], nth + 1, -nth)
         share = np.clip((threshold - begin_level[owner]) / change[owner], 0, 1)
-        at = points[owner] + place + share[:, None] * step
+        at = place[owner] + share[:, None] * (step if step.ndim == 1 else step[owner])
         if scene.camera:
             at = scene.camera.distorted(*at.T).T
-        pixel = np.floor(at + 0.5).astype(np.int64)
+        pixel = np.floor(np.nan_to_num(at, nan=-1.0) + 0.5).astype(np.int64)
         t = np.minimum(np.floor(t0 + share * (t1 - t0)).astype(np.int64), t1 - 1)
         inside = ((pixel >= 0) & (pixel < [scene.width, scene.height])).all(axis=1)
         parts.append((t[inside], pixel[inside, 0], pixel[inside, 1], up[owner][inside].astype(np.uint8)))

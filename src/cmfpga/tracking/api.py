@@ -15,7 +15,7 @@ from ..survey import hot_mask, survey_and_propose
 from . import loop
 from .fit import batch_cutter
 from .result import Tracking
-from .source import Source, sensor_fields, unit_note
+from .source import Source, rotation_fields, sensor_fields, unit_note, whole_sensor
 
 
 def track(
@@ -48,7 +48,8 @@ def track(
         a structured array, a tuple (t, x, y, p), N×4, …
     roi : (int, int) or "auto", optional
         Left column and top row of the first batch's ROI, px; or where something moves clearly, in batches that suit it
-        unless they are told. Of a :class:`Synthetic` recording by default the place where the object is in its middle.
+        unless they are told. Of a :class:`Synthetic` recording by default the place where the object is in its middle;
+        a rotation needs none.
     preset : str
         Configuration to begin with.
     engine : {"rtl", "axi", "model", "float"}
@@ -195,7 +196,9 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
     for note in opened.notes() if isinstance(opened, Recording) else ():
         warnings.warn(note, stacklevel=3)
     config = _config(opened, preset, fields)
-    if isinstance(roi, str) and roi == "auto":
+    if (roi is None or isinstance(roi, str)) and whole_sensor(config):
+        roi = whole_sensor(config)
+    elif isinstance(roi, str) and roi == "auto":
         (found,) = survey_and_propose(opened, config, start_event=start_event or None)
         roi, start_event = found.roi, found.start_event
         if not size:
@@ -224,4 +227,6 @@ def _config(source, name, fields):
         fields = {**fields, "hot_mask": hot_mask(source)}
     if fields.get("camera"):
         fields = {**fields, **camera_fields(fields["camera"], source)}
+    motion = fields.get("motion", preset(name).motion)
+    given |= rotation_fields(source, motion, fields, "camera=")
     return preset(name).replace(**{**given, **fields})

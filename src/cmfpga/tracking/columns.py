@@ -10,6 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..camera import RATES
+
 _ARRAYS = {int: np.int64, float: np.float64, str: str}
 
 
@@ -110,16 +112,50 @@ COLUMNS = {
 }  # fmt: skip
 
 
+def _rate(name, title, unit, doc):
+    return Column(name=name, dtype=float, title=title, unit=unit, value=lambda b: b.rates[name], doc=doc,
+                  text="{:.6f}", may_be_missing=True)  # fmt: skip
+
+
+_DEGENERATE = "; empty for a degenerate batch"
+
+#: Of motions beyond translation, beside those: what :func:`cmfpga.camera.rates` tells.
+MORE = {
+    column.name: column
+    for column in (
+        _rate("wx_rad_per_s", "angular velocity about x", "rad/s",
+              "the camera's angular velocity about its x axis, which points to the right" + _DEGENERATE),
+        _rate("wy_rad_per_s", "angular velocity about y", "rad/s", "the same about y, which points down"),
+        _rate("wz_rad_per_s", "angular velocity about z", "rad/s", "the same about z, which points forward"),
+        _rate("zoom_per_s", "zoom", "1/s", "growth of the image per s, positive of what comes nearer" + _DEGENERATE),
+        _rate("roll_rad_per_s", "roll", "rad/s", "turn of the image, positive clockwise" + _DEGENERATE),
+        _rate("time_to_contact_s", "time to contact", "s",
+              "1/zoom_per_s, negative of what goes away; empty without a zoom"),
+    )
+}  # fmt: skip
+
+
+def columns(motion):
+    """``{name: Column}`` of a track with this motion, in the order of its CSV."""
+    found = {}
+    for name, column in COLUMNS.items():
+        found[name] = column
+        if name == "vy_px_per_s":
+            found |= {rate: MORE[rate] for rate in RATES[motion]}
+    return found
+
+
 def row(values):
     """Text of a batch's values, ``{name: value}``. Equal results give equal text."""
-    return tuple("" if values[name] is None else column.text.format(values[name]) for name, column in COLUMNS.items())
+    every = COLUMNS | MORE
+    return tuple("" if value is None else every[name].text.format(value) for name, value in values.items())
 
 
-def csv_writer(file, image=""):
-    """A function that writes a batch's values into ``track.csv``, which has its head already.
+def csv_writer(file, image="", motion="translation"):
+    """A function that writes a batch's values into ``track.csv``, which has its head already, with :func:`columns`.
 
     ``image``, where it is told, is what the last column says: which image ROI and v are in.
     """
     writer = csv.writer(file, lineterminator="\n")
-    writer.writerow((*COLUMNS, *["image"] * bool(image)))
+    writer.writerow((*columns(motion), *["image"] * bool(image)))
     return lambda values: writer.writerow((*row(values), *[image] * bool(image)))

@@ -8,11 +8,12 @@ results give equal lengths. Figures: docs/track.md.
 import functools
 import math
 
-from ..camera import seen
+from ..camera import extent, seen
 from ..config.defaults import BATCH_EVENTS
 from ..events import WAITING, BatchCutter
 from ..imaging.iwe import events_in_roi
 from ..protocol.confidence import confidence, is_judged, is_sure
+from ..protocol.flags import Flag
 
 #: Motion of the image that is aimed at, and between what a batch keeps its length, px per half batch.
 TARGET_PX, ALLOWED_PX = 4.0, (3.0, 5.0)
@@ -25,6 +26,7 @@ _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
 _AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it is the object that speeds up
 _MIN_PX = 2.0  # of a survey's window
+_TRIALS = 6  # of a first length, where the confidence is not measured
 _REACH = 16  # no batch becomes longer, times the last that was to be trusted, or else the survey's first window
 
 
@@ -35,8 +37,8 @@ def fit(events, v, trusted):
     ----------
     events : int
         Of the batch that is over, of the whole sensor.
-    v : (float, float)
-        What it found, px per half batch.
+    v : sequence of float
+        What it found, px per half batch; of another motion than translation, how far the image moves.
     trusted : bool
         Whether v is to be trusted; if not, the length stays.
 
@@ -62,7 +64,8 @@ class FittedCutter(BatchCutter):
     start_event : int
         Index of the first event to cut.
     first : int, optional
-        Events of the first batch; without, a :meth:`survey` chooses it.
+        Events of the first batch; without, a :meth:`survey` chooses it. Where the confidence is not measured, those of
+        the survey's first trial.
     max_events : int
         Largest batch, in events of the whole sensor.
     """
@@ -72,7 +75,7 @@ class FittedCutter(BatchCutter):
         super().__init__(
             source, start_event=start_event, events=size, max_events=max_events, seen=functools.partial(seen, config)
         )
-        self._config, self._surveyed = config, first is not None
+        self._config, self._surveyed = config, first is not None and _judges(config)
         self._shortest = self._sure = self.size
         self._doubtful = 0  # batches in a row
 
@@ -97,6 +100,8 @@ class FittedCutter(BatchCutter):
         if self._surveyed:
             return
         self._surveyed, found = True, None
+        if not _judges(self._config):
+            return (yield from self._trials(trial, roi))
         length = self._shortest = self._sure = yield from self._first_length(roi)
         while True:
             ahead = yield from self._ahead(2 * length)
@@ -110,6 +115,18 @@ class FittedCutter(BatchCutter):
             length = min(int(length * _GROWTH) + 1, self.max_events)
         self.size = min(fit(*found, True) if found else length, _REACH * self._sure, self.max_events)
         self.size = max(len((yield from self._ahead(self.size))), 1)
+
+    def _trials(self, trial, roi):
+        """The same without a confidence that could be gone by: a batch is tried until the image moves far enough."""
+        for _ in range(_TRIALS):
+            ahead = yield from self._ahead(self.size)
+            result = trial(ahead)
+            self.size = len(ahead) or 1
+            length = fit(self.size, (extent(self._config, result.v, roi[:2]),), Flag.DEGENERATE not in result.flags)
+            length = min(length, self.max_events)
+            if length == self.size:
+                return
+            self.size = max(len((yield from self._ahead(length))), 1)
 
     def _ahead(self, count):
         """:meth:`peek`, once the events are there."""
@@ -142,12 +159,18 @@ class FittedCutter(BatchCutter):
 
     def add(self, batch):
         """Take a :class:`~cmfpga.tracking.loop.TrackedBatch`, and choose the length of the next one."""
-        trusted = is_sure(batch.result)
+        trusted = is_sure(batch.result) if _judges(self._config) else Flag.DEGENERATE not in batch.result.flags
         self._doubtful = 0 if trusted else self._doubtful + 1
         self._sure = self.size if trusted else self._sure
-        self.size = min(fit(self.size, batch.result.v, trusted), self.max_events)
+        moved = extent(self._config, batch.result.v, batch.result.roi)
+        self.size = min(fit(self.size, (moved,), trusted), self.max_events)
         if self._doubtful and self._doubtful % LOST_BATCHES == 0:
             self.size = 2 * self.size if 2 * self.size <= min(_REACH * self._sure, self.max_events) else self._shortest
+
+
+def _judges(config):
+    """Whether each batch says how far it is to be trusted."""
+    return config.confidence and config.judge
 
 
 def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENTS, most=None, **size):
@@ -169,8 +192,11 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
         None, or one of :class:`BatchCutter`.
     """
     limit = config.max_batch_events
-    if not size and config.confidence and config.judge:
-        return FittedCutter(source, config, start_event=start_event, first=first, max_events=min(limit, most or limit))
+    chosen = {"start_event": start_event, "max_events": min(limit, most or limit)}
+    if not size and _judges(config):
+        return FittedCutter(source, config, first=first, **chosen)
+    if not size and config.motion_model.basis:
+        return FittedCutter(source, config, first=first or config.buffer_events // 2, **chosen)
     size = size or {"events": first or min(usual, limit)}
     placed = functools.partial(seen, config)
     return BatchCutter(source, start_event=start_event, max_events=limit, seen=placed, **size)

@@ -12,7 +12,7 @@ from ..camera import nearest
 from ..config import Config
 from ..errors import ConfigError, naming
 from ..imaging.iwe import scaled_roi_events
-from .columns import COLUMNS
+from .columns import columns
 
 #: Name of the file in the folder of a track.
 FILE = "track.npz"
@@ -118,7 +118,7 @@ class Kept:
 
     def column(self, name):
         """Text of a column of ``track.csv``, one per batch."""
-        at = list(COLUMNS).index(name)
+        at = list(columns(self.config.motion)).index(name)
         return [row[at] for row in self.rows]
 
     def numbers(self, name):
@@ -213,7 +213,11 @@ class Kept:
         kept.rows = [tuple(row) for row in data["rows"].tolist()]
         kept.spans, kept.truths = data["spans"].tolist(), [tuple(pair) for pair in data["truths"].tolist()]
         kept.roi_next = tuple(data["roi_next"].tolist())
-        if not kept.rows or {len(row) for row in kept.rows} != {len(COLUMNS)} or len(kept.spans) != len(kept.rows):
+        if (
+            not kept.rows
+            or {len(row) for row in kept.rows} != {len(columns(kept.config.motion))}
+            or len(kept.spans) != len(kept.rows)
+        ):
             raise ValueError("rows")
 
         def split(name, counts):

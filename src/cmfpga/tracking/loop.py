@@ -6,10 +6,10 @@ have. What is kept of the batches is up to the consumers that the caller chooses
 
 import functools
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from ..camera import seen
+from ..camera import rates, seen
 from ..events import WAITING, Events
 from ..imaging.iwe import contrast
 from ..protocol.confidence import confidence, covariance, is_sure
@@ -17,7 +17,7 @@ from ..protocol.flags import Flag
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings, clamp_roi
 from ..reference.integer.noise_filter import NoiseFilter
-from .columns import COLUMNS, csv_writer, row
+from .columns import columns, csv_writer, row
 from .fit import LOST_BATCHES, FittedCutter
 from .replay import Replay
 
@@ -54,6 +54,10 @@ class TrackedBatch:
         Where the next batch is cropped, if not where the engine moved the ROI.
     undistorted : cmfpga.camera.undistortion.Seen or None
         The events in the undistorted image, where there is a camera.
+    rates : dict
+        The motion in physical units, as :func:`cmfpga.camera.rates` gives it.
+    motion : str
+        As of ``Config``.
     """
 
     index: int
@@ -69,6 +73,8 @@ class TrackedBatch:
     marks: tuple | None = None
     roi_next: tuple | None = None
     undistorted: Any = None
+    rates: dict = field(default_factory=dict)
+    motion: str = "translation"
 
     @property
     def seen(self):
@@ -96,8 +102,8 @@ class TrackedBatch:
 
     @functools.cached_property
     def values(self):
-        """``{name: value}`` of the :data:`~cmfpga.tracking.columns.COLUMNS`; None where there is no value."""
-        return {name: column.of(self) for name, column in COLUMNS.items()}
+        """``{name: value}`` of the :func:`~cmfpga.tracking.columns.columns`; None where there is no value."""
+        return {name: column.of(self) for name, column in columns(self.motion).items()}
 
     def row(self):
         """The same as text, as in ``track.csv``."""
@@ -112,10 +118,10 @@ class Consumer(Protocol):
 
 
 class CsvConsumer:
-    """Writes ``track.csv`` into an open file as the batches come; ``image`` as of :func:`~.columns.csv_writer`."""
+    """Writes ``track.csv`` into an open file as the batches come; ``how`` as of :func:`~.columns.csv_writer`."""
 
-    def __init__(self, file, image=""):
-        self._write = csv_writer(file, image)
+    def __init__(self, file, *how):
+        self._write = csv_writer(file, *how)
 
     def add(self, batch):
         """Write a batch's line."""
@@ -181,6 +187,8 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
             marks=marks,
             roi_next=start or result.roi_next,
             undistorted=placed if config.lens else None,
+            rates=rates(config, result.v, 0 if Flag.DEGENERATE in result.flags else result.span),
+            motion=config.motion,
         )
         if fitted:
             cutter.add(batch)

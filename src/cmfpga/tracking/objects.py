@@ -97,8 +97,9 @@ class TrackedObject:
 
             self._writers.append(write)
         if report_mhz is not None:
-            from ..report.page import plotly_script, write_page
+            from ..report.page import check, plotly_script, write_page
 
+            check(self.config)
             plotly_script()  # if it is missing, that is told before the work
             kept = Kept(self.config, engine, recording, motion)
             self._later(kept, lambda one: kept.save(one._file(folder, "track", ".npz")))
@@ -114,7 +115,7 @@ class TrackedObject:
         path = self._file(folder, "track", ".csv")
         stack.enter_context(naming(path))
         file = stack.enter_context(path.open("w", newline=""))
-        self.consumers.append(CsvConsumer(file, self.config.image))
+        self.consumers.append(CsvConsumer(file, self.config.image, self.config.motion))
 
     def _later(self, consumer, write):
         self.consumers.append(consumer)
@@ -142,7 +143,7 @@ class TrackedObject:
     @property
     def verdict(self):
         """Of the batches so far."""
-        return Verdict.of(self.values)
+        return Verdict.of(self.values, self.config.motion)
 
     @property
     def dropped_text(self):

@@ -11,7 +11,7 @@ from ..errors import ConfigError, naming, needs
 from ..events import Events
 from ..imaging.gallery import Gallery
 from ..protocol.confidence import covariance, is_sure
-from .columns import COLUMNS, csv_writer, row
+from .columns import columns, csv_writer, row
 from .kept import Kept
 from .verdict import Verdict
 
@@ -23,7 +23,7 @@ class Tracking:
     """What a track found, batch by batch.
 
     Each column of ``track.csv`` is an attribute of the same name: an array with one element per batch, as
-    :data:`~cmfpga.tracking.columns.COLUMNS` declares it. It is not rounded; a value that the CSV leaves empty is NaN.
+    :func:`~cmfpga.tracking.columns.columns` declares it. It is not rounded; a value that the CSV leaves empty is NaN.
 
     Parameters
     ----------
@@ -61,12 +61,12 @@ class Tracking:
         return len(self.results)
 
     def __getattr__(self, name):
-        if name in COLUMNS:
-            return COLUMNS[name].array([values[name] for values in self._values])
+        if "config" in vars(self) and name in (declared := columns(self.config.motion)):
+            return declared[name].array([values[name] for values in self._values])
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __dir__(self):
-        return [*super().__dir__(), *COLUMNS]
+        return [*super().__dir__(), *columns(self.config.motion)]
 
     def __repr__(self):
         return f"<Tracking of {self.source.name}: {len(self)} batches, {self.engine} engine>"
@@ -79,7 +79,7 @@ class Tracking:
     @property
     def verdict(self):
         """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
-        return Verdict.of(self._values)
+        return Verdict.of(self._values, self.config.motion)
 
     @property
     def covariance(self):
@@ -96,13 +96,13 @@ class Tracking:
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
         with naming(path), open(path, "w", newline="") as file:
-            write = csv_writer(file, self.config.image)
+            write = csv_writer(file, self.config.image, self.config.motion)
             for values in self._values:
                 write(values)
 
     def to_arrays(self):
         """``{name: array}`` of all columns of ``track.csv``."""
-        return {name: getattr(self, name) for name in COLUMNS}
+        return {name: getattr(self, name) for name in columns(self.config.motion)}
 
     def to_pandas(self):
         """The same as a pandas ``DataFrame``. Needs pandas: ``pip install 'cmfpga[pandas]'``."""
@@ -113,8 +113,9 @@ class Tracking:
     def _repr_html_(self):
         """In a notebook: the first and last batches as a table, and the picture."""
         shown = self._values if len(self) <= 2 * _SHOWN else [*self._values[:_SHOWN], None, *self._values[-_SHOWN:]]
-        lines = [[column.title + (f" [{column.unit}]" if column.unit else "") for column in COLUMNS.values()]]
-        lines += [row(values) if values else ["…"] * len(COLUMNS) for values in shown]
+        declared = columns(self.config.motion).values()
+        lines = [[column.title + (f" [{column.unit}]" if column.unit else "") for column in declared]]
+        lines += [row(values) if values else ["…"] * len(declared) for values in shown]
         table = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in line)}</tr>" for line in lines)
         picture = io.BytesIO()
         self.plot().savefig(picture)

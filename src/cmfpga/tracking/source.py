@@ -3,6 +3,9 @@
 import contextlib
 import os
 
+import h5py
+
+from ..camera import calibration_of, camera_fields
 from ..errors import ConfigError, RecordingError
 from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, is_live, open_source
 from ..events.recording import CHUNK_EVENTS, check_sensor
@@ -37,7 +40,8 @@ class Source:
             recording = MemoryRecording(recording, *check_sensor(sensor, "events in memory"))
         self._recording = recording
         self.name = recording.name if isinstance(recording, EventSource) else os.fspath(recording)
-        self.motion = self.synthetic.motion if self.synthetic else None
+        shown = self.synthetic is not None and not self.synthetic.scene.rotation
+        self.motion = self.synthetic.motion if shown else None
 
     def open(self, stack):
         """The :class:`EventSource`; a file that is opened here is closed by ``stack``, an ``ExitStack``."""
@@ -84,6 +88,45 @@ def sensor_fields(source, given, usual, how):
     config = usual()
     size = f"{config.sensor_width}×{config.sensor_height} px"
     return {}, f"{source.name} does not say how large its sensor is: taking {size}; say it with {how}"
+
+
+def rotation_fields(source, motion, given, how):
+    """What a rotation takes from the recording by itself: the whole sensor as the ROI, and its calibration.
+
+    Parameters
+    ----------
+    source : EventSource
+    motion : str
+        As of ``Config``; nothing is taken for another one.
+    given : dict
+        Fields that the user gives; they go before.
+    how : str
+        How a user gives a calibration.
+
+    Returns
+    -------
+    dict
+        Fields of the configuration. Raises :exc:`ConfigError` without a calibration.
+    """
+    if motion != "rotation":
+        return {}
+    size = {"width": source.width, "height": source.height}
+    found = {f"roi_{side}": given.get(f"sensor_{side}", px) for side, px in size.items()}
+    if not given.get("camera"):
+        path, calibration = getattr(source, "path", None), None
+        if path is not None and h5py.is_hdf5(path):
+            with h5py.File(path) as file:
+                calibration = calibration_of(file, path)
+        if calibration is None:
+            raise ConfigError(f"{source.name}: it holds no calibration, which motion = rotation needs: {how}")
+        found |= camera_fields(calibration, source)
+    return {name: value for name, value in found.items() if value is not None and name not in given}
+
+
+def whole_sensor(config):
+    """(0, 0), the only place of an ROI for a rotation that is the whole sensor; None of any other."""
+    place = config.geometry.roi_x_max, config.geometry.roi_y_max
+    return (0, 0) if config.motion == "rotation" and place == (0, 0) else None
 
 
 def unit_note(source, how):

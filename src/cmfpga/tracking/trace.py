@@ -13,6 +13,7 @@ from ..reference.float_core import FloatCore
 from ..reference.ingest import take_in
 from ..reference.integer.core import IntegerCore
 from ..reference.integer.dither import dither
+from ..reference.integer.motion import basis, flow
 from ..reference.integer.time_scaler import time_scaler
 from ..reference.integer.warp import warp
 
@@ -26,7 +27,7 @@ class IterationTrace:
 
     Parameters
     ----------
-    v, v_next : [2]
+    v, v_next : [2], or one for each parameter of the motion
         Velocity that the iteration used, and the one that it found; px per half batch.
     level : int
         The image's pixels are 2^level px wide. Positions, images and derivatives are in these pixels.
@@ -37,8 +38,8 @@ class IterationTrace:
         to the ROI.
     iwe, iwe_dx, iwe_dy : [rows, columns]
         Image of warped events I in events per pixel, ∂I/∂vx, ∂I/∂vy.
-    sum_i, sum_d, s, g : scalar, [2], [2], [2]
-        ΣI, ΣD, S = Σ I·D, G = P·S − ΣI·ΣD.
+    sum_i, sum_d, s, g : scalar, [2], [2], [2]; s and g have one for each parameter of the motion
+        ΣI, ΣD, S = Σ I·D, G = P·S − ΣI·ΣD; of motions beyond translation G = S.
     raw : dict or None
         The same names, int64, in the formats of ``Config``; None for the engine ``float``.
     """
@@ -165,8 +166,9 @@ class BatchTrace:
         columns, rows = config.geometry.level_size(level)
         x, y, dt = self._used(k)
         v = tuple(int(axis) for axis in self.result.trace.v[k])
-        done, _ = IntegerCore(config).iterate(x, y, dt, v, eta=self._settings.eta, entry=entry)
-        warped_x, warped_y = warp(config, x, y, dt, v, level)
+        b = basis(config, x, y, roi=self.result.roi, camera=self._settings.camera)
+        done, _ = IntegerCore(config).iterate(x, y, dt, v, eta=self._settings.eta, entry=entry, b=b)
+        warped_x, warped_y = warp(config, x, y, dt, flow(config, v, b), level)
         raw = {
             "v": np.array(done.v, np.int64),
             "v_next": np.array(done.v_next, np.int64),
@@ -181,12 +183,13 @@ class BatchTrace:
             "g": np.array(done.g),  # may be wider than 64 bits
         }
         weight, derivative = 2.0**-config.weight_frac, 2.0**-config.derivative_frac
+        frac = config.motion_model.frac if b else 0
         steps = {
             **dict.fromkeys(("v", "v_next"), config.formats.v.step),
             **dict.fromkeys(("x", "y"), 2.0**-config.position_frac),
             **dict.fromkeys(("iwe", "sum_i"), weight),
             **dict.fromkeys(("iwe_dx", "iwe_dy", "sum_d"), derivative),
-            **dict.fromkeys(("s", "g"), weight * derivative),
+            **dict.fromkeys(("s", "g"), weight * derivative * 2.0**-frac),
         }
         real = {name: value * steps[name] for name, value in raw.items()}
         return IterationTrace(**real, level=level, log2_step=entry.log2_step, raw=raw)

@@ -5,12 +5,23 @@ import itertools
 
 import numpy as np
 
+from ..camera import RATES
 from ..protocol.flags import Flag
-from .columns import COLUMNS
+from .columns import columns
 from .fit import LOST_BATCHES
 
 #: Where the image moves less, velocities are measured too large, px per half batch.
 BIASED_PX = 1.5
+
+#: What is told of motions beyond translation: columns, their names for people, and units.
+_TOLD = {
+    "translation": (),
+    "similarity": (
+        ("zoom_per_s", "zoom", "/s"),
+        ("roll_rad_per_s", "roll", "rad/s"),
+    ),
+    "rotation": tuple((f"w{axis}_rad_per_s", f"ω{axis}", "rad/s") for axis in "xyz"),
+}
 
 _RUNS = 3  # that are told one by one
 
@@ -26,6 +37,8 @@ class Verdict:
         ``numbers(name)``: a column of ``track.csv``, float64 [batches]; NaN where it is empty.
     flags : list of Flag
         Of each batch.
+    motion : str
+        As of ``Config``.
 
     Attributes
     ----------
@@ -35,31 +48,38 @@ class Verdict:
         (vx, vy) in px/s.
     px : float or None
         |v|, px per half batch, in the median.
+    rates : dict
+        The motion of these batches in physical units beside it, ``{name: float64 [used]}`` of
+        :func:`cmfpga.camera.rates`; NaN where there is none.
     lost : list of (int, int)
         First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, none of them to be
         trusted; empty where the confidence was not measured.
     """
 
-    def __init__(self, numbers, flags):
+    def __init__(self, numbers, flags, motion="translation"):
         self.judged = ~np.isnan(numbers("confidence"))
         measured = ~np.isnan(numbers("vx_px_per_s"))
         sure = np.array([not flag & (Flag.DOUBTFUL | Flag.DEGENERATE) for flag in flags], bool)
         self.trusted = self.judged & measured & sure
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
+        self.motion = motion
+        self.rates = {name: numbers(name)[used] for name in RATES[motion]}
         moved = np.hypot(numbers("vx"), numbers("vy"))[used if used.any() else measured]
         self.px = float(np.median(moved)) if len(moved) else None
         self.lost = self._lost() if self.judged.any() else []
         self._times = numbers("t_ref_us")
 
     @classmethod
-    def of(cls, values):
+    def of(cls, values, motion="translation"):
         """Of a list of :attr:`TrackedBatch.values <cmfpga.tracking.loop.TrackedBatch.values>`."""
 
-        def numbers(name):
-            return COLUMNS[name].array([batch[name] for batch in values]).astype(np.float64)
+        declared = columns(motion)
 
-        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values])
+        def numbers(name):
+            return declared[name].array([batch[name] for batch in values]).astype(np.float64)
+
+        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion)
 
     def _lost(self):
         runs = itertools.groupby(range(len(self.trusted)), key=lambda k: bool(self.trusted[k]))
@@ -86,10 +106,33 @@ class Verdict:
             return ""
         low, median, high = self.px_per_s
         vx, vy = np.median(self.speeds, axis=0)
+        where = " at the principal point" * (self.motion == "rotation")
         return (
-            f"velocity {median:,.0f} px/s in the median, {low:,.0f} to {high:,.0f} (vx {vx:,.0f}, vy {vy:,.0f}); "
-            f"{self.px:.1f} px per half batch"
+            f"velocity{where} {median:,.0f} px/s in the median, {low:,.0f} to {high:,.0f} "
+            f"(vx {vx:,.0f}, vy {vy:,.0f}); {self.px:.1f} px per half batch"
         )
+
+    @property
+    def motion_text(self):
+        """The motion beside the velocity, in physical units, in words; empty where there is none."""
+        shown = [f"{title} {found}" for name, title, unit in _TOLD[self.motion] if (found := self._told(name, unit))]
+        if self.time_to_contact:
+            shown.append(f"time to contact {self.time_to_contact:.3g} s at this zoom")
+        return "; ".join(shown)
+
+    @functools.cached_property
+    def time_to_contact(self):
+        """Of the zoom in the median, s; None of what does not come nearer."""
+        zoom = self.rates.get("zoom_per_s", np.zeros(0))
+        middle = np.median(zoom[~np.isnan(zoom)]) if not np.isnan(zoom).all() else 0
+        return float(1 / middle) if middle > 0 else None
+
+    def _told(self, name, unit):
+        values = self.rates[name][~np.isnan(self.rates[name])]
+        if not len(values):
+            return ""
+        middle, low, high = np.median(values), values.min(), values.max()
+        return f"{middle:.3g} {unit} in the median, {low:.3g} to {high:.3g}"
 
     def warnings(self):
         """Sentences about what went wrong."""
@@ -132,4 +175,12 @@ class Verdict:
             "vx_px_per_s": vx,
             "vy_px_per_s": vy,
             "px_per_s": {"lowest": low, "median": median, "highest": high},
+            **{name: self._spread(self.rates[name]) for name, _, _ in _TOLD[self.motion]},
+            **({"time_to_contact_s": self.time_to_contact} if self.motion == "similarity" else {}),
         }
+
+    @staticmethod
+    def _spread(values):
+        values = values[~np.isnan(values)].tolist()
+        found = (min(values), float(np.median(values)), max(values)) if values else (None,) * 3
+        return dict(zip(("lowest", "median", "highest"), found, strict=True))

@@ -1,0 +1,154 @@
+"""Motions beyond translation: synthetic batches of known rotation, zoom and roll, and real recordings of a rotation.
+
+Synthetic: bars on a field that is larger than what is seen, a camera without distortion (f = 200 px), 10 % noise. The
+motion is drawn evenly: along both axes up to 6 px per half batch at the principal point and 3 px of roll at the lever
+arm; of a similarity up to 4 px each of vx, vy, zoom and roll. The error is that of the flow, on a grid over the ROI.
+
+Real, with a folder of recordings: two of a turning camera, each one batch, against a global float search over all
+events; and a camera that pans, tracked, against its gyroscope.
+"""
+
+from contextlib import closing
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from ..camera import Camera, calibration_of, flow, rates
+from ..config import preset
+from ..engines import make_engine
+from ..errors import ConfigError
+from ..events import Events, generate, open_recording
+from ..protocol.settings import BatchSettings
+from ..tracking.api import track
+from .foreign import FOREIGN, find_rotation
+from .table import percent
+
+MOTIONS = ("rotation", "similarity")
+
+DURATION_US = 100_000
+CAMERA = Camera(200.0, 200.0, 119.5, 89.5)
+NOISE = 0.1
+BARS = (10, 30)
+#: Events to aim at, largest parameters in px per half batch, and the size of the field, px.
+SCENES = {
+    "rotation": ((12_000, 30_000), (6.0, 6.0, 3.0), (360, 270)),
+    "similarity": ((3_000, 8_000), (4.0, 4.0, 4.0, 4.0), (150, 150)),
+}
+#: Limits of the flow's error that shares are told for, px, and which error: largest, or rms over the ROI.
+LIMITS = (0.3, 0.6)
+
+#: Of a turning camera, one batch each.
+ROTATIONS = ("davis240c_poster_rotation_0.6s.h5", "davis240c_shapes_rotation_2.1s_gtflow.h5")
+#: Of a camera that pans; no calibration, so what its speed beside the gyroscope tells: f, the sensor's centre.
+PANNED, PANNED_CAMERA = "davis240c_translboxes_imu.h5", "245,245,119.5,89.5"
+GYRO_SCALE = np.pi / 180 / 32.8  # rad/s per count
+
+
+def motion_config(kind, options_config):
+    """The configuration that the suite runs: ``options_config``, for the scene's camera or sensor."""
+    if options_config.motion != kind:
+        raise ConfigError(f"--motion {kind}: --preset {kind} is needed, not motion = {options_config.motion}")
+    if kind == "rotation":
+        return options_config.replace(camera=CAMERA.text)
+    return options_config.replace(sensor_width=options_config.roi_width, sensor_height=options_config.roi_height)
+
+
+def scene(config, seed, index):
+    """One batch: its :class:`~cmfpga.events.Events`, and the true parameters, px per half batch."""
+    rng = np.random.default_rng([seed, index])
+    events, most, size = SCENES[config.motion]
+    v = rng.uniform(-1, 1, len(most)) * most
+    told = rates(config, v, DURATION_US)
+    drawn = {
+        "seed": int(rng.integers(1 << 31)), "size": size, "bars": int(rng.integers(*BARS)), "noise": NOISE,
+        "width": config.sensor_width, "height": config.sensor_height, "duration_us": DURATION_US,
+    }  # fmt: skip
+    if config.motion == "rotation":
+        drawn |= {"camera": CAMERA, "rotation": tuple(told.values()), "velocity": (0.0, 0.0)}
+    else:
+        centre = (np.array([config.sensor_width, config.sensor_height]) - 1) / 2
+        drawn |= {"zoom": told["zoom_per_s"], "roll": told["roll_rad_per_s"], "position": tuple(centre - v[:2])}
+        drawn |= {"velocity": tuple(v[:2] / (DURATION_US / 2e6))}
+    count = len(generate(**drawn).events)
+    made = generate(**drawn, contrast=rng.uniform(*events) / max(count, 1)).events
+    span = int(made.t[-1] - made.t[0])
+    return made, v * span / DURATION_US
+
+
+def flow_errors(config, found, true):
+    """Distance of two motions' displacements on a grid over the ROI, px per half batch: (rms, largest)."""
+    columns, rows = np.meshgrid(*(np.linspace(0, size - 1, 9) for size in (config.roi_width, config.roi_height)))
+    away = np.hypot(*flow(config, np.array(found) - true, columns.ravel(), rows.ravel(), (0, 0)))
+    return float(np.sqrt((away**2).mean())), float(away.max())
+
+
+def run_motion(options, config, report):
+    """Print the suite of ``options.motion``; with a folder of recordings the real ones of a rotation, too."""
+    kind = options.motion
+    config = motion_config(kind, config)
+    found = []
+    with closing(make_engine(options.engine, config)) as engine:
+        settings = BatchSettings.from_config(config.replace(start="given"), roi=(0, 0))
+        cases = [(seed, index) for seed in options.seeds for index in range(options.batches)]
+        for case in report.progress(cases):
+            events, true = scene(config, *case)
+            found.append(flow_errors(config, engine.run(events, settings).v, true))
+    rows = []
+    for what, errors in zip(("rms over the ROI", "largest, at the edge"), np.array(found).T, strict=True):
+        scores = {"batches": len(errors), "median": float(np.median(errors)), "largest": float(errors.max())}
+        scores |= {f"below_{limit}_px": float((errors < limit).mean()) for limit in LIMITS}
+        report.keep(f"{kind}, {what}", errors, scores)
+        shares = (percent(scores[f"below_{limit}_px"]) for limit in LIMITS)
+        rows.append((what, str(len(errors)), *shares, f"{scores['median']:.3f}", f"{scores['largest']:.2f}"))
+    heads = ("error of the flow", "batches", "< 0.3 px, %", "< 0.6 px, %", "median, px", "largest, px")
+    report.table(f"Synthetic batches, {kind}, cold, {options.engine}: px per half batch", heads, rows)
+    if options.data is not None and kind == "rotation":
+        _real(options, config, report)
+
+
+def _real(options, config, report):
+    from ..reference.global_search import rotation, search  # torch
+
+    rows = []
+    for name in ROTATIONS:
+        path = Path(options.data) / name
+        with open_recording(path) as recording, h5py.File(path) as file:
+            events, camera = Events.concatenate(recording.chunks()), calibration_of(file, path).camera
+        best = search(rotation(camera, events.x, events.y), events.t).at_middle
+        with closing(make_engine(options.engine, config.replace(camera=camera.text))) as engine:
+            result = engine.run(events, BatchSettings.from_config(engine.config, roi=(0, 0)))
+            omega = np.array([*rates(engine.config, result.v, result.span).values()])
+        found = {options.engine: omega}
+        if options.eventcv:
+            found[FOREIGN] = find_rotation(camera, events, recording.width, recording.height)
+        allowed = 2 + 0.03 * np.degrees(np.linalg.norm(best))
+        for who, omega in found.items():
+            away = np.degrees(np.linalg.norm(omega - best))
+            report.keep(f"{name}, {who}", omega, {"global_search": best.tolist(), "deg_per_s": away})
+            cells = (", ".join(f"{axis:.3f}" for axis in each) for each in (omega, best))
+            rows.append((name, who, str(len(events)), *cells, f"{away:.1f}", f"{allowed:.1f}"))
+    heads = ("recording", "by", "events", "ω, rad/s", "global search", "apart, deg/s", "allowed, 2 deg/s + 3 %")
+    report.table("Real batches against a global search over all events", heads, rows)
+    _gyroscope(options, config, report)
+
+
+def _gyroscope(options, config, report):
+    path = Path(options.data) / PANNED
+    fields = {name: getattr(config, name) for name in config.to_dict() if name not in ("camera", "motion")}
+    base = preset("rotation").to_dict()
+    changed = {name: value for name, value in fields.items() if base[name] != value}
+    found = track(path, preset="rotation", engine=options.engine, **(changed | {"camera": PANNED_CAMERA}))
+    with h5py.File(path) as file:
+        t, gyro = file["imu/t"][:], file["imu/gyro_raw"][:, 1] * GYRO_SCALE
+    spans = np.array([result.span for result in found.results])
+    sums = np.concatenate([[0], np.cumsum(gyro)])
+    first, last = (np.searchsorted(t, found.t_ref_us + way * spans / 2) for way in (-1, 1))
+    mean = (sums[last] - sums[first]) / np.maximum(last - first, 1)
+    correlation = float(np.corrcoef(found.wy_rad_per_s, mean)[0, 1])
+    scale, bias = np.polyfit(mean, found.wy_rad_per_s, 1)
+    scores = {"correlation": correlation, "scale": float(scale), "bias_rad_per_s": float(bias)}
+    report.keep(PANNED, found.wy_rad_per_s, scores)
+    row = (PANNED, str(len(found)), f"{correlation:.3f}", f"{scale:.3f}", f"{bias:.4f}")
+    heads = ("recording", "batches", "correlation", "ωy found / gyroscope's", "bias, rad/s")
+    report.table("ωy against the gyroscope, averaged over each batch", heads, [row])

@@ -1,0 +1,141 @@
+"""Motions beyond translation on the command line: ``track``, ``generate``, and what refuses them."""
+
+import csv
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+import cmfpga
+from cmfpga import build, cli, generate, track
+from cmfpga.camera import RATES
+from cmfpga.driver import __main__ as driver_command
+from cmfpga.errors import ConfigError
+
+OMEGA = (0.5, -1.0, 0.4)
+ZOOM, ROLL, VELOCITY = 0.9, -1.2, (30.0, 15.0)
+
+
+@pytest.fixture(scope="module")
+def turn(tmp_path_factory):
+    """A recording of a camera with a lens that turns."""
+    path = tmp_path_factory.mktemp("turn") / "turn.h5"
+    told = ["--camera", "200,200,118,91,-0.35,0.12,0,0,0", "--bars", "20", "--contrast", "1.5"]
+    assert generate.main([str(path), "--rotation", "0.5,-1,0.4", "--duration-us", "120000", *told]) == 0
+    return path
+
+
+@pytest.fixture(scope="module")
+def grow(tmp_path_factory):
+    """A recording of an object that grows and turns."""
+    path = tmp_path_factory.mktemp("grow") / "grow.h5"
+    told = [
+        "--velocity",
+        "30,15",
+        "--zoom",
+        "0.9",
+        "--roll=-1.2",
+        "--size",
+        "150,150",
+        "--bars",
+        "15",
+        "--contrast",
+        "1.5",
+    ]
+    assert generate.main([str(path), "--duration-us", "120000", *told]) == 0
+    return path
+
+
+def rows(folder):
+    with open(folder / "track.csv") as file:
+        return [*csv.DictReader(file)]
+
+
+def test_a_rotation_needs_no_option(turn, tmp_path, capsys):
+    """No ROI, no calibration, no batches: the recording's own calibration, the whole sensor, batches that suit it."""
+    told = [str(turn), "--preset", "rotation", "--engine", "model", "--batches", "2", "--out", str(tmp_path)]
+    assert track.main(told) == 0
+    said, found = capsys.readouterr().out, rows(tmp_path)
+    assert "\nωx 0." in said and "; ωy -" in said and " rad/s in the median" in said and "undistorted image" in said
+    head = (tmp_path / "track.csv").read_text().splitlines()[0].split(",")
+    assert head[head.index("vy_px_per_s") + 1 :][:3] == [*RATES["rotation"]] and head[-1] == "image"
+    for row in found:
+        omega = [float(row[name]) for name in RATES["rotation"]]
+        assert np.abs(np.array(omega) - OMEGA).max() < 0.06
+        assert 2.5 <= np.hypot(float(row["vx"]), float(row["vy"])) <= 5.5
+    assert (tmp_path / "track.png").stat().st_size > 10_000
+    assert track.main([*told, "--json", "--no-picture"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert summary["wy_rad_per_s"]["median"] == pytest.approx(np.median([float(row["wy_rad_per_s"]) for row in found]),
+                                                              abs=1e-6)  # fmt: skip
+    assert (summary["config"]["roi_width"], summary["config"]["roi_height"]) == (240, 180)
+
+
+def test_python_finds_the_same(turn, tmp_path):
+    assert track.main([str(turn), "--preset", "rotation", "--engine", "model", "--batches", "1", "--no-picture",
+                       "--out", str(tmp_path)]) == 0  # fmt: skip
+    found = cmfpga.track(turn, preset="rotation", engine="model", batches=1)
+    found.to_csv(tmp_path / "python.csv")
+    assert (tmp_path / "python.csv").read_text() == (tmp_path / "track.csv").read_text()
+    assert found.wy_rad_per_s.dtype == np.float64 and set(RATES["rotation"]) <= set(found.to_arrays())
+    assert [axis.get_title() for axis in found.plot().axes][-2:].count("angular velocity of the camera") == 1
+    trace = found.trace(0)
+    assert trace[len(trace) - 1].raw["v_next"].shape == (3,)
+
+
+def test_a_similarity_tracks_an_roi(grow, tmp_path, capsys):
+    told = [str(grow), "--preset", "similarity", "--roi", "56,26", "--engine", "model", "--out", str(tmp_path)]
+    assert track.main([*told, "--batch-us", "100000", "--batches", "1"]) == 0
+    said, (row,) = capsys.readouterr().out, rows(tmp_path)
+    zoom, roll, contact = (float(row[name]) for name in RATES["similarity"])
+    assert zoom == pytest.approx(ZOOM, abs=0.15) and roll == pytest.approx(ROLL, abs=0.1)
+    assert contact == pytest.approx(1 / zoom, abs=1e-4) and "time to contact " in said
+    assert track.main([*told, "--batches", "1", "--json", "--no-picture"]) == 0
+    assert set(json.loads(capsys.readouterr().out)) >= {"zoom_per_s", "roll_rad_per_s", "time_to_contact_s"}
+
+
+def refused(main, arguments, capsys):
+    capsys.readouterr()
+    assert cli.run(main, [*map(str, arguments)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("error: ") and said.count("\n") == 1
+    return said
+
+
+def test_a_rotation_without_a_calibration(grow, turn, tmp_path, capsys):
+    told = ["--preset", "rotation", "--engine", "model", "--out", tmp_path]
+    assert "no calibration, which motion = rotation needs: --camera FILE" in refused(track.main, [grow, *told], capsys)
+    assert "synthetic scene: it holds no calibration" in refused(track.main, told, capsys)
+    assert track.main([str(grow), *map(str, told), "--camera", str(turn), "--batch-us", "60000", "--batches", "1"]) == 0
+
+
+def test_what_knows_translation_alone(turn, tmp_path, capsys):
+    only = "motion = rotation: the AXI top has translation alone"
+    asked = [turn, "--preset", "rotation", "--out", tmp_path]
+    assert only in refused(track.main, [*asked, "--engine", "axi"], capsys)
+    assert only in refused(build.main, ["--preset", "rotation", "--top", "kv260", "--out", tmp_path / "b"], capsys)
+    assert only in refused(build.main, ["--preset", "rotation", "--top", "ulx3s", "--out", tmp_path / "b"], capsys)
+    assert only in refused(driver_command.main, ["--preset", "rotation"], capsys)
+    page = "report: motion = rotation: the page shows translation alone"
+    assert page in refused(track.main, [*asked, "--engine", "model", "--report"], capsys)
+    with pytest.raises(ConfigError, match=page):
+        cmfpga.track(turn, preset="rotation", engine="model", batches=1).report(tmp_path / "page.html")
+
+
+@pytest.mark.parametrize("told, why", [
+    (["--rotation", "0,1,0"], "rotation: a camera is needed"),
+    (["--rotation", "0,1", "--camera", "200,200,120,90"], "three numbers"),
+    (["--rotation", "0,1,0", "--camera", "200,200,120,90", "--velocity", "1,1"], "nothing but the camera moves"),
+    (["--zoom", "1e9"], "zoom = 1000000000.0"), (["--roll", "x"], "a number is needed"), (["--bars", "0"], "bars"),
+])  # fmt: skip
+def test_scenes_that_there_are_not(told, why, tmp_path, capsys):
+    assert why in refused(generate.main, [tmp_path / "scene.h5", *told], capsys)
+
+
+def test_the_file_tells_the_truth(turn, grow):
+    with h5py.File(turn) as file:
+        assert tuple(file.attrs["angular_velocity_rad_per_s"]) == OMEGA and "ground_truth" not in file
+    with h5py.File(grow) as file:
+        assert (file.attrs["zoom_per_s"], file.attrs["roll_rad_per_s"]) == (ZOOM, ROLL)
+        assert tuple(file["ground_truth/motion/velocity"][0]) == VELOCITY
