@@ -69,4 +69,16 @@ def cycles_table():
     return table(head, rows, right=(3, 4))
 
 
-TIMED = {"cycles": cycles_table, "placed": placed_table}
+def motions_table():
+    """Resources of the motions' cores, beside those of a translation in the same ROI."""
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["motions"]
+    kinds, rows = ("lut", "ff", "bram36", "uram", "dsp"), []
+    for name, row in stored.items():
+        config = preset(name)
+        size = f"{config.roi_width}×{config.roi_height} px, {config.buffer_events:,} events"
+        rows.append((f"`{name}`", config.motion, size, *(f"{row[kind]:,}" for kind in kinds)))
+    heads = ("preset", "motion", "ROI, buffer", "LUT", "FF", "BRAM36", "UltraRAM", "DSP")
+    return f"{table(heads, rows, right=(3, 4, 5, 6, 7))}\nEstimates by Yosys, of the core alone.\n"
+
+
+TIMED = {"motions": motions_table, "cycles": cycles_table, "placed": placed_table}

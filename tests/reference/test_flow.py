@@ -59,12 +59,13 @@ def test_slopes_are_the_derivative_by_autograd(name, level, rng):
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_sums_are_those_of_votes_one_by_one(name, rng):
-    """And differ from the slopes by no more than the basis does between the events of a pixel, vote by vote."""
+    """And differ from the slopes by no more than the basis does between an event and what it is taken at, by votes."""
     config = SHAPES[name]
     x, y, dt, v = scene(config, rng, 200)
     b, size = flow.basis(config, x, y, roi=ROI, camera=LENS), (config.roi_width, config.roi_height)
     votes, moved, _ = flow._votes(x, y, dt, v, b, width=size[0], height=size[1], level=0)
     pixels, s, bound = {}, np.zeros(len(v)), np.zeros(len(v))
+    at_pixels = flow.pixel_basis(config, 0) if config.motion_model.of_pixels else None
     for k in range(len(dt)):
         for corner, pixel in enumerate(votes.pixel[:, k].tolist()):
             w = float(votes.weight[corner, k])
@@ -73,10 +74,13 @@ def test_sums_are_those_of_votes_one_by_one(name, rng):
                 continue
             before = pixels.setdefault(pixel, [])
             there = sum(each[0] for each in before)
-            s += b[:, :, k].numpy().T @ (there * d + w * (sum(each[1] for each in before) + d))
-            bound += sum(w * np.abs(each[1]) @ np.abs((b[:, :, k] - each[2]).numpy()) for each in before)
+            taken = b[:, :, k] if at_pixels is None else at_pixels[:, :, pixel]
+            s += taken.numpy().T @ (there * d + w * (sum(each[1] for each in before) + d))
+            off = np.abs((taken - b[:, :, k]).numpy())
+            bound += (there + w) * np.abs(d) @ off
+            bound += sum(w * np.abs(each[1]) @ np.abs((taken - each[2]).numpy()) for each in before)
             before.append((w, d, b[:, :, k]))
-    total, found = flow.sums(x, y, dt, v, b, width=size[0], height=size[1])
+    total, found = flow.sums(x, y, dt, v, b, width=size[0], height=size[1], at_pixels=at_pixels)
     assert float(total) == pytest.approx(sum(each[0] for before in pixels.values() for each in before))
     assert np.allclose(found, s, rtol=1e-9, atol=1e-9)
     apart = (found - flow.slopes(x, y, dt, v, b, width=size[0], height=size[1])).numpy()

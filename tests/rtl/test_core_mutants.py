@@ -6,7 +6,7 @@ from cmfpga.rtl import iteration_control
 from cmfpga.rtl.ascent import sign
 from cmfpga.rtl.confidence import probe
 from cmfpga.rtl.core import Core
-from cmfpga.rtl.image import basis, dither, flow, gradient_reader, moments, one_pass_gradient, warp
+from cmfpga.rtl.image import basis, dither, flow, gradient_reader, moments, one_pass_gradient, voter, warp
 from cmfpga.rtl.image.lanes import lane_image, lane_sums, parity_class
 from cmfpga.rtl.ingest import event_buffer, ingest_control
 from support.bench import Repeated
@@ -25,10 +25,16 @@ MUTANTS = {  # module, old, new, configuration
     "not bent": (basis, "product_s3 * self.curve", "product_s3 * 0", "rotation"),
     "xy by xx": (basis, '("xy", "p", "q")', '("xy", "p", "p")', "rotation"),
     "turned the wrong way": (flow, "if sign > 0 else total - product", "if 1 else 0", "similarity"),
-    "flow floored": (flow, "round_half_up(total, motion.frac)", "total >> motion.frac", "similarity"),
+    "flow floored": (flow, "round_half_up(total, motion.frac)", "total >> motion.frac", "rotation"),
     "the flow's event": (warp, '{name: delay(m, event[name], flow.latency, name=f"{name}_flow")',
                          '{name: delay(m, event[name], 1, name=f"{name}_flow")', "similarity"),
-    "another event's basis": (one_pass_gradient, "self._stages - 1\n", "self._stages - 2\n", "similarity"),
+    "another event's basis": (one_pass_gradient, "self._stages - 1\n", "self._stages - 2\n", "rotation"),
+    "the near pixels": (one_pass_gradient, "Mux(odd_s3, growth[0], growth[1])", "Mux(odd_s3, growth[1], growth[0])",
+                        "similarity"),
+    "the near products": (one_pass_gradient, "Mux(odd_s1, *products_s1)", "Mux(~odd_s1, *products_s1)", "similarity"),
+    "the near derivative": (one_pass_gradient, "Mux(odd_s1, d_s1, -d_s1)", "d_s1", "similarity"),
+    "pixels of the finest level": (moments, "each + motion.place_frac", "motion.place_frac", "similarity"),
+    "the corner of coarse pixels": (voter, "(1 << (level + unit)) // 2", "(1 << unit) // 2", "similarity"),
     "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
     "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
     "zoom without a limit": (sign, "saturate(target, fmt.min, fmt.max)", "target", "similarity"),

@@ -67,6 +67,15 @@ class MotionModel:
         return tuple(parameter.name for parameter in self.parameters)
 
     @property
+    def of_pixels(self):
+        """The gradient takes ``p`` and ``q`` of the pixels that an event changes, not of the event.
+
+        Where an event meets earlier ones in a pixel, it counts them with its own basis. On average it lies beyond them
+        in its own direction, so that a motion whose basis diverges, a zoom, would be found too large.
+        """
+        return "zoom" in self.names
+
+    @property
     def frac(self):
         """Fraction bits of the basis."""
         return self.lever + self.place_frac
@@ -134,7 +143,8 @@ def motion_model(config):
     members = sorted({member for part in terms.values() for _, member, _ in part})
     # The centre is the ROI's, or lies on the sensor.
     sizes = (config.sensor_width, config.sensor_height) if "xx" in members else (config.roi_width, config.roi_height)
-    farthest = {name: size if "xx" in members else size // 2 for name, size in zip("pq", sizes, strict=True)}
+    beside = 1 << config.max_level  # of a cell across the border
+    farthest = {name: size if "xx" in members else size // 2 + beside for name, size in zip("pq", sizes, strict=True)}
     integer = {name: max(0, bits_for(far + 1) - lever) for name, far in farthest.items()}
     # Rays beyond 63 degrees from the axis (xx = 4) saturate.
     formats = {name: Q(integer.get(name, 2), lever + MotionModel.place_frac) for name in members}

@@ -70,6 +70,8 @@ class FloatCore(Sequence):
         b = flow.basis(config, *events[:2], roi=roi, camera=settings.camera)
         limits = float64([p.fmt.real(p.fmt.max) for p in config.motion_model.parameters])
         size = {"width": config.roi_width, "height": config.roi_height}
+        if config.motion_model.of_pixels:
+            size["at_pixels"] = lambda level: flow.pixel_basis(config, level)
         done = flow.ascend(*events, b, v_start=self.v, schedule=plan, limits=limits, **size)
         none = np.zeros((len(plan), 2))
         return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=none, s=done.s.numpy())

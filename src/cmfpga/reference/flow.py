@@ -2,8 +2,9 @@
 
 An event at q px from the centre moves by u = Σ v_p·b_p(q) px per half batch; x' = x − dt·u (:mod:`cmfpga.config.motion`
 names the parameters). The gradient of the contrast is Σ I·∂I/∂v_p, ∂I/∂v_p the sum over events of
-−dt·b_p·∂w/∂x': :func:`slopes`. An image of that sum for each p would be needed; the hardware has one for each axis, and
-takes b_p at the event that arrives for those that were there before it: :func:`sums`.
+−dt·b_p·∂w/∂x': :func:`slopes`. An image of that sum for each p would be needed; the hardware has one for each axis. In
+a similarity it takes b_p at the pixel for that of the events, in a rotation at the event that arrives for those that
+were there before it: :func:`sums`.
 """
 
 from dataclasses import dataclass
@@ -45,6 +46,14 @@ def basis(config, x, y, *, roi, camera):
     return found
 
 
+def pixel_basis(config, level):
+    """b in the middle of pixels 2^level px wide, of a similarity: float64 [2, parameters, pixels], row by row."""
+    columns, rows = (torch.arange(level_size(size, level)) for size in (config.roi_width, config.roi_height))
+    x, y = ((at + 0.5) * (1 << level) - 0.5 for at in (columns, rows))
+    y, x = (axis.flatten() for axis in torch.meshgrid(y, x, indexing="ij"))
+    return basis(config, x.double(), y.double(), roi=(0, 0), camera=())
+
+
 def warped(x, y, dt, v, b, level=0):
     """Positions at the reference time in pixels 2^level px wide: two float64 [n]."""
     u = torch.einsum("apn,p->an", b, float64(v))
@@ -66,8 +75,11 @@ def slopes(x, y, dt, v, b, *, width, height, level=0):
     return torch.stack([(image * accumulate(votes.pixel, each, *size)).sum() for each in moved])
 
 
-def sums(x, y, dt, v, b, *, width, height, level=0):
-    """(ΣI, S): S_p = Σ b_p·(what an event adds to Σ I·D along each axis), one event after the other, as in hardware."""
+def sums(x, y, dt, v, b, *, width, height, level=0, at_pixels=None):
+    """(ΣI, S): S_p = Σ b_p·(what an event adds to Σ I·D along each axis), one event after the other, as in hardware.
+
+    ``at_pixels`` is :func:`pixel_basis`, which is then taken; by default that of the events, ``b``.
+    """
     votes, dt, size = _votes(x, y, dt, v, b, width=width, height=height, level=level)
     pixel, order = torch.sort(votes.pixel.T.flatten(), stable=True)
     event, inside = order // 4, pixel < size[0] * size[1]
@@ -83,9 +95,10 @@ def sums(x, y, dt, v, b, *, width, height, level=0):
 
     w, i = of_pixels(votes.weight)
     s = torch.zeros(b.shape[1], dtype=torch.float64)
-    for along, slope in zip(b, (votes.by_x, votes.by_y), strict=True):
+    taken = b[:, :, event] if at_pixels is None else at_pixels[:, :, pixel * inside]
+    for along, slope in zip(taken, (votes.by_x, votes.by_y), strict=True):
         d, before = of_pixels(-dt * slope)
-        s += along[:, event] @ (i * d + w * (before + d))
+        s += along @ (i * d + w * (before + d))
     return w.sum(), s
 
 
@@ -98,13 +111,17 @@ class Ascent:
     s: torch.Tensor
 
 
-def ascend(x, y, dt, b, *, v_start, schedule, limits, **size):
-    """v ← v + step·sign(S), each parameter by itself, within ±``limits``: an :class:`Ascent`."""
+def ascend(x, y, dt, b, *, v_start, schedule, limits, at_pixels=lambda level: None, **size):
+    """v ← v + step·sign(S), each parameter by itself, within ±``limits``: an :class:`Ascent`.
+
+    ``at_pixels(level)`` is what :func:`sums` takes.
+    """
     v = [float64(v_start)]
     found = []
     for k, entry in enumerate(schedule):
         part = used(entry, k, len(dt))
-        found.append(sums(x[part], y[part], dt[part], v[-1], b[:, :, part], level=entry.level, **size))
+        size |= {"level": entry.level, "at_pixels": at_pixels(entry.level)}
+        found.append(sums(x[part], y[part], dt[part], v[-1], b[:, :, part], **size))
         target = v[-1] + 2.0**entry.log2_step * found[-1][1].sign()
         v.append(torch.minimum(torch.maximum(target, -limits), limits))
     return Ascent(torch.stack(v), torch.stack([i for i, _ in found]), torch.stack([s for _, s in found]))

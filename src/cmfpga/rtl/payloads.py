@@ -138,6 +138,18 @@ def with_basis(config, member=lambda layout: layout):
     return {"basis": member(basis(config))} if config.motion_model.basis else {}
 
 
+def with_moments(config):
+    """The same of what travels behind the warp: the basis for the moments.
+
+    ``cell``: p and q of an event's upper left pixel, 2^level px wide, and whether its column and row are odd, where the
+    moments are those of pixels.
+    """
+    if not config.motion_model.of_pixels:
+        return with_basis(config)
+    more = {"odd_column": 1, "odd_row": 1, "level": bits_for(config.max_level)}
+    return {"cell": data.StructLayout({**basis(config).members, **more})}
+
+
 def displacement(config):
     """How far an event moves along x and y in half a batch."""
     return data.StructLayout(dict.fromkeys(("x", "y"), Fixed(config.formats.flow)))
@@ -161,7 +173,7 @@ def warped_event(config):
             "x": Fixed(config.formats.position_x),
             "y": Fixed(config.formats.position_y),
             "last": 1,
-            **with_basis(config),
+            **({} if config.motion_model.of_pixels else with_basis(config)),
         }
     )
 
@@ -176,7 +188,7 @@ def votes(config):
             **dict.fromkeys(("dx", "dy"), Fixed(Q(1, config.derivative_frac))),
         }
     )
-    return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1, **with_basis(config)})
+    return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1, **with_moments(config)})
 
 
 def pixel(config):

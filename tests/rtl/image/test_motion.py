@@ -93,25 +93,49 @@ def test_moments(name, rng, monkeypatch):
     """Iterations one behind the other, of events and of cycles without one; increments as large as can be."""
     config = SHAPES[name]
     motion = config.motion_model
-    shape = payloads.growth(config)
+    shape, top = payloads.growth(config), config.max_level
     block = Moments(config, shape)
     most = config.widths.growth_max
     script, wanted = [], []
     for events in (1, 2, 30, 5):
         grown = [edge_integers(rng, -most, most, events) for _ in range(2)]
         b = {name: edge_integers(rng, q.min, q.max, events) for name, q in motion.basis.items()}
+        far = {axis: {name: edge_integers(rng, -most, most, events) for name in "pq"} for axis in "xy"}
+        level = int(rng.integers(top, endpoint=True))
         for k in range(events):
             script.append({"begin": int(k == 0), "growth_x": int(grown[0][k]), "growth_y": int(grown[1][k])})
             script[-1]["basis"] = {name: int(values[k]) for name, values in b.items()}
+            if motion.of_pixels:  # the level stands with the first event only
+                now = {axis: {name: int(values[k]) for name, values in each.items()} for axis, each in far.items()}
+                script[-1] |= {"far": now, "level": int(rng.integers(top, endpoint=True)) if k else level}
             if rng.random() < 0.3:
                 script.append({"growth_x": 0, "growth_y": 0, "basis": random_value(payloads.basis(config), rng)})
-        with monkeypatch.context() as patch:
-            patch.setattr(model, "growths", lambda *_, grown=grown: [tensor(each) for each in grown])
-            s = model.moments(config, None, {name: tensor(values) for name, values in b.items()})
+                if motion.of_pixels:
+                    script[-1]["far"] = dict.fromkeys("xy", dict.fromkeys("pq", 0))
+        if motion.of_pixels:
+            s = by_hand(motion, grown, b, far, level)
+        else:
+            with monkeypatch.context() as patch:
+                patch.setattr(model, "growths", lambda *_, grown=grown: [tensor(each) for each in grown])
+                s = model.moments(config, None, None, {name: tensor(values) for name, values in b.items()}, 0)
         wanted.append((len(script) - 1 + block.latency, dict(zip(motion.names, s, strict=True))))
-    script += [{"growth_x": 0, "growth_y": 0}] * block.latency
+    still = {"far": dict.fromkeys("xy", dict.fromkeys("pq", 0))} if motion.of_pixels else {}
+    script += [{"growth_x": 0, "growth_y": 0, **still}] * block.latency
     came = play(block, script, flows=(), watch=("o",)).watch["o"]
     assert [came[cycle] for cycle, _ in wanted] == [sums for _, sums in wanted]
+
+
+def by_hand(motion, grown, b, far, level):
+    """S of each parameter: what the right pixels add has a p that is a pixel larger, the lower ones such a q."""
+    grown = {axis: [int(value) for value in values] for axis, values in zip("xy", grown, strict=True)}
+    pixel, found = 1 << (level + motion.place_frac), []
+    for name in motion.names:
+        s = sum(grown[name]) << motion.frac if name in grown else 0
+        for axis, member, sign in motion.factors(name):
+            s += sign * sum(g * int(at) for g, at in zip(grown[axis], b[member], strict=True))
+            s += sign * pixel * sum(map(int, far[axis][member]))
+        found.append(s)
+    return found
 
 
 def test_growths_add_up_to_the_sums_of_the_images(rng):

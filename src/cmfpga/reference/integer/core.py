@@ -117,7 +117,7 @@ class IntegerCore(Sequence):
         images = accumulator(config, votes)
         sums = gradient_reader(images)
         if b:
-            sums = sums._replace(s=tuple(moments(config, votes, b)))
+            sums = sums._replace(s=tuple(moments(config, votes, images, b, level)))
         g = gradient(config, sums)
         step = STEPS[config.ascent]
         each = zip((parameter.fmt for parameter in config.motion_model.parameters), v, g, strict=True)

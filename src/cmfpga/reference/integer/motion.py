@@ -1,8 +1,9 @@
 """Model of :mod:`cmfpga.rtl.image.basis`, :mod:`cmfpga.rtl.image.flow` and :mod:`cmfpga.rtl.image.moments`.
 
-A motion whose basis depends on the position, :class:`cmfpga.config.motion.MotionModel`. Along an axis an event moves by
-u = v + Σ v_p·b_p; and what it adds to the sum S = Σ I·D of the axis, times its own b_p, is what it adds to S_p. For the
-votes that an event meets in its pixels that is not their own basis, but that of an event at most a few px away.
+A motion whose basis depends on the position, :class:`cmfpga.config.motion.MotionModel`. Along an axis an event moves
+by u = v + Σ v_p·b_p. In a similarity S_p = Σ b_p·I·D over the pixels. In a rotation what an event adds to Σ I·D of the
+axis, times its own b_p, is what it adds to S_p: for the votes that it meets in its pixels that is not their own basis,
+but that of an event at most a few px away.
 """
 
 import numpy as np
@@ -84,10 +85,20 @@ def growths(config, votes):
     return [torch.from_numpy(each) for each in grown]
 
 
-def moments(config, votes, b):
+def moments(config, votes, images, b, level):
     """S of each parameter, in the order of the motion's names: list of int."""
     motion = config.motion_model
-    grown = dict(zip(("x", "y"), growths(config, votes), strict=True))
+    if motion.of_pixels:
+        # What a pixel has added in the end, and the middle of pixels 2^level px wide: (c + ½)·2^level − ½ px.
+        grown = {"x": images.i * images.dx, "y": images.i * images.dy}
+        unit = 1 << (level + motion.place_frac)
+        p, q = (
+            torch.arange(size) * unit + unit // 2 - (size << motion.place_frac) // 2
+            for size in (config.roi_width, config.roi_height)
+        )
+        b = {"p": p, "q": q[:, None]}
+    else:
+        grown = dict(zip(("x", "y"), growths(config, votes), strict=True))
     return [
         int(
             (grown[name].sum() << motion.frac if name in grown else 0)

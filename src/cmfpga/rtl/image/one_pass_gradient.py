@@ -71,19 +71,24 @@ class OnePassGradient(wiring.Component):
         begin = delay(m, self.votes.valid & first, 1, name="begin", valid=True)
         self._sum_votes(m, begin)
         begin = delay(m, begin, self.accumulator_latency + self._stages - 2, name="begin_products", valid=True)
-        grown = {}
+        grown, far = {}, {}
         for axis, pairs in (("x", ((0, 1), (2, 3))), ("y", ((0, 2), (1, 3)))):
             growth = [self._growth(m, axis, *pair) for pair in pairs]
             grown[axis] = growth[0] + growth[1]
+            if self.config.motion_model.of_pixels:
+                far[axis] = self._far(m, axis, pairs, growth)
             if not self.moments:
                 # Stage 4: sum.
                 self._total(m, sums[f"s{axis}"], grown[axis], begin)
         if self.moments:
             m.submodules.moments = moments = self.moments
             until = self.accumulator_latency + self._stages - 1
+            found = delay(m, votes.cell if far else votes.basis, until, name="basis")
             m.d.comb += [
                 *(getattr(moments, f"growth_{axis}").eq(value) for axis, value in grown.items()),
-                moments.basis.eq(delay(m, votes.basis, until, name="basis")),
+                *(moments.basis[name].eq(found[name]) for name in self.config.motion_model.basis),
+                *(moments.far[axis][name].eq(value) for axis, each in far.items() for name, value in each.items()),
+                *([moments.level.eq(found.level)] if far else []),
                 moments.begin.eq(begin),
                 *(sums[f"s{name}"].eq(moments.o[name]) for name in self.config.motion_model.names),
             ]
@@ -122,6 +127,32 @@ class OnePassGradient(wiring.Component):
             w_s1 = delay(m, w, 1, name=f"w_{n}")
             products.append(delay(m, both_s1 * w_s1, 1, name=f"square_{n}"))
         return delay(m, products[0] + products[1], 1, name=f"squares_{a}")
+
+    def _far(self, m, axis, pairs, growth):
+        """What the right (``p``) and the lower (``q``) pixels of a cell add to Σ I·D along ``axis``; three cycles."""
+        cell, own, other = self.votes.payload.cell, *(("p", "q") if axis == "x" else ("q", "p"))
+        odd = {
+            name: delay(m, cell[f"odd_{line}"], self.accumulator_latency, name=f"odd_{line}_{axis}")
+            for name, line in (("p", "column"), ("q", "row"))
+        }
+        # Pairs lie across the other line: of an odd cell the far one is the even one.
+        odd_s3 = delay(m, odd[other], 3, name=f"odd_{axis}")
+        beyond = []
+        for a, b in pairs:  # the far one of each
+            first, second = self.steps[a], self.steps[b]
+            number = f"{axis}_{a}"
+            i_s1 = delay(m, Mux(odd[own], first.i, second.i), 1, name=f"far_i_{number}")
+            valid = first.valid | second.valid
+            d_s1 = delay(m, Mux(valid, first.add[f"d{axis}"], 0), 1, name=f"far_d_{number}")
+            products_s1 = [
+                delay(m, Mux(step.valid, step.total[f"d{axis}"] * step.add.i, 0), 1, name=f"far_{number}_{n}")
+                for n, step in enumerate((first, second))
+            ]
+            odd_s1 = delay(m, odd[own], 1, name=f"far_odd_{number}")
+            old_s2 = delay(m, i_s1 * Mux(odd_s1, d_s1, -d_s1), 1, name=f"far_old_{number}")
+            new_s2 = delay(m, Mux(odd_s1, *products_s1), 1, name=f"far_new_{number}")
+            beyond.append(delay(m, old_s2 + new_s2, 1, name=f"far_growth_{number}"))
+        return {own: beyond[0] + beyond[1], other: Mux(odd_s3, growth[0], growth[1])}
 
     def _growth(self, m, axis, a, b):
         """What two banks, whose derivatives along ``axis`` are opposite, add to Σ I·D; three cycles."""

@@ -129,10 +129,29 @@ class BilinearVoter(wiring.Component):
                 bank.dx.eq(Mux(right, -dx, dx)),
                 bank.dy.eq(Mux(down, -dy, dy)),
             ]
-        if config.motion_model.basis:
+        if config.motion_model.of_pixels:
+            self._locate(m, self.o.payload.cell)
+        elif config.motion_model.basis:
             m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, 2, name="basis"))
         m.d.sync += [self.o.valid.eq(valid_s2), self.o.payload.last.eq(delay(m, self.i.payload.last, 2, name="last"))]
         return m
+
+    def _locate(self, m, located):
+        """Where the cell's upper left pixel is, from the ROI's centre in quarters of a pixel; three cycles."""
+        config = self.config
+        unit = config.motion_model.place_frac
+        m.d.sync += located.level.eq(delay(m, self.level, 2, name="located_level"))
+        for name, odd, axis, size in (
+            ("p", "odd_column", "x", config.roi_width), ("q", "odd_row", "y", config.roi_height)
+        ):  # fmt: skip
+            cell_s1 = delay(m, self.i.payload[axis] >> config.position_frac, 1, name=f"located_{name}")
+            # The middle of a pixel 2^level px wide: (c + ½)·2^level − ½ px.
+            places = [
+                cell_s1.shift_left(level + unit) + ((1 << (level + unit)) // 2 - (size << unit) // 2)
+                for level in range(config.max_level + 1)
+            ]
+            place_s2 = delay(m, select(self.level, places), 1, name=f"place_{name}")
+            m.d.sync += [located[name].eq(place_s2), located[odd].eq(delay(m, cell_s1[0], 1, name=odd))]
 
     def _axis(self, m, name, cell, sizes):
         """For each parity of one axis: (is it the far corner, its bank coordinate, is it inside), at stage 2.

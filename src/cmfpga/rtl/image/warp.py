@@ -95,6 +95,6 @@ class Warp(wiring.Component):
                 )
             ),
         ]
-        if self.flow:
+        if "basis" in self.o.payload.shape().members:
             m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, self.latency - 1, name="basis"))
         return m
