@@ -112,7 +112,7 @@ class Vectors:
         cycles, reset_after = None, 0
         sums = dict.fromkeys(Sums._fields)  # they mean nothing in a degenerate batch
         if Flag.DEGENERATE not in result.flags:
-            sums = self.model.iterations[-1].sums._asdict()
+            sums = self.model.iterations[-1].sums.named(config)
             work = {"roi_events": result.roi_events, "iterations": self.model.plan}
             # The formula holds for a batch that finds the core idle.
             if batch.alone or config.buffers == 1:
@@ -123,7 +123,7 @@ class Vectors:
             event = {"t": t[k], "x": batch.x[k], "y": batch.y[k], "last": k == n - 1 and not batch.by_count}
             self._put("events", {"gap": batch.gaps[k], **leaves(event, "event")})
         for iteration in self.model.iterations:
-            self._put("trace", leaves({"v": iteration.v, "sums": iteration.sums._asdict()}, "trace"))
+            self._put("trace", leaves({"v": iteration.v, "sums": iteration.sums.named(config)}, "trace"))
         header = {"count": n, "stall": batch.stall, "reset_after": reset_after, "alone": batch.alone}
         self._put("batches", header | leaves(inputs, "settings"))
         outputs = {"v": self.model.v, "t_first": t[0], "sums": sums, "cycles": cycles, "flags": int(result.flags)}

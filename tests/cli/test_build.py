@@ -112,11 +112,14 @@ WORDS = {
     "when_full": "thin",
     "border": "whole",
     "undistortion": "on",
+    "motion": "similarity",
 }
 # The confidence needs formats of its own.
 NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confidence": 0},
           "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
-          "undistortion_frac": {"undistortion": "on"}}  # fmt: skip
+          "undistortion_frac": {"undistortion": "on"},
+          "motion": FAST | {"border": "whole", "roi_width": 16, "roi_height": 8, "sensor_width": 16, "sensor_height": 8,
+                            "confidence": 0}}  # fmt: skip
 QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
 
 

@@ -77,7 +77,7 @@ MUTANTS = {  # module, old, new, configuration
     "half a pixel twice": (warp, "half, scaled_half = 0,", "scaled_half =", "fast"),
     "half a pixel stays": (warp, "half, scaled_half = 0, 1 << (config.position_frac - 1)", "half = 0", "paper"),
     "dither too small": (dither, "Cat(Const(0, wide - frac), offset)", "offset", "coarse dither"),
-    "positions too small": (dither, "event[axis] << (wide - formats.event_frac)", "event[axis]", "fine dither"),
+    "positions too small": (dither, "placed[axis] << (wide - formats.event_frac)", "placed[axis]", "fine dither"),
 }  # fmt: skip
 
 

@@ -79,7 +79,7 @@ def accounted(result):
 
 def run_both(core, model, t, x, y, settings, **options):
     """One batch by both; returns the RTL's values, result and the model's result."""
-    core.write_schedule(schedule_table(core.config, settings))
+    core.write_tables(settings)
     values, trace, pixels = core.run(t, x, y, settings_values(core.config, settings), **options)
     keep = options.get("keep_pixels", False)
     return values, to_batch_result(core.config, values, trace), model.run(t, x, y, settings, keep=keep), pixels

@@ -29,7 +29,7 @@ def test_random_configurations(capsys):
 
 def test_all_of_a_configuration_is_drawn():
     drawn = [random_config(np.random.default_rng(seed))[0] for seed in range(300)]
-    seen = {name: {getattr(config, name) for config in drawn} for name in vars(Config())}
+    seen = {name: {getattr(config, name) for config in drawn} for name in Config().to_dict()}
     assert all(len(values) > 1 for values in seen.values())
     assert {(config.gradient, config.ascent, config.buffers) for config in drawn} == {
         (gradient, ascent, buffers) for gradient in GRADIENTS for ascent in ASCENTS for buffers in (1, 2)

@@ -1,6 +1,7 @@
 """Configurations of blocks under test."""
 
-from cmfpga.config import PRESETS, Config, preset
+from cmfpga.config import Config, preset
+from cmfpga.driver.identity import wrapped_presets
 
 NARROW = {
     "dt_frac": 8, "v_frac": 6, "position_frac": 4, "weight_frac": 4, "derivative_frac": 4,
@@ -21,7 +22,7 @@ CONFIGS = {
 }
 
 #: The presets that the AXI top can be made with.
-WRAPPED = [name for name, config in PRESETS.items() if config.motion == "translation"]
+WRAPPED = [*wrapped_presets()]
 
 #: With coarse levels and dither, sizes that are odd or no power of two among them.
 LEVELS = {

@@ -185,7 +185,7 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             f"batch {number}"
         )
         assert wanted.events == sum(result[name] for name in COUNTS)
-        steps = [{"v": dict(zip(names, i.v, strict=True)), "sums": _sums(names, i.sums)} for i in model.iterations]
+        steps = [{"v": dict(zip(names, i.v, strict=True)), "sums": i.sums.named(config)} for i in model.iterations]
         assert outcome.trace == steps, f"batch {number}"
         if config.gradient == "sweep":
             images = [words for iteration in model.iterations for words in bank_pixels(config, iteration.images)]
@@ -198,12 +198,6 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
         if free and not degenerate:
             assert cycles == cycles_of(config, wanted, model.plan), f"batch {number}"
     return results
-
-
-def _sums(names, sums):
-    """The sums of an iteration by the names of the core's."""
-    own = {f"s{name}": s for name, s in zip(names, sums.s, strict=True)}
-    return {"i": sums.i, "dx": sums.dx, "dy": sums.dy, **own}
 
 
 def _named(value):

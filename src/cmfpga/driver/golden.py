@@ -17,6 +17,7 @@ from ..events.arrays import Events
 from ..protocol.flags import Flag
 from ..protocol.results import fields_of
 from ..protocol.settings import BatchSettings, clamp_roi
+from .identity import wrapped_presets
 
 FILE = "golden.json"
 
@@ -105,8 +106,7 @@ def make():
     """Content of the file, from the integer model: of the presets that a driver can meet."""
     return {
         name: {"hardware": config.hardware_hash, "result": model_result(config)}
-        for name, config in PRESETS.items()
-        if config.motion == "translation"
+        for name, config in wrapped_presets().items()
     }
 
 

@@ -24,12 +24,13 @@ def identify(backend, config=None):
     check_version(backend)
     build = _field(backend, "BUILD", "HASH")
     config = config or backend.config
-    names = {name: preset for name, preset in PRESETS.items() if _hash(preset) == build}
+    presets = wrapped_presets()
+    names = {name: preset for name, preset in presets.items() if _hash(preset) == build}
     if config is None:
         if not names:
             raise WrongHardware(
                 f"{backend.name}: the hardware has the configuration {build:08x}, which is none of the presets "
-                f"{', '.join(PRESETS)}; give config=, from the build-info.json beside its Verilog"
+                f"{', '.join(presets)}; give config=, from the build-info.json beside its Verilog"
             )
         return next(iter(names.values()))
     if _hash(config) != build:
@@ -39,6 +40,11 @@ def identify(backend, config=None):
             f"not {_hash(config):08x}, which was asked for"
         )
     return config
+
+
+def wrapped_presets():
+    """``{name: Config}`` of the presets that the AXI top can be made with."""
+    return {name: config for name, config in PRESETS.items() if config.motion == "translation"}
 
 
 def check_version(backend):

@@ -11,6 +11,11 @@ class Sums(NamedTuple):
     dy: int  # ΣDy
     s: tuple[int, ...]  # Σ I·D of each parameter of the motion
 
+    def named(self, config):
+        """``{part: value}``, by the names of the core's sums."""
+        own = {f"s{name}": s for name, s in zip(config.motion_model.names, self.s, strict=True)}
+        return {"i": self.i, "dx": self.dx, "dy": self.dy, **own}
+
 
 def gradient_reader(images):
     """The sums that the gradient is made of."""
