@@ -119,7 +119,7 @@ NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confid
           "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
           "undistortion_frac": {"undistortion": "on"},
           "motion": FAST | {"border": "whole", "roi_width": 16, "roi_height": 8, "sensor_width": 16, "sensor_height": 8,
-                            "confidence": 0}}  # fmt: skip
+                            "confidence": 0, "schedule_entries": 64}}  # fmt: skip
 QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
 
 

@@ -47,7 +47,9 @@ CONFIGS = {
         gradient="one_pass", lanes=8, dither_frac=3, roi_width=14, roi_height=18, buffer_events=100, **NARROW
     ),
     "similarity": preset("similarity").replace(buffer_events=500),
-    "rotation": preset("rotation").replace(roi_width=90, roi_height=50, buffer_events=500, ram_style="auto"),
+    "rotation": preset("rotation").replace(
+        roi_width=90, roi_height=50, buffer_events=500, ram_style="auto", camera="200,200,120,90"
+    ),
     # Banks that are so deep that a word lies in several memories.
     "paper, in one pass": Config(gradient="one_pass", roi_width=120, roi_height=70, buffer_events=300),
 }

@@ -2,7 +2,9 @@
 
 import numpy as np
 
+from ..camera import Camera
 from ..config.schedule import FEWEST, STRIDES, ScheduleEntry
+from ..errors import ConfigError
 from ..events import Events
 from ..protocol.settings import BatchSettings, clamp_roi
 
@@ -218,7 +220,12 @@ def random_lens(config, rng):
         focus = max(33, focus[0]) * rng.uniform(1, 1.04, 2)
     centre = size * rng.uniform(0.4, 0.6, 2)
     distortion = rng.uniform(-1, 1, 5) * (0.35, 0.1, 0.01, 0.01, 0.02)
-    return tuple(np.concatenate([focus, centre, distortion]).tolist())
+    lens = tuple(np.concatenate([focus, centre, distortion]).tolist())
+    try:
+        Camera(*lens).rays(*np.meshgrid(*((0, side - 1) for side in size)))
+    except ConfigError:
+        return random_lens(config, rng)
+    return lens
 
 
 def random_schedules(config, rng):
