@@ -17,10 +17,9 @@ from cmfpga import __version__, cli
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.results import fields_of
+from cmfpga.protocol.results import fields_of, sums_shape
 from cmfpga.protocol.settings import settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.reference.integer.gradient import Sums
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP, emit_verilog
 
@@ -110,7 +109,7 @@ class Vectors:
         if batch.by_count and not cut:
             inputs["batch_events"] = n
         cycles, reset_after = None, 0
-        sums = dict.fromkeys(Sums._fields)  # they mean nothing in a degenerate batch
+        sums = dict.fromkeys(sums_shape(config))  # they mean nothing in a degenerate batch
         if Flag.DEGENERATE not in result.flags:
             sums = self.model.iterations[-1].sums.named(config)
             work = {"roi_events": result.roi_events, "iterations": self.model.plan}
@@ -122,11 +121,23 @@ class Vectors:
         for k in range(n):
             event = {"t": t[k], "x": batch.x[k], "y": batch.y[k], "last": k == n - 1 and not batch.by_count}
             self._put("events", {"gap": batch.gaps[k], **leaves(event, "event")})
+        names = config.motion_model.names
         for iteration in self.model.iterations:
-            self._put("trace", leaves({"v": iteration.v, "sums": iteration.sums.named(config)}, "trace"))
+            self._put(
+                "trace",
+                leaves(
+                    {"v": dict(zip(names, iteration.v, strict=True)), "sums": iteration.sums.named(config)}, "trace"
+                ),
+            )
         header = {"count": n, "stall": batch.stall, "reset_after": reset_after, "alone": batch.alone}
         self._put("batches", header | leaves(inputs, "settings"))
-        outputs = {"v": self.model.v, "t_first": t[0], "sums": sums, "cycles": cycles, "flags": int(result.flags)}
+        outputs = {
+            "v": dict(zip(names, self.model.v, strict=True)),
+            "t_first": t[0],
+            "sums": sums,
+            "cycles": cycles,
+            "flags": int(result.flags),
+        }
         outputs = {field.name: getattr(result, field.name) for field in fields_of("batch", "region")} | outputs
         self._put("results", {"count": result.iterations, **leaves(outputs, "result")})
         if reset_after:
@@ -191,7 +202,10 @@ class Vectors:
 
 
 def make_vectors(config, *, batches, seed):
-    """:class:`Vectors` of ``batches`` batches, each kind in turn."""
+    """:class:`Vectors` of ``batches`` batches, each kind in turn; :exc:`ConfigError` of what the bench cannot play."""
+    for name, plain in (("motion", "translation"), ("undistortion", "off"), ("hot_pixels", 0)):
+        if (value := getattr(config, name)) != plain:
+            raise ConfigError(f"{name} = {value}: {name} = {plain} is needed, this bench has no more")
     vectors = Vectors(config)
     maker = Maker(config, np.random.default_rng(seed))
     vectors.write_schedule(maker.table)

@@ -195,3 +195,9 @@ def test_make(name, sim_dir, tmp_path):
 def test_a_configuration_that_is_too_small_is_refused():
     with pytest.raises(ConfigError, match="max_batch_events = 40: a batch of 48 events is made here"):
         make_vectors.make_vectors(SMALL.replace(max_batch_events=40), batches=1, seed=1)
+
+
+@pytest.mark.parametrize("name", ["similarity", "rotation"])
+def test_what_the_bench_cannot_play_is_refused(name):
+    with pytest.raises(ConfigError, match=f"^motion = {name}: motion = translation is needed, this bench has no more$"):
+        make_vectors.make_vectors(preset(name), batches=1, seed=1)
