@@ -139,3 +139,14 @@ def test_the_file_tells_the_truth(turn, grow):
     with h5py.File(grow) as file:
         assert (file.attrs["zoom_per_s"], file.attrs["roll_rad_per_s"]) == (ZOOM, ROLL)
         assert tuple(file["ground_truth/motion/velocity"][0]) == VELOCITY
+
+
+@pytest.mark.parametrize("preset", ["similarity", "rotation"])
+def test_the_core_is_built_without_a_camera(preset, tmp_path):
+    """Which shapes no hardware."""
+    assert build.main(["--preset", preset, "--out", str(tmp_path)]) == 0
+    info = json.loads((tmp_path / "build-info.json").read_text(encoding="utf-8"))
+    assert info["configuration"]["motion"] == preset
+    assert "\nmodule cmfpga_core_image_one_pass_gradient_moments" in (tmp_path / "cmfpga_core.v").read_text(
+        encoding="utf-8"
+    )

@@ -3,7 +3,7 @@
 import importlib.metadata
 
 from .. import __version__
-from ..protocol.settings import BatchSettings
+from ..protocol.settings import BatchSettings, by_signs
 from . import article
 from .emit import TOP, sha256
 
@@ -66,7 +66,10 @@ def _origin(config, top, verilog):
 
 def describe(config, core, verilog):
     """Everything in ``build-info.json``, JSON-ready."""
-    plan = config.ascent_rule.plan(BatchSettings.from_config(config), warm=False)
+    # Not by a batch's settings: a rotation's need a camera, which shapes no hardware.
+    plan = (
+        config.schedules.cold if by_signs(config) else config.ascent_rule.plan(BatchSettings.from_config(config), False)
+    )
     return {
         **_origin(config, TOP, verilog),
         "formats": formats(config),
