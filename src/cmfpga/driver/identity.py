@@ -2,8 +2,8 @@
 
 from .. import __version__
 from ..config import PRESETS, Config
-from ..errors import WrongHardware
-from ..protocol.registers import ID, MAP_VERSION, register_map
+from ..errors import ConfigError, WrongHardware
+from ..protocol.registers import ID, MAP_VERSION, check, register_map
 
 
 def identify(backend, config=None):
@@ -44,7 +44,15 @@ def identify(backend, config=None):
 
 def wrapped_presets():
     """``{name: Config}`` of the presets that the AXI top can be made with."""
-    return {name: config for name, config in PRESETS.items() if config.motion == "translation"}
+    return {name: config for name, config in PRESETS.items() if _fits(config)}
+
+
+def _fits(config):
+    try:
+        check(config)
+    except ConfigError:
+        return False
+    return True
 
 
 def check_version(backend):
