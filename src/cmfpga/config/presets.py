@@ -51,6 +51,10 @@ PRESETS = {
         undistortion="on",
         ram_style="ultra",
     ),
+    "flow": _FAST.replace(
+        regions=192, units=4, undistortion="on", max_batch_events=32767, min_roi_events=30, ram_style="auto"
+    ),
+    "objects": _FAST.replace(regions=8, units=2, max_batch_events=32767, bin_bits=5),
     "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 
