@@ -36,5 +36,5 @@ def check_regions(config):
             raise ConfigError(f"regions = {config.regions}: {name}: each region has a stride of its own instead")
     if config.max_batch_events > 1 << 18:
         raise ConfigError(
-            f"max_batch_events = {config.max_batch_events}: at most {1 << 18} are allowed: the store of events holds them"
+            f"max_batch_events = {config.max_batch_events}: at most {1 << 18} are allowed, for the store holds them all"
         )

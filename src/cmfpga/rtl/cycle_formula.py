@@ -13,15 +13,6 @@ class CycleFormula:
         return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
 
     @property
-    def iteration_latency(self):
-        """L: an iteration of n events takes n + L cycles from one v to the next, and those of the image's sweep.
-
-        The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
-        in one pass the last vote.
-        """
-        return self.warp.latency + self.voter.latency - 1 + max(self._evaluate, self._feed)
-
-    @property
     def batch_latency(self):
         """Cycles of a batch that depend on neither N, n nor T."""
         move = self.roi_updater.latency if self.config.buffers == 1 else 1
