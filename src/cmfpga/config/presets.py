@@ -52,9 +52,9 @@ PRESETS = {
         ram_style="ultra",
     ),
     "flow": _FAST.replace(
-        regions=192, units=4, undistortion="on", max_batch_events=32767, min_roi_events=30, ram_style="auto"
+        regions=192, units=4, undistortion="on", max_batch_events=32767, min_roi_events=30, store_style="ultra"
     ),
-    "objects": _FAST.replace(regions=8, units=2, max_batch_events=32767, bin_bits=5),
+    "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),
     "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 

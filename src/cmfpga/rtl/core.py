@@ -4,6 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from ..config.regions import check_one_region
 from ..protocol.flags import Flag
 from ..protocol.results import fields_of, thins
 from . import payloads
@@ -64,11 +65,13 @@ class Core(CycleFormula, Iterating, wiring.Component):
     Raises
     ------
     ConfigError
-        What the image needs does not hold (:meth:`~cmfpga.rtl.image.image_sums.ImageSums.check`).
+        What the image needs does not hold (:meth:`~cmfpga.rtl.image.image_sums.ImageSums.check`), or the hardware is
+        of many regions.
     """
 
     def __init__(self, config):
         self.config = config
+        check_one_region(config)
         self._make_blocks()
         self.image.check(self.iteration_latency)
         members = {

@@ -3,6 +3,7 @@
 from amaranth.hdl import Mux
 from amaranth.lib.wiring import connect, flipped
 
+from ..config.schedule import ScheduleEntry, used_events
 from ..protocol.settings import by_signs
 from .arithmetic import delay
 from .ascent import ASCENTS
@@ -59,6 +60,35 @@ class Iterating:
         in one pass the last vote.
         """
         return self.warp.latency + self.voter.latency - 1 + max(self._evaluate, self._feed)
+
+    @property
+    def sweep_cycles(self):
+        """Cycles of an iteration between its last vote and the image being complete: P/4 with the sweep."""
+        return self.image.sweep_cycles
+
+    @property
+    def judge_latency(self):
+        """Cycles that a batch takes more if v's confidence is measured, beside those of four iterations."""
+        return self.probe.latency + self.judge.latency - self.ascent.latency
+
+    def iterated_cycles(self, roi_events, iterations, judge=None, most=False):
+        """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`CycleFormula.cycles`."""
+        judged = self.config.confidence and (self.config.judge if judge is None else judge)
+        every = ScheduleEntry(0, None)
+        plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
+        plan, more = ((*plan, *[every] * 4), self.judge_latency) if judged else (plan, 0)
+        groups = [-(-n // self.config.lanes) for n in used_events(plan, roi_events)]
+        votes = sum(map(self.image.most_cycles, groups) if most else groups)
+        return votes + len(plan) * (self.sweep_cycles + self.iteration_latency) + more
+
+    def iterated_formula(self, beside):
+        """The same as text, where a schedule says which events are used, and ``beside`` cycles more."""
+        each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
+        each = f"({each})" if self.sweep_cycles else each
+        n, n_k = (f"⌈{n}/{self.config.lanes}⌉" if self.config.lanes > 1 else n for n in ("n", "n_k"))
+        if self.judge is None:
+            return f"Σ {n_k} + T·{each} + {beside}"
+        return f"Σ {n_k} + 4·{n} + (T + 4)·{each} + {beside + self.judge_latency}"
 
     def _add_boxes(self, m):
         """Put the boxes into the module."""

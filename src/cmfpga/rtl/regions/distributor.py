@@ -139,7 +139,7 @@ class Distributor(wiring.Component):
                 m.d.sync += measured.eq((timer == 0) & (source.turn == self.turn))
                 with m.If((timer == 0) & (~of_parent | (measured & (source.turn == self.turn)))):
                     m.d.sync += [warm.eq(wanted & ~doubtful), restarted.eq(wanted & doubtful)]
-                    m.d.sync += job.settings.eq(settings)
+                    m.d.sync += [job.settings.eq(settings), job.settings.start_last.eq(0)]  # v_start says it
                     m.d.sync += job.settings.v_start.eq(
                         Mux(wanted & ~doubtful, source.v.as_value(), settings.v_start.as_value())
                     )

@@ -92,6 +92,26 @@ class Regions(wiring.Component):
             "collector": self.collector,
         }
 
+    @property
+    def blocks(self):
+        """The same, but in place of the units what one of them is made of."""
+        return {name: block for name, block in self.boxes.items() if block not in self.units} | self.units[0].blocks
+
+    @property
+    def latencies(self):
+        """Clock cycles from input to output of each block that has such a number, by name."""
+        return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
+
+    def cycles(self, *, roi_events, iterations, judge=None, **_):
+        """Those of a region in a unit: :meth:`Unit.cycles`."""
+        return self.units[0].cycles(roi_events=roi_events, iterations=iterations, judge=judge)
+
+    @property
+    def cycle_formula(self):
+        """:meth:`cycles` as text."""
+        unit = self.units[0]
+        return f"{unit.iterated_formula(unit.region_latency)} for a region in a unit"
+
     def elaborate(self, platform):
         m = Module()
         for name, block in self.boxes.items():

@@ -97,6 +97,7 @@ class Half(wiring.Component):
         m = Module()
         m.submodules.bins = bins = BinTable(config)
         pages = bits_for(store.pages - 1)
+        style = {} if config.store_style == "auto" else {"ram_style": config.store_style}
         memories = {
             "events": (stored_event(config), store.pages * PAGE_EVENTS),
             "link": (pages, store.pages),  # of a full page: the one behind it
@@ -104,7 +105,9 @@ class Half(wiring.Component):
         }
         write, read = {}, {}
         for name, (shape, depth) in memories.items():
-            m.submodules[name] = ram = memory.Memory(shape=shape, depth=max(2, depth), init=[])
+            m.submodules[name] = ram = memory.Memory(
+                shape=shape, depth=max(2, depth), init=[], attrs=style if name == "events" else {}
+            )
             write[name], read[name] = ram.write_port(), ram.read_port()
 
         # Clear: a word a cycle.

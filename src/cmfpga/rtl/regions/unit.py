@@ -46,6 +46,8 @@ class Unit(Iterating, wiring.Component):
         Every iteration's v and sums, for verification.
     """
 
+    _divide = 2  # cycles in place of a division
+
     def __init__(self, config):
         self.config = config
         self._make_iterating()
@@ -74,6 +76,18 @@ class Unit(Iterating, wiring.Component):
         ]
         return {name: block for part in boxes for name, block in part.items() if block is not None}
 
+    @property
+    def region_latency(self):
+        """Cycles of a region that depend on neither n nor T."""
+        return self.iteration_control.hand_over + self._divide + min(self._feed, self._evaluate)
+
+    def cycles(self, *, roi_events, iterations, judge=None):
+        """Clock cycles from the hand-over of a region to its outcome, unless it is degenerate.
+
+        Parameters are those of :meth:`cmfpga.rtl.cycle_formula.CycleFormula.cycles`.
+        """
+        return self.iterated_cycles(roi_events, iterations, judge) + self.region_latency
+
     def elaborate(self, platform):
         m = Module()
         self._add_boxes(m)
@@ -90,7 +104,7 @@ class Unit(Iterating, wiring.Component):
         control, buffer, handover = self.iteration_control, self.event_buffer, self.iteration_control.handover
         loading, waiting, take = Signal(), Signal(), Signal()
         job, batch = Signal(payloads.job(self.config)), Signal(handover.batch.shape())
-        halved = Signal(payloads.outcome(self.config)["thinning_used"].shape, reset_less=True)
+        halved = Signal(common.thinning_used(self.config), reset_less=True)
         self._job = Signal(payloads.job(self.config))
         self._thinning, self._overflow = Signal.like(halved), Signal.like(job.found)
         m.d.comb += [
@@ -101,7 +115,7 @@ class Unit(Iterating, wiring.Component):
             handover.take.eq(take),
             handover.batch.eq(batch),
             # Once for all regions of a batch, elsewhere; but the schedule has to be looked up.
-            control.divided.eq(delay(m, control.divide, 2, name="divide", valid=True)),
+            control.divided.eq(delay(m, control.divide, self._divide, name="divide", valid=True)),
             self.ready.eq(~(loading | waiting | take)),
             self.idle.eq(handover.free & ~(waiting | take)),
             self.image.clear.eq(self.clear),
