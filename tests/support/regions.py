@@ -1,13 +1,20 @@
-"""Hardware with a table of regions: small configurations, random tables and batches, and the check against the model."""
+"""Hardware with a table of regions: small configurations, random tables and batches, and how they are played."""
 
 import dataclasses
 
 import numpy as np
 
 from cmfpga.config import preset
-from cmfpga.protocol.regions import MOST_STRIDE, STARTS, Region
+from cmfpga.engines.amaranth_sim import flat, nested
+from cmfpga.protocol.regions import MOST_STRIDE, STARTS, Region, row_shape, tables
+from cmfpga.protocol.settings import settings_values
+from cmfpga.protocol.shapes import leaves
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.regions import RegionSequence
+from cmfpga.rtl.payloads import schedule_entry
+from cmfpga.rtl.regions import payloads
+from cmfpga.rtl.regions.regions import Regions
+from support.bench import simulate
 from support.core_batches import PLANS, moving_points, settings
 
 _SMALL = preset("fast").replace(
@@ -20,7 +27,8 @@ CONFIGS = {
     "one unit": _SMALL.replace(units=1, confidence=0, when_full="drop"),
     # More units than regions; bins as large as the sensor; a camera, a hot pixel's mask and the background's filter.
     "five units, front": _SMALL.replace(
-        units=5, regions=4, bin_bits=6, undistortion="on", hot_pixels=1, background=1, camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
+        units=5, regions=4, bin_bits=6, undistortion="on", hot_pixels=1, background=1,
+        camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
         hot_mask="20,15;3,4", background_us=1 << 22,
     ),
 }  # fmt: skip
@@ -61,13 +69,32 @@ def random_window(config, rng, kind="any"):
 
 
 def random_settings(config, rng):
-    chosen = settings(config, min_roi_events=int(rng.integers(1, 4)), roi_gain=int(rng.integers(1 << 6)))
+    plans = [plan for plan in PLANS if not config.confidence or plan[-1].stride == 1]
+    cold, warm = (plans[int(rng.integers(len(plans)))] for _ in range(2))
+    chosen = settings(
+        config, min_roi_events=int(rng.integers(1, 4)), roi_gain=int(rng.integers(1 << 6)), cold=cold, warm=warm
+    )
     if config.confidence:
         chosen = dataclasses.replace(
             chosen, judge=int(rng.random() < 0.8), confidence_limit=int(rng.choice([1, 20, 90, 1000])),
             cold_after_doubtful=int(rng.integers(2)),
         )  # fmt: skip
     return chosen
+
+
+def random_run(config, rng, regions):
+    """A few windows, and how they are played: ``(windows, gaps or None, stalls or None)``."""
+    count = int(rng.integers(1, 4))
+    windows = [random_window(config, rng, rng.choice(["any", "one bin"])) for _ in range(count)]
+    gaps = rng.integers(0, 3, sum(len(t) for t, _, _ in windows)) if rng.random() < 0.5 else None
+    stalls = rng.integers(0, 100, len(regions) * count).tolist() if rng.random() < 0.5 else None
+    return windows, gaps, stalls
+
+
+def some_changed(config, rng, regions):
+    """The table with another last row, or one row less; a parent stays in front of its children."""
+    changed = [*regions[:-1], *random_regions(config, rng, 1)] if rng.random() < 0.5 else regions[: len(regions) - 1]
+    return changed or regions
 
 
 def model_of(config):
@@ -79,3 +106,61 @@ def without_clock(result):
     return dataclasses.replace(
         result, regions=tuple(dataclasses.replace(region, cycles=None) for region in result.regions)
     )
+
+
+async def _play(ctx, block, config, writes, table, windows, values, found, stalls):
+    """Fill the tables, offer windows, take results: ports by their Verilog names, in the order in which they come."""
+    for name, rows in (("schedule_write", table), ("row_write", writes)):
+        port = getattr(block, name)
+        for row in rows:
+            ctx.set(port.valid, 1)
+            ctx.set(port.payload, row)
+            await ctx.tick()
+        ctx.set(port.valid, 0)
+    ctx.set(block.settings, nested(block.settings.shape(), values))
+    events = [
+        (*event, number + 1 == len(window[0]))
+        for window in windows
+        for number, event in enumerate(zip(*window, strict=True))
+    ]
+    wanted, sent, waited = len(windows) * len(writes), 0, 0
+    wrap = (1 << config.time_bits) - 1
+    while len(found) < wanted:
+        ctx.set(block.i.valid, sent < len(events))
+        if sent < len(events):
+            t, x, y, last = (int(part) for part in events[sent])
+            ctx.set(block.i.payload, {"t": t & wrap, "x": x, "y": y, "last": last})
+        ctx.set(block.o.ready, waited >= stalls)
+        _, _, accepted, valid, result = await ctx.tick().sample(
+            block.i.valid & block.i.ready, block.o.valid, block.o.payload
+        )
+        sent += accepted
+        if valid and waited >= stalls:
+            found.append(flat(result))
+        waited = waited + 1 if valid and waited < stalls else 0
+        yield
+
+
+def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0):
+    """Results of windows, a dictionary of ports each, by Amaranth's simulator; AssertionError after ``limit`` cycles."""
+    block, found = Regions(config), []
+    rows, table = tables(config, regions, chosen)
+    names = [name.removeprefix("row_") for name in leaves("row", row_shape(config))]
+    writes = [
+        {"number": number, "fresh": 1, "row": nested(payloads.row(config), dict(zip(names, row, strict=True)))}
+        for number, row in enumerate(rows)
+    ]
+    entries = [
+        {"address": address, "entry": dict(zip(schedule_entry(config).members, entry, strict=True))}
+        for address, entry in enumerate(table)
+    ]
+    values = settings_values(config, dataclasses.replace(chosen, rows=len(regions)))
+
+    async def bench(ctx):
+        cycles = 0
+        async for _ in _play(ctx, block, config, writes, entries, windows, values, found, stalls):
+            cycles += 1
+            assert cycles < limit, f"{len(found)} results after {limit} cycles"
+
+    simulate(block, bench)
+    return found

@@ -23,8 +23,11 @@ class Iterating:
     buffer, hands batches over to ``iteration_control``, and offers the results.
     """
 
-    def _make_iterating(self, *, move=1, settle=1):
-        """The blocks; ``move`` and ``settle`` are the cycles of an ROI's update."""
+    def _make_iterating(self, *, move=1, settle=1, judge=Judge):
+        """The blocks; ``move`` and ``settle`` are the cycles of an ROI's update.
+
+        ``judge`` is a :class:`Judge`, or the :class:`~.confidence.curvature.Curvature` for one who decides elsewhere.
+        """
         config = self.config
         self.event_buffer = EventBuffer(config)
         self.lanes = [Lane(config, number) for number in range(config.lanes)]
@@ -34,7 +37,7 @@ class Iterating:
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
         self.probe = Probe(config) if config.confidence else None
-        self.judge = Judge(config) if config.confidence else None
+        self.judge = judge(config) if config.confidence else None
         # From a replay to the warp; from the last vote to the next v.
         self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
         self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
@@ -133,7 +136,6 @@ class Iterating:
         m.d.comb += [
             *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
             probe.begin.eq(control.begin),
-            judge.begin.eq(delay(m, control.begin, 1, name="begin", valid=True)),  # no hurry; many wait for it
             probe.iterating.eq(control.iterating),
             probe.complete.eq(control.complete),
             probe.v.eq(self.ascent.v),
@@ -142,12 +144,17 @@ class Iterating:
             probe.squares.eq(self.image.squares),
             judge.i.valid.eq(self.gradient.o.valid & control.probing),
             judge.i.payload.eq(self.gradient.o.payload),
+            control.more.eq(probe.more),
+            control.judged.eq(judge.done),
+        ]
+        if not isinstance(judge, Judge):
+            return
+        m.d.comb += [
+            judge.begin.eq(delay(m, control.begin, 1, name="begin", valid=True)),  # no hurry; many wait for it
             judge.sum_i.eq(probe.last.i),
             judge.squares.eq(probe.last_squares),
             judge.events.eq(events),
             judge.limit.eq(control.run.settings.confidence_limit),
-            control.more.eq(probe.more),
-            control.judged.eq(judge.done),
             control.run.doubtful.eq(judge.doubtful),
         ]
 

@@ -1,6 +1,6 @@
 """Collector: takes the units' outcomes, moves the regions that follow their v, and hands the results out."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -8,6 +8,7 @@ from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads as common
 from ..arithmetic import select
+from ..confidence.verdict import Verdict
 from . import payloads
 from .distributor import place_of
 
@@ -16,7 +17,9 @@ CLEAR, ADD = 1, 2
 
 
 class Collector(wiring.Component):
-    """One outcome after the other; the lowest unit that has one comes first. Each takes :attr:`latency` cycles.
+    """One outcome after the other; the lowest unit that has one comes first.
+
+    Each takes :attr:`latency` cycles or less, in which v's confidence is judged, if it was probed.
 
     A region that moves goes by roi_gain·v, limited to the sensor, a bit of the gain a cycle, as in
     :class:`~cmfpga.rtl.ascent.roi_updater.RoiUpdater`.
@@ -47,7 +50,8 @@ class Collector(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self.latency = config.formats.roi_gain.width + 9
+        judging = Verdict(config).latency + 1 if config.confidence else 0
+        self.latency = 5 + max(config.formats.roi_gain.width + 3, judging)
         kept = data.StructLayout({"number": config.store.number_bits, "state": payloads.state(config)})
         super().__init__(
             {
@@ -75,7 +79,8 @@ class Collector(wiring.Component):
         timer = Signal(range(max(4, len(self.batch.settings.roi_gain))))
         done, last = Signal(config.store.number_bits + 1), Signal()
         gain, steps, limits = Signal.like(self.batch.settings.roi_gain), Signal(2), {}
-        moves = row.moves & ~outcome.degenerate
+        moves, begin = row.moves & ~outcome.degenerate, Signal()
+        decided, doubtful = self._judge(m, outcome, begin) if config.confidence else (Const(1, 1), Const(0, 1))
         with m.If(self.begins):
             m.d.sync += done.eq(0)
         m.d.comb += [
@@ -94,7 +99,7 @@ class Collector(wiring.Component):
                 with m.If(Cat(unit.valid for unit in units).any()):
                     m.next = "LOOK"
             with m.State("LOOK"):
-                m.d.comb += steps.eq(CLEAR)
+                m.d.comb += [steps.eq(CLEAR), begin.eq(timer == 0)]
                 m.d.sync += gain.eq(self.batch.settings.roi_gain)
                 with m.If(timer == 0):
                     m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(len(gain) - 1)]
@@ -106,7 +111,7 @@ class Collector(wiring.Component):
                     m.d.sync += timer.eq(2)
                     m.next = "LIMIT"
             with m.State("LIMIT"):
-                with m.If(timer == 0):
+                with m.If((timer == 0) & decided):
                     m.next = "KEEP"
             with m.State("KEEP"):
                 m.d.comb += self.write.valid.eq(1)
@@ -122,8 +127,7 @@ class Collector(wiring.Component):
             after.followed.eq(~outcome.degenerate),
             after.turn.eq(self.turn),
         ]
-        if config.confidence:
-            m.d.comb += after.doubtful.eq(outcome.flags[Flag.DOUBTFUL.bit_length() - 1])
+        m.d.comb += after.doubtful.eq(doubtful)
         for axis, sensor in (("x", config.sensor_width), ("y", config.sensor_height)):
             size = (row.end[axis] - row.begin[axis]).as_unsigned()[: len(row.end[axis])]
             moved, limits[axis] = self._moved(
@@ -132,6 +136,22 @@ class Collector(wiring.Component):
             m.d.comb += after.position[axis].eq(Mux(moves, moved, state.position[axis]))
         self._result(m, outcome, state, after, last, moves & (limits["x"] | limits["y"]))
         return m
+
+    def _judge(self, m, outcome, begin):
+        """Whether v is in doubt, of an outcome that was probed: (it is known, it is)."""
+        m.submodules.verdict = verdict = Verdict(self.config)
+        probed, decided = outcome.confidence_limit != 0, Signal()
+        m.d.comb += [
+            verdict.begin.eq(begin & probed),
+            verdict.sum_i.eq(outcome.sums.i),
+            verdict.squares.eq(outcome.sum_squares),
+            verdict.curvature.eq(outcome.curvature),
+            verdict.events.eq(outcome.roi_events),
+            verdict.limit.eq(outcome.confidence_limit),
+        ]
+        with m.If(begin | verdict.done):
+            m.d.sync += decided.eq(verdict.done | ~probed)
+        return decided, verdict.doubtful & probed
 
     def _moved(self, m, axis, v, position, bit, steps, sensor, size):
         """Where the region goes along an axis, three cycles after the last bit of the gain; was that limited?"""
@@ -168,6 +188,8 @@ class Collector(wiring.Component):
             Flag.CUT: batch.cut,
             Flag.ROI_CLAMPED: clamped,
         }
+        if self.config.confidence:
+            flags[Flag.DOUBTFUL] = after.doubtful
         more = {"roi": place_of(state.position), "roi_next": place_of(after.position)}
         m.d.comb += [result.region.eq(outcome.number), result.last.eq(last)]
         for field in fields:

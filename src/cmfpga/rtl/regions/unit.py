@@ -8,6 +8,7 @@ from ...protocol.flags import Flag
 from ...protocol.results import thins
 from .. import payloads as common
 from ..arithmetic import delay
+from ..confidence.curvature import Curvature
 from ..iterating import Iterating
 from . import payloads
 
@@ -50,7 +51,7 @@ class Unit(Iterating, wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self._make_iterating()
+        self._make_iterating(judge=Curvature)
         self.image.check(self.iteration_latency)
         super().__init__(
             {
@@ -173,7 +174,6 @@ class Unit(Iterating, wiring.Component):
         }
         if self.config.confidence:
             judged = control.run.settings.judge & ~control.run.degenerate
-            flags[Flag.DOUBTFUL] = self.judge.doubtful
             found |= {
                 "sums": self.probe.last,
                 "sum_squares": self.probe.last_squares,
