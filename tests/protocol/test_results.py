@@ -72,7 +72,8 @@ def test_the_hardware_has_what_the_tables_say(name):
     core = verilog_top(config)
     own, trace = (["region", "last"], "trace_0_") if config.regions else ([], "trace_")
     results = [leaf for f in fields_of("batch", "region", config=config) for leaf in leaves(f.name, f.shape(config))]
-    assert [port.removeprefix("result_") for port in core.outputs if port.startswith("result_")] == ["valid", *own, *results]
+    given = [port.removeprefix("result_") for port in core.outputs if port.startswith("result_")]
+    assert given == ["valid", *own, *results]
     settings = settings_values(config, BatchSettings.from_config(config))
     assert [port.removeprefix("settings_") for port in core.inputs if port.startswith("settings_")] == list(settings)
     traced = [port for port in core.outputs if port.startswith(trace) and "pixels" not in port]

@@ -142,7 +142,7 @@ async def _play(ctx, block, config, writes, table, windows, values, found, stall
 
 
 def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0):
-    """Results of windows, a dictionary of ports each, by Amaranth's simulator; AssertionError after ``limit`` cycles."""
+    """Results of windows by Amaranth's simulator, a dictionary each; AssertionError after ``limit`` cycles."""
     block, found = Regions(config), []
     rows, table = tables(config, regions, chosen)
     names = [name.removeprefix("row_") for name in leaves("row", row_shape(config))]
