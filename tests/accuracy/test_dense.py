@@ -45,7 +45,8 @@ def test_without_recordings_it_is_the_scene_alone(capsys, tmp_path, monkeypatch)
     assert kept["scores"]["median_px"] == pytest.approx(np.median(kept["values"])) and kept["scores"]["median_px"] < 0.3
 
 
-def test_the_bars_on_real_recordings(data_dir, tmp_path):
+def test_the_bars_on_real_recordings(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(dense, "VARIANTS", dense.VARIANTS[:0])
     assert run("--flow", "--data", data_dir, "--json", tmp_path / "scores.json") == 0
     found = json.loads((tmp_path / "scores.json").read_text())["results"]
     poster, *others = (found[f"flow, {name}"]["scores"] for name in dense.WINDOWS)
@@ -53,6 +54,15 @@ def test_the_bars_on_real_recordings(data_dir, tmp_path):
     assert poster["rotation_off_deg_per_s"] <= 2 + 0.04 * 37.7
     for scores in others:
         assert scores["trusted"] >= 0.6 and scores["trusted_below_0.5_px"] >= 0.9
+
+
+def test_half_of_a_window_and_smaller_tiles(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(dense, "WINDOWS", {"davis240c_poster_rotation_0.6s.h5": True})
+    assert run("--flow", "--data", data_dir, "--json", tmp_path / "scores.json") == 0
+    found = json.loads((tmp_path / "scores.json").read_text())["results"]
+    _, whole, half, small = (one["scores"] for one in found.values())
+    assert small["tiles"] > 1.5 * whole["tiles"] >= 1.5 * half["tiles"]
+    assert min(half["median_px"], small["median_px"]) > 1.2 * whole["median_px"]
 
 
 @pytest.mark.parametrize("told", [["--known"], ["--engine", "all"], ["--study", "plain"]])

@@ -8,8 +8,9 @@ import pytest
 
 from cmfpga import flow
 from cmfpga.errors import ConfigError
-from cmfpga.events import write_hdf5
+from cmfpga.events import Events, MemoryRecording, write_hdf5
 from cmfpga.flow import demo
+from cmfpga.flow.api import configure
 from cmfpga.flow.result import DOCS
 from support.flowing import CAMERA, OMEGA
 
@@ -115,7 +116,8 @@ def test_the_page_holds_the_windows(command, slide, tmp_path):
         (["--tile", 65], "tile = 65: 4 to 64 px are allowed"),
         (["--step", 40], "step = 40: 1 to 32 px"),
         (["--tile", 4, "--step", 1], "at most 1024 are allowed (regions)"),
-        (["--set", "regions=20"], "at most 20 are allowed (regions)"),
+        (["--tile", 4, "--set", "regions=99"], "every 4 px: 772 regions; at most 99"),
+        (["--set", "regions=15"], "at most 15 are allowed (regions)"),
         (["--preset", "fast"], "preset 'fast' has no regions"),
         (["--fit", "rotation"], "a calibration is needed"),
         (["--fit", "shear"], "invalid choice: 'shear'"),
@@ -130,6 +132,16 @@ def test_the_page_holds_the_windows(command, slide, tmp_path):
 def test_what_is_refused(command, slide, tmp_path, told, why):
     told = [*told, *(() if "--engine" in told else ("--engine", "model"))]
     assert why in command(flow, slide, *told, "--out", tmp_path).error
+
+
+def test_a_larger_sensor_has_a_larger_step_before_it_has_too_many_tiles():
+    source = MemoryRecording(Events([0, 9], [1, 600], [1, 400], [0, 1]), 640, 480)
+    config, tiles, notes = configure(source, "flow", {}, 32, None, str)
+    assert np.diff(tiles.columns).max() == 24 and config.regions == len(tiles.regions) > 192
+    assert notes == [
+        "tiles every 24 px: so many as 1024 regions hold",
+        f"a table of {config.regions} regions; preset 'flow' has 192",
+    ]
 
 
 def test_refusals_without_a_usable_recording(command, tmp_path):

@@ -2,7 +2,6 @@
 
 import base64
 import io
-import itertools
 
 import matplotlib.image
 import numpy as np

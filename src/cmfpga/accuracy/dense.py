@@ -29,6 +29,8 @@ WINDOWS = {
     "davis240c_boxes_translation_18.6s.h5": False,
     "davis240c_dynamic_translation_32.9s.h5": False,
 }
+#: What is measured beside them: name, share of the window's events, size of the tiles.
+VARIANTS = (("first half", 0.5, TILE), ("tiles of 24 px", 1.0, 24))
 FEWEST = 60  # events of a tile that is looked at
 HEADS = (
     "window", f"tiles with {FEWEST} events", "trusted, %", "median error of all, px", "all < 1 px, %",
@@ -60,17 +62,20 @@ def searched(window, chosen, progress):
 
 def run_dense(options, _, report):
     """Print the suite; of the scene alone without a folder of recordings."""
-    rows = [_row(options, "synthetic, the camera turns", scene().recording(), CAMERA, ROTATION, report)]
-    for name, turns in WINDOWS.items() if options.data is not None else ():
-        with open_recording(Path(options.data) / name) as recording:
-            rows.append(_row(options, name, recording, None, None if turns else (), report))
+    rows = [_row(options, "synthetic, the camera turns", scene().recording(), report, camera=CAMERA, omega=ROTATION)]
+    for variant in ((), *VARIANTS) if options.data is not None else ():
+        for file, turns in WINDOWS.items():
+            name = ", ".join((file, *variant[:1]))
+            with open_recording(Path(options.data) / file) as recording:
+                rows.append(_row(options, name, recording, report, *variant[1:], omega=None if turns else ()))
     report.table(f"Dense flow, tiles of {TILE} px every {TILE // 2} px, {options.engine}", HEADS, rows)
 
 
-def _row(options, name, recording, camera, omega, report):
+def _row(options, name, recording, report, share=1.0, tile=TILE, *, camera=None, omega):
     given = {"camera": camera.text} if camera else {}
-    config, tiles, _ = configure(recording, options.preset, given | cli.config_changes(options), TILE, None, str)
+    config, tiles, _ = configure(recording, options.preset, given | cli.config_changes(options), tile, None, str)
     events = Events.concatenate(recording.chunks())[: config.max_batch_events]
+    events = events[: int(len(events) * share)]
     recording = MemoryRecording(events, config.sensor_width, config.sensor_height)
     with closing(RegionEngine(options.engine, config)) as engine:
         (window,) = Run(recording, engine, tiles, window_events=len(events), windows=1)

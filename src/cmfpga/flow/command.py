@@ -66,8 +66,7 @@ def _parser():
     ))  # fmt: skip
     made.add_argument("--every-picture", action="store_true", help="write flow-0.png, flow-1.png …, of each window")
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
-    cli.add_config_options(made)
-    made.set_defaults(preset=PRESET)
+    cli.add_config_options(made, PRESET)
     return made
 
 
@@ -144,7 +143,7 @@ def _measure(options, recording, config, tiles, folder):
                 best = window
             if options.recording is None:
                 errors.append(demo_errors(window))
-    found.leftover, found.limited = run.cutter.leftover, run.limited
+    found.leftover, found.limited = run.leftover, run.limited
     if best is None:
         raise run.cutter.too_few()
     files.append(folder / ARRAYS)

@@ -111,10 +111,10 @@ class Window:
     def moved(self):
         """How far the image moves, px per half window: the median of the trusted tiles.
 
-        None where fewer than a quarter of the tiles that were measured are trusted, or fewer than three.
+        None where fewer than a quarter of the tiles that were measured are trusted, or fewer than eight.
         """
         trusted = int(self.trusted.sum())
-        if trusted < max(3, 0.25 * np.isfinite(self.v[:, 0]).sum()):
+        if trusted < max(8, 0.25 * np.isfinite(self.v[:, 0]).sum()):
             return None
         return float(np.median(np.hypot(*self.v[self.trusted].T)))
 
