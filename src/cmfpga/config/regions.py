@@ -23,7 +23,7 @@ class Regions:
 def check_regions(config):
     """Raise :exc:`ConfigError` unless the hardware for regions can be built."""
     if not config.regions:
-        for name in ("units", "bin_bits"):
+        for name in ("units", "bin_bits", "store_style"):
             if getattr(config, name) != config.__dataclass_fields__[name].default:
                 raise ConfigError(f"{name} = {getattr(config, name)}: regions of 1 or more are needed")
         return
@@ -36,5 +36,13 @@ def check_regions(config):
             raise ConfigError(f"regions = {config.regions}: {name}: each region has a stride of its own instead")
     if config.max_batch_events > 1 << 18:
         raise ConfigError(
-            f"max_batch_events = {config.max_batch_events}: at most {1 << 18} are allowed: the store of events holds them"
+            f"max_batch_events = {config.max_batch_events}: at most {1 << 18} are allowed, for the store holds them all"
+        )
+
+
+def check_one_region(config):
+    """Raise :exc:`ConfigError` of hardware with a table of regions, where one ROI is wanted."""
+    if config.regions:
+        raise ConfigError(
+            f"regions = {config.regions}: this is for one ROI; many regions: python -m cmfpga.flow, and cmfpga.build"
         )

@@ -11,7 +11,7 @@ from .shapes import pair, up_to, whole
 
 #: Largest log2 of a region's stride.
 MOST_STRIDE = 7
-#: Where a region's v starts: at the settings' start velocity, at its own last, or at another region's of the same batch.
+#: Where a region's v starts: at the settings' start velocity, its own last, or another region's of the same batch.
 STARTS = ("given", "last", "parent")
 
 
@@ -24,7 +24,8 @@ class Region:
     x, y : int
         Left column and top row of the region on the sensor, px; in the undistorted image, where there is a camera.
     width, height : int
-        Its size, px; events are those whose nearest pixel lies in it. It may hang over the sensor's right and lower edge.
+        Its size, px; events are those whose nearest pixel lies in it. It may hang over the sensor's right and lower
+        edge.
     margin : (int, int), optional
         Columns and rows of the image to the left of it and above it, where votes of its events may go as well; by
         default it lies in the image's middle.
@@ -146,7 +147,7 @@ def tables(config, regions, settings):
         )
     if len(entries) > config.schedule_entries:
         raise ConfigError(
-            f"schedules of the regions: {len(entries)} iterations; at most {config.schedule_entries} are allowed in all "
+            f"schedules of the regions: {len(entries)} iterations; at most {config.schedule_entries} are allowed "
             "(schedule_entries)"
         )
     return rows, [table_entry(config, entry) for entry in entries]
