@@ -12,6 +12,7 @@ from cmfpga.events import Events, MemoryRecording, write_hdf5
 from cmfpga.flow import demo
 from cmfpga.flow.api import configure
 from cmfpga.flow.result import DOCS
+from cmfpga.verilog.compiler import find_compiler
 from support.flowing import CAMERA, OMEGA
 
 MODEL = ("--engine", "model", "--window-events", 9000)
@@ -82,6 +83,31 @@ def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_pa
     assert off.status == 0 and "image" not in rows(tmp_path / "flow.csv")[0]
     refused = command(flow, turn, *MODEL, "--set", "undistortion=off", "--fit", "rotation", "--out", tmp_path)
     assert "a calibration is needed" in refused.error
+
+
+def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path):
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler")
+    files = []
+    for engine in ("rtl", "model"):
+        told = [
+            "--engine",
+            engine,
+            "--window-events",
+            4000,
+            "--windows",
+            2,
+            "--set",
+            "units=2",
+            "--no-picture",
+            "--json",
+        ]
+        done = command(flow, slide, *told, "--out", tmp_path / engine)
+        assert done.status == 0, done.err
+        files.append((tmp_path / engine / "flow.csv").read_bytes())
+        told = json.loads(done.out)
+        assert told["cycles"] > 2 * 4000 if engine == "rtl" else told["cycles"] is None
+    assert files[0] == files[1] and len(files[0]) > 1000
 
 
 def test_from_python_it_is_the_same(command, slide, tmp_path):

@@ -16,7 +16,7 @@ from .run import Run
 from .tiles import TILE, grid
 
 #: What the command and :func:`flow` take if nothing is told.
-PRESET, ENGINE = "flow", "model"
+PRESET, ENGINE = "flow", "rtl"
 
 #: Rows that a table of regions can have (field ``regions``).
 MOST_REGIONS = 1024

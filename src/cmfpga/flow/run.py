@@ -72,7 +72,8 @@ class Run:
 
     def _measure(self, index, events):
         result = self._engine.run(events, self._settings) if len(events) else None
-        return Window(index, self._engine.config, self._tiles, events, result)
+        cycles = self._engine.cycles if len(events) else None
+        return Window(index, self._engine.config, self._tiles, events, result, cycles)
 
     def _next_size(self, count, moved):
         wanted = fit(count, (moved or 0.0,), moved is not None)

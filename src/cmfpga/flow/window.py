@@ -41,6 +41,8 @@ class Window:
         All events of the window.
     result : BatchResult or None
         What the engine returned; None of a window without events.
+    cycles : int or None
+        Clock cycles from the offer of its first event to the last result; None of engines without a clock.
     """
 
     index: int
@@ -48,6 +50,7 @@ class Window:
     tiles: Any
     events: Any
     result: Any
+    cycles: int | None = None
 
     def _each(self, value, none):
         """``value(outcome)`` of each tile as float64; ``none`` where it is None, or there are no events."""
