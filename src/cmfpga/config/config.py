@@ -125,7 +125,7 @@ class Config:
     regions: int = _field(0, "rows of the table of regions; 0: a core of one ROI", low=0, high=1024)
     units: int = _field(1, "units that iterate over regions side by side", low=1, high=64)
     bin_bits: int = _field(4, "bins of the store of events are 2^bin_bits px wide", low=2, high=12)
-    store_style: str = _field("auto", "kind of RAM of that store", choices=RAM_STYLES)
+    store_style: str = _field("auto", "kind of RAM of that store", choices=("auto", "ultra"))
 
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=tuple(GRADIENTS))

@@ -17,13 +17,14 @@ class VerilatedRegions(VerilatedCore):
     Attributes
     ----------
     regions : list of Region
-    cycles : int
-        Clock cycles of the last batch, from the offer of its first event to its last result.
+    offered, finished : list of int
+        Of the batches of the last run: the clock cycle in which its first event was offered, and that of its last
+        result.
     """
 
     def __init__(self, config, *, seed=1):
         self.regions, self._rows, self._fresh = [], [], []
-        self.cycles = None
+        self.offered, self.finished = [], []
         super().__init__(config, seed=seed)
 
     def reset(self, cycles=2):
@@ -82,10 +83,10 @@ class VerilatedRegions(VerilatedCore):
         for t, _, _ in batches:
             stored = min(len(t), config.buffer_events)
             limit += 2 * len(t) + sum((plan + 4) * (stored + 50) + 2 * len(t) + 5000 for plan in plans)
-        values, trace, _, offered = self._drive(
+        values, trace, _, self.offered = self._drive(
             batches, [settings_values(config, settings)] * len(batches), gaps, stalls, sum(plans) * len(batches), limit
         )
-        self.cycles = values[-1]["valid"] - offered[-1]
+        self.finished = [row["valid"] for row in values[count - 1 :: count]]
         # Iterations of one region come one after the other; batches as well.
         found, done = [], 0
         for number in range(len(batches)):

@@ -51,7 +51,7 @@ class Collector(wiring.Component):
     def __init__(self, config):
         self.config = config
         judging = Verdict(config).latency + 1 if config.confidence else 0
-        self.latency = 5 + max(config.formats.roi_gain.width + 3, judging)
+        self.latency = 6 + max(config.formats.roi_gain.width + 3, judging)
         kept = data.StructLayout({"number": config.store.number_bits, "state": payloads.state(config)})
         super().__init__(
             {
@@ -73,7 +73,7 @@ class Collector(wiring.Component):
         m = Module()
         chosen = Signal(range(max(2, len(units))))
         outcome = Signal(payloads.outcome(config))
-        m.d.comb += outcome.eq(select(chosen, [unit.payload.as_value() for unit in units]))
+        m.d.sync += outcome.eq(select(chosen, [unit.payload.as_value() for unit in units]))
         row, state = Signal(payloads.row(config)), Signal(payloads.state(config))
         after = Signal(payloads.state(config))
         timer = Signal(range(max(4, len(self.batch.settings.roi_gain))))
@@ -95,7 +95,7 @@ class Collector(wiring.Component):
                 for number, unit in reversed(list(enumerate(units))):
                     with m.If(unit.valid):
                         m.d.sync += chosen.eq(number)
-                m.d.sync += timer.eq(2)
+                m.d.sync += timer.eq(3)
                 with m.If(Cat(unit.valid for unit in units).any()):
                     m.next = "LOOK"
             with m.State("LOOK"):

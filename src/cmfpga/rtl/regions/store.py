@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...config.regions import PAGE_EVENTS
 from ...fixed import bits_for
 from ..arithmetic import delay
+from ..image.sliced_memory import SHALLOW, SlicedMemory
 from ..payloads import flow
 from ..read_modify_write import ReadModifyWrite
 from .payloads import bin_entry, stored_event
@@ -97,7 +98,6 @@ class Half(wiring.Component):
         m = Module()
         m.submodules.bins = bins = BinTable(config)
         pages = bits_for(store.pages - 1)
-        style = {} if config.store_style == "auto" else {"ram_style": config.store_style}
         memories = {
             "events": (stored_event(config), store.pages * PAGE_EVENTS),
             "link": (pages, store.pages),  # of a full page: the one behind it
@@ -105,10 +105,13 @@ class Half(wiring.Component):
         }
         write, read = {}, {}
         for name, (shape, depth) in memories.items():
-            m.submodules[name] = ram = memory.Memory(
-                shape=shape, depth=max(2, depth), init=[], attrs=style if name == "events" else {}
-            )
-            write[name], read[name] = ram.write_port(), ram.read_port()
+            style = {"ram_style": config.store_style} if (name, config.store_style) == ("events", "ultra") else {}
+            if depth > SHALLOW and not style:
+                m.submodules[name] = ram = SlicedMemory(shape, depth, {})
+                write[name], read[name] = ram.write, ram.read
+            else:
+                m.submodules[name] = ram = memory.Memory(shape=shape, depth=max(2, depth), init=[], attrs=style)
+                write[name], read[name] = ram.write_port(), ram.read_port()
 
         # Clear: a word a cycle.
         clearing, at = Signal(), Signal(range(max(2, store.bins)))
