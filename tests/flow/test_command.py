@@ -8,9 +8,11 @@ import pytest
 
 from cmfpga import flow
 from cmfpga.errors import ConfigError
-from cmfpga.events import write_hdf5
+from cmfpga.events import Events, MemoryRecording, write_hdf5
 from cmfpga.flow import demo
+from cmfpga.flow.api import configure
 from cmfpga.flow.result import DOCS
+from cmfpga.verilog.compiler import find_compiler
 from support.flowing import CAMERA, OMEGA
 
 MODEL = ("--engine", "model", "--window-events", 9000)
@@ -83,6 +85,31 @@ def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_pa
     assert "a calibration is needed" in refused.error
 
 
+def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path):
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler")
+    files = []
+    for engine in ("rtl", "model"):
+        told = [
+            "--engine",
+            engine,
+            "--window-events",
+            4000,
+            "--windows",
+            2,
+            "--set",
+            "units=2",
+            "--no-picture",
+            "--json",
+        ]
+        done = command(flow, slide, *told, "--out", tmp_path / engine)
+        assert done.status == 0, done.err
+        files.append((tmp_path / engine / "flow.csv").read_bytes())
+        told = json.loads(done.out)
+        assert told["cycles"] > 2 * 4000 if engine == "rtl" else told["cycles"] is None
+    assert files[0] == files[1] and len(files[0]) > 1000
+
+
 def test_from_python_it_is_the_same(command, slide, tmp_path):
     assert command(flow, slide, *MODEL, "--out", tmp_path, "--no-picture").status == 0
     found = flow.flow(slide, engine="model", window_events=9000)
@@ -115,7 +142,8 @@ def test_the_page_holds_the_windows(command, slide, tmp_path):
         (["--tile", 65], "tile = 65: 4 to 64 px are allowed"),
         (["--step", 40], "step = 40: 1 to 32 px"),
         (["--tile", 4, "--step", 1], "at most 1024 are allowed (regions)"),
-        (["--set", "regions=20"], "at most 20 are allowed (regions)"),
+        (["--tile", 4, "--set", "regions=99"], "every 4 px: 772 regions; at most 99"),
+        (["--set", "regions=15"], "at most 15 are allowed (regions)"),
         (["--preset", "fast"], "preset 'fast' has no regions"),
         (["--fit", "rotation"], "a calibration is needed"),
         (["--fit", "shear"], "invalid choice: 'shear'"),
@@ -130,6 +158,16 @@ def test_the_page_holds_the_windows(command, slide, tmp_path):
 def test_what_is_refused(command, slide, tmp_path, told, why):
     told = [*told, *(() if "--engine" in told else ("--engine", "model"))]
     assert why in command(flow, slide, *told, "--out", tmp_path).error
+
+
+def test_a_larger_sensor_has_a_larger_step_before_it_has_too_many_tiles():
+    source = MemoryRecording(Events([0, 9], [1, 600], [1, 400], [0, 1]), 640, 480)
+    config, tiles, notes = configure(source, "flow", {}, 32, None, str)
+    assert np.diff(tiles.columns).max() == 24 and config.regions == len(tiles.regions) > 192
+    assert notes == [
+        "tiles every 24 px: so many as 1024 regions hold",
+        f"a table of {config.regions} regions; preset 'flow' has 192",
+    ]
 
 
 def test_refusals_without_a_usable_recording(command, tmp_path):

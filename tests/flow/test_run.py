@@ -8,14 +8,14 @@ from cmfpga.events import Events, MemoryRecording, generate
 from support.flowing import FIELDS, measured
 
 
-@pytest.mark.parametrize("how", [{"window_events": 7000}, {"window_us": 30_000}, {}])
+@pytest.mark.parametrize("how", [{"window_events": 7000}, {"window_us": 30_000}, {}, {"windows": 1}])
 def test_events_in_are_events_out(sliding, how):
     windows, run = measured(sliding.recording(), **how, start_event=100)
     assert windows[0].events.first_event == 100
     parts = [window.events.t for window in windows]
-    assert 100 + sum(map(len, parts)) + run.cutter.leftover == len(sliding.events)
+    assert 100 + sum(map(len, parts)) + run.leftover == len(sliding.events)
     assert (np.concatenate(parts) == sliding.events.t[100 : 100 + sum(map(len, parts))]).all()
-    assert [window.index for window in windows] == [*range(len(windows))] and run.cutter.leftover > 0
+    assert [window.index for window in windows] == [*range(len(windows))] and run.leftover > 0
 
 
 def test_as_many_events_as_suit_the_motion(sliding):

@@ -1,16 +1,11 @@
-"""Tracks for the reports, and a browser to open them in."""
-
-import shutil
-import socket
-import time
+"""Tracks for the reports, and the reports in a browser."""
 
 import pytest
 
 from cmfpga.config import Config, preset
 from cmfpga.events import generate
+from support.browser import Opened
 from support.reporting import keep
-
-BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 
 @pytest.fixture(scope="session")
@@ -37,72 +32,6 @@ def flagged():
     return keep(config, recording, roi=(14, 18), size=200, batches=12, motion=scene.motion)
 
 
-@pytest.fixture(scope="session")
-def browser():
-    """Headless Chromium."""
-    selenium = pytest.importorskip("selenium", reason="selenium is not installed: pip install 'cmfpga[test]'")
-    assert selenium
-    from selenium import webdriver
-
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    driver = shutil.which("chromedriver")
-    if not program or not driver:
-        pytest.skip("no Chromium and its driver: apt-get install chromium chromium-driver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = program
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--hide-scrollbars"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    made = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield made
-    made.quit()
-
-
-class Opened:
-    """A report in the browser."""
-
-    def __init__(self, browser, path):
-        self.browser, self.path = browser, path
-
-    def show(self, *, width=1280, theme="light"):
-        """Load it in a window of this width (px); waits until it is drawn."""
-        self.browser.execute_cdp_cmd(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 700},
-        )
-        media = {"features": [{"name": "prefers-color-scheme", "value": theme}]}
-        self.browser.execute_cdp_cmd("Emulation.setEmulatedMedia", media)
-        self.browser.get_log("browser")
-        self.browser.get(self.path.as_uri())
-        self.wait("document.body.dataset.ready === 'yes'")
-        return self
-
-    def do(self, script, *arguments):
-        """What a piece of JavaScript returns."""
-        return self.browser.execute_script(script, *arguments)
-
-    def wait(self, condition, seconds=30):
-        """Until a JavaScript expression is true."""
-        end = time.monotonic() + seconds
-        while not self.do(f"return Boolean({condition})"):
-            assert time.monotonic() < end, f"not within {seconds} s: {condition}; {self.errors()}"
-            time.sleep(0.02)
-
-    def errors(self):
-        """Messages on the console since the page was loaded."""
-        return [entry["message"] for entry in self.browser.get_log("browser")]
-
-    def press(self, key):
-        """Press a key where the focus is; waits for the drawing."""
-        from selenium.webdriver.common.action_chains import ActionChains
-
-        ActionChains(self.browser).send_keys(key).perform()
-        self.settle()
-
-    def settle(self):
-        self.wait("document.body.dataset.shown === String(details[shown].batch) && !drawing")
-
-
 @pytest.fixture
 def opened(browser, tmp_path):
     """``opened(kept)``: its report in the browser, as :class:`Opened`, not yet shown."""
@@ -111,18 +40,12 @@ def opened(browser, tmp_path):
     def opened(kept, clock_mhz=210.0):
         path = tmp_path / "report.html"
         write_page(kept, path, clock_mhz=clock_mhz)
-        return Opened(browser, path)
+        settled = "document.body.dataset.shown === String(details[shown].batch) && !drawing"
+        return Opened(browser, path, settled)
 
     return opened
 
 
 @pytest.fixture(autouse=True)
-def _no_network(monkeypatch):
+def _no_network(no_network):
     """Nothing here may go farther than this machine."""
-    connect = socket.socket.connect
-
-    def local_only(self, address):
-        assert self.family == socket.AF_UNIX or address[0] in ("127.0.0.1", "::1", "localhost"), address
-        return connect(self, address)
-
-    monkeypatch.setattr(socket.socket, "connect", local_only)

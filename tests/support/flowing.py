@@ -2,9 +2,12 @@
 
 import contextlib
 
+import pytest
+
 from cmfpga.camera import Camera
 from cmfpga.config import preset
 from cmfpga.engines.regions import RegionEngine
+from cmfpga.events import generate
 from cmfpga.flow import grid
 from cmfpga.flow.run import Run
 
@@ -22,3 +25,28 @@ def measured(recording, camera=None, engine="model", **how):
     with contextlib.closing(RegionEngine(engine, config)) as running:
         run = Run(recording, running, grid(config), **how)
         return [*run], run
+
+
+@pytest.fixture(scope="session")
+def sliding():
+    """All that is seen moves by ``VELOCITY``."""
+    return generate(**FIELDS, size=(200, 160), bars=30, velocity=VELOCITY, noise=0.05)
+
+
+@pytest.fixture(scope="session")
+def turning():
+    """The camera turns by ``OMEGA``."""
+    fields = {"size": (220, 180), "bars": 40, "velocity": (0.0, 0.0), "rotation": OMEGA, "camera": CAMERA}
+    return generate(**FIELDS, **fields, noise=0.05)
+
+
+@pytest.fixture(scope="session")
+def slid(sliding):
+    """One window of the sliding scene."""
+    return measured(sliding.recording(), window_events=9000, windows=1)[0][0]
+
+
+@pytest.fixture(scope="session")
+def turned(turning):
+    """One window of the turning scene."""
+    return measured(turning.recording(), CAMERA, window_events=9000, windows=1)[0][0]

@@ -10,6 +10,7 @@ from .. import cli
 from ..config import DEFAULT_PRESET
 from ..engines import ENGINES
 from ..errors import ConfigError, RecordingError, needs, write_text
+from .dense import run_dense
 from .motions import MOTIONS, run_motion
 from .studies import STUDIES, run_study
 from .suites import run_suites
@@ -24,6 +25,7 @@ EXAMPLES = (
     "python -m cmfpga.accuracy --seeds 1-3                    # 900 synthetic batches",
     "python -m cmfpga.accuracy --known --data recordings      # and recordings of known motion, in the default use",
     "python -m cmfpga.accuracy --motion rotation --data recordings    # and a similarity's",
+    "python -m cmfpga.accuracy --flow --data recordings",
     "python -m cmfpga.accuracy --study widths --data recordings",
 )
 
@@ -61,6 +63,11 @@ def _parser():
         help="recordings whose motion is known as well, tracked without an option about batches: how many batches are "
         "trusted, and of these wrong; generated ones, and with --data real ones",
     )  # fmt: skip
+    made.add_argument(
+        "--flow", action="store_true",
+        help="instead of the suites: dense flow with preset flow, tile by tile, of a scene whose flow is known; with "
+        "--data of real recordings, too",
+    )  # fmt: skip
     made.add_argument("--eventcv", action="store_true", help="rows of the program eventcv, on the same batches")
     made.add_argument("--json", metavar="FILE", help="write all scores, and those of each batch")
     cli.add_config_options(made)
@@ -78,11 +85,14 @@ def _seeds(text):
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
-    if options.motion and options.preset == DEFAULT_PRESET:
-        options.preset = options.motion
+    if (options.motion or options.flow) and options.preset == DEFAULT_PRESET:
+        options.preset = options.motion or "flow"
     config = cli.make_config(options)
-    if options.motion and (options.study or options.known or options.engine == "all"):
-        raise ConfigError("--motion: --study, --known and --engine all go without it")
+    for name in ("motion", "flow"):
+        if getattr(options, name) and (options.study or options.known or options.engine == "all"):
+            raise ConfigError(f"--{name}: --study, --known and --engine all go without it")
+    if options.motion and options.flow:
+        raise ConfigError("--flow: --motion goes without it")
     if not options.motion and (config.roi_width, config.roi_height) != (ROI, ROI):
         raise ConfigError(f"ROI of {config.roi_width}×{config.roi_height} px: the suites are for {ROI}×{ROI} px")
     if options.data is not None and not Path(options.data).is_dir():
@@ -93,7 +103,8 @@ def main(arguments=None):
     if options.data is None:
         print("note: no folder of recordings (--data, $CMFPGA_DATA): synthetic batches only", file=sys.stderr)
     with needs("torch", "reference", "all but --engine rtl"):
-        (run_motion if options.motion else run_study if options.study else run_suites)(options, config, report)
+        kinds = {"motion": run_motion, "flow": run_dense, "study": run_study}
+        next((run for name, run in kinds.items() if getattr(options, name)), run_suites)(options, config, report)
     if options.json:
         text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)
         write_text(options.json, text + "\n")

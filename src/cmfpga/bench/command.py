@@ -106,7 +106,7 @@ def main(arguments=None):
 
 
 def _flow(options, runs, seconds):
-    from . import flow
+    from .flow import measure, text
 
     missing, units = [], (4,) if options.quick else (1, 2, 4, 8)
     if find_compiler() is None:
@@ -118,10 +118,10 @@ def _flow(options, runs, seconds):
             bar.set_description(what)
             bar.update()
 
-        report = flow.measure(
+        report = measure(
             units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, step=step
         )  # fmt: skip
-    print("\n".join([*flow.text(report), *(f"not measured: {line}" for line in missing)]))
+    print("\n".join([*text(report), *(f"not measured: {line}" for line in missing)]))
     if options.json is not None:
         report = {"version": __version__, "missing": missing, **report}
         write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")

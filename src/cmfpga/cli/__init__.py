@@ -99,14 +99,14 @@ def parser_of(main):
     raise TypeError(f"{main.__module__}.main does not parse its arguments with cli.parser")
 
 
-def add_config_options(made):
-    """``--preset``, ``--set`` and ``--list-fields``."""
+def add_config_options(made, usual=DEFAULT_PRESET):
+    """``--preset``, ``usual`` if none is told, ``--set`` and ``--list-fields``."""
     group = made.add_argument_group("configuration")
     group.add_argument(
         "--preset",
-        default=DEFAULT_PRESET,
+        default=usual,
         metavar="P",
-        help=f"one of: {', '.join(PRESETS)} (default: {DEFAULT_PRESET})",
+        help=f"one of: {', '.join(PRESETS)} (default: {usual})",
     )
     group.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"

@@ -15,7 +15,7 @@ def add_ingest_options(made):
         "--camera", metavar="FILE",
         help="undistort events as this calibration says, so that ROI and velocity are in the undistorted image: HDF5 "
         "with /camera_calibration (often the recording itself), a ROS camera_info YAML, or a text of fx fy cx cy k1 k2 "
-        "p1 p2 k3; or these numbers (motion = rotation takes the recording's own by itself)",
+        "p1 p2 k3; or these numbers (flow, and motion = rotation, take the recording's own by themselves)",
     ))  # fmt: skip
     group = made.add_argument_group("noise (dropped events are counted; what suits: python -m cmfpga.info RECORDING)")
     group.add_argument(

@@ -74,6 +74,11 @@ class RegionEngine:
         check_events(self.config, events)
         return self._hardware.run(events.t, events.x, events.y, settings)
 
+    @property
+    def cycles(self):
+        """Of the last batch, from the offer of its first event to its last result; None without a clock."""
+        return getattr(self._hardware, "cycles", None)
+
     def close(self):
         """Release what the engine holds."""
         if hasattr(self._hardware, "close"):

@@ -16,7 +16,10 @@ from .run import Run
 from .tiles import TILE, grid
 
 #: What the command and :func:`flow` take if nothing is told.
-PRESET, ENGINE = "flow", "model"
+PRESET, ENGINE = "flow", "rtl"
+
+#: Rows that a table of regions can have (field ``regions``).
+MOST_REGIONS = 1024
 
 
 def flow(
@@ -30,7 +33,8 @@ def flow(
     recording : str, Path, EventSource, Synthetic, or events in memory
         As of :func:`cmfpga.track`, but no stream. Where a file holds its calibration, events are undistorted by it.
     tile, step : int
-        Width and height of a tile, and from a tile to the next one, px; by default 32, and half a tile.
+        Width and height of a tile, and from a tile to the next one, px; by default 32, and half a tile (three quarters,
+        or a whole one, where the sensor would have more tiles than the largest table).
     window_events, window_us : int, optional
         Events, or µs, of each window; without either as many events as suit the motion.
     start_event, windows : int
@@ -72,7 +76,7 @@ def flow(
             found.add(window)
     if not len(found):
         raise run.cutter.too_few()
-    found.leftover, found.limited = run.cutter.leftover, run.limited
+    found.leftover, found.limited = run.leftover, run.limited
     return found
 
 
@@ -105,14 +109,18 @@ def configure(source, preset, fields, tile, step, option):
     if fields.get("undistortion", usual.undistortion) != "off" and not fields.get("camera"):
         found |= own_camera(source)
     config = usual.replace(**{**found, **fields})
-    tiles = grid(config, tile, step)
+    most = config.regions if "regions" in fields else MOST_REGIONS
+    steps = (max(1, tile // 2), 3 * tile // 4, tile) if step is None else (step,)
+    tiles = next((one for one in (grid(config, tile, s) for s in steps) if len(one.regions) <= most), None)
+    if tiles is None:
+        count = len(grid(config, tile, steps[-1]).regions)
+        raise ConfigError(
+            f"tiles of {tile} px every {steps[-1]} px: {count} regions; at most {most} are allowed (regions): larger "
+            "tiles, or a larger step, are needed"
+        )
+    if step is None and tiles != grid(config, tile):
+        notes.append(f"tiles every {tiles.columns[1] - tiles.columns[0]} px: so many as {most} regions hold")
     if len(tiles.regions) > config.regions:
-        if "regions" in fields or len(tiles.regions) > 1024:
-            raise ConfigError(
-                f"tiles of {tile} px: {len(tiles.regions)} regions; at most "
-                f"{config.regions if 'regions' in fields else 1024} are allowed (regions): "
-                "larger tiles, or a larger step, are needed"
-            )
         notes.append(f"a table of {len(tiles.regions)} regions; preset {preset!r} has {config.regions}")
         config = config.replace(regions=len(tiles.regions))
     return config, tiles, notes

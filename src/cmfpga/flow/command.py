@@ -65,9 +65,9 @@ def _parser():
         help=f"write the picture, of the window with most trusted tiles, there, not to {PICTURE}: .png, .pdf, .svg",
     ))  # fmt: skip
     made.add_argument("--every-picture", action="store_true", help="write flow-0.png, flow-1.png …, of each window")
+    cli.add_clock_option(made)
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
-    cli.add_config_options(made)
-    made.set_defaults(preset=PRESET)
+    cli.add_config_options(made, PRESET)
     return made
 
 
@@ -144,7 +144,7 @@ def _measure(options, recording, config, tiles, folder):
                 best = window
             if options.recording is None:
                 errors.append(demo_errors(window))
-    found.leftover, found.limited = run.cutter.leftover, run.limited
+    found.leftover, found.limited = run.leftover, run.limited
     if best is None:
         raise run.cutter.too_few()
     files.append(folder / ARRAYS)
@@ -204,6 +204,12 @@ def _summarise(options, found, files, errors):
         print(
             f"error to the true flow: {told['error_px']['median']:.2f} px per half window in the median; "
             f"{100 * told['error_px']['within_0.5']:.0f} % of the trusted tiles within 0.5 px"
+        )
+    if told["cycles"]:
+        took = told["cycles"] / options.clock / 1e3
+        print(
+            f"{told['cycles']:,.0f} clock cycles a window on average, {took:.3f} ms at an assumed clock of "
+            f"{options.clock:g} MHz"
         )
     for fitted in told.get("fits", ()):
         names = MODELS[options.fit]

@@ -68,7 +68,7 @@ def figure(window, title):
     from matplotlib.patches import Patch
 
     config, most = window.config, top_speed(window)
-    made = Figure(figsize=(13, 10), layout="constrained")
+    made = Figure(figsize=(13, 8.8), layout="constrained")
     (raw, flow), (sharp, sure) = made.subplots(2, 2, sharex=True, sharey=True)
     still, moved = window.images()
     limits = {

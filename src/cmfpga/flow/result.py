@@ -56,6 +56,8 @@ class Flow:
         The windows would be longer, had the hardware room for their events.
     outside, dropped : int
         Events off the undistorted image, in no tile; and those that the hardware dropped: time stepped back, noise.
+    cycles : list of int
+        Clock cycles of each window with events; empty of engines without a clock.
     moved : list of float
         Motion of the image in each window, px per half window; NaN where too few tiles are trusted.
     fields : list of Field
@@ -66,7 +68,7 @@ class Flow:
         self.config, self.tiles, self.engine, self.model = config, tiles, engine, fit
         self.recording = Path(recording).name
         self.leftover, self.limited, self.moved, self.fields = 0, False, [], []
-        self.outside = self.dropped = 0
+        self.outside, self.dropped, self.cycles = 0, 0, []
         self._kept = {name: [] for name in (*DOCS,)[4 : None if fit else -2]}
 
     def __len__(self):
@@ -78,6 +80,7 @@ class Flow:
         self.moved.append(np.nan if window.moved is None else window.moved)
         self.fields.append(field := fit_field(self.model, window) if self.model else None)
         self.outside += window.outside
+        self.cycles += [window.cycles] if window.cycles else []
         self.dropped += sum(getattr(result, name) for name in _DROPPED) if result else 0
         found = {
             "t": [int(events.t[0]), int(events.t[-1])] if len(events) else [-1, -1],
@@ -132,6 +135,7 @@ class Flow:
             "leftover": self.leftover,
             "outside": self.outside,
             "dropped": self.dropped,
+            "cycles": round(float(np.mean(self.cycles)), 1) if self.cycles else None,
             "measured": measured,
             "trusted": trusted,
             "speed_px_per_s": [round(float(q), 3) for q in np.percentile(speeds, (50, 95))] if trusted else None,

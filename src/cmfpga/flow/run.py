@@ -32,7 +32,6 @@ class Run:
     Attributes
     ----------
     cutter : BatchCutter
-        Tells the events that are left over.
     limited : bool
         Some window would have been longer, had the hardware room for its events.
     """
@@ -47,9 +46,15 @@ class Run:
             raise ConfigError(
                 f"windows of {window_events} events: at most {self._limit} are allowed (max_batch_events)"
             )
-        self.cutter = BatchCutter(source, start_event=start_event, max_events=self._limit, **size)
+        self._source, self.cutter = source, BatchCutter(source, start_event=start_event, max_events=self._limit, **size)
         self.limited = False
         engine.write(tiles.regions)
+
+    @property
+    def leftover(self):
+        """Events after the last window, as far as their number can be known without reading them all."""
+        extent = None if self.cutter.leftover else self._source.extent()
+        return extent[0] - self.cutter.position if extent else self.cutter.leftover
 
     def __iter__(self):
         lost = LOST_BATCHES
@@ -67,7 +72,8 @@ class Run:
 
     def _measure(self, index, events):
         result = self._engine.run(events, self._settings) if len(events) else None
-        return Window(index, self._engine.config, self._tiles, events, result)
+        cycles = self._engine.cycles if len(events) else None
+        return Window(index, self._engine.config, self._tiles, events, result, cycles)
 
     def _next_size(self, count, moved):
         wanted = fit(count, (moved or 0.0,), moved is not None)

@@ -41,6 +41,8 @@ class Window:
         All events of the window.
     result : BatchResult or None
         What the engine returned; None of a window without events.
+    cycles : int or None
+        Clock cycles from the offer of its first event to the last result; None of engines without a clock.
     """
 
     index: int
@@ -48,6 +50,7 @@ class Window:
     tiles: Any
     events: Any
     result: Any
+    cycles: int | None = None
 
     def _each(self, value, none):
         """``value(outcome)`` of each tile as float64; ``none`` where it is None, or there are no events."""
@@ -111,10 +114,10 @@ class Window:
     def moved(self):
         """How far the image moves, px per half window: the median of the trusted tiles.
 
-        None where fewer than a quarter of the tiles that were measured are trusted, or fewer than three.
+        None where fewer than a quarter of the tiles that were measured are trusted, or fewer than eight.
         """
         trusted = int(self.trusted.sum())
-        if trusted < max(3, 0.25 * np.isfinite(self.v[:, 0]).sum()):
+        if trusted < max(8, 0.25 * np.isfinite(self.v[:, 0]).sum()):
             return None
         return float(np.median(np.hypot(*self.v[self.trusted].T)))
 
