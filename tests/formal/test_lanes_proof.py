@@ -47,11 +47,13 @@ MUTANTS = [
     Mutant("turn ignored", "select(self.turn, [", "select(0 * self.turn, [", router),
     Mutant("taken, not given", "Cat(given[lane][half::2]).any()", "Cat(given[lane]).any()", router),
     Mutant("head of another lane", "if lane >> bit & 1", "if lane >> bit & 1 or lane == 1", router),
-    Mutant("a vote too many", "level >= self.depth - 1", "level >= self.depth", vote_queue),
+    Mutant("a vote too many", "behind >= self.depth - 2", "behind >= self.depth - 1", vote_queue),
     Mutant("head lost", "load.eq(waits & (self.taken | ~self.wants.any()))", "load.eq(waits)", vote_queue),
     Mutant("head again", "with m.Elif(self.taken):", "with m.Elif(self.taken & self.full):", vote_queue),
     Mutant("empty early", "self.empty.eq(~waits & ~self.wants.any())", "self.empty.eq(~waits)", vote_queue),
-    Mutant("level stays", "m.If(self.i.valid ^ load)", "m.If(self.i.valid ^ (load & ~self.taken))", vote_queue),
+    Mutant("number stays", "m.If(self.i.valid ^ load)", "m.If(self.i.valid ^ (load & ~self.taken))", vote_queue),
+    Mutant("last one forgotten", "~load | (behind != 0)", "~load | (behind > 1)", vote_queue),
+    Mutant("added for nobody", "with m.If(~found):", "with m.If(0):", router),
     Mutant("address stays", "write.addr.eq(self._next(write.addr))", "write.addr.eq(write.addr)", vote_queue),
 ]
 

@@ -108,6 +108,7 @@ def _data(kept, story):
         "spans": kept.spans,
         "truths": [plain(pair) for pair in kept.truths],
         "cycles": plain(story.cycles),
+        "parts": {name: plain(values) for name, values in story.parts.items()},
         "byFormula": story.by_formula,
         "computeUs": plain(story.compute_us),
         "margin": plain(story.margin),
@@ -164,7 +165,10 @@ def _cycles_note(story):
             f"The {story.kept.engine} engine has no clock: the cycles are those that the cycle formula of this "
             "hardware gives."
         )
-    return "The cycles were counted in a simulation of the emitted Verilog."
+    counted = "The cycles were counted in a simulation of the emitted Verilog."
+    if story.parts:
+        counted += " Dashed: what they go to after the last event. The waits are what they exceed the formula by."
+    return counted
 
 
 def _configuration(kept):

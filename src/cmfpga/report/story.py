@@ -1,20 +1,14 @@
 """A track in plain words: what moved, where to, how fast, and whether the hardware would keep up."""
 
 import functools
-import gc
 import math
-import warnings
-from types import SimpleNamespace
 
 import numpy as np
-from amaranth.hdl import UnusedElaboratable
 
 from ..imaging.iwe import gain
 from ..protocol.flags import Flag
-from ..protocol.settings import BatchSettings
-from ..rtl.core import Core
-from ..tracking.replay import Replay
 from ..tracking.verdict import Verdict
+from .cycles import PARTS, hardware_cycles
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
 DIRECTIONS = (
@@ -55,31 +49,6 @@ def corners(points, tolerance):
     return corners(points[: far + 1], tolerance)[:-1] + [far + k for k in corners(points[far:], tolerance)]
 
 
-def hardware_cycles(kept):
-    """Clock cycles of each batch, NaN for a degenerate one; and whether they are by the formula, not counted."""
-    counted = kept.numbers("cycles")
-    if not np.isnan(counted).all():
-        return counted, False
-    names = ("events", "roi_events", "iterations")
-    unknown = {"thinned": 0, "overflow": 0}  # not in track.csv; they decide the thinning, which is not asked for here
-    columns = [[int(number) for number in kept.numbers(name)] for name in names]
-    replay, rule = Replay(kept.config), kept.config.ascent_rule
-    warm = len(rule.plan(BatchSettings.from_config(kept.config), True))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
-        core = Core(kept.config)
-        cycles = []
-        for *batch, flags in zip(*columns, kept.column("flags"), strict=True):
-            result = SimpleNamespace(**dict(zip(names, batch, strict=True)), **unknown, flags=Flag.parse(flags))
-            result.restarted = result.iterations != warm  # or it began cold for another reason
-            plan, _ = replay.settings_of(result)
-            size = {"events": result.events, "roi_events": result.roi_events}
-            cycles.append(core.cycles(**size, iterations=plan, most=True) if plan else np.nan)
-        del core
-        gc.collect()  # it would warn when it is freed
-    return np.array(cycles), True
-
-
 class Story:
     """Sentences about a track.
 
@@ -95,6 +64,8 @@ class Story:
         Clock cycles of each batch; NaN where there are none.
     by_formula : bool
         The engine has no clock, so they are those that the cycle formula gives; with lanes the most that it allows.
+    parts : dict
+        What they go to, as :func:`.cycles.hardware_cycles` says.
     compute_us : float64 array [B]
         Time that they take.
     margin : float64 array [B]
@@ -103,7 +74,7 @@ class Story:
 
     def __init__(self, kept, clock_mhz):
         self.kept, self.clock_mhz = kept, clock_mhz
-        self.cycles, self.by_formula = hardware_cycles(kept)
+        self.cycles, self.by_formula, self.parts = hardware_cycles(kept)
         self.compute_us = self.cycles / clock_mhz
         spans = np.array(kept.spans, np.float64)
         with np.errstate(invalid="ignore"):
@@ -217,6 +188,12 @@ class Story:
             found.append(f"None of the {total} batches has a warning: nothing unusual happened.")
         if thinned := sum(Flag.THINNED in flags for flags in self.flags):
             found.append(f"In {thinned} of {total} batches events were left out evenly, to keep their number down.")
+        if self.parts and self.measured.any():
+            sums = np.nansum([self.parts[name] for name in PARTS], axis=1)
+            shares = ", ".join(f"{share:.0%} {name}" for name, share in zip(PARTS, sums / sums.sum(), strict=True))
+            found.append(
+                f"Of the clock cycles after a batch's last event are, with {self.kept.config.lanes} lanes, {shares}."
+            )
         return found
 
     @property

@@ -159,7 +159,7 @@ class TaggedBankHarness(BankHarness):
     COVERS = 13
 
     def __init__(self, dut):
-        super().__init__(dut, dut.config.geometry.bank_depth)
+        super().__init__(dut, dut.config.geometry.words)
 
     def operation(self):
         pixel, operation, answer = payloads.pixel(self.dut.config), self.dut.i.payload, self.dut.o.payload

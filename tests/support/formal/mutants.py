@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from cmfpga.rtl import read_modify_write
 from cmfpga.rtl.image import accumulator, sliced_memory, tagged_accumulator
+from cmfpga.rtl.image.lanes import lane_bank
 from support.mutation import mutated
 
 
@@ -106,9 +107,30 @@ TAGGED_BANK = [
     tagged("tag of a younger operation written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(tag[3])"),
     tagged("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
     tagged("told of the wrong operation", "self.o.payload.add.eq(add[3])", "self.o.payload.add.eq(add[2])"),
-    tagged("told past the forwarding", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(base_s3.i)"),
+    tagged("told of the sum before", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(total[4].i)"),
     tagged("told of a word that does not count", "counts & ~behind_s2", "~behind_s2"),
     tagged("told early", "self.o.valid.eq(valid[4])", "self.o.valid.eq(valid[3])"),
+]
+
+LANE_BANK = [
+    Mutant(name, old, new, lane_bank)
+    for name, old, new in (
+        ("match ignores valid", "valid[stage] & (address[stage] == address[1])", "address[stage] == address[1]"),
+        ("match ignores an address bit", "address[stage] == address[1]", "address[stage][1:] == address[1][1:]"),
+        ("match one cycle early", "address[stage] == address[1]", "address[stage] == address[0]"),
+        ("youngest sum not forwarded", "drops[2]", "1"),
+        ("third sum not forwarded", "for stage in (3, 4, 5)]", "for stage in (3, 5)]"),
+        ("oldest sum not forwarded", "for stage in (3, 4, 5)]", "for stage in (3, 4)]"),
+        ("sums of one operation", "total[stage + 1]", "total[4]"),
+        ("all sums at once", "none & match &", "match &"),
+        ("forwarded sums count with any tag", "match & (tag[stage] == tag[1])", "match"),
+        ("tags match in part", "(tag[stage] == tag[1])", "(tag[stage][0] == tag[1][0])"),
+        ("another tag is the match's end", "none &= ~match", "none &= drops[stage]"),
+        ("words beside a sum", "none_s2.eq(none)", "none_s2.eq(1)"),
+        ("words count with any tag", "(read_s2.tag == tag[2])", "1"),
+        ("words compared with a younger tag", "read_s2.tag == tag[2]", "read_s2.tag == tag[1]"),
+        ("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
+    )
 ]
 
 SLICED_MEMORY = [

@@ -83,14 +83,42 @@ class TaggedBank(wiring.Component):
             for stage in range(1, 4)
         ]
         m.d.sync += [add[stage].eq(add[stage - 1]) for stage in range(1, 4)]
-        read_s2 = Signal(word, reset_less=True)
-        base_s3 = Signal(pixel, reset_less=True)
         total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (4, 5, 6)}
+        base = self._base(m, read.data, (valid, address, tag, add, total))
+
+        # Stage 3: add. Stage 4: write. Stages 5, 6 only remember.
+        m.d.comb += [
+            read.addr.eq(address[0]),
+            write.addr.eq(address[4]),
+            write.data.tag.eq(tag[4]),
+            write.en.eq(valid[4]),
+            self.o.valid.eq(valid[4]),
+            self.o.payload.total.eq(total[4]),
+        ]
+        m.d.sync += [
+            total[5].eq(total[4]),
+            total[6].eq(total[5]),
+            self.o.payload.i.eq(base.i),
+            self.o.payload.add.eq(add[3]),
+        ]
+        for name in pixel.members:
+            m.d.comb += write.data[name].eq(total[4][name])
+            m.d.sync += total[4][name].eq(add[3][name] + base[name])
+        with m.If(~valid[3]):  # for who adds up I·d of all banks
+            m.d.sync += self.o.payload.i.eq(0)
+        return m
+
+    def _base(self, m, word, lines):
+        """Stages 1 to 3: what stage 3 adds to, a pixel. ``lines``: the pipeline, of each value those by stage."""
+        valid, address, tag, _, total = lines
+        pixel = payloads.pixel(self.config)
+        read_s2 = Signal(self.word, reset_less=True)
+        base_s3 = Signal(pixel, reset_less=True)
         found, base = Signal(pixel), Signal(pixel)
         counts = Signal()
 
         # Stage 1: the RAM reads. Which younger sum, if any, will replace what it returns, and does it count?
-        m.d.sync += read_s2.eq(read.data)
+        m.d.sync += read_s2.eq(word)
         forwarded_s2 = Signal(2, reset_less=True)  # none, or the sum of stage 4, 5, 6: a word bit's choice is one LUT6
         same_s2 = Signal(reset_less=True)
         forwarded, same = Const(0, 2), Const(0, 1)
@@ -119,29 +147,8 @@ class TaggedBank(wiring.Component):
         ]
         counts_s3 = Signal(reset_less=True)  # beside the word: a reset of all its bits would come late
         m.d.sync += [base_s3.eq(found), counts_s3.eq(counts & ~behind_s2)]
-
-        # Stage 3: add. Stage 4: write. Stages 5, 6 only remember.
-        m.d.comb += [
-            base.as_value().eq(Mux(counts_s3, base_s3.as_value(), 0) | Mux(behind_s3, total[4].as_value(), 0)),
-            read.addr.eq(address[0]),
-            write.addr.eq(address[4]),
-            write.data.tag.eq(tag[4]),
-            write.en.eq(valid[4]),
-            self.o.valid.eq(valid[4]),
-            self.o.payload.total.eq(total[4]),
-        ]
-        m.d.sync += [
-            total[5].eq(total[4]),
-            total[6].eq(total[5]),
-            self.o.payload.i.eq(base.i),
-            self.o.payload.add.eq(add[3]),
-        ]
-        for name in pixel.members:
-            m.d.comb += write.data[name].eq(total[4][name])
-            m.d.sync += total[4][name].eq(add[3][name] + base[name])
-        with m.If(~valid[3]):  # for who adds up I·d of all banks
-            m.d.sync += self.o.payload.i.eq(0)
-        return m
+        m.d.comb += base.as_value().eq(Mux(counts_s3, base_s3.as_value(), 0) | Mux(behind_s3, total[4].as_value(), 0))
+        return base
 
 
 class TaggedAccumulator(wiring.Component):

@@ -29,28 +29,29 @@ def test_heads_go_where_they_are_wanted(lanes, rng):
         script.append({"turn": turn, "wants": wants, "heads": heads})
         taken.append([first | second << 1 for first, second in given])
         expected.append(out)
-    script.append({"wants": [[0, 0]] * lanes})  # the sweep, which comes a cycle sooner, lies between iterations
     for address in range(8):
         script.append({"wants": [[0, 0]] * lanes, "valid": 1, "address": address})
         expected.append([(1, nothing | {"address": address})] * lanes)
     found = outputs(block, script)
     assert [row for row, _ in found[: len(taken)]] == taken
-    assert [row for _, row in found[block.latency :]] == expected
+    for row, (_, got) in zip(expected, found[block.latency :], strict=True):
+        for (given, operation), out in zip(row, got, strict=True):
+            assert out == (operation if given else operation | {"address": out["address"]})  # else it adds 0, anywhere
 
 
 def outputs(block, script):
-    """(taken, what each bank gets) in every cycle of the script, and in one more."""
+    """(taken, what each bank gets) in every cycle of the script, and in two more."""
     names = ("turn", "wants", "heads", "taken")
     ports = {name: Port(getattr(block, name)) for name in names}
     ports |= {"valid": Port(block.sweep.valid), "address": Port(block.sweep.payload)}
-    out = [(Port(o.valid), Port(o.payload)) for o in block.o]
+    out = Port(block.o)
     found = []
 
     async def bench(ctx):
-        for line in [*script, {}]:
+        for line in [*script, {}, {}]:
             for name, value in {"valid": 0, **line}.items():
                 ports[name].set(ctx, value)
-            found.append((ports["taken"].get(ctx), [(valid.get(ctx), payload.get(ctx)) for valid, payload in out]))
+            found.append((ports["taken"].get(ctx), out.get(ctx)))
             await ctx.tick()
 
     simulate(block, bench)

@@ -5,9 +5,10 @@ from amaranth.hdl import Cat, Module, Mux, Signal
 from ...arithmetic import delay
 from ..image_sums import ImageSums
 from ..one_pass_image import OnePassImage
-from ..tagged_accumulator import TaggedBank
+from .lane_bank import LaneBank
 from .lane_sums import LaneSums
 from .parity_class import ParityClass
+from .router import Router
 from .vote_queue import VoteQueue
 
 
@@ -27,10 +28,10 @@ class LaneImage(OnePassImage):
     sweep_cycles = ParityClass.queued + 1
 
     def __init__(self, config, *, in_flight):
-        self.lane_sums = LaneSums(config, ahead=ParityClass.latency + TaggedBank.latency)
+        self.lane_sums = LaneSums(config, ahead=ParityClass.latency + LaneBank.latency)
         self.classes = [ParityClass(config) for _ in range(4)]
         # From the last votes to the sums, less those to ``complete``.
-        last = ParityClass.latency + TaggedBank.latency + self.lane_sums.latency
+        last = ParityClass.latency + LaneBank.latency + self.lane_sums.latency
         self.latency = last - self.sweep_cycles
         self.lead = last - self.lane_sums.plain_latency
         ImageSums.__init__(self, config, in_flight=in_flight)
@@ -74,14 +75,14 @@ class LaneImage(OnePassImage):
         m.d.sync += [full.eq(Cat(each.full for each in self.classes).any()), turn.eq(Mux(first, 0, turn + 1))]
         m.d.comb += self.room.eq(~full)
 
-        tag, used = Signal(config.tag_bits, init=1), Signal(config.tag_bits)
+        tag = Signal(config.tag_bits, init=1)
         with m.If(self.next):
             m.d.sync += tag.eq(Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1))
         address = Signal(range(max(2, config.geometry.words)))
         last = address == config.geometry.words - 1
         with m.If(idle):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
-        m.d.sync += used.eq(Mux(idle, 0, tag))
+        used = delay(m, Mux(idle, 0, tag), Router.latency, name="used", valid=True)
         m.d.comb += self.cleared.eq(idle & last)
 
         sums = self.lane_sums
@@ -93,14 +94,15 @@ class LaneImage(OnePassImage):
                 each.sweep.payload.eq(address),
             ]
             for lane, votes in enumerate(self.votes):
-                vote = sums.votes[lane][number]
+                vote = votes.payload.banks[number]  # only in a valid item there are valid ones
                 m.d.comb += [
-                    vote.eq(votes.payload.banks[number]),
-                    vote.valid.eq(votes.valid & self.room & votes.payload.banks[number].valid),
+                    sums.votes[lane][number].eq(vote),
                     each.i[lane].eq(vote),
+                    each.i[lane].valid.eq(vote.valid & self.room),
                 ]
             m.d.comb += [sums.steps[config.lanes * number + bank].eq(step) for bank, step in enumerate(each.o)]
         m.d.comb += [
+            sums.room.eq(self.room),
             sums.begin.eq(first),
             self.sums.payload.eq(sums.sums),
             self.sums.valid.eq(delay(m, self.complete, self.latency, name="complete", valid=True)),

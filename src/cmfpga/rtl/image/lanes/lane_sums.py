@@ -22,16 +22,22 @@ def add_up(m, values, name):
 
 
 def add_products(m, factors, name):
-    """Σ a·b of the pairs ``factors``, as many cycles later: one behind the other, as DSPs add without a LUT."""
+    """Σ a·b of the pairs ``factors``, as many cycles later: one behind the other, as DSPs add without a LUT.
+
+    Or Σ (a + c)·b of triples (a, c, b), a cycle later: a DSP has that adder as well.
+    """
     total = 0
-    for number, pair in enumerate(factors):
-        a, b = (delay(m, each, max(0, number - 1), name=f"{name}_{number}_{k}") for k, each in enumerate(pair))
-        product = delay(m, a * b, 1, name=f"{name}_product_{number}")
+    for number, each in enumerate(factors):
+        *terms, b = (delay(m, part, max(0, number - 1), name=f"{name}_{number}_{k}") for k, part in enumerate(each))
+        if len(terms) == 2:
+            terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}")]
+            b = delay(m, b, 1, name=f"{name}_factor_{number}")
+        product = delay(m, terms[0] * b, 1, name=f"{name}_product_{number}")
         total = delay(m, total + product, 1, name=f"{name}_{number}") if number else product
     return total
 
 
-#: Banks whose products one chain of DSPs adds.
+#: Banks whose products for one axis a chain of DSPs adds.
 CHAINED = 2
 
 
@@ -52,7 +58,8 @@ class LaneSums(wiring.Component):
     Members
     -------
     votes : ``In``, array of K arrays of four votes, as in :func:`payloads.votes`
-        As they enter the queues.
+    room : ``In(1)``
+        They enter the queues.
     begin : ``In(1)``
         With an iteration's first votes.
     steps : ``In``, array of 4·K :func:`payloads.tagged_step`
@@ -71,7 +78,7 @@ class LaneSums(wiring.Component):
         super().__init__(
             {
                 "votes": In(data.ArrayLayout(payloads.votes(config)["banks"].shape, lanes)),
-                "begin": In(1),
+                **dict.fromkeys(("room", "begin"), In(1)),
                 "steps": In(data.ArrayLayout(payloads.tagged_step(config), 4 * lanes)),
                 "sums": Out(payloads.sums(config)),
                 **({"squares": Out(payloads.squares(config))} if config.confidence else {}),
@@ -88,15 +95,19 @@ class LaneSums(wiring.Component):
             self._total(m, self.sums[name], add_up(m, grown, name), begin)
         begin = delay(m, self.begin, self._ahead + self.latency - 1, name="begin_products", valid=True)
         totals = {f"d{axis}": self.sums[f"s{axis}"] for axis in self.config.motion_model.names}
-        if self.config.confidence:
-            totals["i"] = self.squares
         for name, total in totals.items():
-            grown = [
-                add_products(m, [pair for step in steps for pair in self._products(step, name)], f"{name}_{number}")
-                for number, steps in enumerate(zip(*[iter(self.steps)] * CHAINED, strict=True))
-            ]
-            self._total(m, total, add_up(m, grown, f"products_{name}"), begin)
+            products = [pair for step in self.steps for pair in self._products(step, name)]
+            self._total_of_products(m, total, products, name, begin)
+        if self.config.confidence:
+            # w·(I + (I + w)): with a product each there are half as many chains, so they end in the same cycle.
+            squares = [(step.i, step.total.i, step.add.i) for step in self.steps]
+            self._total_of_products(m, self.squares, squares, "i", begin)
         return m
+
+    def _total_of_products(self, m, total, products, name, begin):
+        chains = zip(*[iter(products)] * 2 * CHAINED, strict=True)
+        grown = [add_products(m, chain, f"{name}_{number}") for number, chain in enumerate(chains)]
+        self._total(m, total, add_up(m, grown, f"products_{name}"), begin)
 
     def _total(self, m, total, growth, begin):
         """Add ``growth`` to ``total``, or to zero; outside iterations there is no growth."""
@@ -109,9 +120,9 @@ class LaneSums(wiring.Component):
             value = Mux(first.valid, first.i, 0) + Mux(second.valid, second.i, 0)
         else:
             value = Mux(first.valid ^ second.valid, Mux(first.valid, first[name], second[name]), 0)
-        return delay(m, value, 1, name=f"pair_{name}_{lane}_{a}")
+        return delay(m, Mux(self.room, value, 0), 1, name=f"pair_{name}_{lane}_{a}")
 
     @staticmethod
     def _products(step, name):
-        """What a bank adds to Σ I·D, I·d + w·(D + d), or to Σ I², where D is I."""
+        """What a bank adds to Σ I·D: I·d + w·(D + d)."""
         return (step.i, step.add[name]), (step.total[name], step.add.i)

@@ -5,7 +5,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ... import payloads
-from ..tagged_accumulator import TaggedBank
+from .lane_bank import LaneBank
 from .router import Router
 from .vote_queue import VoteQueue
 
@@ -30,13 +30,13 @@ class ParityClass(wiring.Component):
     turn : ``In``
         The lane that is preferred.
     tag : ``In``
-        Of what enters the banks: the number of the iteration, or 0 a cycle after ``sweep``.
+        Of what enters the banks: the number of the iteration, or 0 :attr:`Router.latency` cycles after ``sweep``.
     sweep : ``In``, flow of an address
         Where all banks take on ``tag``; not before the cycle after the first in which all were ``empty``.
     full, empty : ``Out(1)``
         A queue has room for one vote more; none has a vote.
     o : ``Out``, array of K :func:`payloads.tagged_step`
-        What each bank did, :attr:`TaggedBank.latency` cycles after its operation; where that was no vote's, it added 0.
+        What each bank did, :attr:`LaneBank.latency` cycles after its operation; where that was no vote's, it added 0.
     """
 
     #: Cycles after which a vote that had not to wait has left its queue.
@@ -84,11 +84,11 @@ class ParityClass(wiring.Component):
                     queue.taken.eq(router.taken[lane][half]),
                 ]
         for number, o in enumerate(router.o):
-            m.submodules[f"bank_{number}"] = bank = TaggedBank(self.config)
+            m.submodules[f"bank_{number}"] = bank = LaneBank(self.config)
             m.d.comb += [
-                bank.i.valid.eq(o.valid),
-                bank.i.payload.address.eq(o.payload.address),
-                bank.i.payload.add.eq(o.payload.add),
+                bank.i.valid.eq(1),  # who adds nothing does no harm
+                bank.i.payload.address.eq(o.address),
+                bank.i.payload.add.eq(o.add),
                 bank.i.payload.tag.eq(self.tag),
                 self.o[number].eq(bank.o.payload),
                 self.o[number].valid.eq(bank.o.valid),

@@ -1,6 +1,6 @@
 """Router: the heads of a parity class's queues to its banks."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -22,11 +22,11 @@ class Router(wiring.Component):
         Of the queues of each lane, by the lowest bit of the banks that they are for: a bit for each of these banks.
     heads : ``In``, array of K arrays of two :func:`payloads.lane_operation`
     sweep : ``In``, flow of an address
-        For all banks, one cycle later, while there are no heads, and were none two cycles before.
+        For all banks, :attr:`latency` cycles later, while nothing is wanted: in place of the first lane's heads.
     taken : ``Out``, array of K
         A bit for each queue of a lane: its head is given.
-    o : ``Out``, array of K flows of :func:`payloads.lane_operation`
-        For each bank. Nothing is added where ``sweep`` is, or nothing is given.
+    o : ``Out``, array of K :func:`payloads.lane_operation`
+        For each bank. Where nothing is given, nothing is added: where ``sweep`` says, or else anywhere.
     """
 
     latency = 2
@@ -41,7 +41,7 @@ class Router(wiring.Component):
                 "heads": In(data.ArrayLayout(data.ArrayLayout(operation, 2), lanes)),
                 "sweep": In(payloads.flow(config.geometry.word_bits)),
                 "taken": Out(data.ArrayLayout(2, lanes)),
-                "o": Out(payloads.flow(operation)).array(lanes),
+                "o": Out(data.ArrayLayout(operation, lanes)),
             }
         )
 
@@ -52,8 +52,8 @@ class Router(wiring.Component):
         heads = [
             [delay(m, self.heads[lane][half], 1, name=f"head_{lane}_{half}") for half in range(2)] for lane in lanes
         ]
-        swept = Signal(self.config.geometry.word_bits)
-        m.d.sync += swept.eq(Mux(self.sweep.valid, self.sweep.payload, 0))
+        with m.If(self.sweep.valid):  # where nothing is wanted, these are chosen
+            m.d.sync += [head.address.eq(self.sweep.payload) for head in heads[0]]
         for bank, o in enumerate(self.o):
             half, number = bank & 1, bank >> 1
             wanted = Cat(self.wants[lane][half][number] for lane in lanes)
@@ -68,13 +68,9 @@ class Router(wiring.Component):
             chosen = Cat(Cat(grant[lane] for lane in lanes if lane >> bit & 1).any() for bit in bits)
             chosen = delay(m, chosen, 1, name=f"chosen_{bank}")
             found = delay(m, wanted.any(), 1, name=f"found_{bank}", valid=True)
-            operation = Signal(payloads.lane_operation(self.config), name=f"operation_{bank}")
-            m.d.sync += o.valid.eq(found | self.sweep.valid)
-            with m.If(found):
-                m.d.sync += operation.eq(select(chosen, [heads[lane][half] for lane in lanes]))
-            with m.Else():
-                m.d.sync += operation.eq(0)
-            m.d.comb += [o.payload.add.eq(operation.add), o.payload.address.eq(operation.address | swept)]
+            m.d.sync += o.eq(select(chosen, [heads[lane][half] for lane in lanes]))
+            with m.If(~found):
+                m.d.sync += o.add.eq(0)
         for lane in lanes:
             m.d.comb += self.taken[lane].eq(Cat(Cat(given[lane][half::2]).any() for half in range(2)))
         return m

@@ -50,12 +50,11 @@ class VoteQueue(wiring.Component):
             shape=payloads.lane_vote(self.config), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
         )
         write, read = votes.write_port(), votes.read_port(domain="comb")
-        level = Signal(range(self.depth + 1))  # the head not counted
-        waits, load = Signal(), Signal()
+        # Without the head: is there a vote, and how many behind it? Of none, as many as there are of the most.
+        waits, load, behind = Signal(), Signal(), Signal(range(self.depth), init=self.depth - 1)
         m.d.comb += [
-            waits.eq(level != 0),
             load.eq(waits & (self.taken | ~self.wants.any())),
-            self.full.eq(level >= self.depth - 1),
+            self.full.eq(waits & (behind >= self.depth - 2)),
             self.empty.eq(~waits & ~self.wants.any()),
             write.data.eq(self.i.payload),
             write.en.eq(self.i.valid),
@@ -63,7 +62,7 @@ class VoteQueue(wiring.Component):
         with m.If(self.i.valid):
             m.d.sync += write.addr.eq(self._next(write.addr))
         with m.If(self.i.valid ^ load):
-            m.d.sync += level.eq(level + Mux(load, -1, 1))
+            m.d.sync += [behind.eq(behind + Mux(load, -1, 1)), waits.eq(~load | (behind != 0))]
         with m.If(load):
             m.d.sync += [
                 read.addr.eq(self._next(read.addr)),
