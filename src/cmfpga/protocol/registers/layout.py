@@ -188,6 +188,12 @@ class RegisterMap:
     def __iter__(self):
         return iter(self.registers)
 
+    @property
+    def nowhere(self):
+        """The last offset of a word without a register."""
+        used = {register.offset + 4 * k for register in self.registers for k in range(register.count)}
+        return max(set(range(0, self.size, 4)) - used)
+
     def group(self, name):
         """The registers of one group."""
         return tuple(register for register in self.registers if register.group == name)
