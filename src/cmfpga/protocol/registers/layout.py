@@ -190,9 +190,9 @@ class RegisterMap:
 
     @property
     def nowhere(self):
-        """The last offset of a word without a register."""
+        """An offset of a word without a register, with as few ones as possible."""
         used = {register.offset + 4 * k for register in self.registers for k in range(register.count)}
-        return max(set(range(0, self.size, 4)) - used)
+        return min(set(range(0, self.size, 4)) - used, key=lambda offset: (offset.bit_count(), offset))
 
     def group(self, name):
         """The registers of one group."""

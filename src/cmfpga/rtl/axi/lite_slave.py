@@ -1,6 +1,6 @@
 """AXI4-Lite slave: one write and one read at a time, both answered with OKAY."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -88,10 +88,9 @@ class LiteSlave(wiring.Component):
         free, answered = Signal(), Signal()  # no answer waits, and the memories are filled; one is there
         m.d.comb += free.eq(~self.bus.read & ~answered & (~self.r.valid | self.r.ready) & self.bus.write.ready)
         m.d.sync += [self.bus.read.eq(0), self.ar.ready.eq(free), answered.eq(self.bus.read)]
+        m.d.sync += self.bus.read_address.eq(Mux(address < self._size, address[2:], self._nowhere // 4))
         with m.If(self.ar.valid & self.ar.ready):
-            m.d.sync += [self.bus.read_address.eq(address[2:]), self.bus.read.eq(1), self.ar.ready.eq(0)]
-            with m.If(address >= self._size):
-                m.d.sync += self.bus.read_address.eq(self._nowhere // 4)
+            m.d.sync += [self.bus.read.eq(1), self.ar.ready.eq(0)]
         with m.If(answered):
             m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(self.bus.read_data)]
         with m.Elif(self.r.ready):

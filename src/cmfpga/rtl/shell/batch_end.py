@@ -105,7 +105,8 @@ class BatchEnd(wiring.Component):
 
         # Events take the place of the one that leaves; ends without an event belong to the one that waits.
         m.d.comb += [
-            self.i.ready.eq(~self.i.payload.event | ~self.holding | leaves),
+            # As leaves is where an event follows, but not behind the comparison of times.
+            self.i.ready.eq(~self.i.payload.event | ~self.holding | ((self.taking_in | self.go) & self.o.ready)),
             arrives.eq(self.i.valid & self.i.ready),
             ends.eq(arrives & ~self.i.payload.event & self.i.payload.end),
         ]

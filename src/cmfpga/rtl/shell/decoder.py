@@ -94,11 +94,10 @@ class Decoder(wiring.Component):
                 m.d.sync += [head.eq(head), keep[1].eq(keep[1])]
         with m.If(self.i.valid & self.i.ready):
             m.d.sync += [held.eq(1), last.eq(self.i.payload.last)]
+            kept = [Cat(part.any(), part.all()) for part in sides(self.i.payload.keep, 1)]
             for k, part in enumerate((body, head)):
                 m.d.sync += part.eq(Mux(self.swap ^ halves, *sides(self.i.payload.data, k)))
-                found = Signal(4, name=f"keep_{k}")
-                m.d.comb += found.eq(Mux(self.swap ^ halves, *sides(self.i.payload.keep, k)))
-                m.d.sync += [keep[k].any.eq(found.any()), keep[k].all.eq(found.all())]
+                m.d.sync += keep[k].eq(Mux(self.swap ^ halves, *sides(Cat(kept), k)))
 
         # What it says.
         token, other, moved = self.o.payload, data.View(PACKED, Cat(body, head)), Signal(COLUMN_BITS + 1)

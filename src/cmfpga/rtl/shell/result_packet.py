@@ -176,13 +176,13 @@ class ResultPacket(wiring.Component):
         place = Cat(following.matches(*(k for rank, k in enumerate(ranked) if rank >> bit & 1)) for bit in range(2))
         for first in range(0, len(ranked), 4):
             found = ranked[first : first + 4]
-            chosen = Signal(32, init=1 if 0 in found else 0)
+            chosen = Signal(32, init=1 if 0 in found else 0, reset_less=True)
             m.d.sync += chosen.eq(0)
             with m.If(following.matches(*found) & ~nothing):
                 m.d.sync += chosen.eq(Array(Cat(bits[k]) for k in found)[place[: bits_for(len(found) - 1)]])
             parts.append(chosen)
         begins = sorted({begin for _, begin in signs.values() if begin < 32})
-        negative = Signal(len(begins))  # a word whose sign begins there, or below
+        negative = Signal(len(begins), reset_less=True)  # a word whose sign begins there, or below
         for bit, begin in enumerate(begins):
             found = ((following == k) & sign for k, (sign, other) in signs.items() if other <= begin)
             m.d.sync += negative[bit].eq(~nothing & Cat(found).any())

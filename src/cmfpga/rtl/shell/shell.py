@@ -268,7 +268,7 @@ class Shell(wiring.Component):
             mine = asked("Result", 1 + len(packet.address)) & (bus.read_address[0] == half) & packet.any_shown
             answers.append(Mux(mine, packet.words.word_select(half, 32), 0))
         # Registers that are cleared choose among them.
-        answered = Signal(data.ArrayLayout(32, len(answers)))
+        answered = Signal(data.ArrayLayout(32, len(answers)), reset_less=True)
         m.d.sync += [kept.eq(answer) for kept, answer in zip(answered, answers, strict=True)]
         m.d.comb += bus.read_data.eq(functools.reduce(operator.or_, answered))
 
