@@ -100,7 +100,7 @@ class ResultPacket(wiring.Component):
             self.i.ready.eq(beat == self.beats - 1),
             self.taken.eq(self.i.valid & self.i.ready),
             put.addr.eq(Cat(beat, ~shown)),
-            self.written.eq(self._new_word(m, number, beat, following)),
+            self.written.eq(self._new_word(m, number, following)),
             put.data.eq(self.written),
             following.eq(beat + self.writing),
             put.en.eq(self.writing),
@@ -139,7 +139,7 @@ class ResultPacket(wiring.Component):
             m.d.sync += [self.open.eq(self.stream_results), half.eq(~shown)]
         return half, sent
 
-    def _new_word(self, m, number, beat, following):
+    def _new_word(self, m, number, following):
         """The 64-bit word of the result on ``i`` that is written."""
         result = self.i.payload
         own = {
@@ -153,9 +153,9 @@ class ResultPacket(wiring.Component):
         for register in group:
             word = (register.offset - group[0].offset) // 4
             halves[word % 2][word // 2] = register.fields
-        return Cat(self._new_half(m, own, beat, following, words) for words in halves)
+        return Cat(self._new_half(m, own, following, words) for words in halves)
 
-    def _new_half(self, m, own, beat, following, words):
+    def _new_half(self, m, own, following, words):
         """That of its 32 bits that has the fields ``words[beat]``.
 
         Registers choose among four words each, a cycle before; all but one are zero. Signs in front of words have
@@ -176,7 +176,7 @@ class ResultPacket(wiring.Component):
         place = Cat(following.matches(*(k for rank, k in enumerate(ranked) if rank >> bit & 1)) for bit in range(2))
         for first in range(0, len(ranked), 4):
             found = ranked[first : first + 4]
-            chosen = Signal(32, init=1 if 0 in found else 0, reset_less=True)
+            chosen = Signal(32, init=own["batch"].init if 0 in found else 0, reset_less=True)
             m.d.sync += chosen.eq(0)
             with m.If(following.matches(*found) & ~nothing):
                 m.d.sync += chosen.eq(Array(Cat(bits[k]) for k in found)[place[: bits_for(len(found) - 1)]])
