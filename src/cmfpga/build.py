@@ -9,7 +9,7 @@ from .errors import UserError, write_text
 from .protocol import registers
 from .protocol.registers import documents
 from .rtl.axi.top import AxiTop
-from .rtl.top import VerilogCore
+from .rtl.top import verilog_top
 from .rtl.uart.top import UartTop, divisor
 from .verilog import bitstream, levels, place, resources
 from .verilog.description import describe, describe_top, summary
@@ -19,6 +19,7 @@ EXAMPLES = (
     "python -m cmfpga.build                                     # preset fast, into ./build",
     "python -m cmfpga.build --preset fast-128 --out build-128",
     "python -m cmfpga.build --preset paper --resources --out build-paper",
+    "python -m cmfpga.build --preset flow --out build-flow       # many regions, four units",
     "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
     "python -m cmfpga.build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
     "python -m cmfpga.build --top ulx3s --bitstream              # a whole bitstream by open tools",
@@ -28,7 +29,7 @@ EXAMPLES = (
 
 def build(config, folder):
     """Write ``cmfpga_core.v``, ``build-info.json`` and ``build-info.md`` into ``folder``; returns their paths."""
-    core = VerilogCore(config)
+    core = verilog_top(config)
     verilog = emit_verilog(core)
     info = describe(config, core, verilog)
     contents = {

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import ASCENTS, GRADIENTS, PRESETS, RAM_STYLES, START_MODES, Config, preset, unread
+from cmfpga.config.regions import PAGE_EVENTS
 from cmfpga.errors import ConfigError, UserError
 
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
@@ -21,6 +22,7 @@ TEXT = {
     "ascent",
     "start",
     "ram_style",
+    "store_style",
     "cold",
     "warm",
     "when_full",
@@ -53,11 +55,13 @@ ROOM = {
 # What reads a field that the defaults do not.
 PROBED = {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20}
 SURE = PROBED | {"confidence": 1}
+MANY = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "max_iterations": 20}
 READER = {
     "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"},
     **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
     **{name: {"undistortion": "on", "undistortion_frac": 1} for name in ("undistortion_cell", "camera")},
     "undistortion_frac": {"undistortion": "on"},
+    "regions": MANY, **dict.fromkeys(("units", "bin_bits"), {**MANY, "regions": 2}),
     "hot_mask": {"hot_pixels": 1}, "background_cell": {"background": 1}, "background_us": {"background": 1},
 }  # fmt: skip
 
@@ -332,6 +336,37 @@ def test_every_hardware_field_does(name):
     assert changed.hardware_hash != base.hardware_hash
     assert changed.replace(**{name: getattr(base, name)}).hardware_hash == base.hardware_hash
     assert re.fullmatch("[0-9a-f]{64}", changed.hardware_hash)
+
+
+REGIONS = Config(**MANY, regions=2)
+
+
+@pytest.mark.parametrize(
+    "base, changes, message",
+    [
+        (Config(), {"units": 3}, "units = 3: regions of 1 or more are needed"),
+        (Config(), {"store_style": "ultra"}, "store_style = ultra: regions of 1 or more are needed"),
+        (Config(), {"regions": 2}, "regions = 2: gradient = one_pass is needed"),
+        (REGIONS, {"buffers": 1}, "regions = 2: buffers = 2 is needed"),
+        (REGIONS, {"lanes": 2}, "regions = 2: lanes = 1 is needed"),
+        (REGIONS, {"thinning": 2}, "regions = 2: thinning: each region has a stride of its own instead"),
+        (REGIONS, {"max_batch_events": 300000},
+         "max_batch_events = 300000: at most 262144 are allowed, for the store holds them all"),
+    ],
+)  # fmt: skip
+def test_what_regions_need(base, changes, message):
+    with pytest.raises(ConfigError, match=f"^{re.escape(message)}$"):
+        base.replace(**changes)
+
+
+def test_the_pages_of_the_store_suffice_for_any_batch():
+    """The worst: in every bin but one a page with one event, all other events in that one."""
+    for fields in ({}, {"max_batch_events": 1}, {"bin_bits": 2}, {"bin_bits": 12}, {"max_batch_events": 1 << 18}):
+        store = REGIONS.replace(**fields).store
+        bins, events = store.columns * store.rows, REGIONS.replace(**fields).max_batch_events
+        single = min(bins - 1, events - 1)
+        assert single + -(-(events - single) // PAGE_EVENTS) <= store.pages
+        assert store.bins == store.rows << store.column_bits >= bins
 
 
 def test_the_hash_is_the_same_in_every_process():

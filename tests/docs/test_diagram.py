@@ -9,7 +9,7 @@ import pytest
 
 import cmfpga
 from cmfpga.config import PRESETS, preset
-from cmfpga.rtl.core import Core
+from cmfpga.rtl.top import verilog_top
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -31,12 +31,12 @@ def test_running_it_changes_nothing(diagram, monkeypatch):
 def test_it_shows_every_block_of_the_presets_and_files_that_there_are(diagram):
     shown = {file for text, *_ in diagram.BOXES.values() for file in re.findall(r"\w+\.py", text)}
     there = {path.name for path in (Path(cmfpga.__file__).parent / "rtl").rglob("*.py")}
-    for page in ("lanes", "motion", "camera"):  # pages with drawings of their own
+    for page in ("lanes", "motion", "camera", "regions"):  # pages with drawings of their own
         shown |= set(re.findall(r"\w+\.py", (DOCS / f"{page}.md").read_text(encoding="utf-8"))) & there
     assert shown <= there
     filtered = preset().replace(hot_pixels=1, background=1)
     for config in (*(preset(name) for name in PRESETS), filtered):
-        for block in Core(config).blocks.values():
+        for block in verilog_top(config).blocks.values():
             assert type(block).__module__.rpartition(".")[2] + ".py" in shown
 
 

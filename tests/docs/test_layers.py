@@ -54,6 +54,7 @@ CLEAN = {
     ),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
+    "flow": (["cmfpga.flow"], ["torch", "matplotlib", "plotly", "amaranth"]),
     "report": (["cmfpga.report", "cmfpga.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
     "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
@@ -110,6 +111,7 @@ FORBIDDEN = {
     "engines": ("cmfpga.driver", "cmfpga.tracking"),
     "simulation": ("cmfpga.driver", "cmfpga.engines"),
     "tracking": ("cmfpga.cli", "cmfpga.track", "cmfpga.sweep", "cmfpga.driver"),
+    "flow": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.driver", "cmfpga.tracking.api", "cmfpga.track", "torch"),
     # The report is about tracks. What shows it to the user may call it, and what it reads may not.
     **dict.fromkeys(
         [f"tracking/{name}.py" for name in ("columns", "kept", "loop", "replay", "source", "trace", "wave")],

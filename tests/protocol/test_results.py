@@ -23,7 +23,7 @@ from cmfpga.protocol.settings import SETTINGS, BatchSettings, settings_of, setti
 from cmfpga.protocol.shapes import leaves
 from cmfpga.protocol.trace import Trace, columns
 from cmfpga.rtl import payloads
-from cmfpga.rtl.top import VerilogCore, flatten
+from cmfpga.rtl.top import flatten, verilog_top
 from support.configs import WRAPPED
 
 REGION = {
@@ -69,13 +69,14 @@ def test_the_hardware_has_what_the_tables_say(name):
     config = preset(name)
     if config.motion == "rotation":
         config = config.replace(camera="200,200,120,90")
-    core = VerilogCore(config)
+    core = verilog_top(config)
+    own, trace = (["region", "last"], "trace_0_") if config.regions else ([], "trace_")
     results = [leaf for f in fields_of("batch", "region", config=config) for leaf in leaves(f.name, f.shape(config))]
-    assert [port.removeprefix("result_") for port in core.outputs if port.startswith("result_")] == ["valid", *results]
+    assert [port.removeprefix("result_") for port in core.outputs if port.startswith("result_")] == ["valid", *own, *results]
     settings = settings_values(config, BatchSettings.from_config(config))
     assert [port.removeprefix("settings_") for port in core.inputs if port.startswith("settings_")] == list(settings)
-    traced = [port for port in core.outputs if port.startswith("trace_") and "pixels" not in port]
-    assert traced == ["trace_valid", *(f"trace_{column}" for column in columns(config))]
+    traced = [port for port in core.outputs if port.startswith(trace) and "pixels" not in port]
+    assert traced == [trace + name for name in ("valid", *own[:1], *columns(config))]
     assert set(payloads.batch(config).members) < {"settings", "cut", "clamped", *(f.name for f in RESULTS)}
 
 

@@ -24,6 +24,7 @@ EXAMPLES = (
     "python -m cmfpga.bench",
     "python -m cmfpga.bench --quick --json bench.json",
     "python -m cmfpga.bench --clock 150        # MHz that you assume the core to reach",
+    "python -m cmfpga.bench --flow             # dense flow: fields a second by the number of units",
 )
 
 
@@ -42,6 +43,7 @@ def _parser():
         "--clock", type=_megahertz, default=CLOCK_MHZ, metavar="MHZ",
         help=f"clock assumed for the core, MHz (default: {CLOCK_MHZ:g}, the article's)",
     )  # fmt: skip
+    made.add_argument("--flow", action="store_true", help="dense flow instead, of 1, 2, 4 and 8 units (quick: 4)")
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(
         "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
@@ -67,6 +69,8 @@ def main(arguments=None):
         raise ConfigError(f"--json {options.json}: its folder does not exist")
     runs = options.runs or (5 if options.quick else 15)
     seconds = 0.003 if options.quick else 0.02
+    if options.flow:
+        return _flow(options, runs, seconds)
     started = time.perf_counter()
     programs, missing = make_programs()
     if find_compiler() is None:
@@ -96,6 +100,30 @@ def main(arguments=None):
     lines, report["limits"], report["speed_ups"] = table(report)
     print("\n".join(lines))
     if options.json is not None:
+        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
+        print(f"wrote {options.json}")
+    return 0
+
+
+def _flow(options, runs, seconds):
+    from . import flow
+
+    missing, units = [], (4,) if options.quick else (1, 2, 4, 8)
+    if find_compiler() is None:
+        missing.append("no C++ compiler was found: the hardware's cycles are not measured")
+        units = ()
+    with tqdm(total=len(units) + 2, unit="step", disable=None, leave=False) as bar:
+
+        def step(what):
+            bar.set_description(what)
+            bar.update()
+
+        report = flow.measure(
+            units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, step=step
+        )  # fmt: skip
+    print("\n".join([*flow.text(report), *(f"not measured: {line}" for line in missing)]))
+    if options.json is not None:
+        report = {"version": __version__, "missing": missing, **report}
         write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         print(f"wrote {options.json}")
     return 0

@@ -16,6 +16,7 @@ from ..errors import UserError, needs
 COMMANDS = {
     "info": ("info", "what a recording holds, and an ROI and batches that suit it"),
     "track": ("track", "follow objects through a recording"),
+    "flow": ("flow", "dense optical flow of a recording, and one motion fitted to it"),
     "sweep": ("sweep", "many recordings with many configurations, and which did best"),
     "build": ("build", "emit the accelerator as Verilog"),
     "bench": ("bench", "cycles of the accelerator, and times of programs for the same"),

@@ -10,13 +10,13 @@ This module imports neither Amaranth nor NumPy nor torch.
 import dataclasses
 import hashlib
 import json
-import numbers
 from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError
 from .ascent import ASCENTS
 from .camera import parse_camera
+from .checks import check_field, check_real, check_size
 from .choices import CHOICES, GRADIENTS, UNDISTORTION
 from .confidence import check_confidence
 from .formats import Formats
@@ -24,6 +24,7 @@ from .geometry import Geometry
 from .motion import MOTIONS, check_motion, motion_model
 from .noise import parse_pixels
 from .one_pass import OnePass
+from .regions import Regions, check_regions
 from .schedule import AUTO, Schedules
 from .widths import Widths
 
@@ -120,6 +121,12 @@ class Config:
         runtime=True,
     )
 
+    # Regions
+    regions: int = _field(0, "rows of the table of regions; 0: a core of one ROI", low=0, high=1024)
+    units: int = _field(1, "units that iterate over regions side by side", low=1, high=64)
+    bin_bits: int = _field(4, "bins of the store of events are 2^bin_bits px wide", low=2, high=12)
+    store_style: str = _field("auto", "kind of RAM of that store", choices=("auto", "ultra"))
+
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=tuple(GRADIENTS))
     ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=tuple(ASCENTS))
@@ -179,12 +186,12 @@ class Config:
 
     def __post_init__(self):
         for field in dataclasses.fields(self):
-            self._check_field(field, getattr(self, field.name))
+            check_field(self, field, getattr(self, field.name))
         for name, why in unread(vars(self)).items():
             if getattr(self, name) != self.__dataclass_fields__[name].default:
                 raise ConfigError(why)
         for side in ("width", "height"):
-            self._check_size(f"roi_{side}", f"sensor_{side}")
+            check_size(self, f"roi_{side}", f"sensor_{side}")
             if self.gradient == "sweep" and (size := getattr(self, f"roi_{side}")) % 2:
                 raise ConfigError(f"roi_{side} = {size}: an even number of pixels is needed by the sweep")
         if self.span_bits >= self.time_bits:
@@ -197,18 +204,19 @@ class Config:
             raise ConfigError(
                 f"background_us = {self.background_us}: at most {self.widths.background_us_max} is allowed (span_bits)"
             )
-        self._check_size("min_roi_events", "buffer_events")
-        self._check_size("thin_target", "buffer_events")
+        check_size(self, "min_roi_events", "buffer_events")
+        check_size(self, "thin_target", "buffer_events")
         q = self.formats
         for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
-            self._check_real(name, fmt)
+            check_real(self, name, fmt)
         if self.ascent_rule.has_table:
             self.schedules.check()
         else:
-            self._check_size("iterations", "max_iterations")
+            check_size(self, "iterations", "max_iterations")
         if self.gradient == "one_pass":
             self.one_pass.check()
         check_motion(self)
+        check_regions(self)
         if self.confidence:
             check_confidence(self)
         most = self.dt_frac + self.v_frac
@@ -221,46 +229,6 @@ class Config:
                     f"{what} needs {width} bits, more than the 63 that the exact integer model has: "
                     "a smaller buffer_events, ROI, or fraction width is needed"
                 )
-
-    def _check_field(self, field, value):
-        meta = field.metadata
-        if meta["choices"]:
-            if value not in meta["choices"] or (field.type is int and not self._is(int, value)):
-                allowed = ", ".join(map(str, meta["choices"]))
-                raise ConfigError(f"{field.name} = {value!r}: one of {allowed} is needed")
-            object.__setattr__(self, field.name, field.type(value))
-            return
-        if field.type is str:
-            if not isinstance(value, str):
-                raise ConfigError(f"{field.name} = {value!r}: text is needed")
-            return
-        if not self._is(field.type, value):
-            raise ConfigError(
-                f"{field.name} = {value!r}: {'an integer' if field.type is int else 'a number'} is needed"
-            )
-        low, high = meta["low"], meta["high"]
-        if value != value or (low is not None and value < low) or (high is not None and value > high):
-            allowed = f"{low} to {high}" if high is not None else f"{low} or more" if low is not None else "a number"
-            raise ConfigError(f"{field.name} = {value!r}: {allowed} is needed")
-        if not isinstance(value, (int, float)):
-            object.__setattr__(self, field.name, field.type(value))
-
-    @staticmethod
-    def _is(kind, value):
-        """Whether it is a number of this kind, NumPy's included."""
-        return isinstance(value, numbers.Integral if kind is int else numbers.Real) and not isinstance(value, bool)
-
-    def _check_size(self, name, limit):
-        if getattr(self, name) > getattr(self, limit):
-            raise ConfigError(f"{name} = {getattr(self, name)}: at most {getattr(self, limit)} is allowed ({limit})")
-
-    def _check_real(self, name, fmt):
-        value = getattr(self, name)
-        low, high = fmt.real(fmt.min), fmt.real(fmt.max)
-        if not low <= value <= high:
-            raise ConfigError(f"{name} = {value!r}: {low:g} to {high:g} is needed ({fmt})")
-        if value and not fmt.raw(value):
-            raise ConfigError(f"{name} = {value!r}: smaller than the step {fmt.step:g} of its format {fmt}")
 
     # ---------------------------------------------------------------- construction
 
@@ -321,6 +289,7 @@ class Config:
     widths = cached_property(Widths)
     schedules = cached_property(Schedules)
     one_pass = cached_property(OnePass)
+    store = cached_property(Regions)
 
     @cached_property
     def hot(self):

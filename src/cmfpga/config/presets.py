@@ -51,6 +51,18 @@ PRESETS = {
         undistortion="on",
         ram_style="ultra",
     ),
+    "flow": _FAST.replace(
+        regions=192,
+        units=4,
+        store_style="ultra",
+        undistortion="on",
+        max_batch_events=32767,
+        min_roi_events=30,
+        # From the coarse tile's v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
+        warm="1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",
+        confidence_limit=12.0,
+    ),
+    "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),
     "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
 }
 

@@ -2,6 +2,7 @@
 
 import pkgutil
 
+from ..config.regions import check_one_region
 from ..errors import ConfigError, needs
 from ..verilog.compiler import CompilerError, find_compiler
 from .base import Engine, check_roi
@@ -42,6 +43,7 @@ def make_engine(name, config):
     ``note`` says so). ``axi`` needs the compiler; its results have no trace, and neither have those of a board at a
     serial port. Only ``model`` and ``float`` import torch.
     """
+    check_one_region(config)
     kind, _, port = engine_name(name).partition(":")
     return pkgutil.resolve_name(_MAKERS[kind])(config, *([port] if port else []))
 

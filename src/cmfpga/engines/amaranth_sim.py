@@ -102,11 +102,11 @@ class AmaranthEngine(RtlEngine):
             )
             sent += accepted
             if iterated:
-                trace.append(_flat(item))
+                trace.append(flat(item))
             if done:
                 names = columns(core.config)
                 rows = [[row[name] for name in names] for row in trace]
-                return _flat(result), np.array(rows, np.int64).reshape(-1, len(names))
+                return flat(result), np.array(rows, np.int64).reshape(-1, len(names))
 
 
 def nested(layout, values, prefix=""):
@@ -117,10 +117,10 @@ def nested(layout, values, prefix=""):
     }
 
 
-def _flat(values, prefix=""):
+def flat(values, prefix=""):
     """The leaves of a value by their Verilog port names."""
     found = {}
     for name in values.shape().members:
         value = values[name]
-        found |= _flat(value, f"{prefix}{name}_") if isinstance(value, data.Const) else {prefix + name: value}
+        found |= flat(value, f"{prefix}{name}_") if isinstance(value, data.Const) else {prefix + name: value}
     return found

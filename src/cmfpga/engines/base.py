@@ -23,7 +23,7 @@ def check_roi(config, roi):
         )
 
 
-def _check_events(config, events):
+def check_events(config, events):
     """Events outside the sensor would be taken for others: the hardware only has the bits that the sensor needs."""
     for name, values, size in (("x", events.x, config.sensor_width), ("y", events.y, config.sensor_height)):
         if len(values) and values.max() >= size:
@@ -82,7 +82,7 @@ class Engine(ABC):
         limit = self.config.max_batch_events
         if len(events) > limit:
             raise ConfigError(f"a batch of {len(events)} events: at most {limit} are allowed (max_batch_events)")
-        _check_events(self.config, events)
+        check_events(self.config, events)
         if settings.roi is not None:
             check_roi(self.config, settings.roi)
             self.roi = self._waiting_roi = settings.roi

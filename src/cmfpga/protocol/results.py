@@ -68,6 +68,8 @@ def _thinning_used(config):
 
 
 def _corner(config):
+    if config.regions:
+        return pair(whole(config.geometry.x_bits), whole(config.geometry.y_bits))
     return pair(up_to(config.geometry.roi_x_max), up_to(config.geometry.roi_y_max))
 
 

@@ -120,6 +120,11 @@ def _field_of(config, name):
     return type(config).__dataclass_fields__[name]
 
 
+def with_regions(config):
+    """Only with a table of regions."""
+    return config.regions > 0
+
+
 def with_rotation(config):
     """Only with ``motion="rotation"``."""
     return config.motion == "rotation"
@@ -238,6 +243,8 @@ SETTINGS = (
             places=(Place(word=21, field="ENABLE", width=1),)),
     Setting(name="centre", when=with_rotation, shape=_place, unit="px",
             raw=lambda c, s: c.motion_model.centre(s.camera), doc="principal point, raw: quarters of a pixel"),
+    Setting(name="rows", high=lambda c: c.regions, low=1, when=with_regions, default=1,
+            doc="rows of the table of regions that are in use", unit="regions"),
     Setting(name="curve", when=with_rotation, shape=lambda c: whole(c.motion_model.curve_bits),
             raw=lambda c, s: c.motion_model.curve(s.camera), doc="2^27/f² of the focal length f in px"),
 )  # fmt: skip

@@ -82,9 +82,7 @@ class Sequence(ABC):
             flags |= found
             judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
             self.v = tuple(trace.v[-1].tolist())
-            gain = self.number(config.formats.roi_gain, settings.roi_gain)
-            moved = {p.moves_roi: v for p, v in zip(config.motion_model.parameters, self.v, strict=True)}
-            step = tuple(gain * moved.get(axis, 0 * gain) for axis in ("x", "y"))
+            step = self.step(settings)
         else:
             trace = Trace.without_iterations(self.v)
             flags |= Flag.DEGENERATE
@@ -101,6 +99,12 @@ class Sequence(ABC):
             **judged,
             trace=trace,
         )
+
+    def step(self, settings):
+        """How far what has moved by v takes its ROI, along x and y."""
+        gain = self.number(self.config.formats.roi_gain, settings.roi_gain)
+        moved = {p.moves_roi: v for p, v in zip(self.config.motion_model.parameters, self.v, strict=True)}
+        return tuple(gain * moved.get(axis, 0 * gain) for axis in ("x", "y"))
 
     @property
     @abstractmethod

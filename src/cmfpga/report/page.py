@@ -1,11 +1,8 @@
 """The page of a report: data, script and style in one HTML file."""
 
-import base64
 import dataclasses
 import html
 import importlib.metadata
-import importlib.resources
-import json
 import platform
 import zlib
 
@@ -18,6 +15,7 @@ from ..errors import ConfigError, needs, write_text
 from ..protocol.flags import NOTES
 from ..tracking.columns import COLUMNS
 from .story import Story
+from .template import asset, fill, shown_name
 
 #: What a reader of the page needs to know about a flag.
 FLAGS = {
@@ -70,7 +68,7 @@ def render(kept, clock_mhz):
     story = Story(kept, clock_mhz)
     head, blob = _data(kept, story)
     parts = {
-        "title": html.escape(f"Track of {_name(kept.recording)}"),
+        "title": html.escape(f"Track of {shown_name(kept.recording)}"),
         "lead": html.escape(story.lead),
         "notes": "".join(f"<li>{html.escape(note)}</li>" for note in story.notes),
         "levels": _level_choice(kept),
@@ -80,17 +78,11 @@ def render(kept, clock_mhz):
         "cycles_note": html.escape(_cycles_note(story)),
         "configuration": _configuration(kept),
         "versions": _versions(kept, clock_mhz),
-        "style": _asset("page.css"),
+        "style": asset("page.css"),
         "plotly": plotly_script(),
-        # In a script element only "</" and "<!--" have a meaning.
-        "head": json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
-        "blob": base64.b64encode(blob).decode(),
-        "script": "\n".join(map(_asset, SCRIPTS)),
+        "script": "\n".join(map(asset, SCRIPTS)),
     }
-    page = _asset("page.html")
-    names = [piece.partition("}}")[0] for piece in page.split("{{")[1:]]
-    pieces = [page.partition("{{")[0]] + [piece.partition("}}")[2] for piece in page.split("{{")[1:]]
-    return pieces[0] + "".join(parts[name] + piece for name, piece in zip(names, pieces[1:], strict=True))
+    return fill(asset("page.html"), parts, head, blob)
 
 
 def plotly_script():
@@ -98,16 +90,6 @@ def plotly_script():
     with needs("plotly", "report", "report"):
         from plotly.offline import get_plotlyjs
     return get_plotlyjs()
-
-
-def _asset(name):
-    return importlib.resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
-
-
-def _name(recording):
-    """A file's name; signs that cannot be shown as ``?``."""
-    name = recording.encode("utf-8", "replace").decode()
-    return "".join(sign if sign.isprintable() else "?" for sign in name)
 
 
 def _data(kept, story):
@@ -215,7 +197,7 @@ def _same_hardware(known, config):
 
 def _versions(kept, clock_mhz):
     items = {
-        "recording": _name(kept.recording),
+        "recording": shown_name(kept.recording),
         "engine": kept.engine,
         "assumed clock": f"{clock_mhz:g} MHz",
         "cmfpga": __version__,

@@ -4,29 +4,21 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from ..config.regions import check_one_region
 from ..protocol.flags import Flag
 from ..protocol.results import fields_of, thins
-from ..protocol.settings import by_signs
 from . import payloads
-from .arithmetic import delay
-from .ascent import ASCENTS
-from .ascent.gradient import Gradient
 from .ascent.roi_updater import RoiUpdater
-from .confidence.judge import Judge
-from .confidence.probe import Probe
 from .cycle_formula import CycleFormula
-from .image import image_of
-from .image.lane import Lane
-from .ingest.event_buffer import EventBuffer
 from .ingest.front import WRITES, connect_front, make_front
 from .ingest.ingest_control import IngestControl
 from .ingest.reciprocal import Reciprocal
 from .ingest.roi_filter import RoiFilter
 from .ingest.thinner import Thinner
-from .iteration_control import IterationControl
+from .iterating import Iterating
 
 
-class Core(CycleFormula, wiring.Component):
+class Core(CycleFormula, Iterating, wiring.Component):
     """Contrast Maximization of batches of events::
 
         i ─► ingest control ─► filter ─► thinner ─► buffer ─► dither ─► scaler ─► warp ─► voter ─► image
@@ -73,11 +65,13 @@ class Core(CycleFormula, wiring.Component):
     Raises
     ------
     ConfigError
-        What the image needs does not hold (:meth:`~cmfpga.rtl.image.image_sums.ImageSums.check`).
+        What the image needs does not hold (:meth:`~cmfpga.rtl.image.image_sums.ImageSums.check`), or the hardware is
+        of many regions.
     """
 
     def __init__(self, config):
         self.config = config
+        check_one_region(config)
         self._make_blocks()
         self.image.check(self.iteration_latency)
         members = {
@@ -106,29 +100,12 @@ class Core(CycleFormula, wiring.Component):
             most_events=config.max_batch_events,
             used=payloads.thinning_used(config) if thins(config) else None,
         )
-        self.event_buffer = EventBuffer(config)
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
-        self.lanes = [Lane(config, number) for number in range(config.lanes)]
-        self.warp, self.voter = (self.lanes[0].blocks[name] for name in ("warp", "voter"))
-        in_flight = self.event_buffer.latency + self.lanes[0].latency - 1
-        self.image = image_of(config)(config, in_flight=in_flight)
-        self.gradient = Gradient(config, lead=self.image.lead)
-        self.ascent = ASCENTS[config.ascent](config)
         self.roi_updater = RoiUpdater(config)
-        self.probe = Probe(config) if config.confidence else None
-        self.judge = Judge(config) if config.confidence else None
-        # From an event's acceptance until it is counted; from a replay to the warp; from the last vote to the next v.
+        self._make_iterating(move=self.roi_updater.latency, settle=self.roi_updater.settle)
+        # From an event's acceptance until it is counted.
         self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.thinner)) + 1
-        self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
-        self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
         self.ingest_control = IngestControl(config, drain=self.drain)
-        self.iteration_control = IterationControl(
-            config,
-            replay_delay=max(0, self._evaluate - self._feed),
-            move=self.roi_updater.latency,
-            settle=self.roi_updater.settle,
-            probe_delay=Probe.latency,
-        )
 
     @property
     def boxes(self):
@@ -139,23 +116,17 @@ class Core(CycleFormula, wiring.Component):
         boxes = [{"ingest_control": self.ingest_control}, self.front, first, *(lane.boxes for lane in self.lanes), last]
         return {name: block for part in boxes for name, block in part.items() if block is not None}
 
-    @property
-    def blocks(self):
-        """The same, but in place of image and ascent what they are made of."""
-        boxes = [getattr(block, "blocks", {name: block}) for name, block in self.boxes.items()]
-        return {name: block for box in boxes for name, block in box.items()}
-
     def elaborate(self, platform):
         m = Module()
-        pausing = {name: lane for lane in self.lanes for name in lane.boxes}
-        for name, block in self.boxes.items():
-            m.submodules[name] = pausing[name].pausing(block, self.image.room) if name in pausing else block
+        batch = self.ingest_control.handover.batch
+        self._add_boxes(m)
         self._ingest(m)
-        self._iterate(m)
+        self._iterate(m, batch, self.reciprocal)
+        self._scale(m, batch)
         self._ascend(m)
         self._follow(m)
         if self.config.confidence:
-            self._confide(m)
+            self._confide(m, batch.roi_events)
         self._result(m)
         return m
 
@@ -197,46 +168,19 @@ class Core(CycleFormula, wiring.Component):
         m.d.sync += once.eq(once | self.image.cleared)
         return (self.image.cleared | once) & self.front["background_filter"].cleared
 
-    def _iterate(self, m):
-        """Replay while there is room, scale, warp, vote, sum."""
-        control, batch, image = self.iteration_control, self.ingest_control.handover.batch, self.image
-        for lane in self.lanes:
-            lane.connect(m, self.event_buffer, image)
-        for lane in self.lanes[1:]:
-            lane.dither_as(m, self.lanes[0])
+    def _scale(self, m, batch):
+        """Divide, once a batch; clear the image, once."""
+        control, image = self.iteration_control, self.image
         m.d.comb += [
             self.reciprocal.start.eq(control.divide),
             self.reciprocal.span.eq(batch.span),
             control.divided.eq(self.reciprocal.done),
-            self.event_buffer.replay.eq(control.replay),
-            self.event_buffer.room.eq(image.room),
-        ]
-        for lane in self.lanes:
-            v = self.ascent.warped if self.config.confidence else self.ascent.v
-            lane.scale_and_warp(m, batch, self.reciprocal, v, self.ascent.level)
-        m.d.comb += [
             image.clear.eq(self.ingest_control.clear),
             self.ingest_control.cleared.eq(self._cleared(m)),
-            control.complete.eq(image.complete),
-            image.next.eq(control.run.updated | self._probed(m) if self.config.confidence else control.run.updated),
         ]
-        if by_signs(self.config):
-            stride = self.ascent.stride
-            m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
-            for lane in self.lanes:
-                lane.replay_subsets(m, self.event_buffer)
         if hasattr(self, "pixels"):
             m.d.comb += self.pixels.valid.eq(image.pixels.valid & control.iterating)
             m.d.comb += self.pixels.payload.eq(image.pixels.payload)
-
-    def _ascend(self, m):
-        """The gradient of the sums moves v."""
-        connect(m, self.image.sums, self.gradient.i)
-        connect(m, self.iteration_control.run, self.ascent.run)
-        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & self.iteration_control.iterating)
-        m.d.comb += self.ascent.i.payload.eq(self.gradient.o.payload)
-        if hasattr(self, "schedule_write"):
-            connect(m, flipped(self.schedule_write), self.ascent.schedule_write)
 
     def _follow(self, m):
         """The ROI follows v."""
@@ -251,35 +195,6 @@ class Core(CycleFormula, wiring.Component):
             roi.move.eq(control.move),
             roi.still.eq(control.run.degenerate),
         ]
-
-    def _confide(self, m):
-        """Behind the last iteration: four more replays beside v; the gradients tell."""
-        control, probe, judge = self.iteration_control, self.probe, self.judge
-        connect(m, probe.o, self.ascent.probe)
-        m.d.comb += [
-            *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
-            probe.begin.eq(control.begin),
-            judge.begin.eq(delay(m, control.begin, 1, name="begin", valid=True)),  # no hurry; many wait for it
-            probe.iterating.eq(control.iterating),
-            probe.complete.eq(control.complete),
-            probe.v.eq(self.ascent.v),
-            probe.sums.valid.eq(self.image.sums.valid),
-            probe.sums.payload.eq(self.image.sums.payload),
-            probe.squares.eq(self.image.squares),
-            judge.i.valid.eq(self.gradient.o.valid & control.probing),
-            judge.i.payload.eq(self.gradient.o.payload),
-            judge.sum_i.eq(probe.last.i),
-            judge.squares.eq(probe.last_squares),
-            judge.events.eq(self.ingest_control.handover.batch.roi_events),
-            judge.limit.eq(control.run.settings.confidence_limit),
-            control.more.eq(probe.more),
-            control.judged.eq(judge.done),
-            control.run.doubtful.eq(judge.doubtful),
-        ]
-
-    def _probed(self, m):
-        """A pulse: a probe is over, as ``updated`` says of an iteration."""
-        return delay(m, self.judge.i.valid, self.ascent.latency, name="probed", valid=True)
 
     def _result(self, m):
         """Nothing of this changes while a result waits."""

@@ -1,6 +1,5 @@
 """How many clock cycles a batch takes, from the latencies of the core's parts."""
 
-from ..config.schedule import ScheduleEntry, used_events
 from ..protocol.settings import by_signs
 
 
@@ -13,25 +12,11 @@ class CycleFormula:
         return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
 
     @property
-    def iteration_latency(self):
-        """L: an iteration of n events takes n + L cycles from one v to the next, and those of the image's sweep.
-
-        The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
-        in one pass the last vote.
-        """
-        return self.warp.latency + self.voter.latency - 1 + max(self._evaluate, self._feed)
-
-    @property
     def batch_latency(self):
         """Cycles of a batch that depend on neither N, n nor T."""
         move = self.roi_updater.latency if self.config.buffers == 1 else 1
         ahead = self.drain + self.iteration_control.hand_over + self.reciprocal.latency
         return ahead + min(self._feed, self._evaluate) + move
-
-    @property
-    def sweep_cycles(self):
-        """Cycles of an iteration between its last vote and the image being complete: P/4 with the sweep."""
-        return self.image.sweep_cycles
 
     @property
     def shortest_batch(self):
@@ -40,11 +25,6 @@ class CycleFormula:
         With two buffers, a batch is handed over when the ROI of the next one is known.
         """
         return 0 if self.config.buffers == 1 else self.roi_updater.settle + 2 - self.drain
-
-    @property
-    def judge_latency(self):
-        """Cycles that a batch takes more if v's confidence is measured, beside those of four iterations."""
-        return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def cycles(self, *, events, roi_events, iterations, judge=None, most=False):
         """Clock cycles of a batch: N + Σ ⌈n_k/K⌉ + T·(sweep + L) + constant, with K lanes.
@@ -57,24 +37,14 @@ class CycleFormula:
         in which the first event is offered to the one in which the result is; events offered in every cycle, no other
         batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
         """
-        judged = self.config.confidence and (self.config.judge if judge is None else judge)
-        every = ScheduleEntry(0, None)
-        plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
-        plan, more = ((*plan, *[every] * 4), self.judge_latency) if judged else (plan, 0)
-        groups = [-(-n // self.config.lanes) for n in used_events(plan, roi_events)]
-        votes = sum(map(self.image.most_cycles, groups) if most else groups)
-        iterated = votes + len(plan) * (self.sweep_cycles + self.iteration_latency)
-        return max(events, self.shortest_batch) + iterated + self.batch_latency + more
+        iterated = self.iterated_cycles(roi_events, iterations, judge, most)
+        return max(events, self.shortest_batch) + iterated + self.batch_latency
 
     @property
     def cycle_formula(self):
         """:meth:`cycles` as text; "≥" where the image is not ``exact_cycles``."""
         least = "" if self.image.exact_cycles else "≥ "
+        if by_signs(self.config):
+            return f"{least}N + {self.iterated_formula(self.batch_latency)}"
         each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
-        n, n_k = (f"⌈{n}/{self.config.lanes}⌉" if self.config.lanes > 1 else n for n in ("n", "n_k"))
-        if not by_signs(self.config):
-            return f"{least}N + T·({n} + {each}) + {self.batch_latency}"
-        each = f"({each})" if self.sweep_cycles else each
-        if self.judge is None:
-            return f"{least}N + Σ {n_k} + T·{each} + {self.batch_latency}"
-        return f"{least}N + Σ {n_k} + 4·{n} + (T + 4)·{each} + {self.batch_latency + self.judge_latency}"
+        return f"{least}N + T·(n + {each}) + {self.batch_latency}"

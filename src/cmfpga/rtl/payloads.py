@@ -94,9 +94,13 @@ def mask_write(config):
     )
 
 
-def roi_event(config):
-    """An event in the ROI: µs since t_1, column and row in the ROI, as :func:`undistorted_event` has them."""
-    columns, rows, frac = bits_for(config.roi_width - 1), bits_for(config.roi_height - 1), config.formats.event_frac
+def roi_event(config, width=None, height=None):
+    """An event in the ROI: µs since t_1, column and row in the ROI, as :func:`undistorted_event` has them.
+
+    ``width`` and ``height`` are the ROI's, by default the configuration's.
+    """
+    columns, rows = bits_for((width or config.roi_width) - 1), bits_for((height or config.roi_height) - 1)
+    frac = config.formats.event_frac
     x, y = (Fixed(Q(bits, frac, signed=False)) if frac else bits for bits in (columns, rows))
     return data.StructLayout({"t": config.span_bits, "x": x, "y": y})
 

@@ -4,6 +4,7 @@ from amaranth.hdl import Shape, Signal
 from amaranth.lib import data
 
 from .core import Core
+from .regions.regions import Regions
 
 
 def flatten(layout, prefix):
@@ -19,8 +20,10 @@ def flatten(layout, prefix):
     return leaves
 
 
-class VerilogCore(Core):
-    """:class:`Core`, each field of its streams a port with a name of its own (``event_x``, ``result_v_x`` …).
+class PlainPorts:
+    """What turns a component's streams into ports, a field each (``event_x``, ``result_v_x`` …).
+
+    A class that inherits it and a component calls :meth:`_make_ports`.
 
     Attributes
     ----------
@@ -28,19 +31,16 @@ class VerilogCore(Core):
         The ports, in order, without clock and reset.
     """
 
-    def __init__(self, config):
-        super().__init__(config)
+    def _make_ports(self, traces):
         self._links = []  # (port, signal inside, is the port an input)
         self.inputs, self.outputs = {}, {}
         groups = {
             "event": (self.i, {"valid": True, "payload": True, "ready": False}),
             "settings": (self.settings, {"": True}),
             "result": (self.o, {"valid": False, "payload": False, "ready": True}),
-            "trace": (self.trace, {"valid": False, "payload": False}),
+            **{name: (trace, {"valid": False, "payload": False}) for name, trace in traces.items()},
         }
-        if hasattr(self, "schedule_write"):
-            groups["schedule"] = (self.schedule_write, {"valid": True, "payload": True})
-        for prefix in ("mask", "node"):
+        for prefix in ("schedule", "mask", "node", "row"):
             if hasattr(self, f"{prefix}_write"):
                 groups[prefix] = (getattr(self, f"{prefix}_write"), {"valid": True, "payload": True})
         if hasattr(self, "pixels"):
@@ -72,3 +72,24 @@ class VerilogCore(Core):
         for port, inside, is_input in self._links:
             m.d.comb += inside.eq(port) if is_input else port.eq(inside)
         return m
+
+
+class VerilogCore(PlainPorts, Core):
+    """:class:`Core` with plain ports."""
+
+    def __init__(self, config):
+        super().__init__(config)
+        self._make_ports({"trace": self.trace})
+
+
+class VerilogRegions(PlainPorts, Regions):
+    """:class:`~cmfpga.rtl.regions.regions.Regions` with plain ports; each unit has a trace of its own."""
+
+    def __init__(self, config):
+        super().__init__(config)
+        self._make_ports({f"trace_{number}": trace for number, trace in enumerate(self.traces)})
+
+
+def verilog_top(config):
+    """The one that a configuration asks for."""
+    return (VerilogRegions if config.regions else VerilogCore)(config)

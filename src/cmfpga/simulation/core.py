@@ -6,13 +6,13 @@ import numpy as np
 
 from ..camera import node_writes
 from ..protocol.settings import mask_writes, schedule_table
-from ..rtl.top import VerilogCore
-from ..verilog.compile import TABLES, compile_library, is_sound, load, port_names
+from ..rtl.top import verilog_top
+from ..verilog.compile import TABLES, compile_library, is_sound, load, port_names, trace_prefixes
 from ..verilog.emit import cache_folder
 
 #: The members of ``struct Run`` of harness.cpp, in order.
 ARRAYS = ("settings", "t", "x", "y", "ends", "gaps", "stalls", "results", "offered", "valid", "trace", "pixels")
-NUMBERS = ("batches", "open_end", "max_cycles", "trace_rows", "pixel_rows")
+NUMBERS = ("batches", "outcomes", "open_end", "max_cycles", "trace_rows", "pixel_rows")
 RETURNED = ("accepted", "trace_count", "pixel_count", "results_count")
 
 TIMED_OUT, RESULT_CHANGED = 1, 2
@@ -50,7 +50,7 @@ class VerilatedCore:
         self.core = core
         self.settings_names = port_names(core.inputs, "settings_")
         self.result_names = port_names(core.outputs, "result_")
-        self.trace_names = port_names(core.outputs, "trace_", but="trace_pixels")
+        self.trace_names = port_names(core.outputs, trace_prefixes(core)[0], but="trace_pixels")
         self.pixel_names = port_names(core.outputs, "trace_pixels_")
         self._library = load(library)
         self._library.core_new.restype = ctypes.c_void_p
@@ -76,6 +76,9 @@ class VerilatedCore:
     def write_tables(self, settings):
         """Fill all tables as a batch with these :class:`BatchSettings` needs them; between batches only."""
         self.write_schedule(schedule_table(self.config, settings))
+        self._write_mask_and_nodes(settings)
+
+    def _write_mask_and_nodes(self, settings):
         marked = self._written.get("mask")
         if settings.hot_mask and self._is_new("mask", settings.hot_mask):
             self._write("mask", mask_writes(self.config, settings.hot_mask, marked))
@@ -179,30 +182,47 @@ class VerilatedCore:
     def _play(self, batches, settings, gaps, stalls, *, open_end=False, keep_pixels=False, limit=None):
         """``(ports of each result, trace of all iterations, pixels of all sweeps or None)``."""
         plans = [max(int(row.get(name, 0)) for name in ("iterations", "cold_count", "warm_count")) for row in settings]
-        lengths, iterations, words = [len(t) for t, _, _ in batches], sum(plans), self.config.geometry.bank_words
+        if limit is None:  # twice what the batches can take one after the other
+            limit = self._patience(gaps, stalls)
+            for (t, _, _), plan in zip(batches, plans, strict=True):
+                limit += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan, most=True) + 1000
+        values, trace, pixels, offered = self._drive(
+            batches, settings, gaps, stalls, sum(plans), limit, open_end=open_end, keep_pixels=keep_pixels
+        )
+        for row, cycle in zip(values, offered, strict=True):
+            row["offered"] = cycle
+        return values, trace, pixels
+
+    def _patience(self, gaps, stalls):
+        """Clock cycles that a run may take beside those of its batches."""
+        geometry = self.config.geometry
+        clearing = geometry.bank_depth + geometry.cell_depth * self.config.background
+        return 2 * clearing + int(sum(stalls) + sum([] if gaps is None else gaps))
+
+    def _drive(self, batches, settings, gaps, stalls, iterations, limit, *, open_end=False, keep_pixels=False):
+        """Play batches until as many results have come as there are ``stalls``; at most so many ``iterations``.
+
+        Returns ``(ports of each result, trace of all iterations, pixels of all sweeps or None, cycles of the first
+        offers)``; ``valid`` among the ports is the cycle of the result, ``accepted`` counts events.
+        """
+        lengths, words = [len(t) for t, _, _ in batches], self.config.geometry.bank_words
         arrays = dict(zip("txy", (np.concatenate(axis) for axis in zip(*batches, strict=True)), strict=True))
         arrays |= {
             "settings": [[row[name] for name in self.settings_names] for row in settings],
             "ends": np.cumsum(lengths),
             "gaps": gaps,
             "stalls": stalls,
-            "results": _zeros(len(batches), len(self.result_names)),
+            "results": _zeros(len(stalls), len(self.result_names)),
             "offered": _zeros(len(batches)),
-            "valid": _zeros(len(batches)),
+            "valid": _zeros(len(stalls)),
             "trace": _zeros(max(1, iterations), len(self.trace_names)),
             "pixels": _zeros(max(1, iterations) * words, len(self.pixel_names)) if keep_pixels else None,
         }
         arrays = {name: None if it is None else np.ascontiguousarray(it, np.int64) for name, it in arrays.items()}
-        if limit is None:  # twice what the batches can take one after the other
-            geometry = self.config.geometry
-            limit = 2 * (geometry.bank_depth + geometry.cell_depth * self.config.background) + int(
-                sum(stalls) + sum([] if gaps is None else gaps)
-            )
-            for events, plan in zip(lengths, plans, strict=True):
-                limit += 2 * self.core.cycles(events=events, roi_events=events, iterations=plan, most=True) + 1000
         run = _Run(
             **{name: _pointer(array) for name, array in arrays.items()},
             batches=len(batches),
+            outcomes=len(stalls),
             open_end=int(open_end),
             max_cycles=limit,
             trace_rows=len(arrays["trace"]),
@@ -211,30 +231,30 @@ class VerilatedCore:
         status = self._library.core_run(self._open(), ctypes.byref(run))
         if status == TIMED_OUT:
             raise TimeoutError(
-                f"{run.results_count} of {len(batches)} results after {limit} clock cycles: {run.accepted} of "
+                f"{run.results_count} of {len(stalls)} results after {limit} clock cycles: {run.accepted} of "
                 f"{sum(lengths)} events accepted, {run.trace_count} of {iterations} iterations seen"
             )
         if status == RESULT_CHANGED:
             raise AssertionError("a result changed while it was waiting to be taken")
         values = [dict(zip(self.result_names, row, strict=True)) for row in arrays["results"].tolist()]
         for number, row in enumerate(values):
-            row |= {name: int(arrays[name][number]) for name in ("offered", "valid")} | {"accepted": run.accepted}
+            row |= {"valid": int(arrays["valid"][number]), "accepted": run.accepted}
         done = sum(row["iterations"] for row in values)
         if run.trace_count != done:
             raise AssertionError(f"{run.trace_count} iterations traced, {done} reported")
         pixels = arrays["pixels"]
         if keep_pixels:
             pixels = pixels[: run.pixel_count].reshape(done, words, len(self.pixel_names))
-        return values, arrays["trace"][:done], pixels
+        return values, arrays["trace"][:done], pixels, arrays["offered"].tolist()
 
 
 _known = {}  # what _core_and_library has returned to this process
 
 
 def _core_and_library(config):
-    """The :class:`VerilogCore` of a hardware, and its library; once a process, for emitting alone takes seconds."""
+    """The top of a hardware, and its library; once a process, for emitting alone takes seconds."""
     key = config.hardware_hash, cache_folder()
     if key not in _known or not is_sound(_known[key][1]):
-        core = VerilogCore(config)
+        core = verilog_top(config)
         _known[key] = core, compile_library(core)
     return _known[key]

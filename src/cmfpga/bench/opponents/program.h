@@ -70,6 +70,16 @@ Work *work_new(const Job *job) {
     return NULL;
 }
 
+// frac((k + 1/2) * alpha) - 1/2 with the alphas of the R2 sequence: an overflow is what frac() does, and the sign bit
+// turned over takes 1/2 away.
+static void dither(Work *work) {
+    for (uint32_t k = 0; k < (uint32_t)work->total; ++k) {
+        const uint32_t along_x = 1621087444u + k * 3242174889u, along_y = 1223722707u + k * 2447445414u;
+        work->all[0][k] += (float)(int32_t)(along_x ^ 0x80000000u) * 0x1p-32f;
+        work->all[1][k] += (float)(int32_t)(along_y ^ 0x80000000u) * 0x1p-32f;
+    }
+}
+
 // Events of the ROI. First their numbers, without a branch that could be mispredicted.
 static void crop(Work *work, const Job *job) {
     const uint16_t *restrict x = job->x, *restrict y = job->y;
@@ -88,15 +98,7 @@ static void crop(Work *work, const Job *job) {
         work->since[k] = (int32_t)(job->t[index[k]] - first);
     }
     work->total = n;
-    if (job->dither) {
-        // frac((k + 1/2) * alpha) - 1/2 with the alphas of the R2 sequence: an overflow is what frac() does, and the
-        // sign bit turned over takes 1/2 away.
-        for (uint32_t k = 0; k < (uint32_t)n; ++k) {
-            const uint32_t along_x = 1621087444u + k * 3242174889u, along_y = 1223722707u + k * 2447445414u;
-            work->all[0][k] += (float)(int32_t)(along_x ^ 0x80000000u) * 0x1p-32f;
-            work->all[1][k] += (float)(int32_t)(along_y ^ 0x80000000u) * 0x1p-32f;
-        }
-    }
+    if (job->dither) dither(work);
 }
 
 // The events of an iteration, side by side, unless they are already.

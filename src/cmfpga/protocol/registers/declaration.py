@@ -46,6 +46,8 @@ def check(config):
     for name in ("hot_pixels", "background"):
         if getattr(config, name):
             raise ConfigError(f"{name} = 1: the AXI top has no such filter")
+    if config.regions:
+        raise ConfigError(f"regions = {config.regions}: the AXI top has one ROI")
     if config.motion != "translation":
         raise ConfigError(f"motion = {config.motion}: the AXI top has translation alone")
     if config.undistortion == "on":

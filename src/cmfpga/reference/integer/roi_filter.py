@@ -22,7 +22,7 @@ class Filtered:
     span: int  # t_N − t_1, µs
 
 
-def roi_filter(config, t, x, y, *, roi, hot=False, noise=False):
+def roi_filter(config, t, x, y, *, roi, size=None, hot=False, noise=False):
     """Events of a batch that lie in the ROI.
 
     Parameters
@@ -32,6 +32,8 @@ def roi_filter(config, t, x, y, *, roi, hot=False, noise=False):
         bits, as of :func:`cmfpga.camera.undistort`. The nearest pixel tells whether an event is in the ROI.
     roi : pair of int
         Left column and top row of the ROI.
+    size : pair of int, optional
+        Its columns and rows, by default the configuration's.
     hot, noise : bool arrays
         Events that are dropped, as :class:`~.noise_filter.NoiseFilter` judges them.
     """
@@ -46,7 +48,8 @@ def roi_filter(config, t, x, y, *, roi, hot=False, noise=False):
     half = (1 << frac) >> 1
     rx, ry = x - (roi[0] << frac), y - (roi[1] << frac)
     column, row = (rx + half) >> frac, (ry + half) >> frac
-    inside = (column >= 0) & (column < config.roi_width) & (row >= 0) & (row < config.roi_height)
+    width, height = size or (config.roi_width, config.roi_height)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     timely = ~(back | late)
     hot, noise = (np.broadcast_to(mask, len(t)) for mask in (hot, noise))
     good = timely & ~(hot | noise)

@@ -1,24 +1,18 @@
-"""Judge: whether the contrast's peak is sharp enough for v to be trusted, bit by bit."""
+"""Judge: whether the contrast's peak is sharp enough for v to be trusted, as the probes come."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
-from amaranth.lib import wiring
+from amaranth.hdl import Module
 from amaranth.lib.wiring import In, Out
 
-from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import delay, select
+from .curvature import subtract
+from .verdict import Deciding
 
 
-class Judge(wiring.Component):
+class Judge(Deciding):
     """The comparison of :func:`cmfpga.protocol.confidence.is_trusted`, by shifting and adding: no multiplier.
 
-    It
-
-    1. squares ΣI while the probes are summed, for A = P·Σ I² − (ΣI)²;
-    2. adds the gradients below v and subtracts those above it, as they come: the curvatures xx, yy, cross;
-    3. shifts all four left until one fills its register, and keeps the highest bits;
-    4. makes a = 4·n·xx − R·A, c = 4·n·yy − R·A and b = 4·n·cross, one after the other, a bit of 4·n and R a cycle;
-    5. makes 4·a·c − b², a bit of a and b a cycle.
+    ΣI is squared while the probes are summed (:class:`~.verdict.Deciding`), and their gradients are added and
+    subtracted as they come (:class:`~.curvature.Curvature`).
 
     ``done`` is high :attr:`latency` cycles after the gradient of the last probe, and ``doubtful`` right from then on.
 
@@ -46,126 +40,19 @@ class Judge(wiring.Component):
     """
 
     def __init__(self, config):
-        self.config = config
-        widths = config.widths
-        by_n, by_limit = widths.judge_scales
-        self._drop = widths.curvature_bits - widths.kept_bits  # steps of 3
-        self._factor_bits = max(bits_for(by_n * config.buffer_events), widths.limit_bits + by_limit.bit_length() - 1)
-        self.latency = 3 + self._drop + 3 * self._factor_bits + widths.judge_bits
         super().__init__(
+            config,
             {
-                **dict.fromkeys(("new_batch", "begin"), In(1)),
+                "new_batch": In(1),
                 "i": In(payloads.flow(payloads.gradient(config))),
-                "sum_i": In(payloads.sums(config)["i"].shape),
-                "squares": In(payloads.squares(config)),
-                "events": In(bits_for(config.buffer_events)),
-                "limit": In(widths.limit_bits),
                 "curvature": Out(payloads.curvature(config)),
-                "done": Out(1),
-                "doubtful": Out(1),
-            }
+            },
         )
+        self.latency = self._steps
 
     def elaborate(self, platform):
-        config, widths = self.config, self.config.widths
         m = Module()
-        wide = {
-            name: Signal(signed(widths.curvature_bits), name=name, reset_less=True)
-            for name in ("xx", "yy", "cross", "contrast")
-        }
-        subtracted = self._subtract(m)
-        square = self._square(m)
-        timer = Signal(range(max(self._drop, self._factor_bits, widths.judge_bits) + 1))
-        m.d.sync += timer.eq(Mux(timer == 0, self._factor_bits - 1, timer - 1))
-
-        # 3: two's complement, so the highest bits of a register are its value, rounded down.
-        full = Cat(*(value[-1] ^ value[-2] for value in wide.values())).any()
-        kept = {name: value[-widths.kept_bits :].as_signed() for name, value in wide.items()}
-        # 4, in two stages, so that three numbers are never added at once.
-        factors = [Signal(self._factor_bits, name=f"factor_{name}") for name in ("n", "limit")]
-        a, c, b = (Signal(signed(widths.judge_bits), name=name, reset_less=True) for name in "acb")
-        side = Signal.like(b, name="side")
-        turn, adding, ends = Signal(2), Signal(), Signal()
-        curvature = select(turn, [kept[name] for name in ("xx", "yy", "cross")])
-        limit = Mux(factors[1][-1] & (turn != 2), kept["contrast"], 0)
-        addend = Signal(signed(widths.kept_bits + 1), reset_less=True)
-        m.d.sync += [addend.eq(Mux(factors[0][-1], curvature, 0) - limit), adding.eq(0), ends.eq(timer == 0)]
-        scaled = Signal.like(b, name="scaled")
-        m.d.comb += scaled.eq((side << 1) + addend)
-        with m.If(adding):
-            m.d.sync += side.eq(scaled)
-            with m.If(ends):
-                m.d.sync += [a.eq(c), c.eq(b), b.eq(scaled), side.eq(Mux(turn == 3, scaled, 0))]
-        # 5, as well: the bits of a, and of b in ``side``, move up.
-        difference = Signal(signed(2 * widths.judge_bits + 3), reset_less=True)
-        growth = Signal(signed(widths.judge_bits + 3), reset_less=True)
-        first, none = Signal(), Signal()
-
-        with m.FSM(name="judge"):
-            with m.State("COLLECT"):
-                with m.If(subtracted):
-                    m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
-                    m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - square)
-                    m.d.sync += timer.eq(self._drop - 1)
-                    m.next = "SHIFT"
-            with m.State("SHIFT"):
-                with m.If(~full):
-                    m.d.sync += [value.eq(value << 1) for value in wide.values()]
-                m.d.sync += [side.eq(0), turn.eq(0)]
-                for factor, value, scale in zip(factors, (self.events, self.limit), widths.judge_scales, strict=True):
-                    m.d.sync += factor.eq(value * scale)
-                with m.If(timer == 0):
-                    m.next = "SCALE"
-            with m.State("SCALE"):
-                m.d.sync += [adding.eq(1), *(factor.eq(factor.rotate_left(1)) for factor in factors)]
-                with m.If(timer == 0):
-                    m.d.sync += turn.eq(turn + 1)
-                    with m.If(turn == 2):
-                        m.next = "SCALED"
-            with m.State("SCALED"):
-                m.d.sync += [timer.eq(widths.judge_bits - 1), first.eq(1)]
-                m.next = "COMPARE"
-            with m.State("COMPARE"):
-                m.d.sync += [first.eq(0), a.eq(a << 1), side.eq(side << 1)]
-                m.d.sync += growth.eq(Mux(a[-2], c << 2, 0) - Mux(side[-2], b, 0))
-                # The sign's bit of b counts negative, and that of a is 0 where it matters.
-                with m.If(first):
-                    m.d.sync += [difference.eq(Mux(side[-1], b, 0)), none.eq(a <= 0)]
-                with m.Else():
-                    m.d.sync += difference.eq((difference << 1) + growth)
-                with m.If(timer == 0):
-                    m.next = "DONE"
-            with m.State("DONE"):
-                m.d.comb += self.done.eq(1)
-                m.d.sync += self.doubtful.eq(none | (difference <= 0))
-                m.next = "COLLECT"
+        self._decide(m, subtract(m, self))
         with m.If(self.new_batch):
             m.d.sync += self.doubtful.eq(0)
         return m
-
-    def _subtract(self, m):
-        """Add and subtract gradients as they come; returns a pulse: the curvature is there."""
-        came = Signal(2)  # bit 0: from above v; bit 1: along y
-        g, last = self.i.payload, self.i.valid & came.all()
-        with m.If(self.new_batch):
-            m.d.sync += [self.curvature.eq(0), came.eq(0)]
-        with m.Elif(self.i.valid):
-            m.d.sync += came.eq(came + 1)
-            own, other = (
-                Mux(came[1], *pair) ^ came[0].replicate(len(g.x)).as_signed() for pair in ((g.y, g.x), (g.x, g.y))
-            )
-            for name, grows, addend in (("xx", ~came[1], own), ("yy", came[1], own), ("cross", 1, other)):
-                with m.If(grows):
-                    m.d.sync += self.curvature[name].eq(self.curvature[name] + addend + came[0])
-        return delay(m, last, 1, name="last", valid=True)
-
-    def _square(self, m):
-        """(ΣI)²: as many cycles as ΣI has bits, which the probes take anyway."""
-        bits = Signal.like(self.sum_i, name="bits", reset_less=True)
-        square, left = Signal(2 * len(bits), reset_less=True), Signal(range(len(bits) + 1))
-        with m.If(self.begin):
-            m.d.sync += [bits.eq(self.sum_i), left.eq(len(bits)), square.eq(0)]
-        with m.Elif(left != 0):
-            m.d.sync += [bits.eq(bits << 1), left.eq(left - 1)]
-            m.d.sync += square.eq((square << 1) + Mux(bits[-1], self.sum_i, 0))
-        return square

@@ -32,6 +32,12 @@ class RoiFilter(wiring.Component):
 
     One event per cycle; latency :attr:`latency` cycles.
 
+    Parameters
+    ----------
+    config : Config
+    size : (int, int), optional
+        Columns and rows, by default the ROI's.
+
     Members
     -------
     i : ``In``, flow of :func:`payloads.undistorted_event`
@@ -48,12 +54,13 @@ class RoiFilter(wiring.Component):
 
     latency = 3
 
-    def __init__(self, config):
+    def __init__(self, config, size=None):
         self.config = config
+        self._size = size or (config.roi_width, config.roi_height)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.undistorted_event(config))),
-                "o": Out(payloads.flow(payloads.roi_event(config))),
+                "o": Out(payloads.flow(payloads.roi_event(config, *self._size))),
                 "start": In(1),
                 "roi": In(payloads.roi_corner(config)),
                 "measured": Out(measured(config)),
@@ -62,7 +69,7 @@ class RoiFilter(wiring.Component):
 
     def elaborate(self, platform):
         config, found, frac = self.config, self.measured, self.config.formats.event_frac
-        width, height = config.roi_width, config.roi_height
+        width, height = self._size
         m = Module()
 
         # Stage 1: register the event; the first one sets t_1.

@@ -29,7 +29,7 @@ class Undistorter(wiring.Component):
         Fills the table. Not while events of a batch come that uses it.
     """
 
-    latency = 7
+    latency = 8
 
     def __init__(self, config):
         self.config = config
@@ -51,7 +51,8 @@ class Undistorter(wiring.Component):
         with m.If(self.start):
             m.d.sync += enabled.eq(self.enable)
 
-        # Stage 1: the RAMs read. Of the nodes left and right of an event, one has an even column.
+        # Stages 1 and 2: the RAMs read, and their output registers. Of the nodes left and right of an event, one has an
+        # even column.
         column, row = event.x >> cell, event.y >> cell
         node = data.StructLayout({name: payloads.node_write(config)[name].shape for name in ("x", "y")})
         banks = []
@@ -66,11 +67,11 @@ class Undistorter(wiring.Component):
                 write.en.eq(self.write.valid & (put.column[0] == odd_column) & (put.row[0] == odd_row)),
                 read.addr.eq(Cat(((column + 1 - odd_column) >> 1)[:bits], (row + 1 - odd_row) >> 1)),
             ]
-            banks.append(read.data)
+            banks.append(delay(m, read.data, 1, name=f"node_{2 * odd_row + odd_column}"))
         from_odd_column, from_odd_row = (
-            delay(m, axis[0], 1, name=f"odd_{name}") for axis, name in ((column, "column"), (row, "row"))
+            delay(m, axis[0], 2, name=f"odd_{name}") for axis, name in ((column, "column"), (row, "row"))
         )
-        right, down = delay(m, event.x[:cell], 3, name="right"), delay(m, event.y[:cell], 5, name="down")
+        right, down = delay(m, event.x[:cell], 4, name="right"), delay(m, event.y[:cell], 6, name="down")
 
         def between(a, b, factor, name):
             """Two cycles: ``a`` and ``factor``/2^cell of the way to ``b``, with ``cell`` fraction bits more."""
@@ -78,7 +79,7 @@ class Undistorter(wiring.Component):
             return delay(m, a.shift_left(cell) + small_product(way, factor), 1, name=name)
 
         for axis, place, fmt in (("x", event.x, config.formats.node_x), ("y", event.y, config.formats.node_y)):
-            # Stage 2: the nodes as they lie around the event.
+            # Stage 3: the nodes as they lie around the event.
             rows = []
             for even, odd in (banks[:2], banks[2:]):
                 rows.append(
@@ -88,13 +89,13 @@ class Undistorter(wiring.Component):
                 [delay(m, Mux(from_odd_row, *pair), 1, name=f"{axis}_{name}") for pair in zip(*order, strict=True)]
                 for order, name in ((rows[::-1], "above"), (rows, "below"))
             )
-            # Stages 3 and 4: along the row. Stages 5 and 6: along the column.
+            # Stages 4 and 5: along the row. Stages 6 and 7: along the column.
             above, below = (
                 between(*pair, right, f"{axis}_{name}")
                 for pair, name in ((above, "above_event"), (below, "below_event"))
             )
             moved = between(above, below, down, f"{axis}_moved")
-            # Stage 7: round, add; half a pixel more, as the filter wants it.
+            # Stage 8: round, add; half a pixel more, as the filter wants it.
             drop = 2 * cell + fmt.f - frac
             rounded = (Mux(enabled, moved, 0) + (1 << (drop - 1))).shift_right(drop)
             middle = delay(m, place, self.latency - 1, name=f"start_{axis}")

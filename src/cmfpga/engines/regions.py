@@ -1,0 +1,80 @@
+"""Engines of hardware with a table of regions: the same batches through the emitted Verilog, the models, float64."""
+
+import pkgutil
+
+from ..errors import ConfigError
+from .base import check_events
+
+#: ``module:class`` of what ascends, by the engine's name.
+_CORES = {
+    "model": "cmfpga.reference.integer.core:IntegerCore",
+    "float": "cmfpga.reference.float_core:FloatCore",
+}
+ENGINES = ("rtl", *_CORES)
+
+
+class RegionEngine:
+    """Runs batches, one after the other, and keeps what the hardware keeps between them: each region's v and place.
+
+    Parameters
+    ----------
+    name : str
+        ``rtl``, ``model`` or ``float``.
+    config : Config
+        With ``regions``.
+
+    Attributes
+    ----------
+    note : str
+        What the user should know about how this engine runs; may be empty.
+    """
+
+    def __init__(self, name, config):
+        if name not in ENGINES:
+            raise ConfigError(f"engine {name!r}: one of {', '.join(ENGINES)} is needed where there are regions")
+        if not config.regions:
+            raise ConfigError("regions = 0: hardware with regions of 1 or more is needed")
+        self.name, self.config, self.note = name, config, ""
+        if name == "rtl":
+            from ..simulation.regions import VerilatedRegions
+
+            self._hardware = VerilatedRegions(config)
+        else:
+            import torch
+
+            from ..reference.regions import RegionSequence
+
+            torch.set_num_threads(1)
+            self._hardware = RegionSequence(pkgutil.resolve_name(_CORES[name])(config))
+
+    def write(self, regions):
+        """Replace the table of regions by these :class:`~cmfpga.protocol.regions.Region`; between batches.
+
+        A row that changes forgets what was measured, and where it moved to. Raises :exc:`ConfigError`.
+        """
+        self._hardware.write(regions)
+
+    def run(self, events, settings):
+        """One batch of at least one event: a :class:`BatchResult` with an outcome for each row of the table.
+
+        Parameters
+        ----------
+        events : Events
+        settings : BatchSettings
+            Run-time inputs; ``roi``, ``thinning``, ``thin_target`` and ``start_last`` mean nothing here.
+
+        Raises
+        ------
+        ConfigError
+            The batch is larger than the store, or an event lies outside the sensor.
+        """
+        limit = self.config.max_batch_events
+        if not 1 <= len(events) <= limit:
+            raise ConfigError(f"a batch of {len(events)} events: 1 to {limit} are allowed (max_batch_events)")
+        check_events(self.config, events)
+        return self._hardware.run(events.t, events.x, events.y, settings)
+
+    def close(self):
+        """Release what the engine holds."""
+        if hasattr(self._hardware, "close"):
+            self._hardware.close()

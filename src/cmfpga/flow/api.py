@@ -1,0 +1,118 @@
+"""Dense flow from Python: ``cmfpga.flow.flow(recording, …)``."""
+
+import contextlib
+import warnings
+
+from ..camera import camera_fields
+from ..config import preset as find_preset
+from ..engines.regions import RegionEngine
+from ..errors import ConfigError
+from ..events import Recording, is_live
+from ..events.source import EventSource
+from ..tracking.source import Source, own_camera, sensor_fields, unit_note
+from .fields import check
+from .result import Flow
+from .run import Run
+from .tiles import TILE, grid
+
+#: What the command and :func:`flow` take if nothing is told.
+PRESET, ENGINE = "flow", "model"
+
+
+def flow(
+    recording, *, tile=TILE, step=None, window_events=None, window_us=None, start_event=0, windows=None, fit=None,
+    preset=PRESET, engine=ENGINE, sensor=None, time_unit=None, columns=None, dataset=None, **fields,
+):  # fmt: skip
+    """Dense optical flow of a recording, by the simulated hardware.
+
+    Parameters
+    ----------
+    recording : str, Path, EventSource, Synthetic, or events in memory
+        As of :func:`cmfpga.track`, but no stream. Where a file holds its calibration, events are undistorted by it.
+    tile, step : int
+        Width and height of a tile, and from a tile to the next one, px; by default 32, and half a tile.
+    window_events, window_us : int, optional
+        Events, or µs, of each window; without either as many events as suit the motion.
+    start_event, windows : int
+        First event; stop after so many windows (default: at the end).
+    fit : {"translation", "similarity", "affine", "rotation"}, optional
+        Fit one motion to the field of each window; a rotation needs a calibration.
+    preset : str
+        Configuration to begin with; one with regions.
+    engine : {"rtl", "model", "float"}
+    sensor, time_unit, columns, dataset : optional
+        As of :func:`cmfpga.track`.
+    **fields
+        Fields of the configuration to change; ``camera`` as of :func:`cmfpga.track`.
+
+    Returns
+    -------
+    Flow
+
+    Raises
+    ------
+    UserError
+        An argument, a field or the recording cannot be used; one line.
+    """
+    with contextlib.ExitStack() as stack:
+        source = Source(recording, sensor=sensor, time_unit=time_unit, columns=columns, dataset=dataset)
+        opened = source.open(stack)
+        if fields.get("camera"):
+            fields |= camera_fields(fields["camera"], opened)
+        config, tiles, notes = configure(opened, preset, fields, tile, step, lambda name: f"{name}=")
+        for note in (*(opened.notes() if isinstance(opened, Recording) else ()), *notes):
+            warnings.warn(note, stacklevel=2)
+        if fit:
+            check(fit, config)
+        running = stack.enter_context(contextlib.closing(RegionEngine(engine, config)))
+        size = {"window_events": window_events, "window_us": window_us}
+        run = Run(opened, running, tiles, start_event=start_event, windows=windows, **size)
+        found = Flow(config, tiles, source.name, engine, fit)
+        for window in run:
+            found.add(window)
+    if not len(found):
+        raise run.cutter.too_few()
+    found.leftover, found.limited = run.cutter.leftover, run.limited
+    return found
+
+
+def configure(source, preset, fields, tile, step, option):
+    """The configuration and the table of regions for a source.
+
+    Parameters
+    ----------
+    source : EventSource
+    preset : str
+    fields : dict
+        Given ones, which go before what the source says.
+    tile, step : int
+        As of :func:`~.tiles.grid`.
+    option : callable
+        ``option(name)``: how a user says ``sensor`` or ``time_unit``.
+
+    Returns
+    -------
+    Config, Tiles, list of str
+        And notes for the user. Raises :exc:`ConfigError`.
+    """
+    if is_live(source) if not isinstance(source, EventSource) else not source.seekable:
+        raise ConfigError(f"{source.name}: a stream; a recording is needed")
+    usual = find_preset(preset)
+    if not fields.get("regions", usual.regions):
+        raise ConfigError(f"preset {preset!r} has no regions; preset 'flow' is needed, or regions = 1 or more")
+    found, size_note = sensor_fields(source, fields, lambda: usual, option("sensor"))
+    notes = [note for note in (unit_note(source, option("time_unit")), size_note) if note]
+    if fields.get("undistortion", usual.undistortion) != "off" and not fields.get("camera"):
+        found |= own_camera(source)
+    config = usual.replace(**{**found, **fields})
+    tiles = grid(config, tile, step)
+    if len(tiles.regions) > config.regions:
+        if "regions" in fields or len(tiles.regions) > 1024:
+            raise ConfigError(
+                f"tiles of {tile} px: {len(tiles.regions)} regions; at most "
+                f"{config.regions if 'regions' in fields else 1024} are allowed (regions): "
+                "larger tiles, or a larger step, are needed"
+            )
+        notes.append(f"a table of {len(tiles.regions)} regions; preset {preset!r} has {config.regions}")
+        config = config.replace(regions=len(tiles.regions))
+    return config, tiles, notes

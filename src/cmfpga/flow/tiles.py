@@ -1,0 +1,97 @@
+"""The table of regions of dense flow: a grid of tiles in two levels.
+
+Coarse tiles, as large as the hardware's image and side by side, begin anew in each window. Fine tiles overlap and begin
+where the nearest coarse one ended, so that their schedule is short; the image around them keeps the votes of events
+that leave them.
+"""
+
+import math
+from dataclasses import dataclass
+
+from ..errors import ConfigError
+from ..protocol.regions import Region
+
+#: Width and height of a tile, px; the next one begins half of that further on.
+TILE = 32
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """A grid of tiles.
+
+    Parameters
+    ----------
+    columns, rows : tuple of int
+        Left columns and top rows of the fine tiles, px.
+    width, height : int
+        Of a fine tile, px.
+    regions : tuple of Region
+        The hardware's table: the coarse tiles, then the fine ones, row by row.
+    """
+
+    columns: tuple
+    rows: tuple
+    width: int
+    height: int
+    regions: tuple
+
+    def __len__(self):
+        return len(self.columns) * len(self.rows)
+
+    @property
+    def corners(self):
+        """Left column and top row of each fine tile, px."""
+        return [(x, y) for y in self.rows for x in self.columns]
+
+    def of(self, result):
+        """The outcomes of the fine tiles of a batch's result."""
+        return result.regions[len(self.regions) - len(self) :]
+
+
+def grid(config, tile=TILE, step=None):
+    """The :class:`Tiles` of a sensor. The last column and row of tiles end where the sensor does.
+
+    Parameters
+    ----------
+    config : Config
+        Sizes of the sensor and of the image; ``regions`` need not be large enough.
+    tile : int
+        Width and height of a fine tile, px; no larger than the image.
+    step : int, optional
+        From a tile to the next one, px; by default half a tile.
+
+    Raises
+    ------
+    ConfigError
+        A size is not allowed.
+    """
+    sensor = config.sensor_width, config.sensor_height
+    coarse = tuple(map(min, sensor, (config.roi_width, config.roi_height)))
+    if not 4 <= tile <= min(coarse):
+        raise ConfigError(f"tile = {tile}: 4 to {min(coarse)} px are allowed (roi_width, roi_height, sensor)")
+    step = max(1, tile // 2) if step is None else step
+    if not 1 <= step <= tile:
+        raise ConfigError(f"step = {step}: 1 to {tile} px are allowed, or events would be in no tile")
+    columns, rows = (_places(size, tile, step) for size in sensor)
+    first, parents = [], ()
+    if tile < min(coarse):
+        parents = tuple(_places(size, side, side) for size, side in zip(sensor, coarse, strict=True))
+        first = [Region(x=x, y=y, width=coarse[0], height=coarse[1]) for y in parents[1] for x in parents[0]]
+
+    def fine(x, y):
+        if not parents:
+            return Region(x=x, y=y, width=tile, height=tile)
+        column, row = (_nearest(*one) for one in zip((x, y), parents, coarse, (tile, tile), strict=True))
+        return Region(x=x, y=y, width=tile, height=tile, start="parent", parent=row * len(parents[0]) + column)
+
+    return Tiles(columns, rows, tile, tile, (*first, *(fine(x, y) for y in rows for x in columns)))
+
+
+def _places(size, side, step):
+    count = math.ceil((size - side) / step) + 1
+    return tuple(min(k * step, size - side) for k in range(count))
+
+
+def _nearest(at, places, side, own):
+    """Number of the place whose middle is nearest."""
+    return min(range(len(places)), key=lambda k: abs(2 * places[k] + side - 2 * at - own))

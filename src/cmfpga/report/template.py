@@ -1,0 +1,29 @@
+"""A page as one HTML file: a template, filled in; data in base64."""
+
+import base64
+import importlib.resources
+import json
+
+
+def fill(page, parts, head, blob):
+    """A page's text: ``{{name}}`` in it replaced by ``parts[name]``.
+
+    ``{{head}}`` becomes what :mod:`json` makes of ``head``, and ``{{blob}}`` the bytes of ``blob`` in base64.
+    """
+    # In a script element only "</" and "<!--" have a meaning.
+    text = json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
+    parts = {**parts, "head": text, "blob": base64.b64encode(blob).decode()}
+    names = [piece.partition("}}")[0] for piece in page.split("{{")[1:]]
+    pieces = [page.partition("{{")[0]] + [piece.partition("}}")[2] for piece in page.split("{{")[1:]]
+    return pieces[0] + "".join(parts[name] + piece for name, piece in zip(names, pieces[1:], strict=True))
+
+
+def asset(name, package=__package__):
+    """The text of a file beside the modules of ``package``."""
+    return importlib.resources.files(package).joinpath(name).read_text(encoding="utf-8")
+
+
+def shown_name(recording):
+    """A file's name; signs that cannot be shown as ``?``."""
+    name = recording.encode("utf-8", "replace").decode()
+    return "".join(sign if sign.isprintable() else "?" for sign in name)

@@ -1,0 +1,163 @@
+"""The iterating half of a core: everything from the event buffer to the judge."""
+
+from amaranth.hdl import Mux
+from amaranth.lib.wiring import connect, flipped
+
+from ..config.schedule import ScheduleEntry, used_events
+from ..protocol.settings import by_signs
+from .arithmetic import delay
+from .ascent import ASCENTS
+from .ascent.gradient import Gradient
+from .confidence.judge import Judge
+from .confidence.probe import Probe
+from .image import image_of
+from .image.lane import Lane
+from .ingest.event_buffer import EventBuffer
+from .iteration_control import IterationControl
+
+
+class Iterating:
+    """What :class:`~cmfpga.rtl.core.Core` and a unit of :class:`~cmfpga.rtl.regions.regions.Regions` share.
+
+    A component that inherits it makes the blocks, puts them into its module, and connects them; it fills the event
+    buffer, hands batches over to ``iteration_control``, and offers the results.
+    """
+
+    def _make_iterating(self, *, move=1, settle=1, judge=Judge):
+        """The blocks; ``move`` and ``settle`` are the cycles of an ROI's update.
+
+        ``judge`` is a :class:`Judge`, or the :class:`~.confidence.curvature.Curvature` for one who decides elsewhere.
+        """
+        config = self.config
+        self.event_buffer = EventBuffer(config)
+        self.lanes = [Lane(config, number) for number in range(config.lanes)]
+        self.warp, self.voter = (self.lanes[0].blocks[name] for name in ("warp", "voter"))
+        in_flight = self.event_buffer.latency + self.lanes[0].latency - 1
+        self.image = image_of(config)(config, in_flight=in_flight)
+        self.gradient = Gradient(config, lead=self.image.lead)
+        self.ascent = ASCENTS[config.ascent](config)
+        self.probe = Probe(config) if config.confidence else None
+        self.judge = judge(config) if config.confidence else None
+        # From a replay to the warp; from the last vote to the next v.
+        self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
+        self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
+        self.iteration_control = IterationControl(
+            config,
+            replay_delay=max(0, self._evaluate - self._feed),
+            move=move,
+            settle=settle,
+            probe_delay=Probe.latency,
+        )
+
+    @property
+    def blocks(self):
+        """The boxes, but in place of image and ascent what they are made of."""
+        boxes = [getattr(block, "blocks", {name: block}) for name, block in self.boxes.items()]
+        return {name: block for box in boxes for name, block in box.items()}
+
+    @property
+    def iteration_latency(self):
+        """L: an iteration of n events takes n + L cycles from one v to the next, and those of the image's sweep.
+
+        The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
+        in one pass the last vote.
+        """
+        return self.warp.latency + self.voter.latency - 1 + max(self._evaluate, self._feed)
+
+    @property
+    def sweep_cycles(self):
+        """Cycles of an iteration between its last vote and the image being complete: P/4 with the sweep."""
+        return self.image.sweep_cycles
+
+    @property
+    def judge_latency(self):
+        """Cycles that a batch takes more if v's confidence is measured, beside those of four iterations."""
+        return self.probe.latency + self.judge.latency - self.ascent.latency
+
+    def iterated_cycles(self, roi_events, iterations, judge=None, most=False):
+        """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`CycleFormula.cycles`."""
+        judged = self.config.confidence and (self.config.judge if judge is None else judge)
+        every = ScheduleEntry(0, None)
+        plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
+        plan, more = ((*plan, *[every] * 4), self.judge_latency) if judged else (plan, 0)
+        groups = [-(-n // self.config.lanes) for n in used_events(plan, roi_events)]
+        votes = sum(map(self.image.most_cycles, groups) if most else groups)
+        return votes + len(plan) * (self.sweep_cycles + self.iteration_latency) + more
+
+    def iterated_formula(self, beside):
+        """The same as text, where a schedule says which events are used, and ``beside`` cycles more."""
+        each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
+        each = f"({each})" if self.sweep_cycles else each
+        n, n_k = (f"⌈{n}/{self.config.lanes}⌉" if self.config.lanes > 1 else n for n in ("n", "n_k"))
+        if self.judge is None:
+            return f"Σ {n_k} + T·{each} + {beside}"
+        return f"Σ {n_k} + 4·{n} + (T + 4)·{each} + {beside + self.judge_latency}"
+
+    def _add_boxes(self, m):
+        """Put the boxes into the module."""
+        pausing = {name: lane for lane in self.lanes for name in lane.boxes}
+        for name, block in self.boxes.items():
+            m.submodules[name] = pausing[name].pausing(block, self.image.room) if name in pausing else block
+
+    def _iterate(self, m, batch, reciprocal):
+        """Replay while there is room, scale, warp, vote, sum; ``batch`` and ``reciprocal`` say how times are scaled."""
+        control, image = self.iteration_control, self.image
+        for lane in self.lanes:
+            lane.connect(m, self.event_buffer, image)
+        for lane in self.lanes[1:]:
+            lane.dither_as(m, self.lanes[0])
+        m.d.comb += [self.event_buffer.replay.eq(control.replay), self.event_buffer.room.eq(image.room)]
+        for lane in self.lanes:
+            v = self.ascent.warped if self.config.confidence else self.ascent.v
+            lane.scale_and_warp(m, batch, reciprocal, v, self.ascent.level)
+        m.d.comb += [
+            control.complete.eq(image.complete),
+            image.next.eq(control.run.updated | self._probed(m) if self.config.confidence else control.run.updated),
+        ]
+        if by_signs(self.config):
+            stride = self.ascent.stride
+            m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
+            for lane in self.lanes:
+                lane.replay_subsets(m, self.event_buffer)
+
+    def _ascend(self, m):
+        """The gradient of the sums moves v."""
+        connect(m, self.image.sums, self.gradient.i)
+        connect(m, self.iteration_control.run, self.ascent.run)
+        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & self.iteration_control.iterating)
+        m.d.comb += self.ascent.i.payload.eq(self.gradient.o.payload)
+        if hasattr(self, "schedule_write"):
+            connect(m, flipped(self.schedule_write), self.ascent.schedule_write)
+
+    def _confide(self, m, events):
+        """Behind the last iteration: four more replays beside v; the gradients tell. ``events`` is n."""
+        control, probe, judge = self.iteration_control, self.probe, self.judge
+        connect(m, probe.o, self.ascent.probe)
+        m.d.comb += [
+            *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
+            probe.begin.eq(control.begin),
+            probe.iterating.eq(control.iterating),
+            probe.complete.eq(control.complete),
+            probe.v.eq(self.ascent.v),
+            probe.sums.valid.eq(self.image.sums.valid),
+            probe.sums.payload.eq(self.image.sums.payload),
+            probe.squares.eq(self.image.squares),
+            judge.i.valid.eq(self.gradient.o.valid & control.probing),
+            judge.i.payload.eq(self.gradient.o.payload),
+            control.more.eq(probe.more),
+            control.judged.eq(judge.done),
+        ]
+        if not isinstance(judge, Judge):
+            return
+        m.d.comb += [
+            judge.begin.eq(delay(m, control.begin, 1, name="begin", valid=True)),  # no hurry; many wait for it
+            judge.sum_i.eq(probe.last.i),
+            judge.squares.eq(probe.last_squares),
+            judge.events.eq(events),
+            judge.limit.eq(control.run.settings.confidence_limit),
+            control.run.doubtful.eq(judge.doubtful),
+        ]
+
+    def _probed(self, m):
+        """A pulse: a probe is over, as ``updated`` says of an iteration."""
+        return delay(m, self.judge.i.valid, self.ascent.latency, name="probed", valid=True)

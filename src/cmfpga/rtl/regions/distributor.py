@@ -1,0 +1,231 @@
+"""Distributor: goes through the table of regions, and gives each region's events to a unit."""
+
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for, round_half_up
+from ...protocol.regions import STARTS
+from .. import payloads as common
+from ..arithmetic import delay
+from . import payloads
+
+
+def place_of(position):
+    """Left column and top row of a region, rounded to whole pixels."""
+    return {axis: round_half_up(position[axis], shape.q.f) for axis, shape in position.shape().members.items()}
+
+
+class Distributor(wiring.Component):
+    """Row by row, in a state machine.
+
+    IDLE
+        Wait for a batch.
+    DIVIDE
+        Wait for the reciprocal of its time range.
+    ROW, START
+        Read a row of the table and what is kept of its region; then that of the region whose v it starts with, which
+        must have been measured in this batch.
+    UNIT
+        Wait for a unit that can be loaded; one that is idle comes first.
+    BINS
+        Ask for the bins that the region overlaps, row by row.
+    DRAIN
+        Wait for their events, which are cropped; hand the region over.
+    REST
+        All rows are handed over: wait for the outcomes.
+    CLEAR
+        Forget the batch.
+
+    A region of n events in b bins takes n' + b + 15 cycles or less, n' being the events in all its bins and an empty
+    bin counting as five, and more only while it waits for a unit or for its parent.
+
+    Parameters
+    ----------
+    config : Config
+
+    Members
+    -------
+    take : ``In(1)``
+        A batch is complete; not while it is not ``free``.
+    free : ``Out(1)``
+    settings : ``In``, :func:`~cmfpga.rtl.payloads.settings`
+        Of the batch, from the cycle after ``take``.
+    divide : ``Out(1)``, divided : ``In(1)``
+        Begin to divide; the units' times are right.
+    number : ``Out``
+        Whose row is looked up.
+    row, state : ``In``, :func:`payloads.row`, :func:`payloads.state`
+        Of that number, two cycles later.
+    turn : ``Out(1)``
+        Changes from batch to batch.
+    read, events, busy
+        As those of the store.
+    clear : ``Out(1)``, cleared : ``In(1)``
+        Of the store.
+    o : ``Out``, flow of :func:`~cmfpga.rtl.payloads.roi_event`
+        Events of a region; position in the unit's image.
+    ready, idle : ``In``
+        A bit for each unit.
+    begin, commit : ``Out``
+        The same; one cycle.
+    job : ``Out``, :func:`payloads.job`
+        With ``commit``.
+    finished : ``In(1)``
+        All outcomes of the batch have been taken.
+    """
+
+    def __init__(self, config):
+        self.config = config
+        units, bins = config.units, bits_for(config.store.bins - 1)
+        super().__init__(
+            {
+                **dict.fromkeys(("take", "divided", "busy", "cleared", "finished"), In(1)),
+                **dict.fromkeys(("free", "divide", "turn", "clear"), Out(1)),
+                "settings": In(common.settings(config)),
+                "number": Out(config.store.number_bits),
+                "row": In(payloads.row(config)),
+                "state": In(payloads.state(config)),
+                "read": Out(stream.Signature(bins)),
+                "events": In(common.flow(payloads.stored_event(config))),
+                "o": Out(common.flow(common.roi_event(config))),
+                **dict.fromkeys(("ready", "idle"), In(units)),
+                **dict.fromkeys(("begin", "commit"), Out(units)),
+                "job": Out(payloads.job(config)),
+            }
+        )
+
+    def elaborate(self, platform):
+        config, store = self.config, self.config.store
+        m = Module()
+        row, state, job = Signal(payloads.row(config)), Signal(payloads.state(config)), self.job
+        settings = self.settings
+        current = Signal(store.number_bits)  # the row that is being looked at
+        timer = Signal(range(8))
+        unit = Signal(config.units)  # one-hot: that which is loaded
+        # One that is idle, else one that can be loaded: the lowest.
+        free = Mux((self.ready & self.idle).any(), self.ready & self.idle, self.ready)
+        chosen = free & (~free + 1)[: config.units]
+
+        source = self.state
+        warm, restarted = Signal(), Signal()
+        of_parent, measured = row.start == STARTS.index("parent"), Signal()
+        given = row.start == STARTS.index("given")
+        wanted = source.followed & ~given
+        doubtful = source.doubtful & settings.cold_after_doubtful if config.confidence else Const(0, 1)
+        corner, last_bin, place, column, line = self._geometry(m, row, state)
+        m.d.comb += self.number.eq(Mux(of_parent, row.parent, current))
+        m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
+        with m.FSM(name="distribute"):
+            with m.State("IDLE"):
+                m.d.comb += self.free.eq(1)
+                m.d.sync += [current.eq(0), row.start.eq(0)]
+                with m.If(self.take):
+                    m.d.sync += self.turn.eq(~self.turn)
+                    m.next = "TAKEN"
+            with m.State("TAKEN"):
+                m.d.comb += self.divide.eq(1)
+                m.next = "DIVIDE"
+            with m.State("DIVIDE"):
+                m.d.sync += timer.eq(2)
+                with m.If(self.divided):
+                    m.next = "ROW"
+            with m.State("ROW"):  # ``row.start`` is 0, so that the number is the current one
+                with m.If(timer == 0):
+                    m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(2)]
+                    m.next = "START"
+            with m.State("START"):
+                # Twice, because what a RAM returns while it is written is not said.
+                m.d.sync += measured.eq((timer == 0) & (source.turn == self.turn))
+                with m.If((timer == 0) & (~of_parent | (measured & (source.turn == self.turn)))):
+                    m.d.sync += [warm.eq(wanted & ~doubtful), restarted.eq(wanted & doubtful)]
+                    m.d.sync += [job.settings.eq(settings), job.settings.start_last.eq(0)]  # v_start says it
+                    m.d.sync += job.settings.v_start.eq(
+                        Mux(wanted & ~doubtful, source.v.as_value(), settings.v_start.as_value())
+                    )
+                    m.next = "UNIT"
+            with m.State("UNIT"):
+                m.d.sync += [
+                    job.settings.cold.eq(Mux(warm, row.warm.as_value(), row.cold.as_value())),
+                    job.number.eq(current),
+                    job.stride.eq(row.stride),
+                    job.restarted.eq(restarted),
+                    column.eq(place["x"][config.bin_bits :]),
+                    line.eq(place["y"][config.bin_bits :]),
+                ]
+                with m.If(free.any()):
+                    m.d.comb += self.begin.eq(chosen)
+                    m.d.sync += unit.eq(chosen)
+                    m.next = "BINS"
+            with m.State("BINS"):
+                m.d.comb += self.read.valid.eq((column <= last_bin["x"]) & (line <= last_bin["y"]))
+                m.d.sync += timer.eq(4)
+                with m.If(self.read.ready | ~self.read.valid):
+                    m.d.sync += column.eq(column + 1)
+                    with m.If(column >= last_bin["x"]):
+                        m.d.sync += [column.eq(place["x"][config.bin_bits :]), line.eq(line + 1)]
+                        with m.If(line >= last_bin["y"]):
+                            m.next = "DRAIN"
+            with m.State("DRAIN"):
+                with m.If(self.busy):
+                    m.d.sync += timer.eq(4)
+                with m.Elif(timer == 0):
+                    m.d.comb += self.commit.eq(unit)
+                    m.d.sync += [current.eq(current + 1), row.start.eq(0), timer.eq(2)]
+                    m.next = "ROW"
+                    with m.If(current + 1 >= settings.rows):
+                        m.next = "REST"
+            with m.State("REST"):
+                with m.If(self.finished):
+                    m.d.comb += self.clear.eq(1)
+                    m.next = "CLEAR"
+            with m.State("CLEAR"):
+                with m.If(self.cleared):
+                    m.next = "IDLE"
+        m.d.comb += self.read.payload.eq(Cat(column[: store.column_bits], line))
+        self._crop(m, row, corner)
+        return m
+
+    def _geometry(self, m, row, state):
+        """Registers that follow from row and state: where the image lies, the last bins, the region's place."""
+        config = self.config
+        corner, last_bin, place = {}, {}, {}
+        grid = {"x": config.store.columns, "y": config.store.rows}
+        sizes = {"x": config.geometry.x_bits, "y": config.geometry.y_bits}
+        for axis, at in place_of(state.position).items():
+            bits = sizes[axis]
+            place[axis] = Signal(bits, name=f"place_{axis}")
+            corner[axis] = Signal(signed(bits + 1), name=f"corner_{axis}")
+            last_bin[axis] = Signal(bits_for(grid[axis] - 1), name=f"last_bin_{axis}")
+            last = Signal(bits + 1, name=f"last_{axis}")
+            m.d.sync += [
+                place[axis].eq(at),
+                corner[axis].eq(at - row.begin[axis]),
+                last.eq(at + (row.end[axis] - row.begin[axis]).as_unsigned()[: bits + 1] - 1),
+            ]
+            beyond = last[config.bin_bits :]
+            m.d.sync += last_bin[axis].eq(Mux(beyond > grid[axis] - 1, grid[axis] - 1, beyond))
+        column = Signal(len(last_bin["x"]) + 1, name="column")
+        line = Signal(len(last_bin["y"]) + 1, name="line")
+        return corner, last_bin, place, column, line
+
+    def _crop(self, m, row, corner):
+        """Events of the bins that lie in the region, by its stride."""
+        frac = self.config.formats.event_frac
+        event, inside = self.events.payload, Const(1, 1)
+        stage_1 = Signal(self.o.payload.shape(), reset_less=True)
+        for axis in ("x", "y"):
+            moved = (event[axis] - Cat(Const(0, frac), corner[axis]).as_signed()).as_signed()
+            whole = moved[frac:].as_signed()
+            inside &= (whole >= row.begin[axis]) & (whole < row.end[axis])
+            m.d.sync += stage_1[axis].eq(moved[: len(stage_1[axis])])
+        m.d.sync += stage_1.t.eq(event.t)
+        valid_s1 = delay(m, self.events.valid & inside, 1, name="inside", valid=True)
+        found = self.job.found
+        skipped = Signal(1 << len(row.stride))
+        m.d.sync += skipped.eq((1 << row.stride) - 1)
+        with m.If(self.begin.any()):
+            m.d.sync += found.eq(0)
+        with m.Elif(valid_s1):
+            m.d.sync += found.eq(found + 1)
+        m.d.sync += [self.o.valid.eq(valid_s1 & ((found & skipped) == 0)), self.o.payload.eq(stage_1)]

@@ -1,0 +1,223 @@
+"""Regions: events in, the motion of many regions of each batch out."""
+
+from amaranth.hdl import Module, Signal
+from amaranth.lib import memory, stream, wiring
+from amaranth.lib.wiring import In, Out, connect, flipped
+
+from .. import payloads as common
+from ..arithmetic import delay
+from ..ingest.front import WRITES, connect_front, make_front
+from ..ingest.ingest_control import IngestControl
+from ..ingest.reciprocal import Reciprocal
+from ..ingest.roi_filter import RoiFilter
+from . import payloads
+from .collector import Collector
+from .distributor import Distributor
+from .store import Store
+from .unit import Unit
+
+
+class Regions(wiring.Component):
+    """Contrast Maximization of many regions of each batch::
+
+        i ─► ingest control ─► filter ─► store ─► distributor ─┬─► unit 0 ─────┬─► collector ─► o
+                  │ batch        │ t_1, t_N          ▲  ▲       ├─► unit 1 ─────┤      │
+                  ▼              └──► reciprocal     │  │       └─► unit U − 1 ─┘      │
+              distributor                    table of regions,  states ◄──────────────┘
+
+    The filter passes what lies on the sensor; in front of it may stand what :mod:`~cmfpga.rtl.ingest.front` has. A row
+    of the table says which events a region has, and how its motion is looked for
+    (:class:`cmfpga.protocol.regions.Region`). Results come in the order in which units finish; each has its region's
+    number. A result does not depend on that order, nor on how fast events come or results go.
+
+    One event per cycle at ingest, while the batch before is measured.
+
+    Parameters
+    ----------
+    config : Config
+
+    Members
+    -------
+    i : ``In``, stream of :func:`~cmfpga.rtl.payloads.event`
+    o : ``Out``, stream of :func:`payloads.region_result`
+        One per region of a batch.
+    settings : ``In``, :func:`~cmfpga.rtl.payloads.settings`
+        As those of :class:`~cmfpga.rtl.core.Core`; ``rows`` is how many rows the table has. Those of one ROI
+        (``roi_load``, ``roi_x``, ``roi_y``, ``thinning``, ``thin_target``, ``batch_roi_events``, ``start_last``,
+        ``cold``, ``warm``) mean nothing.
+    row_write : ``In``, flow of :func:`payloads.row_write`
+        Fills the table of regions; only while no batch is under way. A row that was not in use in the batch before has
+        to be written again, ``fresh``.
+    schedule_write, mask_write, node_write, opened, take
+        As those of :class:`~cmfpga.rtl.core.Core`.
+    traces : ``Out``, array of flows of :func:`payloads.region_trace`
+        Every iteration of each unit, for verification.
+    """
+
+    def __init__(self, config):
+        self.config = config
+        self.front = make_front(config)
+        self.roi_filter = RoiFilter(config, (config.sensor_width, config.sensor_height))
+        self.store = Store(config)
+        self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.store)) + 1
+        self.ingest_control = IngestControl(config, drain=self.drain)
+        self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
+        self.distributor, self.collector = Distributor(config), Collector(config)
+        self.units = [Unit(config) for _ in range(config.units)]
+        members = {
+            "i": In(stream.Signature(common.event(config))),
+            "o": Out(stream.Signature(payloads.region_result(config))),
+            "settings": In(common.settings(config)),
+            "opened": Out(1),
+            "take": Out(1),
+            "traces": Out(common.flow(payloads.region_trace(config))).array(config.units),
+            "schedule_write": In(common.flow(common.schedule_write(config))),
+            "row_write": In(common.flow(payloads.row_write(config))),
+        }
+        for name, write in WRITES.items():
+            if name in self.front:
+                members[write] = self.front[name].signature.members["write"]
+        super().__init__(members)
+
+    @property
+    def boxes(self):
+        """What stands directly in it, by name, in the order of data flow."""
+        names = ("roi_filter", "store", "reciprocal", "distributor")
+        units = {f"unit_{number}": unit for number, unit in enumerate(self.units)}
+        return {
+            "ingest_control": self.ingest_control,
+            **self.front,
+            **{name: getattr(self, name) for name in names},
+            **units,
+            "collector": self.collector,
+        }
+
+    @property
+    def blocks(self):
+        """The same, but in place of the units what one of them is made of."""
+        return {name: block for name, block in self.boxes.items() if block not in self.units} | self.units[0].blocks
+
+    @property
+    def latencies(self):
+        """Clock cycles from input to output of each block that has such a number, by name."""
+        return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
+
+    def cycles(self, *, roi_events, iterations, judge=None, **_):
+        """Those of a region in a unit: :meth:`Unit.cycles`."""
+        return self.units[0].cycles(roi_events=roi_events, iterations=iterations, judge=judge)
+
+    @property
+    def cycle_formula(self):
+        """:meth:`cycles` as text."""
+        unit = self.units[0]
+        return f"{unit.iterated_formula(unit.region_latency)} for a region in a unit"
+
+    def elaborate(self, platform):
+        m = Module()
+        for name, block in self.boxes.items():
+            m.submodules[name] = block
+        self._ingest(m)
+        self._look_up(m)
+        self._measure(m)
+        return m
+
+    def _ingest(self, m):
+        """Filter, undistort, store, measure the time range."""
+        control, store, handover = self.ingest_control, self.store, self.ingest_control.handover
+        connect(m, flipped(self.i), control.i)
+        connect_front(m, self)
+        connect(m, self.roi_filter.o, store.i)
+        connect(m, self.roi_filter.measured, control.measured)
+        m.d.comb += [
+            control.settings.eq(self.settings),
+            self.roi_filter.start.eq(handover.opened),
+            store.open.eq(handover.opened),
+            store.take.eq(handover.take),
+            store.reset.eq(control.clear),
+            handover.free.eq(self.distributor.free),
+            handover.settled.eq(1),
+            self.opened.eq(handover.opened),
+            self.take.eq(handover.take),
+        ]
+        # What is cleared after a reset is not ready at once.
+        parts = {"store": store.cleared, **{f"unit_{k}": unit.cleared for k, unit in enumerate(self.units)}}
+        if "background_filter" in self.front:
+            parts["background_filter"] = self.front["background_filter"].cleared
+        all_of_them = 1
+        for name, cleared in parts.items():
+            once = Signal(name=f"{name}_cleared")
+            m.d.sync += once.eq((once | cleared) & ~control.clear)
+            all_of_them &= once
+        m.d.comb += control.cleared.eq(all_of_them)
+
+    def _look_up(self, m):
+        """The table of regions, and what is kept of each: read by distributor and collector."""
+        config, write, kept = self.config, self.row_write, self.collector.write
+        m.submodules.rows = rows = memory.Memory(shape=payloads.row(config), depth=max(2, config.regions), init=[])
+        m.submodules.states = states = memory.Memory(
+            shape=payloads.state(config), depth=max(2, config.regions), init=[]
+        )
+        row_port, state_port = rows.write_port(), states.write_port()
+        fresh = Signal(payloads.state(config))
+        frac = config.v_frac + config.roi_gain_frac
+        m.d.comb += [
+            row_port.en.eq(write.valid),
+            row_port.addr.eq(write.payload.number),
+            row_port.data.eq(write.payload.row),
+            fresh.turn.eq(self.distributor.turn),
+            *(fresh.position[axis].eq(write.payload.row.place[axis] << frac) for axis in ("x", "y")),
+            state_port.en.eq((write.valid & write.payload.fresh) | kept.valid),
+            state_port.addr.eq(write.payload.number),
+            state_port.data.eq(fresh),
+        ]
+        for axis, most in (("x", config.roi_width), ("y", config.roi_height)):
+            with m.If(write.payload.row.end[axis] > most):
+                m.d.comb += row_port.data.end[axis].eq(most)
+        with m.If(kept.valid):
+            m.d.comb += [state_port.addr.eq(kept.payload.number), state_port.data.eq(kept.payload.state)]
+        for block in (self.distributor, self.collector):
+            row, state = rows.read_port(), states.read_port()
+            name = "distributor" if block is self.distributor else "collector"
+            m.d.comb += [row.addr.eq(block.number), state.addr.eq(block.number)]
+            m.d.comb += [
+                block.row.eq(delay(m, row.data, 1, name=f"{name}_row")),
+                block.state.eq(delay(m, state.data, 1, name=f"{name}_state")),
+            ]
+
+    def _measure(self, m):
+        """Region by region to the units, and out."""
+        distributor, collector, store = self.distributor, self.collector, self.store
+        batch = self.ingest_control.handover.batch
+        connect(m, store.o, distributor.events)
+        connect(m, distributor.read, store.read)
+        connect(m, collector.o, flipped(self.o))
+        m.d.comb += [
+            distributor.take.eq(self.ingest_control.handover.take),
+            distributor.settings.eq(batch.settings),
+            distributor.divided.eq(self.reciprocal.done),
+            distributor.busy.eq(store.busy),
+            distributor.cleared.eq(store.cleared),
+            distributor.finished.eq(collector.finished),
+            store.clear.eq(distributor.clear),
+            self.reciprocal.start.eq(distributor.divide),
+            self.reciprocal.span.eq(batch.span),
+            collector.begins.eq(distributor.divide),
+            collector.batch.eq(batch),
+            collector.turn.eq(distributor.turn),
+        ]
+        for number, unit in enumerate(self.units):
+            connect(m, distributor.o, unit.i)
+            connect(m, unit.o, collector.units[number])
+            connect(m, flipped(self.schedule_write), unit.schedule_write)
+            connect(m, unit.trace, flipped(self.traces[number]))
+            m.d.comb += [
+                distributor.ready[number].eq(unit.ready),
+                distributor.idle[number].eq(unit.idle),
+                unit.begin.eq(distributor.begin[number]),
+                unit.commit.eq(distributor.commit[number]),
+                unit.job.eq(distributor.job),
+                unit.times.span.eq(batch.span),
+                unit.times.shift.eq(self.reciprocal.shift),
+                unit.times.mantissa.eq(self.reciprocal.mantissa),
+                unit.clear.eq(self.ingest_control.clear),
+            ]

@@ -1,0 +1,50 @@
+"""Windows: every event is in one or left over, their length suits the motion, each stands on its own."""
+
+import numpy as np
+import pytest
+
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events, MemoryRecording, generate
+from support.flowing import FIELDS, measured
+
+
+@pytest.mark.parametrize("how", [{"window_events": 7000}, {"window_us": 30_000}, {}])
+def test_events_in_are_events_out(sliding, how):
+    windows, run = measured(sliding.recording(), **how, start_event=100)
+    assert windows[0].events.first_event == 100
+    parts = [window.events.t for window in windows]
+    assert 100 + sum(map(len, parts)) + run.cutter.leftover == len(sliding.events)
+    assert (np.concatenate(parts) == sliding.events.t[100 : 100 + sum(map(len, parts))]).all()
+    assert [window.index for window in windows] == [*range(len(windows))] and run.cutter.leftover > 0
+
+
+def test_as_many_events_as_suit_the_motion(sliding):
+    windows, run = measured(sliding.recording())
+    assert all(2.5 <= window.moved <= 5.5 for window in windows) and windows and not run.limited
+
+
+def test_slow_motion_meets_the_room_of_the_hardware():
+    scene = generate(**{**FIELDS, "duration_us": 400_000}, size=(200, 160), velocity=(12.0, 5.0), contrast=8.0)
+    windows, run = measured(scene.recording(), windows=1)
+    assert len(windows[0].events) == 32767 and run.limited and windows[0].moved < 3
+
+
+def test_a_window_does_not_know_what_was_before_it(sliding):
+    both, _ = measured(sliding.recording(), window_events=7000, windows=2)
+    alone, _ = measured(sliding.recording(), window_events=7000, windows=1, start_event=7000)
+    assert both[1].result == alone[0].result
+    assert (both[0].v != both[1].v).any()
+
+
+def test_a_time_without_events_is_a_window_too(sliding):
+    events, late = sliding.events, sliding.events.t.copy()
+    late[len(late) // 2 :] += 60_000
+    paused = MemoryRecording(Events(late, events.x, events.y, events.p), 128, 96)
+    windows, _ = measured(paused, window_us=20_000)
+    counts = [len(window.events) for window in windows]
+    assert 0 in counts and windows[counts.index(0)].result is None
+
+
+def test_windows_larger_than_the_hardware(sliding):
+    with pytest.raises(ConfigError, match="at most 32767 are allowed"):
+        measured(sliding.recording(), window_events=40_000)

@@ -1,0 +1,100 @@
+"""Blocks of the regions broken on purpose, one at a time: a few batches notice each."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.regions import Region
+from cmfpga.protocol.results import decode
+from cmfpga.rtl.regions import collector, distributor, regions, store, unit
+from support.core_batches import settings
+from support.mutation import break_blocks
+from support.regions import CONFIGS, model_of, run_amaranth
+
+CONFIG = CONFIGS["two units"].replace(regions=5, buffer_events=12, max_batch_events=64, bin_bits=5)
+TABLE = [
+    Region(x=4, y=4, width=12, height=10, start="last", moves=True),
+    Region(x=24, y=12, width=16, height=12),
+    Region(x=2, y=3, width=9, height=9),
+    Region(x=4, y=4, width=8, height=8, margin=(1, 2), start="parent", parent=0, stride=8),
+    Region(x=30, y=20, width=12, height=12, start="parent", parent=1, moves=True),
+]
+MUTANTS = {  # module, old, new
+    "pages never linked": (store, "stored & fresh & (before.count != 0)", "stored & fresh & 0"),
+    "a bin's first page forgotten": (store, 'write["head"].data.eq(allocated)', 'write["head"].data.eq(0)'),
+    "a page given twice": (store, "m.d.sync += bins.page.eq(bins.page + 1)", "m.d.sync += bins.page.eq(bins.page)"),
+    "the last event of a bin": (store, "walking.eq(left != 1)", "walking.eq(left > 2)"),
+    "bins not forgotten": (store, "operation.clear.eq(clearing)", "operation.clear.eq(0)"),
+    "the half that is filled": (store, "m.d.sync += reading.eq(filling)", "m.d.sync += reading.eq(~filling)"),
+    "cropped by a column too many": (distributor, "whole < row.end[axis]", "whole <= row.end[axis]"),
+    "the stride forgotten": (distributor, "((found & skipped) == 0)", "1"),
+    "a parent not waited for": (distributor, "~of_parent | (measured", "1 | (measured"),
+    "a bin too few": (distributor, "column >= last_bin", "column + 1 >= last_bin"),
+    "started where it was not measured": (distributor, "source.followed & ~given", "~given"),
+    "doubt does not matter": (distributor, "source.doubtful & settings", "0 & settings"),
+    "another unit's events": (unit, "self.i.valid & loading", "self.i.valid"),
+    "handed over too early": (unit, "waiting & handover.free & ~take", "waiting & ~take"),
+    "a degenerate region forgets v": (collector, "Mux(outcome.degenerate, state.v.as_value(), outcome.v.as_value())",
+                                      "outcome.v"),
+    "a region does not move": (collector, "Mux(bit, v, 0)", "0"),
+    "never doubtful": (collector, "verdict.doubtful & probed", "verdict.doubtful & 0"),
+    "the last one is not": (collector, "done + 1 >= self.batch", "done >= self.batch"),
+    "a row keeps its state": (regions, "write.valid & write.payload.fresh", "0"),
+}  # fmt: skip
+
+
+def windows():
+    """Two clouds that move, one of them not in the second batch; all other events anywhere."""
+    rng, found = np.random.default_rng(8), []
+    for number in range(3):
+        count = 44
+        t = np.sort(rng.integers(0, 4000, count))
+        t[0], t[-1] = 0, 4000
+        moved = (t / 4000 - 0.5) * 4
+        clouds = [(9, 8, 1), (31, 17, -1)][: 1 if number == 1 else 2]
+        x, y = rng.integers(0, 40, count), rng.integers(0, 30, count)
+        for k, (column, row, way) in enumerate(clouds):
+            mine = (np.arange(count) % 3) == k
+            x[mine] = np.round(column + rng.integers(-2, 3, count) + way * moved)[mine]
+            y[mine] = np.round(row + rng.integers(-2, 3, count))[mine]
+        found.append((t, x, y))
+    return found
+
+
+def run():
+    """What hardware and model say: lists of ``(region, values)``."""
+    chosen = settings(CONFIG, roi_gain=CONFIG.formats.roi_gain.raw(1.0))
+    chosen = dataclasses.replace(chosen, confidence_limit=2)
+    ports = run_amaranth(CONFIG, TABLE, windows(), chosen, limit=9_000, stalls=2)
+    model = model_of(CONFIG)
+    model.write(TABLE)
+    names = ("v", "roi", "roi_next", "roi_events", "outside", "thinned", "flags", "sums", "curvature", "restarted")
+    found, wanted = [], []
+    for number, window in enumerate(windows()):
+        mine = ports[number * len(TABLE) : (number + 1) * len(TABLE)]
+        assert [row["last"] for row in mine] == [0] * (len(TABLE) - 1) + [1]
+        by_region = {row["region"]: decode(CONFIG, row) for row in mine}
+        found.append([{name: by_region[k][name] for name in names} for k in range(len(TABLE))])
+        result = model.run(*window, chosen)
+        wanted.append([{name: getattr(region, name) for name in names} for region in result.regions])
+    return found, wanted
+
+
+def test_without_a_mutant():
+    found, wanted = run()
+    assert found == wanted
+    flags = [region["flags"] for batch in wanted for region in batch]
+    assert any(Flag.DOUBTFUL in flag for flag in flags) and not all(Flag.DOUBTFUL in flag for flag in flags)
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_a_broken_block_is_noticed(name, monkeypatch):
+    original, old, new = MUTANTS[name]
+    break_blocks(monkeypatch, original, old, new)
+    try:
+        found, wanted = run()
+    except (AssertionError, KeyError):
+        return
+    assert found != wanted

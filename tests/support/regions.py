@@ -1,0 +1,166 @@
+"""Hardware with a table of regions: small configurations, random tables and batches, and how they are played."""
+
+import dataclasses
+
+import numpy as np
+
+from cmfpga.config import preset
+from cmfpga.engines.amaranth_sim import flat, nested
+from cmfpga.protocol.regions import MOST_STRIDE, STARTS, Region, row_shape, tables
+from cmfpga.protocol.settings import settings_values
+from cmfpga.protocol.shapes import leaves
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.reference.regions import RegionSequence
+from cmfpga.rtl.payloads import schedule_entry
+from cmfpga.rtl.regions import payloads
+from cmfpga.rtl.regions.regions import Regions
+from support.bench import simulate
+from support.core_batches import PLANS, moving_points, settings
+
+_SMALL = preset("fast").replace(
+    sensor_width=40, sensor_height=30, roi_width=16, roi_height=12, buffer_events=37, max_batch_events=150,
+    max_iterations=7, tag_bits=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4", regions=9, units=2, bin_bits=2,
+)  # fmt: skip
+
+CONFIGS = {
+    "two units": _SMALL,
+    "one unit": _SMALL.replace(units=1, confidence=0, when_full="drop"),
+    # More units than regions; bins as large as the sensor; a camera, a hot pixel's mask and the background's filter.
+    "five units, front": _SMALL.replace(
+        units=5, regions=4, bin_bits=6, undistortion="on", hot_pixels=1, background=1,
+        camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
+        hot_mask="20,15;3,4", background_us=1 << 22,
+    ),
+}  # fmt: skip
+
+
+def random_regions(config, rng, count=None):
+    """A table: regions anywhere, of any size, some of them over the sensor's edge, some off every event."""
+    regions, plans = [], [None, (), *(plan for plan in PLANS if not config.confidence or plan[-1].stride == 1)]
+    for number in range(int(rng.integers(1, config.regions + 1)) if count is None else count):
+        width, height = int(rng.integers(1, config.roi_width + 1)), int(rng.integers(1, config.roi_height + 1))
+        margin = int(rng.integers(config.roi_width - width + 1)), int(rng.integers(config.roi_height - height + 1))
+        starts = STARTS if number else STARTS[:2]
+        regions.append(
+            Region(
+                x=int(rng.integers(config.sensor_width)),
+                y=int(rng.integers(config.sensor_height)),
+                width=width,
+                height=height,
+                margin=margin if rng.random() < 0.5 else None,
+                start=str(rng.choice(starts)),
+                parent=int(rng.integers(max(1, number))),
+                cold=plans[int(rng.integers(3))] if rng.random() < 0.3 else None,
+                warm=PLANS[3] if rng.random() < 0.3 and not config.confidence else None,
+                stride=1 << int(rng.integers(MOST_STRIDE + 1)) if rng.random() < 0.3 else 1,
+                moves=bool(rng.random() < 0.5),
+            )
+        )
+    return regions
+
+
+def random_window(config, rng, kind="any"):
+    """Events ``(t, x, y)``: of a few points that move and of noise, some with wrong times; or all in one bin."""
+    count = int(rng.choice([1, 2, 30, 100, config.max_batch_events]))
+    events = np.array(moving_points(config, rng, count, bad_times=0.1), np.int64).T
+    if kind == "one bin":
+        events[1:] = events[1:] % 4
+    return tuple(events)
+
+
+def random_settings(config, rng):
+    plans = [plan for plan in PLANS if not config.confidence or plan[-1].stride == 1]
+    cold, warm = (plans[int(rng.integers(len(plans)))] for _ in range(2))
+    chosen = settings(
+        config, min_roi_events=int(rng.integers(1, 4)), roi_gain=int(rng.integers(1 << 6)), cold=cold, warm=warm
+    )
+    if config.confidence:
+        chosen = dataclasses.replace(
+            chosen, judge=int(rng.random() < 0.8), confidence_limit=int(rng.choice([1, 20, 90, 1000])),
+            cold_after_doubtful=int(rng.integers(2)),
+        )  # fmt: skip
+    return chosen
+
+
+def random_run(config, rng, regions):
+    """A few windows, and how they are played: ``(windows, gaps or None, stalls or None)``."""
+    count = int(rng.integers(1, 4))
+    windows = [random_window(config, rng, rng.choice(["any", "one bin"])) for _ in range(count)]
+    gaps = rng.integers(0, 3, sum(len(t) for t, _, _ in windows)) if rng.random() < 0.5 else None
+    stalls = rng.integers(0, 100, len(regions) * count).tolist() if rng.random() < 0.5 else None
+    return windows, gaps, stalls
+
+
+def some_changed(config, rng, regions):
+    """The table with another last row, or one row less; a parent stays in front of its children."""
+    changed = [*regions[:-1], *random_regions(config, rng, 1)] if rng.random() < 0.5 else regions[: len(regions) - 1]
+    return changed or regions
+
+
+def model_of(config):
+    return RegionSequence(IntegerCore(config))
+
+
+def without_clock(result):
+    """A result as the model gives it: without cycles."""
+    return dataclasses.replace(
+        result, regions=tuple(dataclasses.replace(region, cycles=None) for region in result.regions)
+    )
+
+
+async def _play(ctx, block, config, writes, table, windows, values, found, stalls):
+    """Fill the tables, offer windows, take results: ports by their Verilog names, in the order in which they come."""
+    for name, rows in (("schedule_write", table), ("row_write", writes)):
+        port = getattr(block, name)
+        for row in rows:
+            ctx.set(port.valid, 1)
+            ctx.set(port.payload, row)
+            await ctx.tick()
+        ctx.set(port.valid, 0)
+    ctx.set(block.settings, nested(block.settings.shape(), values))
+    events = [
+        (*event, number + 1 == len(window[0]))
+        for window in windows
+        for number, event in enumerate(zip(*window, strict=True))
+    ]
+    wanted, sent, waited = len(windows) * len(writes), 0, 0
+    wrap = (1 << config.time_bits) - 1
+    while len(found) < wanted:
+        ctx.set(block.i.valid, sent < len(events))
+        if sent < len(events):
+            t, x, y, last = (int(part) for part in events[sent])
+            ctx.set(block.i.payload, {"t": t & wrap, "x": x, "y": y, "last": last})
+        ctx.set(block.o.ready, waited >= stalls)
+        _, _, accepted, valid, result = await ctx.tick().sample(
+            block.i.valid & block.i.ready, block.o.valid, block.o.payload
+        )
+        sent += accepted
+        if valid and waited >= stalls:
+            found.append(flat(result))
+        waited = waited + 1 if valid and waited < stalls else 0
+        yield
+
+
+def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0):
+    """Results of windows, a dictionary of ports each, by Amaranth's simulator; AssertionError after ``limit`` cycles."""
+    block, found = Regions(config), []
+    rows, table = tables(config, regions, chosen)
+    names = [name.removeprefix("row_") for name in leaves("row", row_shape(config))]
+    writes = [
+        {"number": number, "fresh": 1, "row": nested(payloads.row(config), dict(zip(names, row, strict=True)))}
+        for number, row in enumerate(rows)
+    ]
+    entries = [
+        {"address": address, "entry": dict(zip(schedule_entry(config).members, entry, strict=True))}
+        for address, entry in enumerate(table)
+    ]
+    values = settings_values(config, dataclasses.replace(chosen, rows=len(regions)))
+
+    async def bench(ctx):
+        cycles = 0
+        async for _ in _play(ctx, block, config, writes, entries, windows, values, found, stalls):
+            cycles += 1
+            assert cycles < limit, f"{len(found)} results after {limit} cycles"
+
+    simulate(block, bench)
+    return found
