@@ -127,10 +127,13 @@ class IterationControl(wiring.Component):
         after_last = "MOVE" if config.buffers == 1 else "RESULT"
         if config.confidence:
             first = self.complete & self.iterating & final & run.settings.judge
-            first = delay(m, first, self._replay_delay + self._probe_delay, name="first_probe", valid=True)
+            soon = delay(m, first, self._replay_delay + self._probe_delay - 1, name="first_probe", valid=True)
+            first = delay(m, soon, 1, name="first", valid=True)
             next_replay |= first
-            m.d.comb += self.whole.eq(first | self.probing)
+            # A register, for much hangs on it; in the first cycle of PROBE no other replay begins.
+            m.d.sync += self.whole.eq(soon | self.probing)
             m.d.comb += run.final.eq(final)
+        m.d.comb += self.replay.eq(self.divided | next_replay)  # neither comes but in a state that waits for it
         m.d.sync += self.cycles.eq(Mux(self.handover.free, self.handover.cycles, self.cycles) + 1)
         with m.FSM(name="iterate"):
             with m.State("IDLE"):
@@ -148,10 +151,10 @@ class IterationControl(wiring.Component):
                     m.next = "DIVIDE"
             with m.State("DIVIDE"):
                 with m.If(self.divided):
-                    m.d.comb += [run.start.eq(1), self.replay.eq(1)]
+                    m.d.comb += run.start.eq(1)
                     m.next = "ITERATE"
             with m.State("ITERATE"):
-                m.d.comb += [self.iterating.eq(1), self.replay.eq(next_replay)]
+                m.d.comb += self.iterating.eq(1)
                 m.d.sync += timer.eq(self._move - 2)
                 with m.If(run.updated):
                     m.d.sync += self.iterations.eq(self.iterations + 1)
@@ -165,7 +168,7 @@ class IterationControl(wiring.Component):
                                 m.next = "PROBE"
             if config.confidence:
                 with m.State("PROBE"):
-                    m.d.comb += [self.probing.eq(1), self.replay.eq(next_replay)]
+                    m.d.comb += self.probing.eq(1)
                     with m.If(self.judged):
                         m.next = after_last
             if config.buffers == 1:

@@ -158,7 +158,7 @@ MUTANTS = {  # old, new, ends, how many tokens of which kind show it
     "a wrong number": ("completes(number + 1,", "completes(number + 2,", "count", 7, {"event_p": 1.0}),
     "a TLAST behind the number": ("& ~(leaves & by_number & ~self.o.payload.last)", "", "one and tlast", 600, OFTEN),
     "a TLAST behind the next event": ("payload.last & ~arrives)", "payload.last)", "one and tlast", 200, OFTEN),
-    "one microsecond": (">= current.duration)", "> current.duration)", "duration", 200, GRID),
+    "one microsecond": ("Cat(Const(1, 1), apart", "Cat(Const(0, 1), apart", "duration", 200, GRID),
     "no step back": ("(later ^ later[-1].replicate(", "(later & ~later[-1].replicate(", "duration", 200, JUMPS),
     "settings at any time": ("with m.If(self.opened):", "with m.If(self.opened | self.taking_in):", "count", 200, {}),
     "does not wait": ("self.o.payload.last | followed | by_number", "1", "tlast", 200, {}),

@@ -188,6 +188,12 @@ class RegisterMap:
     def __iter__(self):
         return iter(self.registers)
 
+    @property
+    def nowhere(self):
+        """An offset of a word without a register, with as few ones as possible."""
+        used = {register.offset + 4 * k for register in self.registers for k in range(register.count)}
+        return min(set(range(0, self.size, 4)) - used, key=lambda offset: (offset.bit_count(), offset))
+
     def group(self, name):
         """The registers of one group."""
         return tuple(register for register in self.registers if register.group == name)

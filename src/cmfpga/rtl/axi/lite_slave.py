@@ -32,6 +32,8 @@ class LiteSlave(wiring.Component):
     ----------
     size : int
         Bytes of the map, a power of two.
+    nowhere : int
+        An offset in it without a register, which is read in place of what is beyond.
 
     Members
     -------
@@ -41,8 +43,8 @@ class LiteSlave(wiring.Component):
         ``read_data`` a cycle late.
     """
 
-    def __init__(self, size):
-        self._size = size
+    def __init__(self, size, nowhere):
+        self._size, self._nowhere = size, nowhere
         super().__init__(
             {
                 **{name: In(stream.Signature(CHANNELS[name])) for name in ("aw", "w", "ar")},
@@ -64,7 +66,7 @@ class LiteSlave(wiring.Component):
         have_address, have_data, both = Signal(), Signal(), Signal()
         m.d.comb += [
             both.eq(have_address & have_data & self.bus.write.ready),
-            self.bus.write.valid.eq(have_address & have_data & ((address & (self._size - 1)) == address)),
+            self.bus.write.valid.eq(have_address & have_data & (address < self._size)),
             self.bus.write.payload.address.eq(address[2:]),
             self.bus.write.payload.data.eq(written.data),
             self.bus.write.payload.strobe.eq(written.strb),
@@ -83,18 +85,13 @@ class LiteSlave(wiring.Component):
 
     def _reads(self, m):
         address = self.ar.payload.addr
-        beyond = Signal()
         free, answered = Signal(), Signal()  # no answer waits, and the memories are filled; one is there
         m.d.comb += free.eq(~self.bus.read & ~answered & (~self.r.valid | self.r.ready) & self.bus.write.ready)
         m.d.sync += [self.bus.read.eq(0), self.ar.ready.eq(free), answered.eq(self.bus.read)]
+        m.d.sync += self.bus.read_address.eq(Mux(address < self._size, address[2:], self._nowhere // 4))
         with m.If(self.ar.valid & self.ar.ready):
-            m.d.sync += [
-                self.bus.read_address.eq(address[2:]),
-                beyond.eq((address & (self._size - 1)) != address),
-                self.bus.read.eq(1),
-                self.ar.ready.eq(0),
-            ]
+            m.d.sync += [self.bus.read.eq(1), self.ar.ready.eq(0)]
         with m.If(answered):
-            m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(Mux(beyond, 0, self.bus.read_data))]
+            m.d.sync += [self.r.valid.eq(1), self.r.payload.data.eq(self.bus.read_data)]
         with m.Elif(self.r.ready):
             m.d.sync += self.r.valid.eq(0)

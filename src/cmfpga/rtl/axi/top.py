@@ -32,7 +32,7 @@ class AxiTop(Elaboratable):
         self.config = config
         self.inputs, self.outputs = axi_ports(address_bits=ADDRESS_BITS, data_bits=payloads.DATA_BITS)
         self.shell = Shell(config, clock=self.inputs["aclk"])
-        self.lite_slave = LiteSlave(self.shell.registers.size)
+        self.lite_slave = LiteSlave(self.shell.registers.size, self.shell.registers.nowhere)
 
     @property
     def port_order(self):

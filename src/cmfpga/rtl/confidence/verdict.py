@@ -52,7 +52,7 @@ class Deciding(wiring.Component):
         }
         square = self._square(m)
         timer = Signal(range(max(self._drop, self._factor_bits, widths.judge_bits) + 1))
-        m.d.sync += timer.eq(timer - 1)
+        m.d.sync += timer.eq(Mux(timer == 0, self._factor_bits - 1, timer - 1))
 
         # 3: two's complement, so the highest bits of a register are its value, rounded down.
         full = Cat(*(value[-1] ^ value[-2] for value in wide.values())).any()
@@ -91,12 +91,11 @@ class Deciding(wiring.Component):
                 for factor, value, scale in zip(factors, (self.events, self.limit), widths.judge_scales, strict=True):
                     m.d.sync += factor.eq(value * scale)
                 with m.If(timer == 0):
-                    m.d.sync += timer.eq(self._factor_bits - 1)
                     m.next = "SCALE"
             with m.State("SCALE"):
                 m.d.sync += [adding.eq(1), *(factor.eq(factor.rotate_left(1)) for factor in factors)]
                 with m.If(timer == 0):
-                    m.d.sync += [turn.eq(turn + 1), timer.eq(self._factor_bits - 1)]
+                    m.d.sync += turn.eq(turn + 1)
                     with m.If(turn == 2):
                         m.next = "SCALED"
             with m.State("SCALED"):

@@ -1,6 +1,6 @@
 """Batch end: marks the last event of each batch."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -62,7 +62,8 @@ class BatchEnd(wiring.Component):
         held = Signal(payloads.sensor_token(config))
         commanded = Signal()  # the held event was made the last one
         number = Signal(bits_for(config.max_batch_events), init=1)  # of the held event in its batch
-        t_first, later = Signal(config.time_bits), Signal(config.time_bits)
+        t_first, later, apart = (Signal(config.time_bits, name=name) for name in ("t_first", "later", "apart"))
+        within = Signal(len(current.duration) + 2)  # negative: not within the duration
         by_time, by_number, followed, leaves = Signal(), Signal(), Signal(), Signal()
         arrives, ends = Signal(), Signal()
 
@@ -73,10 +74,11 @@ class BatchEnd(wiring.Component):
         m.d.comb += [
             followed.eq(self.i.valid & self.i.payload.event),
             later.eq(self.i.payload.t - t_first),
-            # −duration … duration − 1 is still the batch's: the complement of a negative number is one less.
-            by_time.eq(
-                (current.duration != 0) & followed & ((later ^ later[-1].replicate(len(later))) >= current.duration)
-            ),
+            # −duration … duration − 1 is still the batch's: the complement of a negative number is one less. Not by
+            # ``>=``, so that the duration alone goes straight into the carry chain.
+            apart.eq(later ^ later[-1].replicate(len(later))),
+            within.eq(Cat(Const(0, 1), current.duration) - Cat(Const(1, 1), apart[: len(current.duration)])),
+            by_time.eq((current.duration != 0) & followed & (within[-1] | apart[len(current.duration) :].any())),
         ]
         m.d.comb += [
             self.o.payload.t.eq(held.t),
@@ -105,7 +107,8 @@ class BatchEnd(wiring.Component):
 
         # Events take the place of the one that leaves; ends without an event belong to the one that waits.
         m.d.comb += [
-            self.i.ready.eq(~self.i.payload.event | ~self.holding | leaves),
+            # As leaves is where an event follows, but not behind the comparison of times.
+            self.i.ready.eq(~self.i.payload.event | ~self.holding | ((self.taking_in | self.go) & self.o.ready)),
             arrives.eq(self.i.valid & self.i.ready),
             ends.eq(arrives & ~self.i.payload.event & self.i.payload.end),
         ]

@@ -114,11 +114,12 @@ class Counters(wiring.Component):
             nothing_s1.eq(Mux(walking, renewing | keep, old_pulses)),
             compare_s1.eq(compare),
             keep_s1.eq(keep),
-            longer.eq(~total[33]),  # of compare: what was there + ~cycles < 2^32
+            longer.eq(total[33]),  # of compare: what was there + ~cycles < 2^32
         ]
         m.d.comb += [
             get.addr.eq(place_s1),
-            total.eq(Cat(more_s1, added_s1) + Cat(more_s1, Mux(nothing_s1, 0, get.data))),
+            # a + b + more = a - ~b - ~more, so that registers alone go straight into the carry chain.
+            total.eq(Cat(more_s1, added_s1) - Cat(~more_s1, ~Mux(nothing_s1, 0, get.data))),
             put.addr.eq(place_s1),
             put.data.eq(total[1:]),
             put.en.eq(~compare_s1 & (~keep_s1 | longer)),

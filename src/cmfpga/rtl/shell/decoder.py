@@ -67,19 +67,21 @@ class Decoder(wiring.Component):
         m.submodules.time_high = time_high = TimeHigh(self.config)
         vectors, halves = self.format == FORMATS["EVT21"], self.format == FORMATS["EVT20"]
         packed = ~(vectors | halves)
-        low, high = Signal(32), Signal(32)  # the held word; of a vector, the events that are still to come
-        keep = Signal(data.ArrayLayout(data.StructLayout({"any": 1, "all": 1}), 2))
+        # The held word: the upper half, and of a vector the events that are still to come; of two words, the one whose
+        # turn it is, and the other.
+        head, body = Signal(32), Signal(32)
+        keep = Signal(data.ArrayLayout(data.StructLayout({"any": 1, "all": 1}), 2))  # of the body, of the head
         last, held, upper = Signal(), Signal(), Signal()
 
-        word = data.View(EVT, Mux(vectors | upper, high, low))
+        word = data.View(EVT, head)
         event_type, event, whole, some, final, use = (Signal() for _ in range(6))
-        remaining, index = self._first(m, low)
+        remaining, index, more = self._first(m, body)
         m.d.comb += [
             event_type.eq(packed | word.type.matches(*EVENT_TYPES)),
-            whole.eq(Mux(halves, Mux(upper, keep[1].all, keep[0].all), keep[0].all & keep[1].all)),
-            some.eq(Mux(halves, Mux(upper, keep[1].any, keep[0].any), keep[0].any | keep[1].any)),
-            final.eq((halves & (upper | ~keep[1].any)) | (vectors & ~(whole & event_type & (remaining != 0))) | packed),
-            event.eq(whole & event_type & ~(vectors & (low == 0))),
+            whole.eq(keep[1].all & (halves | keep[0].all)),
+            some.eq(keep[1].any | (~halves & keep[0].any)),
+            final.eq((halves & (upper | ~keep[0].any)) | (vectors & ~(whole & event_type & more)) | packed),
+            event.eq(whole & event_type & ~(vectors & (body == 0))),
             self.o.valid.eq(held & (event | self.o.payload.end)),
             use.eq(held & (~self.o.valid | self.o.ready)),
             self.i.ready.eq(~held | (use & final)),
@@ -87,24 +89,24 @@ class Decoder(wiring.Component):
         ]
         with m.If(use):
             m.d.sync += [upper.eq(~final), held.eq(~final)]
+            m.d.sync += [body.eq(remaining), head.eq(body), keep[1].eq(keep[0])]
             with m.If(vectors):
-                m.d.sync += low.eq(remaining)
+                m.d.sync += [head.eq(head), keep[1].eq(keep[1])]
         with m.If(self.i.valid & self.i.ready):
             m.d.sync += [held.eq(1), last.eq(self.i.payload.last)]
-            for k, part in enumerate((low, high)):
-                m.d.sync += part.eq(Mux(self.swap, *sides(self.i.payload.data, k)))
-                found = Signal(4, name=f"keep_{k}")
-                m.d.comb += found.eq(Mux(self.swap, *sides(self.i.payload.keep, k)))
-                m.d.sync += [keep[k].any.eq(found.any()), keep[k].all.eq(found.all())]
+            kept = [Cat(part.any(), part.all()) for part in sides(self.i.payload.keep, 1)]
+            for k, part in enumerate((body, head)):
+                m.d.sync += part.eq(Mux(self.swap ^ halves, *sides(self.i.payload.data, k)))
+                m.d.sync += keep[k].eq(Mux(self.swap ^ halves, *sides(Cat(kept), k)))
 
         # What it says.
-        token, other, moved = self.o.payload, data.View(PACKED, Cat(low, high)), Signal(COLUMN_BITS + 1)
+        token, other, moved = self.o.payload, data.View(PACKED, Cat(body, head)), Signal(COLUMN_BITS + 1)
         m.d.comb += [
             time_high.high.eq(word.as_value()[:HIGH_BITS]),
             time_high.low.eq(word.low),
             token.t.eq(Mux(packed, other.t, time_high.t)),
-            moved.eq(data.View(EVT, high).x + Mux(vectors, index, 0)),
-            token.x.eq(Mux(packed, other.x, Mux(vectors | upper, moved, word.x))),
+            moved.eq(word.x + Mux(vectors, index, 0)),
+            token.x.eq(Mux(packed, other.x, moved)),
             token.y.eq(Mux(packed, other.y, word.y)),
             token.known.eq(time_high.known | packed),
             token.event.eq(event),
@@ -128,7 +130,7 @@ class Decoder(wiring.Component):
 
     @staticmethod
     def _first(m, mask):
-        """``mask`` without its lowest one, and where that is, by groups of four bits."""
+        """``mask`` without its lowest one, where that is, and whether there are more; by groups of four bits."""
         remaining, index, lowest = Signal.like(mask), Signal(range(len(mask))), Signal(4)
         groups = [mask[k : k + 4] for k in range(0, len(mask), 4)]
         some, before, first = (Signal(len(groups), name=name) for name in ("some", "before", "first"))
@@ -142,4 +144,5 @@ class Decoder(wiring.Component):
             index[1].eq(~lowest[0] & ~lowest[1]),
             index[2:].eq(Cat(Cat(f for k, f in enumerate(first) if k >> bit & 1).any() for bit in range(3))),
         ]
-        return remaining, index
+        several = [((g[0] | g[1]) & (g[2] | g[3])) | (g[0] & g[1]) | (g[2] & g[3]) for g in groups]
+        return remaining, index, ((some & before) | Cat(several)).any()

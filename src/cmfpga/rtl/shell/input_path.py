@@ -7,11 +7,10 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from . import payloads
 from .decoder import Decoder
 from .sensor_gate import SensorGate
-from .skid_buffer import SkidBuffer
 
 
 class InputPath(wiring.Component):
-    """The decoder, the gate behind it, and a register before and after that.
+    """The decoder, the gate behind it, and a register between them.
 
     One event per cycle; latency :attr:`latency` cycles from a word to its first event.
 
@@ -28,7 +27,7 @@ class InputPath(wiring.Component):
         One cycle each, under the names of the counters.
     """
 
-    latency = Decoder.latency + 1 + SkidBuffer.latency
+    latency = Decoder.latency + 1
 
     def __init__(self, config):
         self.config = config
@@ -48,17 +47,15 @@ class InputPath(wiring.Component):
         m = Module()
         m.submodules.decoder = decoder = ResetInserter(self.restart)(Decoder(self.config))
         m.submodules.gate = gate = SensorGate(self.config)
-        m.submodules.after = after = SkidBuffer(payloads.sensor_token(self.config))
         connect(m, flipped(self.i), decoder.i)
-        connect(m, gate.o, after.i)
-        connect(m, after.o, flipped(self.o))
+        connect(m, gate.o, flipped(self.o))
         with m.If(decoder.o.ready):
             m.d.sync += [gate.i.valid.eq(decoder.o.valid), gate.i.payload.eq(decoder.o.payload)]
         m.d.comb += [
             decoder.o.ready.eq(~gate.i.valid | gate.i.ready),
             decoder.format.eq(self.format),
             decoder.swap.eq(self.swap),
-            self.empty.eq(decoder.empty & ~gate.i.valid & after.empty),
+            self.empty.eq(decoder.empty & ~gate.i.valid),
             self.time_known.eq(decoder.time_known),
             self.counted.format_errors.eq(decoder.format_error),
             self.counted.other_words.eq(decoder.other),

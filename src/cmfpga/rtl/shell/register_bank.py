@@ -1,6 +1,6 @@
 """Register bank: the words of the register map, made from its declaration."""
 
-from amaranth.hdl import Cat, Const, Module, Shape, Signal
+from amaranth.hdl import Cat, Const, Module, Mux, Shape, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -34,6 +34,10 @@ def layout_of(registers, *access, width=None):
     return data.StructLayout(
         {member(register, f): width or Shape(f.width, f.signed) for register, f in fields_of(registers, *access)}
     )
+
+
+#: Of a word's address, those that say where on a page it is.
+PAGE_BITS = 5
 
 
 class RegisterBank(wiring.Component):
@@ -78,31 +82,40 @@ class RegisterBank(wiring.Component):
         m = Module()
         m.d.comb += self.bus.write.ready.eq(1)
         registers = [register for register in self.registers if register.count == 1 and not in_memory(register)]
-        words = {register.offset // 4: self._word(m, register) for register in registers}
-        with m.Switch(self.bus.read_address):
-            for address, word in words.items():
-                with m.Case(address):
-                    m.d.comb += self.bus.read_data.eq(word)
+        # By pages of 32 words: an address' lower bits and its page are one LUT.
+        pages = {}
+        for register in registers:
+            pages.setdefault(register.offset // 4 >> PAGE_BITS, []).append(register)
+        for page, inside in pages.items():
+            enabled = Signal(4, name=f"write_page_{page}")  # byte enables are clock enables
+            asked = self.bus.write.valid & (self.bus.write.payload.address[PAGE_BITS:] == page)
+            m.d.comb += enabled.eq(Mux(asked, self.bus.write.payload.strobe, 0))
+            words = {register.offset // 4 % (1 << PAGE_BITS): self._word(m, register, enabled) for register in inside}
+            with m.If(self.bus.read_address[PAGE_BITS:] == page):
+                with m.Switch(self.bus.read_address[:PAGE_BITS]):
+                    for address, word in words.items():
+                        with m.Case(address):
+                            m.d.comb += self.bus.read_data.eq(word)
         return m
 
-    def _word(self, m, register):
-        """Make a register; the word that is read of it."""
+    def _word(self, m, register, enabled):
+        """Make a register; the word that is read of it. ``enabled``: the bytes that are written on its page."""
         write = self.bus.write.payload
-        written = Signal(name=f"write_{register.name.lower()}")  # byte enables are clock enables
+        written = Signal(4, name=f"write_{register.name.lower()}")
         if any(f.writable for f in register.fields):
-            m.d.comb += written.eq(self.bus.write.valid & (write.address == register.offset // 4))
+            here = write.address[:PAGE_BITS] == register.offset // 4 % (1 << PAGE_BITS)
+            m.d.comb += written.eq(Mux(here, enabled, 0))
         parts, position = [], 0
         for f in register.fields:
             name = member(register, f)
-            strobes = Cat(write.strobe[bit // 8] for bit in range(f.lsb, f.lsb + f.width))
-            ones = write.data[f.lsb : f.lsb + f.width] & strobes
+            ones = write.data[f.lsb : f.lsb + f.width] & Cat(written[k // 8] for k in range(f.lsb, f.lsb + f.width))
             if f.access == "constant":
                 value = Const(f.reset, f.width)
             elif f.access == "status":
                 value = self.status[name]
             elif f.access == "command":
                 value = Const(0, f.width)
-                m.d.comb += self.commands[name].eq(ones & written.replicate(f.width))
+                m.d.comb += self.commands[name].eq(ones)
             else:
                 stored = Signal(Shape(f.width, f.signed), init=f.reset, name=name)
                 m.d.comb += self.values[name].eq(stored)
@@ -119,7 +132,7 @@ class RegisterBank(wiring.Component):
                 m.d.sync += stored.eq(0)
         for bit in range(f.width):
             place = f.lsb + bit
-            with m.If(written & write.strobe[place // 8] & (ones[bit] if f.access == "sticky" else 1)):
+            with m.If(ones[bit] if f.access == "sticky" else written[place // 8]):
                 m.d.sync += stored[bit].eq(0 if f.access == "sticky" else write.data[place])
         if f.access == "sticky":
             with m.If(self.set[name]):

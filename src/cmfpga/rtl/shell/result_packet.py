@@ -52,8 +52,10 @@ class ResultPacket(wiring.Component):
         No result may begin.
     forget : ``In(1)``
         Begin again with batch 1 (soft reset); not while ``writing``. A packet that is being sent is completed.
-    read, address, word : ``In(1)``, ``In``, ``Out(32)``
-        In a cycle with ``read``, the result register of that number.
+    read, address, words : ``In(1)``, ``In``, ``Out(64)``
+        In a cycle with ``read``, the two result registers from twice that number on.
+    any_shown : ``Out(1)``
+        There is a result; else registers are 0, not ``words``.
     written : ``Out(64)``
         From ``begun`` on, the packet's words, one a cycle.
     begun, taken, stalled, held, writing, sending : ``Out(1)``
@@ -74,8 +76,9 @@ class ResultPacket(wiring.Component):
                 "i": In(stream.Signature(core.result(config))),
                 "o": Out(stream.Signature(payloads.beat())),
                 **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "wait", "forget", "read"), In(1)),
-                "address": In(BEAT_BITS + 1),
-                "word": Out(32),
+                "address": In(BEAT_BITS),
+                "words": Out(payloads.DATA_BITS),
+                "any_shown": Out(1),
                 "written": Out(payloads.DATA_BITS),
                 **dict.fromkeys(("begun", "taken", "stalled", "held", "writing", "sending"), Out(1)),
             }
@@ -87,8 +90,9 @@ class ResultPacket(wiring.Component):
         m.submodules.store = store = memory.Memory(shape=payloads.DATA_BITS, depth=2 << BEAT_BITS, init=[])
         put, get = store.write_port(), store.read_port(domain="comb")
         number = Signal(32, init=1)
-        shown, any_shown = Signal(), Signal()  # the half that the registers show, once there is a result
-        beat, following = Signal(BEAT_BITS), Signal(BEAT_BITS)  # that is written; it runs on to 0 behind the last one
+        shown = Signal()  # the half that the registers show
+        # What is written; it runs on to 0 behind the last one.
+        beat, following = Signal(BEAT_BITS), Signal(BEAT_BITS)
         m.d.comb += [
             self.begun.eq(self.i.valid & (beat == 0) & ~self.open & ~self.wait),
             self.stalled.eq(self.i.valid & (beat == 0) & self.open),
@@ -96,24 +100,23 @@ class ResultPacket(wiring.Component):
             self.i.ready.eq(beat == self.beats - 1),
             self.taken.eq(self.i.valid & self.i.ready),
             put.addr.eq(Cat(beat, ~shown)),
-            self.written.eq(self._new_word(m, number, beat, following)),
+            self.written.eq(self._new_word(m, number, following)),
             put.data.eq(self.written),
-            following.eq(beat + 1),
+            following.eq(beat + self.writing),
             put.en.eq(self.writing),
-            self.word.eq(Mux(any_shown, Mux(self.address[0], get.data[32:], get.data[:32]), 0)),
+            self.words.eq(get.data),
         ]
-        with m.If(self.writing):
-            m.d.sync += beat.eq(following)
+        m.d.sync += beat.eq(following)
         with m.If(self.begun):
             m.d.sync += self.held.eq(self.hold)
         with m.If(self.taken):
             m.d.sync += number.eq(number + 1)
             with m.If(~self.held):
-                m.d.sync += [shown.eq(~shown), any_shown.eq(1)]
+                m.d.sync += [shown.eq(~shown), self.any_shown.eq(1)]
         with m.If(self.forget):
-            m.d.sync += [number.eq(1), any_shown.eq(0)]
+            m.d.sync += [number.eq(1), self.any_shown.eq(0)]
         half, sent = self._send(m, shown, get.data)
-        m.d.comb += get.addr.eq(Mux(self.read, Cat(self.address[1:], shown), Cat(sent, half)))
+        m.d.comb += get.addr.eq(Mux(self.read, Cat(self.address, shown), Cat(sent, half)))
         return m
 
     def _send(self, m, shown, data):
@@ -136,7 +139,7 @@ class ResultPacket(wiring.Component):
             m.d.sync += [self.open.eq(self.stream_results), half.eq(~shown)]
         return half, sent
 
-    def _new_word(self, m, number, beat, following):
+    def _new_word(self, m, number, following):
         """The 64-bit word of the result on ``i`` that is written."""
         result = self.i.payload
         own = {
@@ -150,37 +153,51 @@ class ResultPacket(wiring.Component):
         for register in group:
             word = (register.offset - group[0].offset) // 4
             halves[word % 2][word // 2] = register.fields
-        return Cat(self._new_half(m, own, beat, following, words) for words in halves)
+        return Cat(self._new_half(m, own, following, words) for words in halves)
 
-    def _new_half(self, m, own, beat, following, words):
+    def _new_half(self, m, own, following, words):
         """That of its 32 bits that has the fields ``words[beat]``.
 
-        The first is chosen in its own cycle. Registers choose among four of the others each, a cycle before; all but
-        one are zero. The widest words come first, so that the upper bits choose among few.
+        Registers choose among four words each, a cycle before; all but one are zero. Signs in front of words have
+        registers of their own. The widest words come first, so that the upper bits choose among few. What is not known
+        a cycle before is chosen in the first word's cycle.
         """
         sums = [k for k, fields in words.items() if any(f.link.startswith("sums_") for f in fields)]
-        bits = {k: self._bits(fields, own) for k, fields in words.items()}
-        width = {k: sum(not isinstance(bit, Const) for bit in found) for k, found in bits.items()}
-        ranked = sorted((k for k in width if k and width[k]), key=width.get, reverse=True)
-        parts = [Mux(beat == 0, Cat(bits[0]), 0)]
+        bits, signs = {}, {}
+        for k, fields in words.items():
+            bits[k], *signs[k] = self._bits(fields, own)
+        width = {k: max((i + 1 for i, bit in enumerate(found) if not isinstance(bit, Const)), default=0)
+                 for k, found in bits.items()}  # fmt: skip
+        late = 0 if any(f.link in ("wire", "config_range") for f in words[0]) else None
+        ranked = sorted((k for k in width if width[k] and k != late), key=width.get, reverse=True)
+        parts = [Mux(self.begun, Cat(bits[late]), 0)] if late is not None else []
         nothing = Signal()  # they mean nothing then
         m.d.comb += nothing.eq(self.i.payload.flags[Flag.DEGENERATE.bit_length() - 1] & following.matches(*sums))
         place = Cat(following.matches(*(k for rank, k in enumerate(ranked) if rank >> bit & 1)) for bit in range(2))
         for first in range(0, len(ranked), 4):
-            chosen = Signal(32)
             found = ranked[first : first + 4]
+            chosen = Signal(32, init=own["batch"].init if 0 in found else 0, reset_less=True)
             m.d.sync += chosen.eq(0)
-            with m.If(self.writing & following.matches(*found) & ~nothing):
+            with m.If(following.matches(*found) & ~nothing):
                 m.d.sync += chosen.eq(Array(Cat(bits[k]) for k in found)[place[: bits_for(len(found) - 1)]])
             parts.append(chosen)
+        begins = sorted({begin for _, begin in signs.values() if begin < 32})
+        negative = Signal(len(begins), reset_less=True)  # a word whose sign begins there, or below
+        for bit, begin in enumerate(begins):
+            found = ((following == k) & sign for k, (sign, other) in signs.items() if other <= begin)
+            m.d.sync += negative[bit].eq(~nothing & Cat(found).any())
+        below = [sum(begin <= bit for begin in begins) for bit in range(32)]
+        parts.append(Cat(negative[count - 1] if count else Const(0) for count in below))
         return functools.reduce(operator.or_, parts)
 
     def _bits(self, fields, own):
-        """Of a word: those of its fields, with the sign in front of them."""
-        bits = [Const(0)] * 32
+        """Of a word: those of its fields, its sign, and the bit from which on there is nothing but that."""
+        bits, sign, begin = [Const(0)] * 32, Const(0), 32
         for f in fields:
             value = Value.cast(own[f.link] if f.link in own else value_of(self.i.payload, f.link))
-            sign = value[-1] if value.shape().signed else Const(0)
             taken = [value[bit] for bit in range(f.link_lsb, min(len(value), f.link_lsb + f.width))]
-            bits[f.lsb : f.lsb + f.width] = taken + [sign] * (f.width - len(taken))
-        return bits
+            bits[f.lsb : f.lsb + len(taken)] = taken
+            if value.shape().signed and len(taken) < f.width:
+                assert f.lsb + f.width == 32
+                sign, begin = value[-1], f.lsb + len(taken)
+        return bits, sign, begin

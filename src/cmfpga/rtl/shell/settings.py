@@ -141,18 +141,26 @@ class Settings(wiring.Component):
         def where(condition):
             return current.matches(*(k for k, (_, f, _) in fields.items() if condition(f)))
 
-        high, value = Signal(width), Signal(len(word))
+        high = Cat(current.matches(*(k for k, h in enumerate(highs) if h >> bit & 1)) for bit in range(width))
         negative, beyond, zero = Signal(), Signal(), Signal()
-        turned = value ^ negative.replicate(len(value))
+        turned = word ^ negative.replicate(len(word))
+        # A bit above a field's limit, by the fields that have it; or more than a limit that is not all ones.
+        above = {}
+        for bit in range(len(word)):
+            having = (k for k, (_, f, _) in fields.items() if highs[k].bit_length() <= bit < f.width)
+            above.setdefault(tuple(having), []).append(turned[bit])
+        found = [Cat(bits).any() & current.matches(*having) for having, bits in above.items()]
+        for k in fields:
+            size = highs[k].bit_length()
+            if highs[k] != (1 << size) - 1:
+                found.append((current == k) & (turned[:size] > highs[k]))
         m.d.comb += [
-            value.eq(Mux(where(lambda f: f.width < len(word)), word[:16], word)),
-            high.eq(Cat(current.matches(*(k for k, h in enumerate(highs) if h >> bit & 1)) for bit in range(width))),
-            negative.eq(value[-1] & where(lambda f: f.signed)),
-            beyond.eq(turned[width:].any() | (turned[:width] > high)),
-            zero.eq((value == 0) & where(lambda f: f.low == 1)),
+            negative.eq(word[-1] & where(lambda f: f.signed)),
+            beyond.eq(Cat(found).any()),
+            zero.eq((word == 0) & where(lambda f: f.low == 1)),
         ]
-        wrong.append((beyond | zero) & where(lambda f: True))
-        return Mux(beyond, high ^ negative.replicate(width), value[:width]) | zero
+        wrong.append(beyond | zero)
+        return Mux(beyond, high ^ negative.replicate(width), word[:width]) | zero
 
     def _narrow(self, m):
         """Settings with a few bits, out of the register bank."""

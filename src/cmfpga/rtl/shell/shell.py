@@ -254,14 +254,21 @@ class Shell(wiring.Component):
                     block.bus.read_address.eq(bus.read_address),
                 ]
                 answers.append(block.bus.read_data)
-        for group, block in (("Counters", counters), ("Result", packet)):
-            first = BASE[group] // 4
-            asked = bus.read_address[len(block.address) :] == first >> len(block.address)
-            m.d.comb += block.address.eq(bus.read_address)
-            answers.append(Mux(asked, block.word, 0))
-        m.d.comb += packet.read.eq(bus.read & asked)
+
+        def asked(group, bits):
+            return bus.read_address[bits:] == BASE[group] // 4 >> bits
+
+        m.d.comb += [
+            counters.address.eq(bus.read_address),
+            packet.address.eq(bus.read_address[1:]),
+            packet.read.eq(bus.read & asked("Result", 1 + len(packet.address))),
+        ]
+        answers.append(Mux(asked("Counters", len(counters.address)), counters.word, 0))
+        for half in range(2):
+            mine = asked("Result", 1 + len(packet.address)) & (bus.read_address[0] == half) & packet.any_shown
+            answers.append(Mux(mine, packet.words.word_select(half, 32), 0))
         # Registers that are cleared choose among them.
-        answered = Signal(data.ArrayLayout(32, len(answers)))
+        answered = Signal(data.ArrayLayout(32, len(answers)), reset_less=True)
         m.d.sync += [kept.eq(answer) for kept, answer in zip(answered, answers, strict=True)]
         m.d.comb += bus.read_data.eq(functools.reduce(operator.or_, answered))
 

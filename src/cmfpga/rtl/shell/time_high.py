@@ -46,6 +46,7 @@ class TimeHigh(wiring.Component):
             m.d.sync += [kept.eq(self.high), self.known.eq(1)]
         m.d.comb += [
             self.t.eq(Cat(self.low, kept)),
-            self.back.eq(self.load & self.known & (self.high - kept)[HIGH_BITS - 1]),
+            # The sign of the difference.
+            self.back.eq(self.load & self.known & (self.high[-1] ^ kept[-1] ^ (self.high[:-1] < kept[:-1]))),
         ]
         return m
