@@ -50,7 +50,8 @@ def cycles_table():
     """Formula of each preset, and of `paper` in other sizes, beside the article's."""
     rows = []
     sizes = [("paper", size) for size in (32, 48, 128)]
-    for name, size in [*((name, None) for name in PRESETS), *sizes]:
+    one = [name for name in PRESETS if not preset(name).regions]
+    for name, size in [*((name, None) for name in one), *sizes]:
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)

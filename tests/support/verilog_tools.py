@@ -10,7 +10,7 @@ import sys
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.rtl.top import VerilogCore
+from cmfpga.rtl.top import verilog_top
 from cmfpga.verilog.compile import kept_verilog, verilator_root
 from cmfpga.verilog.emit import TOP
 
@@ -28,7 +28,7 @@ CONFIGS = {
 @functools.cache
 def emitted(config):
     """``(core, its Verilog)``, emitted once for all processes, and for what is compiled."""
-    core = VerilogCore(config)
+    core = verilog_top(config)
     return core, kept_verilog(core, TOP)
 
 

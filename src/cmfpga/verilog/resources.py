@@ -150,6 +150,31 @@ def _rows_of(names, verilog, report, top=TOP):
     return {name: _row(soft[name] + hard[name]) for name in names}
 
 
+# What synth_xilinx does at ``map_dsp`` (its help lists it), but for ``shared``: Yosys 0.70 packs an adder and the register
+# behind it into a DSP although others read that register, which then read 0: a design would lose what is behind it, and
+# take too little. Such registers are kept out of DSPs.
+_MAP_DSP = """\
+memory_dff
+alumacc -macc-only
+maccmap -unmap
+opt_clean
+techmap -map +/mul2dsp.v -map +/xilinx/xc7_dsp_map.v -D DSP_A_MAXWIDTH=25 -D DSP_B_MAXWIDTH=18 \
+-D DSP_A_MAXWIDTH_PARTIAL=18 -D DSP_A_MINWIDTH=2 -D DSP_B_MINWIDTH=2 -D DSP_Y_MINWIDTH=9 -D DSP_SIGNEDONLY=1 \
+-D DSP_NAME=$__MUL25X18
+select a:mul2dsp
+setattr -unset mul2dsp
+opt_expr -fine
+wreduce
+select -clear
+select -set inputs t:DSP48E1 %ci1 w:* %i
+select -set readers @inputs %co1 t:* %i t:DSP48E1 %d
+select -set shared @readers %ci1 w:* %i @inputs %i
+setattr -set keep 1 @shared
+xilinx_dsp -family xc7
+setattr -unset keep @shared
+chtype -set $mul t:$__soft_mul"""
+
+
 def _synthesise(verilog, family, tops, report, top=TOP):
     """Each of ``tops`` by itself, flat, completely mapped: ``{name: Counter}``.
 
@@ -160,10 +185,12 @@ def _synthesise(verilog, family, tops, report, top=TOP):
     for number, name in enumerate(tops):
         which = "all of it, flattened" if name == top else name.removeprefix(f"{TOP}_")
         steps.append(f"yosys, family {family}: {which} ({number + 1} of {len(tops)})")
+        synthesis = f"synth_xilinx -family {family} -top {name} -flatten -noiopad -noclkbuf -run"
         lines += [
             "design -load read",
             f"hierarchy -check -top {name}",
-            f"synth_xilinx -family {family} -top {name} -flatten -noiopad -noclkbuf -run prepare:",
+            *([f"{synthesis} prepare:map_dsp", _MAP_DSP, f"{synthesis} coarse:"] if family == "xc7" else []),
+            *([f"{synthesis} prepare:"] if family != "xc7" else []),
             f"tee -q -o {number}.json stat -json",
         ]
     stats = yosys("\n".join(lines) + "\n", verilog, steps, report)

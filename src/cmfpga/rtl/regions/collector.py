@@ -50,7 +50,8 @@ class Collector(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        judging = Verdict(config).latency + 1 if config.confidence else 0
+        self._verdict = Verdict(config) if config.confidence else None
+        judging = self._verdict.latency + 1 if config.confidence else 0
         self.latency = 6 + max(config.formats.roi_gain.width + 3, judging)
         kept = data.StructLayout({"number": config.store.number_bits, "state": payloads.state(config)})
         super().__init__(
@@ -139,7 +140,7 @@ class Collector(wiring.Component):
 
     def _judge(self, m, outcome, begin):
         """Whether v is in doubt, of an outcome that was probed: (it is known, it is)."""
-        m.submodules.verdict = verdict = Verdict(self.config)
+        m.submodules.verdict = verdict = self._verdict
         probed, decided = outcome.confidence_limit != 0, Signal()
         m.d.comb += [
             verdict.begin.eq(begin & probed),

@@ -218,7 +218,8 @@ class Store(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        half = Half(config).signature.members
+        self._halves = [Half(config) for _ in range(2)]
+        half = self._halves[0].signature.members
         super().__init__(
             {
                 **{name: half[name] for name in ("i", "o", "read", "busy", "cleared")},
@@ -228,13 +229,12 @@ class Store(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        halves = [Half(self.config) for _ in range(2)]
         filling, reading = Signal(), Signal()
         with m.If(self.open):
             m.d.sync += filling.eq(~filling)
         with m.If(self.take):
             m.d.sync += reading.eq(filling)
-        for number, half in enumerate(halves):
+        for number, half in enumerate(self._halves):
             m.submodules[f"half_{number}"] = half
             fills, reads = filling == number, reading == number
             m.d.comb += [
@@ -244,7 +244,7 @@ class Store(wiring.Component):
                 half.read.payload.eq(self.read.payload),
                 half.read.valid.eq(self.read.valid & reads),
             ]
-        first, second = halves
+        first, second = self._halves
         m.d.comb += [
             self.cleared.eq(first.cleared & second.cleared),
             self.read.ready.eq(Mux(reading, second.read.ready, first.read.ready)),
