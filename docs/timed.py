@@ -82,4 +82,14 @@ def motions_table():
     return f"{table(heads, rows, right=(3, 4, 5, 6, 7))}\nEstimates by Yosys, of the core alone.\n"
 
 
-TIMED = {"motions": motions_table, "cycles": cycles_table, "placed": placed_table}
+def regions_table():
+    """Resources of hardware of many regions, and of one of its units."""
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["regions"]
+    kinds = ("lut", "ff", "bram36", "uram", "dsp")
+    what = {"flow, a unit": "a unit by itself", "flow, one unit": "`flow` with one unit", "flow": "`flow`: four units"}
+    rows = [(what[name], *(f"{row[kind]:,}" for kind in kinds)) for name, row in stored.items()]
+    heads = ("", "LUT", "FF", "BRAM36", "UltraRAM", "DSP")
+    return f"{table(heads, rows, right=(1, 2, 3, 4, 5))}\nEstimates by Yosys, without AXI.\n"
+
+
+TIMED = {"regions": regions_table, "motions": motions_table, "cycles": cycles_table, "placed": placed_table}

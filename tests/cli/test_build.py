@@ -15,6 +15,7 @@ from cmfpga.config.schedule import used_events
 from cmfpga.verilog import emit
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
+REGIONS = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "regions": 2, "schedule_entries": 32}
 FAST = {"gradient": "one_pass", "ascent": "sign", "max_level": 2, "dither_frac": 4}
 COMMON = {
     "ascent", "event_buffer", "gradient", "ingest_control", "iteration_control", "reciprocal", "roi_filter",
@@ -113,11 +114,13 @@ WORDS = {
     "border": "whole",
     "undistortion": "on",
     "motion": "similarity",
+    "store_style": "ultra",
 }
 # The confidence needs formats of its own.
 NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confidence": 0},
           "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
           "undistortion_frac": {"undistortion": "on"},
+          "regions": REGIONS | {"regions": 1}, **{name: REGIONS for name in ("units", "bin_bits", "store_style")},
           "motion": FAST | {"border": "whole", "roi_width": 16, "roi_height": 8, "sensor_width": 16, "sensor_height": 8,
                             "confidence": 0, "schedule_entries": 64}}  # fmt: skip
 QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")

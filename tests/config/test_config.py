@@ -61,7 +61,7 @@ READER = {
     **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
     **{name: {"undistortion": "on", "undistortion_frac": 1} for name in ("undistortion_cell", "camera")},
     "undistortion_frac": {"undistortion": "on"},
-    "regions": MANY, **dict.fromkeys(("units", "bin_bits"), {**MANY, "regions": 2}),
+    "regions": MANY, **{name: {**MANY, "regions": 2} for name in ("units", "bin_bits")},
     "hot_mask": {"hot_pixels": 1}, "background_cell": {"background": 1}, "background_us": {"background": 1},
 }  # fmt: skip
 

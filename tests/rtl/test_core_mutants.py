@@ -42,7 +42,7 @@ MUTANTS = {  # module, old, new, configuration
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),
     "products go on": (gradient_reader, "delay(m, first, self.lead,", "delay(m, first & 0, self.lead,", "small"),
-    "division not waited for": (iteration_control, "with m.If(self.divided):", "with m.If(1):", "small"),
+    "division not waited for": (iteration_control, "eq(self.divided | next", "eq(self.divide | next", "small"),
     "an iteration too many": (iteration_control, "self.iterations + 1 == run.planned", "self.iterations == run.planned",
                               "small"),
     "one event too few": (iteration_control, "< batch.settings.min_roi", "<= batch.settings.min_roi", "small"),

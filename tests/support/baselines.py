@@ -15,7 +15,7 @@ from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
 from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.verilog import place, resources
-from cmfpga.verilog.emit import emit_verilog, sha256
+from cmfpga.verilog.emit import TOP, emit_verilog, sha256
 from support.emitted_hashes import axi_top, body
 from support.verilog_tools import emitted
 
@@ -24,9 +24,11 @@ PRESETS = ("paper", "fast")
 #: Of these only the whole core: with lanes, and beside it without confidence; motions, and what they stand beside.
 LANES = {"fast-4": {}, "fast-4, no confidence": {"confidence": 0}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
+#: Of many regions: a unit by itself, and all of it, of one unit and of four.
+REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
-BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}, "motions": {}} | json.loads(
+BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}, "motions": {}, "regions": {}} | json.loads(
     PATH.read_text(encoding="utf-8")
 )
 
@@ -79,7 +81,8 @@ def widths_of(widths):
 def core_alone(kind, name, changes):
     """Row of a preset's core, some of its fields changed; and the text."""
     text = emitted(preset(name.split(",")[0]).replace(**changes))[1]
-    return current(name, BASELINES[kind].get(name), text, lambda: resources.core(text)), text
+    top = {"top": f"{TOP}_unit_0"} if name.endswith("a unit") else {}
+    return current(name, BASELINES[kind].get(name), text, lambda: resources.core(text, **top)), text
 
 
 def lanes_of(name):
@@ -125,7 +128,7 @@ def main(what=None):
         fingerprints[name] = fingerprint(text, rows[name])
         write(BASELINES)
 
-    for kind, cores in (("lanes", LANES), ("motions", MOTIONS)):
+    for kind, cores in (("lanes", LANES), ("motions", MOTIONS), ("regions", REGIONS)):
         for name, changes in cores.items():
             BASELINES[kind][name], text = core_alone(kind, name, changes)
             fingerprints[name] = fingerprint(text, BASELINES[kind][name])

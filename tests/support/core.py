@@ -236,5 +236,5 @@ def judge_cycles(config):
 def constant_cycles(config):
     """Cycles of a batch that depend on neither N, n nor T, as a number."""
     dither = 1 if config.dither_frac else 0
-    dither += 7 if config.undistortion == "on" else 0
+    dither += 8 if config.undistortion == "on" else 0
     return config.span_bits + config.reciprocal_bits + dither + (29 if config.buffers == 1 else 21)

@@ -89,9 +89,31 @@ def test_motions_are_like_their_baselines(name):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("name", update.REGIONS)
+def test_regions_are_like_their_baselines(name):
+    assert_like_baseline(update.core_alone("regions", name, update.REGIONS[name])[0], BASELINES["regions"][name], name)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("widths", WIDTHS, ids=str)
 def test_word_widths_are_like_their_baselines(widths):
     assert_like_baseline(update.widths_of(widths)[0], BASELINES["widths"][", ".join(map(str, widths))], widths)
+
+
+def test_a_register_that_others_read_is_not_lost():
+    """What Yosys 0.70 makes of it by itself: the register goes into a DSP, and who reads it reads 0."""
+    text = """
+module cmfpga_core(input clk, input signed [5:0] a, input signed [15:0] b, input [4:0] w,
+                   output reg signed [21:0] p, output reg signed [15:0] q);
+  reg signed [5:0] a1; reg signed [15:0] b1, s; reg [4:0] w1, w2;
+  always @(posedge clk) begin
+    a1 <= a; b1 <= b; w1 <= w; w2 <= w1;
+    s <= a1 + b1; p <= s * $signed({1'b0, w2}); q <= s;
+  end
+endmodule
+"""
+    row = resources.core(text)
+    assert row["dsp"] == 1 and row["ff"] >= 16 and row["lut"] >= 16
 
 
 def test_what_is_kept_is_measured_again_where_it_changes(monkeypatch):

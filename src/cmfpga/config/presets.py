@@ -59,7 +59,7 @@ PRESETS = {
         max_batch_events=32767,
         min_roi_events=30,
         # From the coarse tile's v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
-        warm="1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",
+        warm="1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5",
         confidence_limit=12.0,
     ),
     "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),

@@ -17,6 +17,8 @@ LARGEST = {
     "roi_width": 64, "roi_height": 48, "buffer_events": 2100, "iterations": 60, "min_roi_events": 20,
     "thin_target": 300, "background_us": 2000, "gradient_int": 14, "gradient_frac": 26,
 }  # fmt: skip
+#: Cores of one ROI are drawn; tests/rtl/regions draws tables of regions.
+OF_REGIONS = ("regions", "units", "bin_bits", "store_style")
 
 
 def random_config(rng):
@@ -54,6 +56,7 @@ def _fields(rng):
     values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
     values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
     values |= needs(values["motion"])
+    values |= {name: defaults[name] for name in OF_REGIONS}
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
     values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))

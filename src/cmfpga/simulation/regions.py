@@ -27,6 +27,11 @@ class VerilatedRegions(VerilatedCore):
         self.offered, self.finished = [], []
         super().__init__(config, seed=seed)
 
+    @property
+    def cycles(self):
+        """Of the last batch of the last run, from the offer of its first event to its last result; None before."""
+        return self.finished[-1] - self.offered[-1] if self.finished else None
+
     def reset(self, cycles=2):
         super().reset(cycles)
         self._rows = [None] * len(self._rows)

@@ -150,9 +150,9 @@ def _rows_of(names, verilog, report, top=TOP):
     return {name: _row(soft[name] + hard[name]) for name in names}
 
 
-# What synth_xilinx does at ``map_dsp`` (its help lists it), but for ``shared``: Yosys 0.70 packs an adder and the register
-# behind it into a DSP although others read that register, which then read 0: a design would lose what is behind it, and
-# take too little. Such registers are kept out of DSPs.
+# What synth_xilinx does at ``map_dsp`` (its help lists it), but for ``shared``: Yosys 0.70 packs an adder and the
+# register behind it into a DSP although others read that register, which then read 0: a design would lose what is
+# behind it, and take too little. Such registers are kept out of DSPs.
 _MAP_DSP = """\
 memory_dff
 alumacc -macc-only

@@ -26,6 +26,7 @@ MUTANTS = {  # module, old, new
     "a bin's first page forgotten": (store, 'write["head"].data.eq(allocated)', 'write["head"].data.eq(0)'),
     "a page given twice": (store, "m.d.sync += bins.page.eq(bins.page + 1)", "m.d.sync += bins.page.eq(bins.page)"),
     "the last event of a bin": (store, "walking.eq(left != 1)", "walking.eq(left > 2)"),
+    "the next bin too early": (store, "known & (~walking | (left == 1))", "known"),
     "bins not forgotten": (store, "operation.clear.eq(clearing)", "operation.clear.eq(0)"),
     "the half that is filled": (store, "m.d.sync += reading.eq(filling)", "m.d.sync += reading.eq(~filling)"),
     "cropped by a column too many": (distributor, "whole < row.end[axis]", "whole <= row.end[axis]"),

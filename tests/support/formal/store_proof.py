@@ -1,7 +1,7 @@
 """The properties of the store of events: each event comes out once, where its bin is read, in the order of arrival."""
 
 from amaranth.asserts import AnyConst, AnySeq
-from amaranth.hdl import Assert, Assume, Cover, Signal
+from amaranth.hdl import Assert, Assume, Cat, Const, Cover, Signal
 
 from cmfpga.config import Config
 from support.formal.bank_proof import anything
@@ -27,45 +27,42 @@ def half_of(module):
     return module.Half(config)
 
 
+#: The cycles in which events may come; a little later bins are asked for.
+FILL = range(5, 5 + EVENTS + 1)
+
+
 class StoreHarness(Harness):
-    """Cleared, filled with up to :data:`EVENTS` events whenever they come, then both bins are read, in any order."""
+    """Cleared, filled with any events in any cycles of :data:`FILL`, then both bins are read, in any order."""
 
     COVERS = 2
 
     def properties(self, m):
         dut = self.dut
         event, out = dut.i.payload, dut.o.payload
-        first = Signal(init=1)
-        m.d.sync += first.eq(0)
-        number, filled, asked = Signal(range(EVENTS + 1)), Signal(range(16)), Signal(2)
-        filling, order = Signal(), Signal()
-        m.d.comb += [
-            dut.clear.eq(first),
-            anything(dut.i.valid),
-            anything(event.as_value()),
-            anything(dut.read.valid),
-            order.eq(AnyConst(1)),
-            Assume(~dut.i.valid | (dut.cleared & ~first & filling & (number < EVENTS))),
-            Assume(~dut.i.valid | ((event.x < 8) & (event.y < 4) & (event.t == number))),
-            # One bin, then the other, when the last event lies where it belongs.
-            Assume(~dut.read.valid | ((filled > dut.latency) & (asked < 2))),
-            dut.read.payload.eq(order ^ asked[0]),
-        ]
-        more = Signal()  # the solver says when no event comes any more
-        m.d.sync += more.eq(more | (AnySeq(1) & ~first))
-        m.d.comb += filling.eq(~more)
+        now, number, asked = Signal(range(40)), Signal(range(EVENTS + 1)), Signal(2)
+        order = Signal()
         m.d.sync += [
+            now.eq(now + 1),
             number.eq(number + dut.i.valid),
             asked.eq(asked + (dut.read.valid & dut.read.ready)),
         ]
-        with m.If(more & dut.cleared & (filled != 15)):
-            m.d.sync += filled.eq(filled + 1)
-
+        reading = (now >= FILL.stop + dut.latency) & (asked < 2)
+        m.d.comb += [
+            dut.clear.eq(now == 0),
+            Assert((now < FILL.start) | dut.cleared),
+            anything(dut.i.valid),
+            Assume(~dut.i.valid | ((now >= FILL.start) & (now < FILL.stop) & (number < EVENTS))),
+            event.t.eq(number),
+            event.y.eq(0),
+            event.x.eq(Cat(Const(0, 2), AnySeq(1))),
+            order.eq(AnyConst(1)),
+            dut.read.valid.eq(reading),
+            dut.read.payload.eq(order ^ asked[0]),
+        ]
         # Any one event is followed.
-        chosen, followed = Signal(), Signal(event.shape())
+        chosen, followed, seen = Signal(), Signal(event.shape()), Signal()
         with m.If(AnySeq(1) & dut.i.valid & ~chosen):
             m.d.sync += [chosen.eq(1), followed.eq(event)]
-        seen, idle = Signal(), Signal(range(8))
         mine = Signal()
         m.d.comb += mine.eq(dut.o.valid & chosen & (out.t == followed.t))
         with m.If(mine):
@@ -75,14 +72,14 @@ class StoreHarness(Harness):
         m.d.sync += total.eq(total + dut.o.valid)
         with m.If(dut.o.valid):
             m.d.sync += [last.eq(out.t), both.eq(both | (1 << which)[:2])]
-        over = Signal()
-        m.d.sync += idle.eq((~dut.busy & (asked == 2)) & (idle != 7))
-        m.d.comb += over.eq((asked == 2) & ~dut.busy & idle.any())
+        over, idle = Signal(), Signal()
+        m.d.sync += idle.eq(~dut.busy & (asked == 2))
+        m.d.comb += over.eq(idle & ~dut.busy)
         m.d.comb += [
             Assert(~mine | (~seen & (out.as_value() == followed.as_value()))),  # once, and as it was
-            Assert(~dut.o.valid | both.any() | (which == order) | (asked > 1)),
             # In the order of arrival within a bin, and one bin after the other.
-            Assert(~(dut.o.valid & (both == (1 << which))) | (out.t > last)),
+            Assert(~dut.o.valid | both.any() | (which == order) | (asked == 2)),
+            Assert(~(dut.o.valid & (both == (1 << which)[:2])) | (out.t > last)),
             Assert(~(dut.o.valid & both.all()) | ((out.t > last) & (which != order))),
             Assert(~over | ((total == number) & (seen | ~chosen))),
             Cover(over & (number == EVENTS) & both.all()),
