@@ -47,7 +47,7 @@ def _fields(rng):
     values = {
         field.name: field.type(rng.choice(choices)) if (choices := field.metadata["choices"]) else _integer(field, rng)
         for field in dataclasses.fields(Config)
-        if (field.type is int or field.metadata["choices"]) and rng.random() < 0.7
+        if field.name not in OF_REGIONS and (field.type is int or field.metadata["choices"]) and rng.random() < 0.7
     }
     for axis in ("width", "height"):  # a sensor smaller than the default ROI would nearly always be refused
         values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng))
@@ -56,7 +56,6 @@ def _fields(rng):
     values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
     values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
     values |= needs(values["motion"])
-    values |= {name: defaults[name] for name in OF_REGIONS}
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
     values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
