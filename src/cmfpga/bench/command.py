@@ -47,7 +47,7 @@ def _parser():
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(
         "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
-        help="folder of real recordings, for the accuracy (default: $CMFPGA_DATA); none: only synthetic batches",
+        help="folder of real recordings, for accuracy and --flow (default: $CMFPGA_DATA); none: only synthetic ones",
     )  # fmt: skip
     return made
 
@@ -119,7 +119,7 @@ def _flow(options, runs, seconds):
             bar.update()
 
         report = measure(
-            units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, step=step
+            units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, data=options.data, step=step
         )  # fmt: skip
     print("\n".join([*text(report), *(f"not measured: {line}" for line in missing)]))
     if options.json is not None:

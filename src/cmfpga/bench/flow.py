@@ -3,13 +3,17 @@
 import os
 import time
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 
+from ..accuracy.dense import WINDOWS as RECORDINGS
 from ..config import preset
 from ..errors import MissingPackage
+from ..events import Events, open_recording
+from ..flow.api import configure
 from ..flow.demo import scene
-from ..flow.tiles import grid
+from ..flow.tiles import TILE, grid
 from ..protocol.flags import Flag
 from ..protocol.settings import BatchSettings
 from .opponents.flow_program import FlowProgram
@@ -18,11 +22,12 @@ from .opponents.timing import Times, side_by_side
 from .programs import processor
 
 EVENTS = 30_000
-#: Windows back to back: the first and the last do not count.
+#: Windows back to back; the time from the first one's end to the last one's counts.
 WINDOWS = 3
+SYNTHETIC = "synthetic, the camera turns"
 
 
-def measure(*, units, runs, seconds, clock, missing, step=lambda what: None):
+def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what: None):
     """Rows of the table, JSON-ready.
 
     Parameters
@@ -35,15 +40,18 @@ def measure(*, units, runs, seconds, clock, missing, step=lambda what: None):
         Assumed for the hardware, MHz.
     missing : list of str
         What cannot be measured here is said there.
+    data : str, optional
+        Folder of recordings, of which a window each is measured too.
     step : callable
         Called with what is measured next.
     """
     config = preset("flow")
     tiles, settings, events = grid(config), BatchSettings.from_config(config), scene().events[:EVENTS]
-    hardware = []
+    windows, hardware = {SYNTHETIC: (settings, events), **_recorded(data)}, []
     for count in units:
         step(f"{count} units")
-        hardware.append(_hardware(config.replace(units=count), tiles, settings, events, clock))
+        for name, (chosen, window) in windows.items():
+            hardware.append({"window": name, **_hardware(config.replace(units=count), tiles, chosen, window, clock)})
     return {
         "events": len(events),
         "sensor": [config.sensor_width, config.sensor_height],
@@ -55,6 +63,16 @@ def measure(*, units, runs, seconds, clock, missing, step=lambda what: None):
         "hardware": hardware,
         "programs": _programs(config, tiles, settings, events, runs, seconds, missing, step),
     }
+
+
+def _recorded(data):
+    """``{name: (settings, events)}`` of real windows, undistorted where there is a calibration."""
+    found = {}
+    for file in RECORDINGS if data is not None else ():
+        with open_recording(Path(data) / file) as recording:
+            config, *_ = configure(recording, "flow", {}, TILE, None, str)
+            found[file] = BatchSettings.from_config(config), Events.concatenate(recording.chunks())[:EVENTS]
+    return found
 
 
 def _hardware(config, tiles, settings, events, clock):
@@ -141,21 +159,21 @@ def text(report):
         "MHz. Programs: this machine's",
         f"processor, {report['processor']}; median of {report['runs']} runs (lowest–highest).",
         "",
-        "                          cycles a window   ms a window         fields/s   M events/s   units busy",
+        f"{'':<50}cycles a window   ms a window         fields/s   M events/s  units busy",
     ]
     for row in hardware:
-        name = f"{row['units']} unit{'s' if row['units'] > 1 else ''}"
+        name = f"{row['units']} unit{'s' if row['units'] > 1 else ''}, {row['window']}"
         ms = 1e3 / row["fields_per_s"]
         lines.append(
-            f"{name:<26}{row['cycles']:>15,.0f}{ms:>14.3f}{row['fields_per_s']:>17,.0f}"
+            f"{name:<50}{row['cycles']:>15,.0f}{ms:>14.3f}{row['fields_per_s']:>17,.0f}"
             f"{row['events_per_s'] / 1e6:>13.1f}{row['busy']:>12.0%}"
         )
     for row in programs:
         median, low, high = (1e3 * row["seconds"][name] for name in ("median", "low", "high"))
         span = f"{median:.2f}" if low == high else f"{median:.2f} ({low:.2f}–{high:.2f})"
-        lines.append(f"{row['name']:<40}{span:>20}{row['fields_per_s']:>12,.1f}{row['events_per_s'] / 1e6:>13.2f}")
+        lines.append(f"{row['name']:<50}{span:>29}{row['fields_per_s']:>17,.1f}{row['events_per_s'] / 1e6:>13.2f}")
     for row in programs[:2]:
-        for unit in hardware:
+        for unit in [each for each in hardware if each["window"] == SYNTHETIC]:
             times = row["seconds"]["median"] * unit["fields_per_s"]
             lines.append(f"{unit['units']} units are {times:.1f} × as fast as {row['name']}")
     return lines
