@@ -22,7 +22,7 @@ from support.verilog_tools import emitted
 PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
 PRESETS = ("paper", "fast")
 #: Of these only the whole core: with lanes, and beside it without confidence; motions, and what they stand beside.
-LANES = {"fast-4": {}, "fast-4, no confidence": {"confidence": 0}}
+LANES = {"fast-4": {}, **{f"{name}, no confidence": {"confidence": 0} for name in ("fast-4", "fast")}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
