@@ -175,5 +175,6 @@ def text(report):
     for row in programs[:2]:
         for unit in [each for each in hardware if each["window"] == SYNTHETIC]:
             times = row["seconds"]["median"] * unit["fields_per_s"]
-            lines.append(f"{unit['units']} units are {times:.1f} × as fast as {row['name']}")
+            count = unit["units"]
+            lines.append(f"{count} unit{'s are' if count > 1 else ' is'} {times:.1f} × as fast as {row['name']}")
     return lines

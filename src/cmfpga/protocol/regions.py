@@ -6,7 +6,7 @@ Imports neither Amaranth nor NumPy.
 from dataclasses import dataclass
 
 from ..errors import ConfigError
-from .settings import table_entry
+from .settings import plan_shape, table_entry
 from .shapes import pair, up_to, whole
 
 #: Largest log2 of a region's stride.
@@ -87,7 +87,7 @@ class Region:
 
 def row_shape(config):
     """A row of the table, as it is written."""
-    geometry, plan = config.geometry, _plan_shape(config)
+    geometry, plan = config.geometry, plan_shape(config)
     return {
         "place": pair(whole(geometry.x_bits), whole(geometry.y_bits)),
         "begin": pair(up_to(config.roi_width - 1), up_to(config.roi_height - 1)),
@@ -99,11 +99,6 @@ def row_shape(config):
         "stride": up_to(MOST_STRIDE),
         "moves": whole(1),
     }
-
-
-def _plan_shape(config):
-    last = config.schedule_entries - 1
-    return {"first": up_to(last), "count": up_to(last + 1)}
 
 
 def tables(config, regions, settings):

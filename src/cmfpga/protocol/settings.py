@@ -147,7 +147,7 @@ def _place(config):
     return pair(*(Q(bits, frac, signed=False) for bits in (geometry.x_bits, geometry.y_bits)))
 
 
-def _plan_shape(config):
+def plan_shape(config):
     """A part of the schedule's table: the first entry and the number of entries."""
     last = config.schedule_entries - 1
     return {"first": up_to(last), "count": up_to(last + 1)}
@@ -161,7 +161,7 @@ def _plan(name, word, without, first):
     """A schedule; ``first(config, settings)`` is its first entry in the table."""
     doc = f"schedule of a batch {without} a last v"
     return Setting(
-        name=name, shape=_plan_shape, high=_plan_high, when=by_signs, default=(), doc=doc,
+        name=name, shape=plan_shape, high=_plan_high, when=by_signs, default=(), doc=doc,
         asked=lambda config: getattr(config.schedules, name) if by_signs(config) else (),
         raw=lambda config, settings: (first(config, settings), len(getattr(settings, name))),
         places=(
