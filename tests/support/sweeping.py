@@ -45,8 +45,12 @@ def run_here(*arguments):
 
 @contextlib.contextmanager
 def started(*arguments):
-    """``python -m cmfpga.sweep`` in a process of its own, killed at the end if it still runs."""
-    command = [sys.executable, "-W", "error", "-m", "cmfpga.sweep", *map(str, arguments)]
+    """``python -m cmfpga.sweep`` in a process of its own, killed at the end if it still runs.
+
+    Warnings are errors, but for resources: an interruption between an ``open`` and its ``with`` leaves a file to Python.
+    """
+    command = [sys.executable, "-W", "error", "-W", "ignore::ResourceWarning", "-m", "cmfpga.sweep"]
+    command += map(str, arguments)
     with subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
