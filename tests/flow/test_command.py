@@ -85,11 +85,12 @@ def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_pa
     assert "a calibration is needed" in refused.error
 
 
-def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path):
+@pytest.mark.parametrize("verilog", ["rtl", pytest.param("axi", marks=pytest.mark.slow)])
+def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path, verilog):
     if find_compiler() is None:
         pytest.skip("no C++ compiler")
     files = []
-    for engine in ("rtl", "axi", "model"):
+    for engine in (verilog, "model"):
         told = [
             "--engine",
             engine,
@@ -107,7 +108,7 @@ def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path):
         files.append((tmp_path / engine / "flow.csv").read_bytes())
         told = json.loads(done.out)
         assert told["cycles"] is None if engine == "model" else told["cycles"] > 2 * 4000
-    assert files[0] == files[1] == files[2] and len(files[0]) > 1000
+    assert files[0] == files[1] and len(files[0]) > 1000
 
 
 def test_from_python_it_is_the_same(command, slide, tmp_path):
