@@ -91,8 +91,7 @@ class TableWindow(wiring.Component):
             m.d.sync += waiting.eq(0)
         return m
 
-    @staticmethod
-    def _beyond(f, word, width):
+    def _beyond(self, f, word, width):
         """Whether a field's word is none of ``width`` bits, or larger than the field allows."""
         if f.signed:
             upper = word[width - 1 :]
