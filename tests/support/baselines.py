@@ -24,8 +24,9 @@ PRESETS = ("paper", "fast")
 #: Of these only the whole core: with lanes, and beside it without confidence; motions, and what they stand beside.
 LANES = {"fast-4": {}, **{f"{name}, no confidence": {"confidence": 0} for name in ("fast-4", "fast")}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
-#: Of many regions: a unit by itself, and all of it, of one unit and of four.
+#: Of many regions: a unit by itself, and all of it, of one unit and of four; the same with AXI.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
+REGIONS |= {name: {} for name in ("flow, AXI", "objects", "objects, AXI")}
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
 BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}, "motions": {}, "regions": {}} | json.loads(
@@ -61,14 +62,18 @@ def core_of(name):
 
 
 def axi_of(name):
-    """Row of the AXI top, and the text that it depends on."""
-    config, stored = preset(name), BASELINES["presets"].get(name, {})
+    """:func:`axi_row` of a preset."""
+    return axi_row(f"{name} axi", preset(name), BASELINES["presets"].get(name, {}).get("axi"))
+
+
+def axi_row(name, config, stored):
+    """Row of a configuration's AXI top, and the text that it depends on."""
     neutral = axi_top(config)
 
     def measure():
         return resources.core(emit_verilog(AxiTop(config), BOARD.top), top=BOARD.top)
 
-    return current(f"{name} axi", stored.get("axi"), neutral, measure), neutral
+    return current(name, stored, neutral, measure), neutral
 
 
 def widths_of(widths):
@@ -79,8 +84,11 @@ def widths_of(widths):
 
 
 def core_alone(kind, name, changes):
-    """Row of a preset's core, some of its fields changed; and the text."""
-    text = emitted(preset(name.split(",")[0]).replace(**changes))[1]
+    """Row of a preset's core, or of its AXI top, some of its fields changed; and the text."""
+    config = preset(name.split(",")[0]).replace(**changes)
+    if name.endswith(", AXI"):
+        return axi_row(name, config, BASELINES[kind].get(name))
+    text = emitted(config)[1]
     top = {"top": f"{TOP}_unit_0"} if name.endswith("a unit") else {}
     return current(name, BASELINES[kind].get(name), text, lambda: resources.core(text, **top)), text
 

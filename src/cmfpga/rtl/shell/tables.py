@@ -197,7 +197,7 @@ class Tables(wiring.Component):
         windows = list(self.windows.values())
         m.d.comb += self.pending.eq(Cat(window.pending for window in windows).any())
         if "row" in self.windows:
-            m.submodules.known = known = KnownRows(self.config)
+            m.submodules.known_rows = known = KnownRows(self.config)
             connect(m, self.windows["row"].o, known.write)
             m.d.comb += [
                 self.windows["row"].allowed.eq(known.allowed),
