@@ -24,9 +24,8 @@ PRESETS = ("paper", "fast")
 #: Of these only the whole core: with lanes, and beside it without confidence; motions, and what they stand beside.
 LANES = {"fast-4": {}, **{f"{name}, no confidence": {"confidence": 0} for name in ("fast-4", "fast")}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
-#: Of many regions: a unit by itself, and all of it, of one unit and of four; the same with AXI.
+#: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
-REGIONS |= {name: {} for name in ("flow, AXI", "objects", "objects, AXI")}
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
 BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}, "motions": {}, "regions": {}} | json.loads(
@@ -62,18 +61,14 @@ def core_of(name):
 
 
 def axi_of(name):
-    """:func:`axi_row` of a preset."""
-    return axi_row(f"{name} axi", preset(name), BASELINES["presets"].get(name, {}).get("axi"))
-
-
-def axi_row(name, config, stored):
-    """Row of a configuration's AXI top, and the text that it depends on."""
+    """Row of the AXI top, and the text that it depends on."""
+    config, stored = preset(name), BASELINES["presets"].get(name, {})
     neutral = axi_top(config)
 
     def measure():
         return resources.core(emit_verilog(AxiTop(config), BOARD.top), top=BOARD.top)
 
-    return current(name, stored, neutral, measure), neutral
+    return current(f"{name} axi", stored.get("axi"), neutral, measure), neutral
 
 
 def widths_of(widths):
@@ -84,11 +79,8 @@ def widths_of(widths):
 
 
 def core_alone(kind, name, changes):
-    """Row of a preset's core, or of its AXI top, some of its fields changed; and the text."""
-    config = preset(name.split(",")[0]).replace(**changes)
-    if name.endswith(", AXI"):
-        return axi_row(name, config, BASELINES[kind].get(name))
-    text = emitted(config)[1]
+    """Row of a preset's core, some of its fields changed; and the text."""
+    text = emitted(preset(name.split(",")[0]).replace(**changes))[1]
     top = {"top": f"{TOP}_unit_0"} if name.endswith("a unit") else {}
     return current(name, BASELINES[kind].get(name), text, lambda: resources.core(text, **top)), text
 
