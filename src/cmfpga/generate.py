@@ -174,7 +174,9 @@ def _others(options):
         size = recording.width, recording.height
         if size != options.sensor:
             told = "no size" if None in size else "{}×{} px".format(*size)
-            raise ConfigError(f"--over {options.over}: a sensor of {told}; {'×'.join(map(str, options.sensor))} is needed")
+            raise ConfigError(
+                f"--over {options.over}: a sensor of {told}; {'×'.join(map(str, options.sensor))} is needed"
+            )
         return Events.concatenate(recording.chunks())
 
 

@@ -48,7 +48,8 @@ def hardware_cycles(kept):
             if by_formula:
                 total = core.cycles(**size, iterations=plan, most=True) if plan else np.nan
             cycles.append(total)
-            parts.append(_parts(core, size, plan, total) if plan else [np.nan] * len(PARTS))
+            if not by_formula:
+                parts.append(_parts(core, size, plan, total) if plan else [np.nan] * len(PARTS))
         del core
         gc.collect()  # it would warn when it is freed
     found = {} if by_formula else dict(zip(PARTS, np.array(parts, np.float64).T, strict=True))

@@ -151,7 +151,7 @@ class FittedCutter(BatchCutter):
 
     def _first_length(self, rois):
         """Events of the whole sensor among which some are in one of the ROIs."""
-        length = 2 * _FIRST_ROI_EVENTS
+        length = min(2 * _FIRST_ROI_EVENTS, self.max_events)
         while True:
             ahead = yield from self._ahead(length)
             inside = [events_in_roi(self._seen(ahead), roi[:2], *roi[2:])[0] for roi in rois]
