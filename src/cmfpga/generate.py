@@ -148,12 +148,14 @@ def main(arguments=None):
             writer.ground_truth(times, velocities, motion.position(0))
         for k in tqdm(range(options.repeat), unit="scene", disable=None if options.repeat > 1 else True):
             writer.write(Events(events.t + k * options.duration_us, events.x, events.y, events.p))
-    count = len(events) * options.repeat
+    count, duration = len(events) * options.repeat, options.duration_us * options.repeat
+    if options.over is not None:
+        duration = max(duration, int(events.t[-1]) + 1)
     if options.json:
         summary = {
             "file": options.out,
             "events": count,
-            "duration_us": options.duration_us * options.repeat,
+            "duration_us": duration,
             "sensor": [width, height],
             "velocity_px_per_s": [[int(t), *v] for t, v in zip(motion.times, motion.velocities.tolist(), strict=True)],
             **turning,
@@ -162,7 +164,7 @@ def main(arguments=None):
         }
         print(json.dumps(summary, indent=2))
     else:
-        print(f"wrote {options.out}: {count:,} events in {options.duration_us * options.repeat / 1e6:g} s")
+        print(f"wrote {options.out}: {count:,} events in {duration / 1e6:g} s")
     return 0
 
 

@@ -1,7 +1,5 @@
 """Several objects on one accelerator: rows of a table of regions, and scenes in which objects cross, leave and stop."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -19,14 +17,14 @@ from cmfpga.tracking.fit import FittedCutter, batch_cutter
 from cmfpga.tracking.loop import follow
 from cmfpga.tracking.rows import Rows, with_rows
 from cmfpga.verilog.compiler import find_compiler
-from support.regions import CONFIGS
+from support.regions import CONFIGS, without_clock
 
 CONFIG = CONFIGS["two units"].replace(max_level=2, min_roi_events=3, confidence_limit=1.0)
 ROIS = [(3, 4), (20, 12), (8, 15)]
 
 
 def scenes():
-    """Three objects on a sensor of 40×30 px that go to and fro; one of them stops, and for a while there are no events."""
+    """Three objects on a sensor of 40×30 px go to and fro; one of them stops, and for a while there are no events."""
 
     def to_and_fro(x, y):
         return tuple((60_000, sign * x, sign * y) for sign in (1, -1) * 4)
@@ -53,11 +51,6 @@ def followed(name, config, recording, rois, batches=None, **size):
         engine.close()
 
 
-def plain(result):
-    """A result without the cycles that only hardware has."""
-    return dataclasses.replace(result, regions=tuple(dataclasses.replace(one, cycles=None) for one in result.regions))
-
-
 # ---------------------------------------------------------------- hardware, model, and each by itself
 
 
@@ -70,7 +63,7 @@ def test_verilog_and_model_find_the_same(size):
     assert len(both[0]) == len(both[1]) >= 5
     for rtl, model in zip(*both, strict=True):
         for one, other in zip(rtl, model, strict=True):
-            assert plain(one.result) == plain(other.result)
+            assert without_clock(one.result) == other.result
             assert one.values | {"cycles": None} == other.values and one.plan == other.plan
     flags = [batch.flags for window in both[0] for batch in window]
     assert {Flag.DOUBTFUL in one for one in flags} == {True, False}
@@ -224,7 +217,7 @@ def test_rows_that_are_written_anew_forget():
         engine, cutter = RegionEngine(name, CONFIG), BatchCutter(scenes(), events=120, max_events=150)
         for anew in ((), (), (0, 2), ()):
             engine.write(regions, anew)
-            results.append(plain(engine.run(cutter.next(), settings)))
+            results.append(without_clock(engine.run(cutter.next(), settings)))
         engine.close()
     assert results[:4] == results[4:]
     before, after = results[1], results[2]

@@ -48,5 +48,5 @@ def check_one_region(config):
     """Raise :exc:`ConfigError` of hardware with a table of regions, where one ROI is wanted."""
     if config.regions:
         raise ConfigError(
-            f"regions = {config.regions}: this is for one ROI; many regions: python -m cmfpga.flow, and cmfpga.build"
+            f"regions = {config.regions}: this is for one ROI; many regions: cmfpga track, flow and build"
         )
