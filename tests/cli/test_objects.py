@@ -77,6 +77,21 @@ def test_summary_and_pictures(command, tmp_path, two):
         assert all((tmp_path / f"track-{k}.{suffix}").stat().st_size > 100 for suffix in ("csv", "png"))
 
 
+def test_a_stride_is_told(command, tmp_path, two):
+    """Object 1 has twice as many events as object 0; all are counted."""
+    path, places = two
+    options = ["--set", "when_full=drop", "--set", "buffer_events=900", "--batch-events", 6000, "--batches", 3]
+    done = command(track, path, *(roi(place) for place in places), *OPTIONS, *options, "--out", tmp_path)
+    told = [line for line in done.err.splitlines() if "stored" in line]
+    assert told == [
+        f"note: {k}: one of {stride} events in the ROI was stored, so that buffer_events hold them"
+        for k, stride in ((0, 4), (1, 8))
+    ]
+    table = np.genfromtxt(tmp_path / "track-1.csv", delimiter=",", names=True, dtype=None, encoding=None)
+    assert all("thinned" in one and "overflow" not in one for one in table["flags"])
+    assert (table["roi_events"] > 400).all()
+
+
 def test_cycles_are_the_accelerators(command, tmp_path, two):
     """More than those of either object in its unit, for events are taken in first; fewer than twice as many."""
     if find_compiler() is None:
