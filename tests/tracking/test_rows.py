@@ -156,7 +156,7 @@ def test_only_what_begins_elsewhere_is_written_anew():
 
 
 def test_a_batch_of_another_length_begins_cold_where_the_rows_are():
-    table = Table(CONFIG)
+    table = Table(CONFIG, [Flag.DEGENERATE, Flag(0)])  # the second object alone measured the first batch
     cutter = FittedCutter(recording(), CONFIG, first=30, max_events=150)  # 2.2 px: each batch is longer
     rows = Rows(table, 2)
     windows = [*follow(rows, cutter, rois=[(3, 4), (20, 12)], batches=3, consumers=[(), ()])]
