@@ -10,7 +10,7 @@ from ..protocol.settings import BatchSettings
 from ..protocol.trace import Trace
 
 #: What a configuration without a table of regions takes from this preset; and how many events of the whole sensor its
-#: store holds then: two halves of them lie in 34 UltraRAMs.
+#: store holds then.
 PRESET, FIELDS, STORED_EVENTS = "objects", ("regions", "units", "bin_bits", "store_style"), 65535
 
 _RESERVE = 1.3  # of events that a stride leaves room for: the rate is not the same in all batches
