@@ -26,9 +26,9 @@ class AcceleratorRegions:
         self._accelerator = accelerator
         self.cycles = None
 
-    def write(self, regions):
+    def write(self, regions, anew=()):
         """Replace the table; what has changed is written with the next batch. Raises :exc:`ConfigError`."""
-        self._accelerator.control.table.replace(regions)
+        self._accelerator.control.table.replace(regions, anew)
 
     def run(self, t, x, y, settings):
         """One batch: a :class:`WireResult` with an outcome for each region."""

@@ -150,13 +150,13 @@ class RegionTable:
         """The hardware holds nothing: all rows will be written, fresh."""
         self._rows = [None] * len(self.regions)
 
-    def replace(self, regions):
-        """Another table. A row that changes forgets what was measured. Raises :exc:`ConfigError`."""
+    def replace(self, regions, anew=()):
+        """Another table. A row that changes, or is one of ``anew``, forgets what was measured. :exc:`ConfigError`."""
         regions = list(regions)
         for number, region in enumerate(regions):
             region.check(self.config, number)
-        known = zip(self.regions, self._rows, strict=True)
-        kept = [row if old == new else None for (old, row), new in zip(known, regions, strict=False)]
+        known = zip(range(len(regions)), self.regions, self._rows, regions, strict=False)
+        kept = [row if old == new and number not in anew else None for number, old, row, new in known]
         self.regions, self._rows = regions, kept + [None] * (len(regions) - len(kept))
 
     def changes(self, settings):

@@ -36,9 +36,9 @@ class VerilatedRegions(VerilatedCore):
         super().reset(cycles)
         self.table.forget()
 
-    def write(self, regions):
+    def write(self, regions, anew=()):
         """Replace the table, as :meth:`cmfpga.reference.regions.RegionSequence.write` does."""
-        self.table.replace(regions)
+        self.table.replace(regions, anew)
 
     @property
     def regions(self):
