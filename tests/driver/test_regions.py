@@ -1,5 +1,6 @@
 """The driver on the emitted AXI top with a table of regions, in Verilator: all outcomes equal the integer model's."""
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -11,12 +12,16 @@ from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.regions import RegionEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
+from cmfpga.events.columns import MemoryRecording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import PACKET_BEATS, counts_of
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.simulation.axi_top import PACKET, SimulatedTop
+from cmfpga.tracking.fit import batch_cutter
+from cmfpga.tracking.loop import follow
+from cmfpga.tracking.rows import Rows
 from support.board import uio_tree
 from support.driving import compiler
 from support.regions import CONFIGS, model_of, random_regions, random_settings, random_window, some_changed
@@ -320,3 +325,19 @@ def test_a_packet_that_is_not_whole_is_refused(accelerator, top, rng):
     for wrong in (words[:-PACKET_BEATS], np.concatenate([words, words[:PACKET_BEATS]])):
         with pytest.raises(DeviceError, match="came in one packet; one of each is needed"):
             result_of(CONFIG, REGISTERS, wrong, "it")
+
+
+def test_objects_are_followed_over_the_bus(compiler, rng):
+    """With rows that begin anew, for batches change their length: every value of every batch is the model's."""
+    parts = [Events(*clouds(rng, t0=1000 * k), np.arange(120) % 2) for k in range(8)]
+    recording = MemoryRecording(Events.merge(parts), 40, 30, "clouds")
+
+    def values(name):
+        with contextlib.closing(RegionEngine(name, CONFIG)) as engine:
+            windows = follow(
+                Rows(engine, 2), batch_cutter(recording, CONFIG, first=60), rois=[(1, 1), (19, 8)], consumers=[(), ()]
+            )
+            return [{**batch.values, "cycles": None} for window in windows for batch in window]
+
+    found = values("axi")
+    assert found == values("model") and len(found) > 6
