@@ -48,7 +48,7 @@ MUTANTS = [
     Mutant("turn ignored", "select(self.turn, [", "select(0 * self.turn, [", router),
     Mutant("taken, not given", "Cat(given[lane][half::2]).any()", "Cat(given[lane]).any()", router),
     Mutant("head of another lane", "if lane >> bit & 1", "if lane >> bit & 1 or lane == 1", router),
-    Mutant("a vote too many", "behind >= self.depth - 2", "behind >= self.depth - 1", vote_queue),
+    Mutant("a vote too many", "behind[1:].all()", "behind.all()", vote_queue),
     Mutant("head lost", "load.eq(waits & (self.taken | ~self.wants.any()))", "load.eq(waits)", vote_queue),
     Mutant("head again", "with m.Elif(self.taken):", "with m.Elif(self.taken & self.full):", vote_queue),
     Mutant("empty early", "self.empty.eq(~waits & ~self.wants.any())", "self.empty.eq(~waits)", vote_queue),

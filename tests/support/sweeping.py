@@ -47,7 +47,7 @@ def run_here(*arguments):
 def started(*arguments):
     """``python -m cmfpga.sweep`` in a process of its own, killed at the end if it still runs.
 
-    Warnings are errors, but for resources: an interruption between an ``open`` and its ``with`` leaves a file to Python.
+    Warnings are errors, but for resources: interrupted between an ``open`` and its ``with``, Python closes the file.
     """
     command = [sys.executable, "-W", "error", "-W", "ignore::ResourceWarning", "-m", "cmfpga.sweep"]
     command += map(str, arguments)

@@ -167,4 +167,4 @@ def test_a_replay_pauses_where_there_is_no_room(share, rng):
         script += [{"room": int(rng.random() < share)} for _ in range(int(rng.integers(4)))]
     recording = play(block, [*script, *[{}] * 5])
     assert recording.values() == [{**event, "last": int(event is events[-1])} for event in events] * 6
-    assert recording.cycles() == [cycle + EventBuffer.latency - 1 for cycle in issued]
+    assert recording.cycles() == [cycle + block.latency - 1 for cycle in issued]

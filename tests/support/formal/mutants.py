@@ -34,7 +34,6 @@ def bank(name, old, new):
     return Mutant(name, old, new, read_modify_write)
 
 
-_MATCH = "valid[stage - 1] & (address[stage - 1] == address[1])"
 #: The stages whose sums are forwarded, the oldest first, counted from that of the write.
 _FORWARDED = {
     "youngest sum not forwarded": (2, 1),
@@ -46,8 +45,13 @@ _FORWARDED = {
 }
 
 
-def _in_both(make, write, written):
-    """Mutants of what both banks have: one that writes at that stage; how the stages stand in the source."""
+def _match(compared):
+    return f"valid[stage - 1] & (address[stage - 1] == address[{compared}])"
+
+
+def _in_both(make, write, compared, written):
+    """Mutants of what both banks have: one that writes and compares at those stages; how stages stand in the source."""
+    match = _match(compared)
 
     def stages(offsets):
         return written(tuple(write + offset for offset in offsets))
@@ -55,9 +59,9 @@ def _in_both(make, write, written):
     second, third = f"total[{write + 1}]", f"total[{write + 2}]"
     return [
         *(make(name, stages((2, 1, 0)), stages(offsets)) for name, offsets in _FORWARDED.items()),
-        make("match ignores valid", _MATCH, "address[stage - 1] == address[1]"),
-        make("match one cycle early", _MATCH, "valid[stage - 1] & (address[stage - 1] == address[0])"),
-        make("match ignores an address bit", _MATCH, "valid[stage - 1] & (address[stage - 1][1:] == address[1][1:])"),
+        make("match ignores valid", match, f"address[stage - 1] == address[{compared}]"),
+        make("match of another cycle", match, _match(1 - compared)),
+        make("match ignores an address bit", match, match.replace("] ==", "][1:] ==").replace("])", "][1:])")),
         make("third sum is the second", f"{third}.eq({second})", f"{third}.eq(total[{write}])"),
         make("write ignores valid", f"write.en.eq(valid[{write}])", "write.en.eq(1)"),
         make("write at a younger address", f"write.addr.eq(address[{write}])", f"write.addr.eq(address[{write - 1}])"),
@@ -72,7 +76,7 @@ _CLEAR_IN_RAM_ONLY = """clear_s3 = Signal()
 """
 
 READ_ADD_WRITE = [
-    *_in_both(bank, 3, lambda stages: f"for stage in {stages}:"),
+    *_in_both(bank, 3, 1, lambda stages: f"for stage in {stages}:"),
     bank("clear lost", _CLEAR, "pass\n"),
     bank("clear not forwarded", _CLEAR, _CLEAR_IN_RAM_ONLY),
     bank("sum of the wrong operation", "base[name], operation_s2.add)", "base[name], operation_s1.add)"),
@@ -80,21 +84,20 @@ READ_ADD_WRITE = [
     bank("answer announced early", "self.o.valid.eq(valid[2])", "self.o.valid.eq(valid[1])"),
 ]
 
-_SAME = "read_s2.tag == tag[2], same_s2)"
-_RAM = "read_s2.tag == tag[2]"
-_BEHIND = "valid[2] & (address[2] == address[1])"
+_SAME = "read_s2.tag == tag, counts_s2)"
+_RAM = "read_s2.tag == tag"
+_BEHIND = "behind_s2.eq(match[2])"
 
 TAGGED_BANK = [
-    *_in_both(tagged, 4, lambda stages: f"in {tuple((stage - 3, stage) for stage in stages)}:"),
-    tagged("forwarded sums count with any tag", _SAME, _SAME.replace("same_s2", "1")),
+    *_in_both(tagged, 4, 0, lambda stages: f"in {tuple((stage - 3, stage - 1) for stage in stages)}:"),
+    tagged("forwarded sums count with any tag", _SAME, _SAME.replace("counts_s2", "1")),
     tagged("sums forwarded from one stage too far", "Mux(low, words[3], words[2])", "Mux(low, words[2], words[3])"),
-    tagged("forwarded sums never count", _SAME, _SAME.replace("same_s2", "0")),
-    tagged("tags compared one cycle early", "tag[stage - 1] == tag[1]", "tag[stage - 1] == tag[0]"),
-    tagged("tags match in part", "tag[stage - 1] == tag[1]", "tag[stage - 1][0] == tag[1][0]"),
-    tagged("another tag is the match's end", _MATCH, f"{_MATCH} & (tag[stage - 1] == tag[1])"),
-    tagged("sum right before not forwarded", _BEHIND, "0"),
-    tagged("sum right before forwarded without valid", _BEHIND, "address[2] == address[1]"),
-    tagged("sum right before forwarded to any row", _BEHIND, "valid[2]"),
+    tagged("forwarded sums never count", _SAME, _SAME.replace("counts_s2", "0")),
+    tagged("tags compared one cycle late", "tag[stage - 1] == tag[0]", "tag[stage - 1] == tag[1]"),
+    tagged("tags match in part", "tag[stage - 1] == tag[0]", "tag[stage - 1][0] == tag[0][0]"),
+    tagged("another tag is the match's end", _match(0), f"{_match(0)} & (tag[stage - 1] == tag[0])"),
+    tagged("sum right before not forwarded", _BEHIND, "behind_s2.eq(0)"),
+    tagged("sum right before forwarded to any row", _BEHIND, "behind_s2.eq(1)"),
     tagged(
         "sum right before counts with any tag", "behind_s3.eq(behind_s2 & same_behind_s2)", "behind_s3.eq(behind_s2)"
     ),
@@ -102,7 +105,7 @@ TAGGED_BANK = [
     tagged("older sums stay under the one right before", "counts & ~behind_s2", "counts"),
     tagged("words count with any tag", _RAM, "1"),
     tagged("words with any tag but zero count", _RAM, "read_s2.tag != 0"),
-    tagged("words compared with a younger tag", _RAM, _RAM.replace("tag[2]", "tag[1]")),
+    tagged("words compared with a younger tag", "read.data, tag[2],", "read.data, tag[1],"),
     tagged("tag not written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(0)"),
     tagged("tag of a younger operation written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(tag[3])"),
     tagged("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
@@ -112,23 +115,19 @@ TAGGED_BANK = [
     tagged("told early", "self.o.valid.eq(valid[4])", "self.o.valid.eq(valid[3])"),
 ]
 
+#: What it has of its own; where older operations are found is the tagged bank's.
 LANE_BANK = [
     Mutant(name, old, new, lane_bank)
     for name, old, new in (
-        ("match ignores valid", "valid[stage] & (address[stage] == address[1])", "address[stage] == address[1]"),
-        ("match ignores an address bit", "address[stage] == address[1]", "address[stage][1:] == address[1][1:]"),
-        ("match one cycle early", "address[stage] == address[1]", "address[stage] == address[0]"),
         ("youngest sum not forwarded", "drops[2]", "1"),
         ("third sum not forwarded", "for stage in (3, 4, 5)]", "for stage in (3, 5)]"),
         ("oldest sum not forwarded", "for stage in (3, 4, 5)]", "for stage in (3, 4)]"),
         ("sums of one operation", "total[stage + 1]", "total[4]"),
-        ("all sums at once", "none & match &", "match &"),
-        ("forwarded sums count with any tag", "match & (tag[stage] == tag[1])", "match"),
-        ("tags match in part", "(tag[stage] == tag[1])", "(tag[stage][0] == tag[1][0])"),
-        ("another tag is the match's end", "none &= ~match", "none &= drops[stage]"),
+        ("all sums at once", "none & match[stage] &", "match[stage] &"),
+        ("forwarded sums count with any tag", "match[stage] & same[stage]", "match[stage]"),
+        ("another tag is the match's end", "none &= ~match[stage]", "none &= drops[stage]"),
         ("words beside a sum", "none_s2.eq(none)", "none_s2.eq(1)"),
-        ("words count with any tag", "(read_s2.tag == tag[2])", "1"),
-        ("words compared with a younger tag", "read_s2.tag == tag[2]", "read_s2.tag == tag[1]"),
+        ("words count with any tag", "(read_s2.tag == tag)", "1"),
         ("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
     )
 ]

@@ -63,15 +63,15 @@ class TaggedBank(wiring.Component):
             m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.words, init=[], attrs=style)
             write, read = ram.write_port(), ram.read_port()
 
-        valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 6)]
+        valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]
         operation = payloads.tagged_operation(config)
         address = [self.i.payload.address] + [
-            Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 6)
+            Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 5)
         ]
         tag = [self.i.payload.tag] + [
-            Signal(config.tag_bits, name=f"tag_s{stage}", reset_less=True) for stage in range(1, 6)
+            Signal(config.tag_bits, name=f"tag_s{stage}", reset_less=True) for stage in range(1, 5)
         ]
-        for stage in range(1, 6):
+        for stage in range(1, 5):
             m.d.sync += [
                 valid[stage].eq(valid[stage - 1]),
                 address[stage].eq(address[stage - 1]),
@@ -84,7 +84,15 @@ class TaggedBank(wiring.Component):
         ]
         m.d.sync += [add[stage].eq(add[stage - 1]) for stage in range(1, 4)]
         total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (4, 5, 6)}
-        base = self._base(m, read.data, (valid, address, tag, add, total))
+        # Stage 0: which older operations are for the same word, and of the same tag? As stage 1 will see them.
+        match = {stage: Signal(name=f"match_s{stage}") for stage in range(2, 6)}
+        same = {stage: Signal(name=f"same_s{stage}", reset_less=True) for stage in match}
+        for stage in match:
+            m.d.sync += [
+                match[stage].eq(valid[stage - 1] & (address[stage - 1] == address[0])),
+                same[stage].eq(tag[stage - 1] == tag[0]),
+            ]
+        base = self._base(m, read.data, tag[2], (match, same), add, total)
 
         # Stage 3: add. Stage 4: write. Stages 5, 6 only remember.
         m.d.comb += [
@@ -108,9 +116,13 @@ class TaggedBank(wiring.Component):
             m.d.sync += self.o.payload.i.eq(0)
         return m
 
-    def _base(self, m, word, lines):
-        """Stages 1 to 3: what stage 3 adds to, a pixel. ``lines``: the pipeline, of each value those by stage."""
-        valid, address, tag, _, total = lines
+    def _base(self, m, word, tag, known, add, total):
+        """Stages 1 to 3: what stage 3 adds to, a pixel.
+
+        ``tag`` of stage 2. ``known``: does stage 1 match an older operation, by its stage, and is its tag the same?
+        ``add``, ``total``: the pipeline's, by stage.
+        """
+        match, same = known
         pixel = payloads.pixel(self.config)
         read_s2 = Signal(self.word, reset_less=True)
         base_s3 = Signal(pixel, reset_less=True)
@@ -120,21 +132,19 @@ class TaggedBank(wiring.Component):
         # Stage 1: the RAM reads. Which younger sum, if any, will replace what it returns, and does it count?
         m.d.sync += read_s2.eq(word)
         forwarded_s2 = Signal(2, reset_less=True)  # none, or the sum of stage 4, 5, 6: a word bit's choice is one LUT6
-        same_s2 = Signal(reset_less=True)
-        forwarded, same = Const(0, 2), Const(0, 1)
-        for number, stage in ((3, 6), (2, 5), (1, 4)):  # the youngest wins
-            match = Signal(name=f"match_s{stage}")
-            m.d.comb += match.eq(valid[stage - 1] & (address[stage - 1] == address[1]))
-            forwarded = Mux(match, number, forwarded)
-            same = Mux(match, tag[stage - 1] == tag[1], same)
-        m.d.sync += [forwarded_s2.eq(forwarded), same_s2.eq(same)]
+        counts_s2 = Signal(reset_less=True)
+        forwarded, sum_counts = Const(0, 2), Const(0, 1)
+        for number, stage in ((3, 5), (2, 4), (1, 3)):  # the youngest wins
+            forwarded = Mux(match[stage], number, forwarded)
+            sum_counts = Mux(match[stage], same[stage], sum_counts)
         # The operation right before wins over all of them, a stage later.
-        behind_s2, same_behind_s2, behind_s3 = (
-            Signal(name=name, reset_less=True) for name in ("behind_s2", "same_behind_s2", "behind_s3")
-        )
+        behind_s2, behind_s3 = (Signal(name=name, reset_less=True) for name in ("behind_s2", "behind_s3"))
+        same_behind_s2 = Signal(reset_less=True)
         m.d.sync += [
-            behind_s2.eq(valid[2] & (address[2] == address[1])),
-            same_behind_s2.eq(tag[2] == tag[1]),
+            forwarded_s2.eq(forwarded),
+            counts_s2.eq(sum_counts),
+            behind_s2.eq(match[2]),
+            same_behind_s2.eq(same[2]),
             behind_s3.eq(behind_s2 & same_behind_s2),
         ]
 
@@ -143,7 +153,7 @@ class TaggedBank(wiring.Component):
         low, high = forwarded_s2
         m.d.comb += [
             found.as_value().eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
-            counts.eq(Mux(forwarded_s2 == 0, read_s2.tag == tag[2], same_s2)),
+            counts.eq(Mux(forwarded_s2 == 0, read_s2.tag == tag, counts_s2)),
         ]
         counts_s3 = Signal(reset_less=True)  # beside the word: a reset of all its bits would come late
         m.d.sync += [base_s3.eq(found), counts_s3.eq(counts & ~behind_s2)]

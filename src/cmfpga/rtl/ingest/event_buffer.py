@@ -65,10 +65,9 @@ class EventBuffer(wiring.Component):
     stored : ``Out``, :func:`stored`
     """
 
-    latency = 4
-
     def __init__(self, config):
         self.config = config
+        self.latency = 4 if config.lanes == 1 else 5
         subset = {"stride": In(payloads.STRIDE_BITS), "started": Out(1), "subset": Out(payloads.subset(config))}
         super().__init__(
             {
@@ -146,7 +145,7 @@ class EventBuffer(wiring.Component):
         lanes = self.config.lanes
         m.submodules.replay = EnableInserter(self.room)(r := Module())
         first, step = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1))
-        base, reading = Signal(range(max(2, self.config.buffer_events))), Signal()
+        base, reading = Signal(range(max(2, self.config.buffer_events)), name="base"), Signal(name="reading")
         beyond = base + (step << bits_for(lanes - 1))
         last = Signal()
         r.d.comb += last.eq(reading & (beyond >= replayed))
@@ -154,17 +153,19 @@ class EventBuffer(wiring.Component):
             r.d.sync += [reading.eq(1), base.eq(first)]
         with r.Elif(reading):
             r.d.sync += [reading.eq(~last), base.eq(beyond)]
+        reading_s2 = delay(r, reading, 1, name="reading", valid=True)
         for lane, o in enumerate(self.o):
-            number = Signal(len(beyond), name=f"number_{lane}")
-            r.d.comb += number.eq(base | step * lane)  # these bits of the base are 0
+            # A register before the rotation, and one behind it. In the base these bits are 0.
+            number = Signal(len(beyond), name=f"number_{lane}", reset_less=True)
+            r.d.sync += number.eq(base | step * lane)
             _, read = ports[lane]
             half = len(read.addr) - (self.config.buffers - 1)
             place = delay(r, placed(number)[:half], 1, name=f"place_{lane}")
             m.d.comb += [read.addr.eq(Cat(place, replaying)), read.en.eq(self.room)]
             r.d.comb += [
                 o.payload.eq(delay(r, read.data, 1, name=f"output_{lane}")),
-                o.payload.last.eq(delay(r, last, 3, name=f"last_{lane}", valid=True)),
-                o.valid.eq(delay(r, reading & (number < replayed), 3, name=f"reading_{lane}", valid=True)),
+                o.payload.last.eq(delay(r, last, 4, name=f"last_{lane}", valid=True)),
+                o.valid.eq(delay(r, reading_s2 & (number < replayed), 3, name=f"reading_{lane}", valid=True)),
             ]
 
     def _drop(self, m, full):

@@ -16,8 +16,8 @@ class LaneBank(TaggedBank):
     0, by a reset, or all of them, so the adder takes what any of them has: six inputs a bit.
     """
 
-    def _base(self, m, word, lines):
-        valid, address, tag, add, total = lines
+    def _base(self, m, word, tag, known, add, total):
+        match, same = known
         pixel = payloads.pixel(self.config)
         read_s2 = Signal(self.word, reset_less=True)
         base = Signal(pixel)
@@ -31,17 +31,15 @@ class LaneBank(TaggedBank):
         m.d.sync += read_s2.eq(word)
         none, drops = 1, {}
         for stage in (2, 3, 4, 5):
-            match = Signal(name=f"match_s{stage}")
-            m.d.comb += match.eq(valid[stage] & (address[stage] == address[1]))
             drops[stage] = Signal(name=f"drop_s{stage}", reset_less=True)
-            m.d.sync += drops[stage].eq(~(none & match & (tag[stage] == tag[1])))
-            none &= ~match
+            m.d.sync += drops[stage].eq(~(none & match[stage] & same[stage]))
+            none &= ~match[stage]
         none_s2 = Signal(reset_less=True)
         m.d.sync += none_s2.eq(none)
 
         # Stage 2: the word, where its tag is right, or a sum, that of stage 3, 4, 5 or 6.
         grown = Cat((add[3][name] + base[name])[: len(base[name])] for name in pixel.members)
-        bases = [kept(read_s2.as_value()[: pixel.size], ~(none_s2 & (read_s2.tag == tag[2])), "word_s3")]
+        bases = [kept(read_s2.as_value()[: pixel.size], ~(none_s2 & (read_s2.tag == tag)), "word_s3")]
         bases += [kept(total[stage + 1].as_value(), drops[stage], f"sum_s{stage}") for stage in (3, 4, 5)]
         bases.append(kept(grown, drops[2], "sum_s2"))
         m.d.comb += base.as_value().eq(reduce(or_, bases))

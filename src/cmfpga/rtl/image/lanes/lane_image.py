@@ -54,24 +54,25 @@ class LaneImage(OnePassImage):
         for name, block in self.blocks.items():
             m.submodules[name] = block
         lead = self.votes[0]
-        came, first, idle = Signal(), Signal(), Signal(init=1)  # votes are taken; an iteration's first; between two
+        # Votes are taken; an iteration's first; between two.
+        came, first, idle = Signal(), Signal(), Signal(init=1, name="idle")
         m.d.comb += [came.eq(lead.valid & self.room), first.eq(came & idle)]
 
         # What is marked last closes the iteration, as late as its votes may have left the queues.
-        closes = delay(m, came & lead.payload.last, ParityClass.queued - 1, name="closes", valid=True)
-        closing, drained = Signal(), Signal()
-        m.d.comb += drained.eq(closing & Cat(each.empty for each in self.classes).all())
-        with m.If(drained):
+        closes = delay(m, came & lead.payload.last, ParityClass.queued, name="closes", valid=True)
+        closing, were_empty = Signal(name="closing"), Signal(4)
+        m.d.sync += were_empty.eq(Cat(each.empty for each in self.classes))
+        m.d.comb += self.complete.eq(closing & were_empty.all())
+        with m.If(self.complete):
             m.d.sync += closing.eq(0)
         with m.Elif(closes):
             m.d.sync += closing.eq(1)
-        m.d.sync += self.complete.eq(drained)
         with m.If(came):
             m.d.sync += idle.eq(0)
         with m.Elif(self.complete):
             m.d.sync += idle.eq(1)
 
-        full, turn = Signal(), Signal(range(config.lanes))
+        full, turn = Signal(name="full"), Signal(range(config.lanes), name="turn")
         m.d.sync += [full.eq(Cat(each.full for each in self.classes).any()), turn.eq(Mux(first, 0, turn + 1))]
         m.d.comb += self.room.eq(~full)
 

@@ -54,7 +54,7 @@ class VoteQueue(wiring.Component):
         waits, load, behind = Signal(), Signal(), Signal(range(self.depth), init=self.depth - 1)
         m.d.comb += [
             load.eq(waits & (self.taken | ~self.wants.any())),
-            self.full.eq(waits & (behind >= self.depth - 2)),
+            self.full.eq(waits & behind[1:].all()),  # the depth less two, or more
             self.empty.eq(~waits & ~self.wants.any()),
             write.data.eq(self.i.payload),
             write.en.eq(self.i.valid),
