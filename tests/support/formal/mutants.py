@@ -84,25 +84,24 @@ READ_ADD_WRITE = [
     bank("answer announced early", "self.o.valid.eq(valid[2])", "self.o.valid.eq(valid[1])"),
 ]
 
-_SAME = "read_s2.tag == tag, counts_s2)"
 _RAM = "read_s2.tag == tag"
-_BEHIND = "behind_s2.eq(match[2])"
+_BEHIND = "behind_s2.eq(match[2] & same[2])"
 
 TAGGED_BANK = [
     *_in_both(tagged, 4, 0, lambda stages: f"in {tuple((stage - 3, stage - 1) for stage in stages)}:"),
-    tagged("forwarded sums count with any tag", _SAME, _SAME.replace("counts_s2", "1")),
+    tagged("forwarded sums count with any tag", "match[stage], same[stage], sum_counts", "match[stage], 1, sum_counts"),
     tagged("sums forwarded from one stage too far", "Mux(low, words[3], words[2])", "Mux(low, words[2], words[3])"),
-    tagged("forwarded sums never count", _SAME, _SAME.replace("counts_s2", "0")),
+    tagged("forwarded sums never count", "counts = sum_counts_s2 | (", "counts = ("),
     tagged("tags compared one cycle late", "tag[stage - 1] == tag[0]", "tag[stage - 1] == tag[1]"),
     tagged("tags match in part", "tag[stage - 1] == tag[0]", "tag[stage - 1][0] == tag[0][0]"),
     tagged("another tag is the match's end", _match(0), f"{_match(0)} & (tag[stage - 1] == tag[0])"),
     tagged("sum right before not forwarded", _BEHIND, "behind_s2.eq(0)"),
-    tagged("sum right before forwarded to any row", _BEHIND, "behind_s2.eq(1)"),
-    tagged(
-        "sum right before counts with any tag", "behind_s3.eq(behind_s2 & same_behind_s2)", "behind_s3.eq(behind_s2)"
-    ),
-    tagged("sum right before never counts", "behind_s3.eq(behind_s2 & same_behind_s2)", "behind_s3.eq(0)"),
-    tagged("older sums stay under the one right before", "counts & ~behind_s2", "counts"),
+    tagged("sum right before forwarded to any row", _BEHIND, "behind_s2.eq(same[2])"),
+    tagged("sum right before counts with any tag", _BEHIND, "behind_s2.eq(match[2])"),
+    tagged("sum right before never counts", "behind_s3.eq(behind_s2)", "behind_s3.eq(0)"),
+    tagged("older sums stay under the one right before", "sum_counts & ~match[2]", "sum_counts"),
+    tagged("words stay under the sum right before", "(forwarded == 0) & ~match[2]", "forwarded == 0"),
+    tagged("words stay under a forwarded sum", "(forwarded == 0) & ~match[2]", "~match[2]"),
     tagged("words count with any tag", _RAM, "1"),
     tagged("words with any tag but zero count", _RAM, "read_s2.tag != 0"),
     tagged("words compared with a younger tag", "read.data, tag[2],", "read.data, tag[1],"),
@@ -111,7 +110,7 @@ TAGGED_BANK = [
     tagged("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
     tagged("told of the wrong operation", "self.o.payload.add.eq(add[3])", "self.o.payload.add.eq(add[2])"),
     tagged("told of the sum before", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(total[4].i)"),
-    tagged("told of a word that does not count", "counts & ~behind_s2", "~behind_s2"),
+    tagged("told of a word that does not count", "counts_s3.eq(counts)", "counts_s3.eq(~behind_s2)"),
     tagged("told early", "self.o.valid.eq(valid[4])", "self.o.valid.eq(valid[3])"),
 ]
 

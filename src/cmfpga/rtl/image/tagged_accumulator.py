@@ -127,36 +127,32 @@ class TaggedBank(wiring.Component):
         read_s2 = Signal(self.word, reset_less=True)
         base_s3 = Signal(pixel, reset_less=True)
         found, base = Signal(pixel), Signal(pixel)
-        counts = Signal()
 
         # Stage 1: the RAM reads. Which younger sum, if any, will replace what it returns, and does it count?
         m.d.sync += read_s2.eq(word)
         forwarded_s2 = Signal(2, reset_less=True)  # none, or the sum of stage 4, 5, 6: a word bit's choice is one LUT6
-        counts_s2 = Signal(reset_less=True)
+        word_counts_s2, sum_counts_s2 = (Signal(name=f"{what}_counts_s2", reset_less=True) for what in ("word", "sum"))
         forwarded, sum_counts = Const(0, 2), Const(0, 1)
         for number, stage in ((3, 5), (2, 4), (1, 3)):  # the youngest wins
             forwarded = Mux(match[stage], number, forwarded)
             sum_counts = Mux(match[stage], same[stage], sum_counts)
         # The operation right before wins over all of them, a stage later.
         behind_s2, behind_s3 = (Signal(name=name, reset_less=True) for name in ("behind_s2", "behind_s3"))
-        same_behind_s2 = Signal(reset_less=True)
         m.d.sync += [
             forwarded_s2.eq(forwarded),
-            counts_s2.eq(sum_counts),
-            behind_s2.eq(match[2]),
-            same_behind_s2.eq(same[2]),
-            behind_s3.eq(behind_s2 & same_behind_s2),
+            word_counts_s2.eq((forwarded == 0) & ~match[2]),
+            sum_counts_s2.eq(sum_counts & ~match[2]),
+            behind_s2.eq(match[2] & same[2]),
+            behind_s3.eq(behind_s2),
         ]
 
         # Stage 2: output register; with another tag it does not count.
         words = [read_s2.as_value()[: pixel.size], *(total[stage].as_value() for stage in (4, 5, 6))]
         low, high = forwarded_s2
-        m.d.comb += [
-            found.as_value().eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0]))),
-            counts.eq(Mux(forwarded_s2 == 0, read_s2.tag == tag, counts_s2)),
-        ]
+        m.d.comb += found.as_value().eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0])))
+        counts = sum_counts_s2 | (word_counts_s2 & (read_s2.tag == tag))
         counts_s3 = Signal(reset_less=True)  # beside the word: a reset of all its bits would come late
-        m.d.sync += [base_s3.eq(found), counts_s3.eq(counts & ~behind_s2)]
+        m.d.sync += [base_s3.eq(found), counts_s3.eq(counts)]
         m.d.comb += base.as_value().eq(Mux(counts_s3, base_s3.as_value(), 0) | Mux(behind_s3, total[4].as_value(), 0))
         return base
 

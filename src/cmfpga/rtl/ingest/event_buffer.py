@@ -105,9 +105,8 @@ class EventBuffer(wiring.Component):
         with m.If(self.take):
             m.d.sync += [replaying.eq(filling), replayed.eq(count)]
 
-        full = Signal()
+        full = Signal()  # ``count`` is ``depth``
         stays, place, placed = (self._thin if thins(self.config) else self._drop)(m, full)
-        m.d.comb += full.eq(count == depth)
         for number, (write, _) in enumerate(ports):  # a cycle later
             mine, where = (stays & (filling == number), place) if lanes == 1 else (stays, Cat(place[:half], filling))
             m.d.sync += [write.addr.eq(where), write.data.eq(self.i.payload), write.en.eq(mine)]
@@ -176,12 +175,12 @@ class EventBuffer(wiring.Component):
         """
         count, overflow = self.stored.count, self.stored.overflow
         with m.If(self.clear):
-            m.d.sync += [count.eq(0), overflow.eq(0)]
+            m.d.sync += [count.eq(0), overflow.eq(0), full.eq(0)]
         with m.Elif(self.i.valid):
             with m.If(full):
                 m.d.sync += overflow.eq(overflow + 1)
             with m.Else():
-                m.d.sync += count.eq(count + 1)
+                m.d.sync += [count.eq(count + 1), full.eq(count == self.config.buffer_events - 1)]
         return self.i.valid & ~full, count, lambda number: number
 
     def _thin(self, m, full):
@@ -201,17 +200,18 @@ class EventBuffer(wiring.Component):
             self.stored.thinned.eq(seen - count),
         ]
         with m.If(self.clear):
-            m.d.sync += [count.eq(0), seen.eq(0), skipped.eq(0), turn.eq(0)]
+            m.d.sync += [count.eq(0), full.eq(0), seen.eq(0), skipped.eq(0), turn.eq(0)]
         with m.Elif(self.i.valid):
             m.d.sync += seen.eq(seen + 1)
             with m.If(halved):
                 m.d.sync += [
                     count.eq(half + even),
+                    full.eq(half + even == depth),
                     skipped.eq(skipped << 1 | 1),
                     turn.eq(Mux(turn == bits - 1, 0, turn + 1)),
                 ]
             with m.Elif(looked):
-                m.d.sync += count.eq(count + 1)
+                m.d.sync += [count.eq(count + 1), full.eq(count == depth - 1)]
         with m.If(self.take):
             m.d.sync += replayed_turn.eq(turn)
 

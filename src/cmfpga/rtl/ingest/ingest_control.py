@@ -132,9 +132,11 @@ class IngestControl(wiring.Component):
         m.d.sync += [
             pending.eq((pending << 1) | self.o.valid),
             parity.eq(count[0]),
-            room.eq(room + (pending[-1] & (parity == count[0])) - self.o.valid),
             reached.eq(by_roi & (count == current.batch_roi_events)),
         ]
+        dropped = pending[-1] & (parity == count[0])
+        with m.If(dropped ^ self.o.valid):
+            m.d.sync += room.eq(room + Mux(dropped, 1, -1))
         m.d.sync += handover.take.eq(0)
         # Outside the state machine, so that these are the registers' resets and enables, and no logic.
         m.d.sync += handover.cycles.eq(handover.cycles + 1)
