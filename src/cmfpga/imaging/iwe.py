@@ -85,18 +85,22 @@ def image_of_warped_events(x, y, dt, v, *, width, height, level=0, spread=False)
 
 
 def votes_along(at, dt, v, size, *, level=0, spread=False):
-    """Votes along one axis: the first pixel of each event's, int64 [n], and the weights of its 2 or 3, [2 or 3, n]."""
+    """Votes along one axis: the first pixel of each event's, int64 [n], and the weights of its 2 or 3, [n] each."""
     scale, kernel = 2.0**-level, _spread if spread else _bilinear
     first, weights = kernel(np.minimum(np.maximum((at - dt * v) * scale + (0.5 * scale - 0.5), -2.0), size + 0.5))
-    return first + _RIM, np.stack(weights)
+    return first + _RIM, weights
 
 
 def image_of_votes(across, down, columns, rows):
     """The image, float64 [rows, columns], of :func:`votes_along` both axes."""
     (left, wx), (top, wy) = across, down
-    stride, reach = columns + 2 * _RIM, np.arange(len(wx))
-    to = top * stride + left + (reach[:, None, None] * stride + reach[:, None])
-    image = np.bincount(to.ravel(), (wy[:, None] * wx).ravel(), (rows + 2 * _RIM) * stride).reshape(-1, stride)
+    stride = columns + 2 * _RIM
+    first = top * stride + left
+    image = np.zeros((rows + 2 * _RIM) * stride)
+    for j, y in enumerate(wy):
+        for i, x in enumerate(wx):
+            image += np.bincount(first + (j * stride + i), y * x, len(image))
+    image = image.reshape(-1, stride)
     return image[_RIM:-_RIM, _RIM:-_RIM]
 
 
