@@ -13,7 +13,7 @@ from . import cli
 from .camera import Camera, camera_fields
 from .config.camera import parse_camera
 from .errors import ConfigError
-from .events import Events, Hdf5Writer, generate
+from .events import Events, Hdf5Writer, generate, open_recording
 from .events.synthetic import TEXTURES
 
 #: Options of motions beyond translation, and the attributes of the file that tell them.
@@ -25,6 +25,7 @@ EXAMPLES = (
     "python -m cmfpga.generate lens.h5 --camera 200,200,120,90,-0.35,0.12,0,0,0    # then track --camera lens.h5",
     "python -m cmfpga.generate turn.h5 --rotation 0.3,-0.6,0.2 --camera 200,200,120,90 --bars 40    # the camera turns",
     "python -m cmfpga.generate long.h5 --velocity 100,0 --there-and-back --repeat 100   # 50 s in pieces",
+    "python -m cmfpga.generate two.h5 --seed 2 --position 60,60 --velocity 0,90 --over scene.h5    # a second object",
 )
 
 
@@ -96,6 +97,11 @@ def _parser():
         "--repeat", type=cli.positive, default=1, metavar="K",
         help="the scene K times, one after the other, written in pieces (default: 1)",
     )  # fmt: skip
+    cli.files(made.add_argument(
+        "--over", metavar="RECORDING",
+        help="add the events of this recording, of a sensor of the same size: several objects, and no true motion in "
+        "the file",
+    ))  # fmt: skip
     made.add_argument("--json", action="store_true", help="print what was written as JSON")
     return made
 
@@ -127,6 +133,8 @@ def main(arguments=None):
     events, motion = scene.events, scene.motion
     if not len(events):
         raise ConfigError(f"{options.out}: no events to write; the object does not move, or not on the sensor")
+    if options.over is not None:
+        events = Events.merge([_others(options), events])
     # The motion as it is stored: begin of each piece in µs, and its velocity.
     times = np.concatenate([motion.times + k * options.duration_us for k in range(options.repeat)])
     velocities = np.tile(motion.velocities, (options.repeat, 1))
@@ -136,16 +144,18 @@ def main(arguments=None):
         if camera:
             writer.calibration(astuple(camera))
         writer.attributes(**turning)
-        if not options.rotation:
+        if not options.rotation and options.over is None:
             writer.ground_truth(times, velocities, motion.position(0))
         for k in tqdm(range(options.repeat), unit="scene", disable=None if options.repeat > 1 else True):
             writer.write(Events(events.t + k * options.duration_us, events.x, events.y, events.p))
-    count = len(events) * options.repeat
+    count, duration = len(events) * options.repeat, options.duration_us * options.repeat
+    if options.over is not None:
+        duration = max(duration, int(events.t[-1]) + 1)
     if options.json:
         summary = {
             "file": options.out,
             "events": count,
-            "duration_us": options.duration_us * options.repeat,
+            "duration_us": duration,
             "sensor": [width, height],
             "velocity_px_per_s": [[int(t), *v] for t, v in zip(motion.times, motion.velocities.tolist(), strict=True)],
             **turning,
@@ -154,8 +164,22 @@ def main(arguments=None):
         }
         print(json.dumps(summary, indent=2))
     else:
-        print(f"wrote {options.out}: {count:,} events in {options.duration_us * options.repeat / 1e6:g} s")
+        print(f"wrote {options.out}: {count:,} events in {duration / 1e6:g} s")
     return 0
+
+
+def _others(options):
+    """The events of ``--over``."""
+    if options.repeat > 1:
+        raise ConfigError("--over: it goes without --repeat")
+    with open_recording(options.over) as recording:
+        size = recording.width, recording.height
+        if size != options.sensor:
+            told = "no size" if None in size else "{}×{} px".format(*size)
+            raise ConfigError(
+                f"--over {options.over}: a sensor of {told}; {'×'.join(map(str, options.sensor))} is needed"
+            )
+        return Events.concatenate(recording.chunks())
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """``python -m cmfpga.info``: what a recording holds, and an ROI and batches that suit it."""
 
-import argparse
 import contextlib
 import json
 import math
@@ -45,7 +44,7 @@ def _parser():
         "--start-event", type=cli.natural, metavar="K",
         help="propose for event K on (default: for the begin, or else the first place where something moves clearly)",
     )  # fmt: skip
-    made.add_argument("--objects", type=_objects, default=1, metavar="N", help="propose up to N ROIs (default: 1)")
+    made.add_argument("--objects", type=cli.few, default=1, metavar="N", help="propose up to N ROIs (default: 1)")
     made.add_argument("--no-proposal", action="store_true", help="only say what the recording holds")
     made.add_argument(
         "--check", type=cli.positive, metavar="B",
@@ -58,13 +57,6 @@ def _parser():
     made.add_argument("--json", action="store_true", help="print all of it as JSON")
     cli.add_config_options(made)
     return made
-
-
-def _objects(text):
-    number = cli.positive(text)
-    if number > 4:
-        raise argparse.ArgumentTypeError(f"{text!r}: 1 to 4 is needed")
-    return number
 
 
 def main(arguments=None):

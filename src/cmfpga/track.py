@@ -6,7 +6,6 @@ The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.trac
 import argparse
 import contextlib
 import inspect
-import json
 import re
 import sys
 import types
@@ -15,17 +14,19 @@ from tqdm import tqdm
 
 from . import cli
 from .cli.ingest import add_ingest_options, ingest_fields
-from .cli.lines import Lines, Truth
+from .cli.lines import Lines, Truth, print_summary
 from .config.defaults import BATCH_EVENTS
 from .engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
-from .errors import ConfigError
+from .engines.regions import RegionEngine
+from .errors import ConfigError, needs
 from .events import LiveSource, generate, open_source
 from .events.live import FORMATS as STREAM_FORMATS
 from .imaging.gallery import check_suffix
 from .tracking import api
 from .tracking.fit import FittedCutter, batch_cutter
-from .tracking.loop import in_turn, track
+from .tracking.loop import OneRoi, follow
 from .tracking.objects import TrackedObject
+from .tracking.rows import Rows, with_rows
 from .tracking.source import sensor_fields, unit_note, whole_sensor
 
 EXAMPLES = (
@@ -37,6 +38,7 @@ EXAMPLES = (
     "python -m cmfpga.track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
     "python -m cmfpga.track rec.h5 --roi 100,30 --hot-pixels auto --background-us 5000    # drop noise first",
     "python -m cmfpga.track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
+    "python -m cmfpga.track rec.h5 --roi auto --objects 3    # track-0.csv, track-1.csv, track-2.csv",
     "python -m cmfpga.track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
 )
 
@@ -62,9 +64,10 @@ def _parser():
     ))  # fmt: skip
     made.add_argument(
         "--roi", type=_roi_option, action="append", metavar="[NAME=]X,Y",
-        help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects, each with its own core "
-        "and CSV",
+        help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects on one accelerator with a "
+        "table of regions, which share their batches, each with its own CSV",
     )  # fmt: skip
+    made.add_argument("--objects", type=cli.few, metavar="K", help="with --roi auto: find K objects (default: 1)")
     cli.add_batch_options(
         made, f"as many events as suit the motion, chosen anew for each batch; --batch-events {BATCH_EVENTS} without "
         "confidence, as with --preset paper",
@@ -142,19 +145,23 @@ def main(arguments=None):
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
         fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
         config = cli.make_config(options, **fields)
-        objects = _objects(options, truth, config, recording)
+        objects = _objects(options, truth, config)
+        if len(objects) > 1:
+            config = with_rows(config, len(objects), cli.config_changes(options))
         _choose(options, objects, recording, config)
+        config, cutter = _prepare(options, objects, config, recording)
         found = []
         for one in objects:
-            _prepare(options, one, config, recording)
+            one.config, one.cutter = config, cutter
             if truth and not options.json:
                 found.append(Truth(truth.motion))
                 one.consumers.append(found[-1])
             if isinstance(recording, LiveSource):
-                one.consumers.append(Lines(options.json))
+                one.consumers.append(Lines(options.json, one.name))
         with cli.locked(options.out) as folder:
-            name = _track(options, objects, recording, folder, truth.motion if truth else None)
-        _summarise(options, config, name, objects, recording.counts() if isinstance(recording, LiveSource) else None)
+            name, cycles = _track(options, objects, recording, folder, truth.motion if truth else None)
+        counts = recording.counts() if isinstance(recording, LiveSource) else None
+        print_summary(objects, engine=name, cycles=cycles, clock=options.clock, as_json=options.json, counts=counts)
     for lines in found:
         print("\n".join(lines))
     return 0
@@ -181,7 +188,7 @@ def _sensor_fields(options, recording):
     return fields
 
 
-def _objects(options, truth, config, recording):
+def _objects(options, truth, config):
     """The objects that ``--roi`` asks for; of several, those without a name have their number."""
     asked = [(name, roi or whole_sensor(config)) for name, roi in options.roi or ()]
     if not asked:
@@ -189,8 +196,12 @@ def _objects(options, truth, config, recording):
         if start is None:
             raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto")
         asked = [(None, start)]
-    if len(asked) > 1 and not recording.seekable:
-        raise ConfigError(f"{recording.name}: a stream comes only once; one --roi is needed")
+    if options.objects:
+        if [roi for _, roi in asked].count(None) != 1:
+            raise ConfigError("--objects: one --roi auto, of which it says how many are to be found, is needed")
+        at = next(k for k, (_, roi) in enumerate(asked) if roi is None)
+        name, more = asked[at][0], range(options.objects)
+        asked[at : at + 1] = [(f"{name}-{k}" if name and len(more) > 1 else name, None) for k in more]
     objects = []
     for k, (name, roi) in enumerate(asked):
         if roi is not None:
@@ -215,52 +226,67 @@ def _choose(options, objects, recording, config):
     proposals = survey_and_propose(recording, config, count=len(wanted), start_event=start)
     for one, found in zip(wanted, proposals, strict=True):
         one.roi, one.proposal = found.roi, found
-        print(f"note: {one.named('track')}: {found.text}", file=sys.stderr)
+        text = found.text if len(objects) == 1 else f"ROI {one.roi[0]},{one.roi[1]}: {found.reason}"
+        print(f"note: {one.named('track')}: {text}", file=sys.stderr)
     options.start_event = proposals[0].start_event
 
 
-def _prepare(options, one, config, recording):
-    """An object's configuration and cutter."""
-    size, one.config, first = cli.batch_size(options), config, None
-    if one.proposal and not size:
-        first, one.config = one.proposal.batch_events, one.proposal.suited(config, cli.config_changes(options))
-    limit = one.config.max_batch_events
+def _prepare(options, objects, config, recording):
+    """The configuration of all objects, and what cuts their batches."""
+    size, first = cli.batch_size(options), None
+    if config.regions and "roi_events" in size:
+        raise ConfigError("--batch-roi-events: regions share their batches; --batch-events or --batch-us is needed")
+    if all(one.proposal for one in objects) and not size:
+        fastest = min((one.proposal for one in objects), key=lambda proposal: proposal.batch_events)
+        first, config = fastest.batch_events, fastest.suited(config, cli.config_changes(options))
+        if len(objects) > 1:
+            print(f"note: {first} events in the first batch, from event {options.start_event} on", file=sys.stderr)
+    limit = config.max_batch_events
     for mode in ("events", "roi_events"):
         if size.get(mode, 0) > limit:
             option = f"--batch-{mode.replace('_', '-')}"
             raise ConfigError(f"{option} {size[mode]}: at most {limit} is allowed (max_batch_events)")
     usual = BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS
-    one.cutter = batch_cutter(
-        recording, one.config, start_event=options.start_event, first=first, usual=usual, **size
-    )  # fmt: skip
+    return config, batch_cutter(recording, config, start_event=options.start_event, first=first, usual=usual, **size)
+
+
+def _engine(options, config):
+    if not config.regions:
+        return open_engine(options.engine, config, option="--engine")
+    with needs("torch", "reference", f"--engine {options.engine}"):
+        return RegionEngine(options.engine, config)
 
 
 def _track(options, objects, recording, folder, motion):
-    """Run all batches, those of several objects in turn, and write the files; returns the engine's name."""
+    """Run all batches and write the files; returns the engine's name, and clock cycles of each batch."""
+    config, cutter, cycles = objects[0].config, objects[0].cutter, []
+    if options.wave is not None and config.regions:
+        raise ConfigError("--wave: waveforms are those of a core of one ROI; one --roi, and no regions, are needed")
     if options.wave is not None and options.batches and options.wave >= options.batches:
         raise ConfigError(
             f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
         )
     pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
     with contextlib.ExitStack() as stack:
-        running = []
+        engine = stack.enter_context(contextlib.closing(_engine(options, config)))
+        if engine.note:
+            print(f"note: {engine.note}", file=sys.stderr)
         for one in objects:
-            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, one.config, option="--engine")))
-            if engine.note and not running:
-                print(f"note: {engine.note}", file=sys.stderr)
             one.collect(
                 stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
                 pictures=pictures, report_mhz=options.clock if options.report else None,
             )  # fmt: skip
-            consumers = (one, *one.consumers)
-            running.append(track(engine, one.cutter, roi=one.roi, batches=options.batches, consumers=consumers))
-        total, live = None, isinstance(recording, LiveSource)
-        if _shows_bar():
-            totals = [_total(options, recording, one.cutter) for one in objects]
-            total = None if None in totals else sum(totals)
+        runner = Rows(engine, len(objects)) if config.regions else OneRoi(engine)
+        running = follow(
+            runner, cutter, rois=[one.roi for one in objects], batches=options.batches,
+            consumers=[(one, *one.consumers) for one in objects],
+        )  # fmt: skip
+        live = isinstance(recording, LiveSource)
+        total = _total(options, recording, cutter) if _shows_bar() else None
         try:
-            for _ in tqdm(in_turn(running), total=total, unit="batch", disable=live or None):
-                pass
+            for window in tqdm(running, total=total, unit="batch", disable=live or None):
+                if window and runner.cycles is not None:
+                    cycles.append(runner.cycles)
         except KeyboardInterrupt:
             if not live:
                 raise
@@ -269,7 +295,7 @@ def _track(options, objects, recording, folder, motion):
         one.check()
     for one in objects:
         one.finish()
-    return engine.name
+    return engine.name, cycles
 
 
 def _shows_bar():
@@ -287,51 +313,6 @@ def _total(options, recording, cutter):
         first = next(recording.chunks(options.start_event, 1))
         whole = (last - int(first.t[0])) // cutter.size
     return min(whole, options.batches or whole)
-
-
-def _summarise(options, config, engine, objects, counts):
-    alone = len(objects) == 1
-    cycles = [count for one in objects for count in one.cycles]
-    for one in objects:
-        for kind, sentence in one.remarks:
-            print(f"{kind}: {one.name}{': ' if one.name else ''}{sentence}", file=sys.stderr)
-    if options.json:
-        entries = [one.summary() for one in objects]
-        if alone:
-            summary = {"engine": engine, **entries[0], "config": objects[0].config.to_dict()}
-        else:
-            summary = {"engine": engine, "objects": entries, "config": config.to_dict()}
-        print(json.dumps(summary, indent=2) if counts is None else json.dumps({"summary": {**summary, **counts}}))
-        return
-    for one in objects:
-        who = "" if alone and not one.name else f"{one.name}: "
-        print(
-            f"{who}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
-            f"{one.cutter.leftover} events left over"
-        )
-        for sentence in (
-            one.image_text,
-            one.dropped_text,
-            one.verdict.share,
-            one.verdict.velocity,
-            one.verdict.motion_text,
-        ):
-            if sentence:
-                print(f"{who}{sentence}")
-    if cycles:
-        mean = sum(cycles) / len(cycles)
-        print(
-            f"{mean:,.0f} clock cycles a batch on average, {mean / options.clock / 1e3:.3f} ms at an assumed clock of "
-            f"{options.clock:g} MHz"
-        )
-    if counts:
-        print(
-            f"{counts['received']} events came, {counts['lost']} were dropped; the sender was held up for "
-            f"{counts['held_up_s']:g} s"
-        )
-    for one in objects:
-        for path in one.files:
-            print(f"wrote {path}")
 
 
 class _Callable(types.ModuleType):

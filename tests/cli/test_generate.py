@@ -44,6 +44,36 @@ def test_what_is_written_is_the_scene(command, tmp_path):
         assert file.attrs["num_events"] == len(events) and file.attrs["t_last_us"] == events.t[-1]
 
 
+def test_over_another_recording(command, tmp_path):
+    """Events of both in order of time, those of the other one first; the motion of neither is the file's."""
+    one, two = tmp_path / "one.h5", tmp_path / "two.h5"
+    size = {"width": 64, "height": 48, "size": (16, 12)}
+    options = ["--sensor", "64,48", "--size", "16,12"]
+    command(generate, one, *options, "--duration-us", 100_000)
+    done = command(generate, two, *options, "--seed", 1, "--duration-us", 60_000, "--over", one, "--json")
+    scenes = make_scene(duration_us=100_000, **size), make_scene(seed=1, duration_us=60_000, **size)
+    expected = Events.merge(scene.events for scene in scenes)
+    assert len(expected) == sum(len(scene.events) for scene in scenes) and (np.diff(expected.t) >= 0).all()
+    assert same(read(two)[1], expected)
+    summary = json.loads(done.out)
+    assert (summary["events"], summary["duration_us"]) == (len(expected), int(expected.t[-1]) + 1)
+    with h5py.File(two) as file:
+        assert "ground_truth" not in file
+
+
+@pytest.mark.parametrize("options, message", [
+    (["--over", "one.h5"], "--over one.h5: a sensor of 64×48 px; 240×180 is needed"),
+    (["--over", "one.txt"], "--over one.txt: a sensor of no size; 240×180 is needed"),
+    (["--over", "none.h5"], "none.h5: no such file"),
+    (["--over", "one.h5", "--sensor", "64,48", "--repeat", 2], "--over: it goes without --repeat"),
+])  # fmt: skip
+def test_what_cannot_be_laid_over(command, tmp_path, monkeypatch, options, message):
+    monkeypatch.chdir(tmp_path)
+    command(generate, "one.h5", "--sensor", "64,48", "--size", "16,12", "--duration-us", 50_000)
+    (tmp_path / "one.txt").write_text("0.001 3 4 1\n0.002 4 4 1\n")
+    assert command(generate, "two.h5", *options).error == message
+
+
 def test_there_and_back_again(command, tmp_path):
     path = tmp_path / "scene.h5"
     done = command(

@@ -138,12 +138,12 @@ def test_a_picture(command, recording, tmp_path):
 
 
 def test_two_objects(command, tmp_path):
-    events = Events.concatenate(
+    events = Events.merge(
         generate(seed=k, position=place, velocity=speed, duration_us=400_000).events
         for k, (place, speed) in enumerate((((60.0, 50.0), (70.0, 0.0)), ((170.0, 130.0), (0.0, -110.0))))
     )
     path = tmp_path / "two.h5"
-    write_hdf5(path, events[np.argsort(events.t, kind="stable")], 240, 180)
+    write_hdf5(path, events, 240, 180)
     done = command(info, path, *FAST, "--objects", 2)
     assert "Proposal 0: ROI " in done.out and "Proposal 1: ROI " in done.out
     assert "┌0" in done.out and "┌1" in done.out

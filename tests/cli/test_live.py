@@ -17,7 +17,7 @@ from cmfpga import info, track
 from cmfpga.errors import RecordingError
 from cmfpga.events import LiveSource
 from support.recordings import evt2, evt3, make_events
-from support.small_core import PAPER
+from support.small_core import FAST, PAPER
 
 HEADS = {"evt2": b"% evt 2.0\n% geometry 32x24\n", "evt3": b"% camera x\n% format EVT3;height=24;width=32\n% end\n"}
 ENCODE = {"evt2": evt2, "evt3": evt3}
@@ -122,6 +122,22 @@ def test_lines_of_json(send, follow, dot_events):
     assert (summary["batches"], summary["received"], summary["lost"], summary["held_up_s"]) == (5, 600, 0, 0)
 
 
+def test_several_objects_of_a_stream(send, command, dot, dot_events, tmp_path):
+    """As of its file; each line has a name."""
+    small = [word for name, value in FAST.items() if name != "preset" for word in ("--set", f"{name}={value}")]
+    options = ["--roi", "dot=8,9", "--roi", "1,1", "--engine", "model", "--batch-events", 90, *small, "--no-picture"]
+    assert command(track, dot, *options, "--out", tmp_path / "file").status == 0
+    done = command(track, send(HEADS["evt3"] + evt3(dot_events)), *options, "--out", tmp_path / "live")
+    assert done.status == 0
+    assert [line.split()[:2] for line in done.out.splitlines()[:4]] == [[n, k] for k in "01" for n in ("dot:", "1:")]
+    done = command(track, send(HEADS["evt2"] + evt2(dot_events)), *options, "--json", "--out", tmp_path / "json")
+    *lines, last = map(json.loads, done.out.splitlines())
+    assert [(line["name"], line["batch"]) for line in lines] == [(n, k) for k in range(6) for n in ("dot", "1")]
+    assert (last["summary"]["received"], last["summary"]["batches"]) == (600, 6)
+    for name in ("track-dot.csv", "track-1.csv"):
+        assert (tmp_path / "live" / name).read_bytes() == (tmp_path / "file" / name).read_bytes()
+
+
 @pytest.mark.parametrize("end, message", [
     (b"\x01", r"cut off: 1 of 2 bytes of the last word came; the 600 events before were read"),
     (None, r"broke off after \d+ events: Connection reset by peer"),
@@ -185,7 +201,6 @@ def test_a_stream_is_closed_while_nothing_comes(send):
     ([b"% evt 2.1\n% end\n"], [], "begins with '2.1'; a header of EVT 2.0"),
     ([HEADS["evt3"]], [], "too few events for one batch after event 0 \\(0 left\\)"),
     ([HEADS["evt3"], struct.pack("<3H", 0x8000, 0x0003, 0x2040)], [], "x of event 0 is 64; 0 to 31 is allowed on a"),
-    ([HEADS["evt3"]], ["--roi", "1,1"], "a stream comes only once; one --roi is needed"),
 ])  # fmt: skip
 def test_what_comes_is_no_stream_of_events(send, follow, pieces, options, message):
     assert re.search(message, follow(send(*pieces), *options).error)

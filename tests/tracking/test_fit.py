@@ -92,6 +92,13 @@ def test_a_recording_that_is_shorter_than_two_windows(count, expected):
     assert [len(batch.events) for batch in followed(lambda t: 200, count=count)[0]] == [expected]
 
 
+def test_hardware_that_holds_fewer_events_than_the_survey_begins_with():
+    scattered = MemoryRecording(Events(np.arange(900) * 10, np.tile([1, 10], 450), [10] * 900, [0] * 900), 40, 30, "x")
+    engine, cutter = Moving(lambda t: 200), batch_cutter(scattered, CONFIG, most=120)
+    batches = [*track(engine, cutter, roi=(4, 5))]
+    assert len(batches) == 7 and {length for _, length, _ in engine.asked} == {120}
+
+
 def test_the_length_follows_the_motion():
     """It becomes three times as fast: then batches become shorter, each that has another length starts cold."""
     batches, _, asked, _ = followed(lambda t: 200 if t < 100_000 else 600, count=30_000, first=4000)

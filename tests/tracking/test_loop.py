@@ -17,7 +17,7 @@ from cmfpga.protocol.results import BatchResult
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.columns import COLUMNS
-from cmfpga.tracking.loop import CsvConsumer, TrackedBatch, in_turn, track
+from cmfpga.tracking.loop import CsvConsumer, TrackedBatch, track
 from support.commands import HEADER
 
 CONFIG = Config(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8, start="given", v_start_x=1.0)
@@ -135,10 +135,6 @@ def test_consumers_take_each_batch_before_it_is_yielded():
         assert len(taken) == count and taken[-1] is batch
     lines = file.getvalue().split("\n")
     assert lines == [",".join(COLUMNS), *(",".join(batch.row()) for batch in taken), ""] and len(taken) == 3
-
-
-def test_tracks_in_turn():
-    assert list(in_turn(map(iter, ([1, 2, 3], [], [10, 20])))) == [1, 10, 2, 20, 3]
 
 
 # ---------------------------------------------------------------- a row

@@ -66,8 +66,7 @@ def make_workload(name, *, events, roi_events, width=64, height=64, sensor=(240,
         inside = scene.events[events_in_roi(scene.events, roi, width, height)[0]]
     inside = inside[np.sort(rng.choice(len(inside), roi_events, replace=False))]
     outside = _outside(events - roi_events, roi, width, height, sensor, rng)
-    batch = Events.concatenate([inside, outside])
-    batch = batch[np.argsort(batch.t, kind="stable")]
+    batch = Events.merge([inside, outside])
     return Workload(name=name, events=batch, roi=roi, width=width, height=height, roi_events=roi_events, v=MOTION_PX)
 
 

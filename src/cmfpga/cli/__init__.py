@@ -242,6 +242,14 @@ def positive(text):
     return number
 
 
+def few(text):
+    """A parser of a number of objects, 1 to 4, for argparse."""
+    number = positive(text)
+    if number > 4:
+        raise argparse.ArgumentTypeError(f"{text!r}: 1 to 4 is needed")
+    return number
+
+
 def natural(text):
     """A parser of an integer of 0 or more for argparse."""
     try:

@@ -1,6 +1,7 @@
 """What ``track`` prints of its batches; consumers, as :mod:`cmfpga.tracking.loop` takes them."""
 
 import json
+import sys
 
 
 class Truth(list):
@@ -20,16 +21,71 @@ class Truth(list):
 
 
 class Lines:
-    """Prints a line for each batch of a stream as it is found; a consumer."""
+    """Prints a line for each batch of a stream as it is found, of one of several objects with its name; a consumer."""
 
-    def __init__(self, as_json):
-        self._as_json = as_json
+    def __init__(self, as_json, name=""):
+        self._as_json, self._name = as_json, name
 
     def add(self, batch):
         if self._as_json:
-            print(json.dumps(batch.values), flush=True)
+            print(json.dumps({**({"name": self._name} if self._name else {}), **batch.values}), flush=True)
             return
         (x, y), speed = batch.result.roi_next, batch.v_px_per_s
         at = "" if batch.t_ref is None else f"{batch.t_ref / 1e6:.6f} s"
         found = "no motion" if speed is None else f"{speed[0]:8.1f} {speed[1]:8.1f} px/s"
-        print(f"{batch.index:5}  {at}  {found:>22}  next ROI {x},{y}  {batch.flags.text}".rstrip(), flush=True)
+        name = f"{self._name}: " if self._name else ""
+        print(f"{name}{batch.index:5}  {at}  {found:>22}  next ROI {x},{y}  {batch.flags.text}".rstrip(), flush=True)
+
+
+def print_summary(objects, *, engine, cycles, clock, as_json, counts):
+    """Print what a track found.
+
+    Parameters
+    ----------
+    objects : list of TrackedObject
+    engine : str
+        Its name.
+    cycles : list of int
+        Clock cycles of each batch, of all objects together; empty of an engine without a clock.
+    clock : float
+        Assumed clock, MHz.
+    as_json : bool
+    counts : dict or None
+        Of a stream what came of its events, as :meth:`cmfpga.events.LiveSource.counts` tells it.
+    """
+    names = [f"{one.name}: " * bool(one.name) for one in objects]
+    for name, one in zip(names, objects, strict=True):
+        for kind, sentence in one.remarks:
+            print(f"{kind}: {name}{sentence}", file=sys.stderr)
+    if as_json:
+        entries = [one.summary() for one in objects]
+        if len(objects) > 1:
+            for entry in entries:
+                del entry["cycles"]
+            entries = [{"batches": objects[0].batches, "cycles": sum(cycles) or None, "objects": entries}]
+        summary = {"engine": engine, **entries[0], "config": objects[0].config.to_dict()}
+        print(json.dumps(summary, indent=2) if counts is None else json.dumps({"summary": {**summary, **counts}}))
+        return
+    for name, one in zip(names, objects, strict=True):
+        print(
+            f"{name}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
+            f"{one.cutter.leftover} events left over"
+        )
+        verdict = one.verdict
+        for sentence in (one.image_text, one.dropped_text, verdict.share, verdict.velocity, verdict.motion_text):
+            if sentence:
+                print(f"{name}{sentence}")
+    if cycles:
+        mean = sum(cycles) / len(cycles)
+        print(
+            f"{mean:,.0f} clock cycles a batch on average, {mean / clock / 1e3:.3f} ms at an assumed clock of "
+            f"{clock:g} MHz"
+        )
+    if counts:
+        print(
+            f"{counts['received']} events came, {counts['lost']} were dropped; the sender was held up for "
+            f"{counts['held_up_s']:g} s"
+        )
+    for one in objects:
+        for path in one.files:
+            print(f"wrote {path}")

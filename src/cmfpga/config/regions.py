@@ -6,6 +6,9 @@ from ..fixed import bits_for
 #: Events of a page of the store; a bin's last page may be part empty.
 PAGE_EVENTS = 32
 
+#: Largest batch that a store holds, in events.
+MOST_STORED = 1 << 18
+
 
 class Regions:
     """Sizes of the store of events and of the table of regions, of a :class:`~cmfpga.config.Config`."""
@@ -34,9 +37,10 @@ def check_regions(config):
     for name in ("thinning", "thin_target"):
         if getattr(config, name) != config.__dataclass_fields__[name].default:
             raise ConfigError(f"regions = {config.regions}: {name}: each region has a stride of its own instead")
-    if config.max_batch_events > 1 << 18:
+    if config.max_batch_events > MOST_STORED:
         raise ConfigError(
-            f"max_batch_events = {config.max_batch_events}: at most {1 << 18} are allowed, for the store holds them all"
+            f"max_batch_events = {config.max_batch_events}: at most {MOST_STORED} are allowed, for the store holds "
+            "them all"
         )
 
 
@@ -44,5 +48,5 @@ def check_one_region(config):
     """Raise :exc:`ConfigError` of hardware with a table of regions, where one ROI is wanted."""
     if config.regions:
         raise ConfigError(
-            f"regions = {config.regions}: this is for one ROI; many regions: python -m cmfpga.flow, and cmfpga.build"
+            f"regions = {config.regions}: this is for one ROI; many regions: cmfpga track, flow and build"
         )

@@ -47,12 +47,13 @@ class RegionEngine:
             torch.set_num_threads(1)
             self._hardware = RegionSequence(pkgutil.resolve_name(_CORES[name])(config))
 
-    def write(self, regions):
+    def write(self, regions, anew=()):
         """Replace the table of regions by these :class:`~cmfpga.protocol.regions.Region`; between batches.
 
-        A row that changes forgets what was measured, and where it moved to. Raises :exc:`ConfigError`.
+        A row that changes, or whose number is in ``anew``, forgets what was measured, and where it moved to. Raises
+        :exc:`ConfigError`.
         """
-        self._hardware.write(regions)
+        self._hardware.write(regions, anew)
 
     def run(self, events, settings):
         """One batch of at least one event: a :class:`BatchResult` with an outcome for each row of the table.

@@ -79,6 +79,12 @@ class Events:
             return cls.empty()
         return cls(*(np.concatenate([getattr(part, name) for part in parts]) for name in "txyp"))
 
+    @classmethod
+    def merge(cls, parts):
+        """All events of ``parts`` in order of time; of one time, those of an earlier part come first."""
+        together = cls.concatenate(parts)
+        return together[np.argsort(together.t, kind="stable")]
+
 
 def _microseconds(t, unit):
     """``t`` as int64 µs; ``unit`` as named by the caller, or None."""

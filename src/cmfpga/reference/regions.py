@@ -72,14 +72,14 @@ class RegionSequence:
         self.noise_filter = NoiseFilter(self.config)
         self._pixel = core.follower.pixel
 
-    def write(self, regions):
-        """Replace the table. A row that changes forgets what was measured, and where it moved to."""
+    def write(self, regions, anew=()):
+        """Replace the table. A row that changes, or is one of ``anew``, forgets what it measured and where it moved."""
         regions = list(regions)
         for number, region in enumerate(regions):
             region.check(self.config, number)
         states = []
         for number, region in enumerate(regions):
-            kept = number < len(self.regions) and self.regions[number] == region
+            kept = number not in anew and self.regions[number : number + 1] == [region]
             states.append(self._states[number] if kept else self._fresh(region))
         self.regions, self._states = regions, states
 

@@ -11,6 +11,7 @@ from ..config.schedule import used_events
 from ..protocol.flags import Flag
 from ..protocol.settings import BatchSettings
 from ..rtl.core import Core
+from ..rtl.regions.regions import Regions
 from ..tracking.replay import Replay
 
 #: What the cycles after a batch's last event go to, with lanes.
@@ -42,12 +43,13 @@ def hardware_cycles(kept):
     cycles, parts = [], []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
-        core = Core(kept.config)
+        core = (Regions if kept.config.regions else Core)(kept.config)
         for total, (size, plan) in zip(counted, _batches(kept), strict=True):
             if by_formula:
                 total = core.cycles(**size, iterations=plan, most=True) if plan else np.nan
             cycles.append(total)
-            parts.append(_parts(core, size, plan, total) if plan else [np.nan] * len(PARTS))
+            if not by_formula:
+                parts.append(_parts(core, size, plan, total) if plan else [np.nan] * len(PARTS))
         del core
         gc.collect()  # it would warn when it is freed
     found = {} if by_formula else dict(zip(PARTS, np.array(parts, np.float64).T, strict=True))

@@ -166,6 +166,8 @@ def _cycles_note(story):
             "hardware gives."
         )
     counted = "The cycles were counted in a simulation of the emitted Verilog."
+    if story.kept.config.regions:
+        counted += " They are those of this object in its unit, once its events are there."
     if story.parts:
         counted += " Dashed: what they go to after the last event. The waits are what they exceed the formula by."
     return counted

@@ -36,13 +36,13 @@ class VerilatedRegions(VerilatedCore):
         super().reset(cycles)
         self._rows = [None] * len(self._rows)
 
-    def write(self, regions):
+    def write(self, regions, anew=()):
         """Replace the table, as :meth:`cmfpga.reference.regions.RegionSequence.write` does."""
         regions = list(regions)
         for number, region in enumerate(regions):
             region.check(self.config, number)
-        known = zip(self.regions, self._rows, strict=True)
-        kept = [row if old == new else None for (old, row), new in zip(known, regions, strict=False)]
+        known = zip(range(len(regions)), self.regions, self._rows, regions, strict=False)
+        kept = [row if old == new and number not in anew else None for number, old, row, new in known]
         self.regions, self._rows = regions, kept + [None] * (len(regions) - len(kept))
 
     def _write_regions(self, settings):

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ..config.regions import MOST_STORED
 from ..errors import ConfigError
 from ..imaging.iwe import events_in_roi
 from .motion import REACH_PX, estimate
@@ -229,9 +230,11 @@ def _confirmed(window, place, duration, measured, config):
     fields = {}
     if batch_events > config.max_batch_events:
         fields["max_batch_events"] = (1 << batch_events.bit_length()) - 1
+        if config.regions:
+            fields["max_batch_events"] = min(fields["max_batch_events"], MOST_STORED)
     # A reserve, because the rate is not the same in all batches.
     wanted = math.ceil(1.3 * roi_events / config.buffer_events)
-    if wanted > config.thinning:
+    if wanted > config.thinning and not config.regions:  # of these each has a stride
         fields["thinning"] = min(wanted, config.widths.thinning_max)
     half_s = duration / 2e6
     return Proposal(

@@ -99,7 +99,8 @@ COLUMNS = {
         Column(name="iterations", dtype=int, title="iterations", field="iterations",
                doc="iterations done; 0 for a degenerate batch"),
         Column(name="cycles", dtype=int, title="clock cycles", field="cycles", may_be_missing=True,
-               doc="clock cycles from the offer of the first event to the result; empty for engines without a clock"),
+               doc="clock cycles from the offer of the first event to the result, of one of several objects those of "
+               "its unit alone; empty for engines without a clock"),
         Column(name="contrast", dtype=float, title="contrast", unit="(events/px)²", value=lambda b: b.contrast,
                doc="population variance of the image of warped events at (vx, vy), computed in float64 for every "
                "engine", text="{:.6f}"),

@@ -1,8 +1,8 @@
 """How long batches are chosen: so that the image moves by 3 to 5 px in half of one.
 
 In shorter batches v is measured too large and scatters, in longer ones objects turn and deform. A track begins with a
-:meth:`~FittedCutter.survey`; from then on each batch says how long the next one is (:func:`fit`). Equal events and
-results give equal lengths. Figures: docs/track.md.
+:meth:`~FittedCutter.survey`; from then on each batch says how long the next one is (:func:`fit`): of several objects
+that share it, the fastest to be trusted. Equal events and results give equal lengths. Figures: docs/track.md.
 """
 
 import functools
@@ -79,18 +79,20 @@ class FittedCutter(BatchCutter):
         self._shortest = self._sure = self.size
         self._doubtful = 0  # batches in a row
 
-    def survey(self, trial, roi):
+    def survey(self, trial, *rois):
         """Choose the first length by batches on trial; their events stay, and are cut afterwards.
 
         Two windows, one after the other, grow until one is to be trusted and the other nearly, their velocities agree,
-        and the image moves far enough. Where that is not so before the events or ``max_events`` end, the longest window
-        counts, up to 16 times the longest of which one was to be trusted, or else the first.
+        and the image moves far enough; of several objects, in one of them. Where that is not so before the events or
+        ``max_events`` end, the longest window counts, up to 16 times the longest of which one was to be trusted, or
+        else the first.
 
         Parameters
         ----------
         trial : callable
-            ``trial(events)``: the :class:`BatchResult` of these events in a batch that starts cold.
-        roi : (x, y, width, height)
+            ``trial(events)``: of each object the :class:`BatchResult` of these events in a batch that starts cold.
+        rois : (x, y, width, height)
+            Of each object.
 
         Yields
         ------
@@ -101,15 +103,17 @@ class FittedCutter(BatchCutter):
             return
         self._surveyed, found = True, None
         if not _judges(self._config):
-            return (yield from self._trials(trial, roi))
-        length = self._shortest = self._sure = yield from self._first_length(roi)
+            return (yield from self._trials(trial, *rois))
+        length = self._shortest = self._sure = yield from self._first_length(rois)
         while True:
             ahead = yield from self._ahead(2 * length)
             half = min(length, len(ahead) // 2)
             windows = [trial(ahead[k * half : (k + 1) * half]) for k in range(2)] if half else ()
-            if any(map(is_sure, windows)):
+            pairs = [pair for pair in zip(*windows, strict=True) if any(map(is_sure, pair))]
+            if pairs:
                 self._sure = half
-                found = (half, windows[0].v) if self._agree(*windows) else found
+                agreed = [pair[0].v for pair in pairs if self._agree(*pair)]
+                found = (half, max(agreed, key=lambda v: math.hypot(*v))) if agreed else found
             if half < length or length == self.max_events or (found and math.hypot(*found[1]) >= ALLOWED_PX[0]):
                 break
             length = min(int(length * _GROWTH) + 1, self.max_events)
@@ -120,7 +124,7 @@ class FittedCutter(BatchCutter):
         """The same without a confidence that could be gone by: a batch is tried until the image moves far enough."""
         for _ in range(_TRIALS):
             ahead = yield from self._ahead(self.size)
-            result = trial(ahead)
+            (result,) = trial(ahead)
             self.size = len(ahead) or 1
             length = fit(self.size, (extent(self._config, result.v, roi[:2]),), Flag.DEGENERATE not in result.flags)
             length = min(length, self.max_events)
@@ -145,25 +149,28 @@ class FittedCutter(BatchCutter):
         allowed = _AGREE if share < 2 else _AGREE_SURE
         return math.dist(one, two) <= allowed * max(math.hypot(*one), math.hypot(*two))
 
-    def _first_length(self, roi):
-        """Events of the whole sensor among which some are in the ROI."""
-        length = 2 * _FIRST_ROI_EVENTS
+    def _first_length(self, rois):
+        """Events of the whole sensor among which some are in one of the ROIs."""
+        length = min(2 * _FIRST_ROI_EVENTS, self.max_events)
         while True:
             ahead = yield from self._ahead(length)
-            inside, _, _ = events_in_roi(self._seen(ahead), roi[:2], *roi[2:])
-            if len(inside) >= _FIRST_ROI_EVENTS:
-                return int(inside[_FIRST_ROI_EVENTS - 1]) + 1
+            inside = [events_in_roi(self._seen(ahead), roi[:2], *roi[2:])[0] for roi in rois]
+            last = [int(one[_FIRST_ROI_EVENTS - 1]) for one in inside if len(one) >= _FIRST_ROI_EVENTS]
+            if last:
+                return min(last) + 1
             if len(ahead) < length or length == self.max_events:
                 return length
             length = min(2 * length, self.max_events)
 
-    def add(self, batch):
-        """Take a :class:`~cmfpga.tracking.loop.TrackedBatch`, and choose the length of the next one."""
-        trusted = is_sure(batch.result) if _judges(self._config) else Flag.DEGENERATE not in batch.result.flags
+    def add(self, *batches):
+        """Take a :class:`~cmfpga.tracking.loop.TrackedBatch` of each object, and choose the length of the next ones."""
+        judges = _judges(self._config)
+        results = [one.result for one in batches]
+        trusted = [one for one in results if (is_sure(one) if judges else Flag.DEGENERATE not in one.flags)]
         self._doubtful = 0 if trusted else self._doubtful + 1
         self._sure = self.size if trusted else self._sure
-        moved = extent(self._config, batch.result.v, batch.result.roi)
-        self.size = min(fit(self.size, (moved,), trusted), self.max_events)
+        moved = max((extent(self._config, one.v, one.roi) for one in trusted), default=0.0)
+        self.size = min(fit(self.size, (moved,), bool(trusted)), self.max_events)
         if self._doubtful and self._doubtful % LOST_BATCHES == 0:
             self.size = 2 * self.size if 2 * self.size <= min(_REACH * self._sure, self.max_events) else self._shortest
 

@@ -1,4 +1,4 @@
-"""The track loop: batches in order, each cut with the ROI that the one before it left.
+"""The track loop: batches in order, each cropped where the one before it left the ROI; of one object, or of several.
 
 It is the only one: the command, the Python API, a sweep and the driver of a board run it, with whatever engine they
 have. What is kept of the batches is up to the consumers that the caller chooses.
@@ -129,18 +129,15 @@ class CsvConsumer:
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=()):
-    """Follow one object. After a doubtful batch the next one starts cold, with the ROI where :class:`_Course` has it.
+    """:func:`follow` one object with the core of one ROI.
 
     Parameters
     ----------
     engine : Engine
-        Runs the batches; its configuration gives the run-time settings.
-    cutter : BatchCutter
-        Cuts the events; a :class:`~cmfpga.tracking.fit.FittedCutter` learns from each batch how long the next one is.
+    cutter, batches
+        As of :func:`follow`.
     roi : pair of int
         Left column and top row of the first batch's ROI, px.
-    batches : int, optional
-        Stop after these; by default at the end of the events.
     consumers : sequence of Consumer
         Each takes every batch, before it is yielded.
 
@@ -149,52 +146,104 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
     TrackedBatch or None
         None where the source has no events yet.
     """
-    config, replay, course = engine.config, Replay(engine.config), _Course(engine.config)
+    for window in follow(OneRoi(engine), cutter, rois=[roi], batches=batches, consumers=[consumers]):
+        yield window and window[0]
+
+
+def follow(engine, cutter, *, rois, batches=None, consumers=()):
+    """Follow objects. After a doubtful batch an object's next one starts cold, where :class:`_Course` has its ROI.
+
+    Parameters
+    ----------
+    engine : OneRoi or cmfpga.tracking.rows.Rows
+        Runs the batches; its configuration gives the run-time settings.
+    cutter : BatchCutter
+        Cuts the events; a :class:`~cmfpga.tracking.fit.FittedCutter` learns from each batch how long the next one is.
+    rois : sequence of pair of int
+        Of each object the left column and top row of its first ROI, px.
+    batches : int, optional
+        Stop after these; by default at the end of the events.
+    consumers : sequence of sequences of Consumer
+        Of each object: each takes every batch, before it is yielded.
+
+    Yields
+    ------
+    list of TrackedBatch, or None
+        Of the same events, each object's; None where the source has no events yet.
+    """
+    config, courses = engine.config, [_Course(engine.config, roi) for roi in rois]
     size = config.roi_width, config.roi_height
     noise, filters = NoiseFilter(config), config.hot_pixels or config.background
     fitted, length = isinstance(cutter, FittedCutter), None
 
-    def run(events, roi, cold):
-        settings = BatchSettings.from_config(config, roi)
-        settings = replace(settings, start_last=False) if cold else settings
-        marks = noise.judge(events.t, events.x, events.y, settings) if filters else None
-        result = engine.run(events, settings)
-        return result, marks, replay.settings_of(result, settings)
+    def run(events, cold):
+        settings = [course.settings(cold) for course in courses]
+        marks = noise.judge(events.t, events.x, events.y, settings[0]) if filters else None
+        results = engine.run(events, settings)
+        told = zip(courses, results, settings, strict=True)
+        return results, marks, [course.replay.settings_of(result, one) for course, result, one in told]
 
     if fitted:
-        yield from cutter.survey(lambda events: run(events, roi, True)[0], (*roi, *size))
-    start = roi
+        yield from cutter.survey(lambda events: run(events, True)[0], *((*roi, *size) for roi in rois))
     for index in itertools.count() if batches is None else range(batches):
-        while (events := cutter.next((*(start or engine.roi), *size))) is WAITING:
+        while (events := cutter.next((*(courses[0].start or engine.places[0]), *size))) is WAITING:
             yield None
         if events is None:
             return
         # v is per half batch: that of a batch of another length is no start.
-        result, marks, (plan, thinning) = run(events, start, fitted and len(events) != length)
-        start, length = course.after(result), len(events)
-        placed = seen(config, events)
-        batch = TrackedBatch(
-            index,
-            events,
-            result,
-            t_ref=float(events.t[0]) + result.span / 2 if len(events) else None,
-            contrast=contrast(config, placed, result.roi, result.v, **_which(result, marks)),
-            flags=result.flags | (Flag.CUT if events.cut_short else Flag(0)),
-            confidence=confidence(config, result),
-            covariance=covariance(config, result),
-            plan=plan,
-            thinning=thinning,
-            marks=marks,
-            roi_next=start or result.roi_next,
-            undistorted=placed if config.lens else None,
-            rates=rates(config, result.v, 0 if Flag.DEGENERATE in result.flags else result.span),
-            motion=config.motion,
-        )
+        results, marks, plans = run(events, fitted and len(events) != length)
+        length, placed, window = len(events), seen(config, events), []
+        for course, result, (plan, thinning), stride in zip(courses, results, plans, engine.strides, strict=True):
+            start = course.go_on(result)
+            batch = TrackedBatch(
+                index,
+                events,
+                result,
+                t_ref=float(events.t[0]) + result.span / 2 if len(events) else None,
+                contrast=contrast(config, placed, result.roi, result.v, **_which(result, marks)),
+                flags=result.flags | (Flag.CUT if events.cut_short else Flag(0)),
+                confidence=confidence(config, result),
+                covariance=covariance(config, result),
+                plan=plan,
+                thinning=thinning * stride,
+                marks=marks,
+                roi_next=start or result.roi_next,
+                undistorted=placed if config.lens else None,
+                rates=rates(config, result.v, 0 if Flag.DEGENERATE in result.flags else result.span),
+                motion=config.motion,
+            )
+            window.append(batch)
         if fitted:
-            cutter.add(batch)
-        for consumer in consumers:
-            consumer.add(batch)
-        yield batch
+            cutter.add(*window)
+        for batch, takers in zip(window, consumers, strict=True):
+            for consumer in takers:
+                consumer.add(batch)
+        yield window
+
+
+class OneRoi:
+    """The one object of a core of one ROI, whose engine keeps its v and its place.
+
+    Attributes
+    ----------
+    places, strides, cycles
+        As of :class:`~cmfpga.tracking.rows.Rows`.
+    """
+
+    strides = (1,)
+
+    def __init__(self, engine):
+        self.config, self._engine, self.cycles = engine.config, engine, None
+
+    @property
+    def places(self):
+        return [self._engine.roi]
+
+    def run(self, events, settings):
+        """The :class:`BatchResult`, of the :class:`BatchSettings`; a list of one."""
+        result = self._engine.run(events, *settings)
+        self.cycles = result.cycles
+        return [result]
 
 
 def _which(result, marks):
@@ -202,17 +251,30 @@ def _which(result, marks):
 
 
 class _Course:
-    """Where the ROI goes after a doubtful batch: on at the last trusted velocity; nowhere once the object is lost.
+    """One object: where its ROI goes after a doubtful batch.
 
-    With ``cold_after_doubtful=0`` a doubtful batch is like any other.
+    On at the last trusted velocity; nowhere once the object is lost. With ``cold_after_doubtful=0`` a doubtful batch is
+    like any other.
+
+    Attributes
+    ----------
+    start : pair of int or None
+        Left column and top row of the next batch's ROI, px; None where the engine moves it.
+    replay : Replay
     """
 
-    def __init__(self, config):
-        self._config = config
+    def __init__(self, config, roi):
+        self._config, self.start, self.replay = config, roi, Replay(config)
         self._doubtful, self._speed = 0, (0.0, 0.0)  # batches in a row; px per half µs
 
-    def after(self, result):
-        """The next ROI's left column and top row, px; None where the engine moves it."""
+    def settings(self, cold):
+        """Those of the next batch."""
+        settings = BatchSettings.from_config(self._config, self.start)
+        return replace(settings, start_last=False) if cold else settings
+
+    def go_on(self, result):
+        """Choose ``start`` by the last batch's result, and return it."""
+        self.start = None
         if Flag.DOUBTFUL not in result.flags or not self._config.cold_after_doubtful:
             self._doubtful = 0
             if is_sure(result):
@@ -221,16 +283,5 @@ class _Course:
         self._doubtful += 1
         share = self._config.roi_gain * result.span * (self._doubtful < LOST_BATCHES)
         ahead = (round(at + share * axis) for at, axis in zip(result.roi, self._speed, strict=True))
-        return clamp_roi(self._config, tuple(ahead))[0]
-
-
-def in_turn(tracks):
-    """Yields one batch of each track after the other, until the last track ends."""
-    running = [*tracks]
-    while running:
-        for one in [*running]:
-            batch = next(one, None)
-            if batch is None:
-                running.remove(one)
-            else:
-                yield batch
+        self.start = clamp_roi(self._config, tuple(ahead))[0]
+        return self.start

@@ -42,6 +42,7 @@ class TrackedObject:
     batches: int = 0
     warned: int = 0
     seen: int = 0  # ROI events of all batches
+    stride: int = 1  # the largest of a region
     dropped: dict = field(default_factory=dict)  # events, by what they were dropped as
     cycles: list = field(default_factory=list)
     values: list = field(default_factory=list)  # of the columns of each batch
@@ -60,6 +61,7 @@ class TrackedObject:
         self.batches += 1
         self.warned += bool(result.flags.warnings)
         self.seen += result.roi_events + result.overflow + result.thinned
+        self.stride = max(self.stride, batch.thinning if self.config.regions else 1)
         for what in ("hot", "noise") if batch.marks else ():
             self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
         self.roi_next = batch.roi_next
@@ -162,7 +164,10 @@ class TrackedObject:
     def remarks(self):
         """Warnings and notes on the whole track: ``(kind, sentence)``."""
         found, fitted = self.verdict, isinstance(self.cutter, FittedCutter)
-        return [("warning", text) for text in found.warnings()] + [("note", text) for text in found.notes(fitted)]
+        notes = found.notes(fitted)
+        if self.stride > 1:
+            notes.append(f"one of {self.stride} events in the ROI was stored, so that buffer_events hold them")
+        return [("warning", text) for text in found.warnings()] + [("note", text) for text in notes]
 
     def summary(self):
         """The object's part of the command's summary, JSON-ready."""

@@ -65,7 +65,8 @@ def test_any_table_and_any_batches(hardware, chunk):
             assert [len(result.regions) for result in found] == [len(regions)] * len(windows)
             if rng.random() < 0.4:
                 regions = some_changed(config, rng, regions)
-                hardware.write(regions), model.write(regions)
+                anew = {number for number in range(len(regions)) if rng.random() < 0.2}
+                hardware.write(regions, anew), model.write(regions, anew)
 
 
 def window_in(config, rng, count, x, y):
@@ -108,6 +109,20 @@ def test_a_batch_without_any_event_in_a_region_is_degenerate_in_all(hardware, rn
     chosen = settings(hardware.config, camera=(), hot_mask=(), background_us=0)
     (result,) = check(hardware, model, [window_in(hardware.config, rng, 90, 3, 3)], chosen)
     assert all(Flag.DEGENERATE in region.flags and region.outside == 90 for region in result.regions)
+
+
+def test_a_store_of_thousands_of_pages(rng):
+    """Its table of links is deep, and so lies in slices; every page of both halves is used."""
+    config = CONFIGS["one unit"].replace(max_batch_events=69_000, when_full="thin")
+    assert config.store.pages > 2048
+    hardware = VerilatedRegions(config)
+    model = start(hardware, random_regions(config, rng, 5))
+    for _ in range(2):
+        count = 69_000
+        t = np.sort(rng.integers(0, 20_000, count))
+        x, y = (np.minimum(rng.exponential(size / 4, count).astype(int), size - 1) for size in (40, 30))
+        check(hardware, model, [(t, x, y)], settings(config))
+    hardware.close()
 
 
 def test_the_outcome_is_that_of_a_core_of_one_region(rng):

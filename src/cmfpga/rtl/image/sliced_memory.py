@@ -1,6 +1,6 @@
 """Deep memory of wide words: side by side in memories of few bits, each of which is one RAM."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Value
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import Out
 from amaranth.utils import ceil_log2
@@ -46,7 +46,7 @@ class SlicedMemory(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        found, given = self.read.data.as_value(), self.write.data.as_value()
+        found, given = Value.cast(self.read.data), Value.cast(self.write.data)
         for name, (low, high) in slices(len(found)).items():
             ram = memory.Memory(shape=high - low, depth=self._depth, init=[], attrs=self._attrs)
             m.submodules[name] = ram

@@ -1,0 +1,333 @@
+"""Several objects on one accelerator: rows of a table of regions, and scenes in which objects cross, leave and stop."""
+
+import numpy as np
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.engines.regions import RegionEngine
+from cmfpga.errors import ConfigError
+from cmfpga.events import BatchCutter, Events, Feed, generate
+from cmfpga.events.columns import MemoryRecording
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.regions import Region
+from cmfpga.protocol.results import BatchResult, RegionOutcome, counts_of
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.protocol.trace import Trace
+from cmfpga.tracking.fit import FittedCutter, batch_cutter
+from cmfpga.tracking.loop import follow
+from cmfpga.tracking.rows import Rows, with_rows
+from cmfpga.verilog.compiler import find_compiler
+from support.regions import CONFIGS, without_clock
+
+CONFIG = CONFIGS["two units"].replace(max_level=2, min_roi_events=3, confidence_limit=1.0)
+ROIS = [(3, 4), (20, 12), (8, 15)]
+
+
+def scenes():
+    """Three objects on a sensor of 40×30 px go to and fro; one of them stops, and for a while there are no events."""
+
+    def to_and_fro(x, y):
+        return tuple((60_000, sign * x, sign * y) for sign in (1, -1) * 4)
+
+    how = {"width": 40, "height": 30, "size": (9, 7), "texture": "dense", "contrast": 0.3, "duration_us": 480_000}
+    made = [
+        generate(seed=1, position=(10.0, 9.0), velocity=to_and_fro(130.0, 40.0), **how),
+        generate(seed=2, position=(28.0, 18.0), velocity=to_and_fro(-110.0, -60.0), **how),
+        generate(seed=3, position=(16.0, 20.0), velocity=to_and_fro(100.0, 0.0), **how | {"duration_us": 200_000}),
+    ]
+    events = Events.merge(scene.events for scene in made)
+    return MemoryRecording(events[(events.t < 300_000) | (events.t > 330_000)], 40, 30, "made up")
+
+
+def followed(name, config, recording, rois, batches=None, **size):
+    """``[[TrackedBatch of each object] of each batch]``, and the cutter."""
+    engine = RegionEngine(name, config)
+    cutter = batch_cutter(recording, config, **size)
+    try:
+        return [
+            *follow(Rows(engine, len(rois)), cutter, rois=rois, consumers=[()] * len(rois), batches=batches)
+        ], cutter
+    finally:
+        engine.close()
+
+
+# ---------------------------------------------------------------- hardware, model, and each by itself
+
+
+@pytest.mark.parametrize("size", [{"events": 130}, {"duration_us": 10_000}, {}, {"first": 60}])
+def test_verilog_and_model_find_the_same(size):
+    """Batches of one length; of one duration, some of them empty; of lengths that change, so that rows begin anew."""
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler")
+    both = [followed(name, CONFIG, scenes(), ROIS, **size)[0] for name in ("rtl", "model")]
+    assert len(both[0]) == len(both[1]) >= 5
+    for rtl, model in zip(*both, strict=True):
+        for one, other in zip(rtl, model, strict=True):
+            assert without_clock(one.result) == other.result
+            assert one.values | {"cycles": None} == other.values and one.plan == other.plan
+    flags = [batch.flags for window in both[0] for batch in window]
+    assert {Flag.DOUBTFUL in one for one in flags} == {True, False}
+    lengths = {len(window[0].events) for window in both[0]}
+    assert (0 in lengths, len(lengths) > 1) == ("duration_us" in size, "duration_us" in size or "first" in size)
+
+
+def test_an_object_is_tracked_as_if_alone():
+    together, _ = followed("model", CONFIG, scenes(), ROIS, events=120)
+    for k, roi in enumerate(ROIS):
+        alone, _ = followed("model", CONFIG, scenes(), [roi], events=120)
+        assert [window[k].values for window in together] == [window[0].values for window in alone]
+
+
+def test_a_row_that_is_never_in_doubt_is_one_row_of_the_model():
+    """Written once, it follows by itself."""
+    config = CONFIG.replace(judge=0)
+    found, _ = followed("model", config, scenes(), ROIS, events=120)
+    engine = RegionEngine("model", config)
+    engine.write([Region(x=x, y=y, width=16, height=12, start="last", moves=True) for x, y in ROIS])
+    cutter = BatchCutter(scenes(), events=120, max_events=150)
+    for window in found:
+        result = engine.run(cutter.next(), BatchSettings.from_config(config, (0, 0)))
+        assert [batch.result.regions[0] for batch in window] == [*result.regions]
+    assert cutter.next() is None and len(found) > 4
+
+
+def test_a_stream_waits_for_events():
+    feed, recording = Feed((40, 30), "made up"), scenes()
+    (events,) = recording.chunks()
+    engine = RegionEngine("model", CONFIG)
+    running = follow(Rows(engine, 2), batch_cutter(feed, CONFIG, events=100), rois=ROIS[:2], consumers=[(), ()])
+    assert next(running) is None
+    feed.push(events[:101])
+    assert [batch.index for batch in next(running)] == [0, 0] and next(running) is None
+    feed.end()
+    assert [*running] == []
+
+
+# ---------------------------------------------------------------- rows
+
+
+class Table:
+    """In place of a :class:`RegionEngine`: remembers what was written, and gives outcomes of ``flags``."""
+
+    cycles = 99
+
+    def __init__(self, config, *flags):
+        self.config, self.flags, self.written, self.asked = config, list(flags), [], []
+
+    def write(self, regions, anew):
+        self.regions = list(regions)
+        self.written.append({k: (regions[k].x, regions[k].y) for k in anew})
+
+    def run(self, events, settings):
+        self.asked.append(events)
+        flags = self.flags.pop(0) if self.flags else [Flag(0)] * len(self.regions)
+        outcomes = [
+            RegionOutcome(
+                roi=(row.x, row.y), roi_next=(row.x + 1, row.y), v=(2.0, 1.0), iterations=4, flags=flag, roi_events=9,
+                outside=len(events) - 9, overflow=0, thinned=0, restarted=0, confidence_limit=90, sum_squares=9,
+                curvature=(9e5, 9e5, 0), sums=(0,) * 5, trace=Trace.without_iterations((128, 64)),
+            )
+            for row, flag in zip(self.regions, flags, strict=True)
+        ]  # fmt: skip
+        span = int(events.t[-1] - events.t[0])
+        return BatchResult(events=len(events), span=span, time_back=0, time_span=0, t_first=0, regions=outcomes)
+
+
+def recording(count=2000, step=10):
+    events = Events(np.arange(count) * step, np.full(count, 10), np.full(count, 10), np.zeros(count))
+    return MemoryRecording(events, 40, 30, "made up")
+
+
+def test_only_what_begins_elsewhere_is_written_anew():
+    """A doubtful object goes on at its last trusted velocity; the others keep their v and their place."""
+    no, doubt = Flag(0), Flag.DOUBTFUL
+    table = Table(CONFIG, [no, no], [no, doubt], [no, doubt], [no, doubt], [no, doubt])
+    cutter = BatchCutter(recording(), events=100, max_events=150)
+    [*follow(Rows(table, 2), cutter, rois=[(3, 4), (20, 12)], batches=7, consumers=[(), ()])]
+    assert table.written == [
+        {0: (3, 4), 1: (20, 12)},
+        {},
+        {1: (24, 14)},  # twice 2 and 1 px on
+        {1: (24, 16)},  # the image is 16 px wide, the sensor 40
+        {1: (24, 16)},  # the third in doubt: lost, it stays where it is
+        {1: (24, 16)},
+        {},
+    ]
+
+
+def test_a_batch_of_another_length_begins_cold_where_the_rows_are():
+    table = Table(CONFIG, [Flag.DEGENERATE, Flag(0)])  # the second object alone measured the first batch
+    cutter = FittedCutter(recording(), CONFIG, first=30, max_events=150)  # 2.2 px: each batch is longer
+    rows = Rows(table, 2)
+    windows = [*follow(rows, cutter, rois=[(3, 4), (20, 12)], batches=3, consumers=[(), ()])]
+    lengths = [len(window[0].events) for window in windows]
+    assert lengths == [30, 54, 97]
+    assert table.written == [{0: (3, 4), 1: (20, 12)}, {0: (4, 4), 1: (21, 12)}, {0: (5, 4), 1: (22, 12)}]
+    assert rows.cycles == 99
+
+
+def test_a_window_without_events_never_reaches_the_hardware():
+    events = Events(np.r_[0:1000:10, 30_000:31_000:10], *(np.full(200, 10),) * 2, np.zeros(200))
+    table = Table(CONFIG, [Flag.DOUBTFUL, Flag(0)])
+    cutter = BatchCutter(MemoryRecording(events, 40, 30, "made up"), duration_us=10_000, max_events=150)
+    rows = Rows(table, 2)
+    running = follow(rows, cutter, rois=ROIS[:2], batches=3, consumers=[(), ()])
+    _, empty = next(running), next(running)
+    assert rows.cycles is None and len(table.asked) == 1
+    assert [batch.result.roi for batch in empty] == [(3, 4), (21, 12)]  # in doubt it stays, for there was no v before
+    assert [(batch.flags, batch.result.v, batch.t_ref) for batch in empty] == [(Flag.DEGENERATE, (2.0, 1.0), None)] * 2
+    assert table.written == [{0: (3, 4), 1: (20, 12)}, {0: (3, 4)}]
+
+
+def test_first_without_events():
+    rows = Rows(Table(CONFIG), 1)
+    (result,) = rows.run(Events.empty(), [BatchSettings.from_config(CONFIG, (3, 4))])
+    assert (result.roi, result.v, result.flags) == ((3, 4), (0, 0), Flag.DEGENERATE)
+
+
+@pytest.mark.parametrize(
+    "count, when_full, stride", [(25, "drop", 1), (40, "drop", 2), (140, "drop", 8), (140, "thin", 1)]
+)
+def test_a_stride_leaves_room_in_the_buffer(count, when_full, stride):
+    """37 events and a reserve; a buffer that thins by itself needs none. All events are counted."""
+    config = CONFIGS["one unit"].replace(when_full=when_full)
+    windows, _ = followed("model", config, recording(), [(3, 4)], events=count, batches=2)
+    for (batch,) in windows:
+        result = batch.result
+        assert batch.thinning == stride and result.roi_events <= 37 and not result.overflow
+        assert result.events == result.roi_events + result.thinned == count
+
+
+def test_where_v_starts():
+    for start in ("last", "given"):
+        table = Table(CONFIG.replace(start=start, v_start_x=0.0))
+        cutter = BatchCutter(recording(), events=100, max_events=150)
+        [*follow(Rows(table, 1), cutter, rois=[(3, 4)], batches=3, consumers=[()])]
+        assert table.regions == [Region(x=3, y=4, width=16, height=12, start=start, moves=True)]
+        assert table.written == [{0: (3, 4)}, {}, {}]
+
+
+def test_rows_that_are_written_anew_forget():
+    """Not the others: in Verilog as in the model."""
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler")
+    regions = [Region(x=x, y=y, width=16, height=12, start="last", moves=True) for x, y in ROIS]
+    results, settings = [], BatchSettings.from_config(CONFIG, (0, 0))
+    for name in ("rtl", "model"):
+        engine, cutter = RegionEngine(name, CONFIG), BatchCutter(scenes(), events=120, max_events=150)
+        for anew in ((), (), (0, 2), ()):
+            engine.write(regions, anew)
+            results.append(without_clock(engine.run(cutter.next(), settings)))
+        engine.close()
+    assert results[:4] == results[4:]
+    before, after = results[1], results[2]
+    assert [one.roi for one in after.regions] == [ROIS[0], before.regions[1].roi_next, ROIS[2]]
+    assert before.regions[0].roi_next != ROIS[0] and before.regions[1].roi_next != ROIS[1]
+
+
+# ---------------------------------------------------------------- which hardware
+
+
+def test_a_configuration_gets_a_table():
+    found = with_rows(preset("fast"), 2, {})
+    usual = preset("objects")
+    assert found == usual.replace(max_batch_events=65535)
+    assert with_rows(preset("fast"), 40, {}).regions == 40
+    assert with_rows(preset("fast").replace(max_batch_events=999), 2, {"max_batch_events": 999}).max_batch_events == 999
+    assert with_rows(usual, 32, {}) is usual
+
+
+@pytest.mark.parametrize("config, message", [
+    (preset("paper"), "gradient = one_pass is needed"),
+    (preset("fast-4"), "lanes = 1 is needed"),
+    (preset("similarity"), "motion = translation is needed"),
+    (preset("fast").replace(buffers=1), "buffers = 2 is needed"),
+    (preset("fast").replace(thin_target=900), "each region has a stride of its own instead"),
+])  # fmt: skip
+def test_hardware_that_cannot_have_regions(config, message):
+    with pytest.raises(ConfigError, match=f"several objects are regions of one hardware.*{message}.*one --roi"):
+        with_rows(config, 2, {})
+
+
+def test_too_few_rows():
+    with pytest.raises(ConfigError, match="regions = 32: 33 objects need as many; --set regions=33"):
+        with_rows(preset("objects"), 33, {})
+
+
+# ---------------------------------------------------------------- how long batches are
+
+
+def test_the_fastest_that_is_trusted_chooses_the_length():
+    """Object 1 moves by 8 px: half as many events; in doubt, object 0 with 2 px: twice as many."""
+
+    def after(*trusted):
+        cutter = FittedCutter(recording(), CONFIG, first=60, max_events=150)
+        batches = []
+        for v, sure in zip((2.0, 8.0), trusted, strict=True):
+            result = BatchResult(
+                events=60, span=600, time_back=0, time_span=0, t_first=0, v=(v, 0.0), roi=(0, 0), roi_next=(0, 0),
+                flags=Flag(0) if sure else Flag.DOUBTFUL, confidence_limit=90, roi_events=9, outside=51, overflow=0,
+                thinned=0, iterations=1,
+            )  # fmt: skip
+            batches.append(type("Batch", (), {"result": result}))
+        cutter.add(*batches)
+        return cutter.size
+
+    assert [after(True, True), after(True, False), after(False, True), after(False, False)] == [30, 120, 30, 60]
+
+
+# ---------------------------------------------------------------- objects that cross, leave and stop
+
+SECOND = 1_000_000
+#: Two that cross in the middle after half a second, one that leaves, one that stops.
+FOUR = {
+    "right": {"seed": 1, "position": (60.0, 60.0), "velocity": (120.0, 40.0), "duration_us": SECOND},
+    "left": {"seed": 2, "position": (180.0, 60.0), "velocity": (-120.0, 40.0), "duration_us": SECOND},
+    "leaves": {"seed": 3, "position": (200.0, 150.0), "velocity": (100.0, 20.0), "duration_us": SECOND},
+    "stops": {"seed": 4, "position": (50.0, 140.0), "velocity": (80.0, 0.0), "duration_us": 400_000},
+}
+
+
+@pytest.fixture(scope="module")
+def four():
+    made = {name: generate(**fields) for name, fields in FOUR.items()}
+    events = Events.merge(scene.events for scene in made.values())
+    config = with_rows(preset("fast"), 4, {})
+    rois = [scene.roi_start(64, 64) for scene in made.values()]
+    windows, cutter = followed("model", config, MemoryRecording(events, 240, 180, "four"), rois)
+    return config, made, windows, len(events), cutter
+
+
+def test_objects_that_cross_leave_and_stop(four):
+    """A batch that is trusted has the object's true velocity; where there is none, or two, none is trusted."""
+    _, made, windows, _, _ = four
+    trusted = {name: [] for name in made}
+    for window in windows:
+        for batch, (name, scene) in zip(window, made.items(), strict=True):
+            if batch.flags & (Flag.DOUBTFUL | Flag.DEGENERATE):
+                continue
+            trusted[name].append(batch.t_ref / SECOND)
+            first, last = int(batch.events.t[0]), int(batch.events.t[-1])
+            assert last <= scene.scene.duration_us
+            true = np.array(batch.true_px_per_s(scene.motion))
+            assert np.hypot(*(np.array(batch.v_px_per_s) - true)) < 0.12 * np.hypot(*true), (name, first)
+    for name in ("right", "left"):
+        times = np.array(trusted[name])
+        assert not ((times > 0.4) & (times < 0.6)).any()  # they are one on top of the other
+        assert (times < 0.4).sum() >= 6 and (times > 0.6).sum() >= 3
+    assert max(trusted["leaves"]) < 0.55 and len(trusted["leaves"]) >= 6
+    assert max(trusted["stops"]) < 0.4 and len(trusted["stops"]) >= 6
+
+
+def test_no_event_is_lost_uncounted(four):
+    config, _, windows, count, cutter = four
+    assert sum(len(window[0].events) for window in windows) + cutter.leftover == count
+    for window in windows:
+        for batch in window:
+            assert sum(getattr(batch.result, name) for name in counts_of(config)) == len(batch.events)
+
+
+def test_the_fastest_moves_by_3_to_5_px(four):
+    _, _, windows, _, _ = four
+    for window in windows[:5]:
+        assert 3 <= max(np.hypot(*batch.result.v) for batch in window) <= 5.1
