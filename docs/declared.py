@@ -73,6 +73,13 @@ def widths_table():
     return table(head, rows, right=range(1, len(head)))
 
 
+def region_registers_table():
+    """What hardware of preset ``flow`` has beside that, and the word of a record that says whose it is."""
+    known = {register.name for name in ("fast", "paper") for register in register_map(preset(name))}
+    more = register_map(preset("flow"))
+    return markdown([register for register in more if register.name not in known or register.name == "RESULT_FLAGS"])
+
+
 def registers_table():
     """All registers of the default preset, and what the other ascent has in their place."""
     shared, others = register_map(preset("fast")), register_map(preset("paper"))
@@ -84,6 +91,7 @@ def registers_table():
 
 DECLARED = {
     "registers": registers_table,
+    "region_registers": region_registers_table,
     "flags": flags_table,
     "csv": csv_table,
     "sweep": sweep_table,

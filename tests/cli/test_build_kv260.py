@@ -19,8 +19,13 @@ from support.vivado.interfaces import infer, ports
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 KV260 = BOARDS["kv260"]
-PRESETS = ("paper", "fast")
+PRESETS = ("paper", "fast", "objects")
 WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
+
+
+def preset_of(info):
+    known = info["registers"]
+    return "objects" if "REGIONS" in known else "fast" if "SCHEDULE" in known else "paper"
 
 
 def sets(fields):
@@ -40,7 +45,7 @@ def made(request, command, tmp_path_factory):
 
 def test_the_core_beside_it_is_the_same(made, command, tmp_path):
     folder, info = made
-    preset = "fast" if "SCHEDULE" in info["registers"] else "paper"
+    preset = preset_of(info)
     assert command(build, "--preset", preset, *sets(TINY), "--out", tmp_path).status == 0
     for path in tmp_path.iterdir():
         assert path.read_bytes() == (folder / path.name).read_bytes()
@@ -66,7 +71,7 @@ def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
     folder, info = made
     other = dataclasses.replace(KV260, name="other", top="cmfpga_other")
     monkeypatch.setitem(BOARDS, other.name, other)
-    preset = "fast" if "SCHEDULE" in info["registers"] else "paper"
+    preset = preset_of(info)
     assert command(build, "--preset", preset, "--top", "other", *sets(TINY), "--out", tmp_path).status == 0
     assert json.loads((tmp_path / "other-info.json").read_text())["top"] == "cmfpga_other"
     text = (tmp_path / "cmfpga_other.v").read_text()

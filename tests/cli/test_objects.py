@@ -152,8 +152,7 @@ def test_two_that_are_found(command, tmp_path, two, how):
     (["--roi", "auto", "--roi", "auto", "--objects", "2"], "--objects: one --roi auto"),
     (["--roi", "auto", "--objects", "5"], "argument --objects: '5': 1 to 4 is needed"),
     ([*TWO, "--wave", "0"], "--wave: waveforms are those of a core of one ROI; one --roi, and no regions, are needed"),
-    ([*TWO, "--engine", "axi"], "engine 'axi': one of rtl, model, float is needed where there are regions"),
-    ([*TWO, "--engine", "serial:/dev/x"], "engine 'serial:/dev/x': one of rtl, model, float is needed where there"),
+    ([*TWO, "--engine", "serial:/dev/x"], "engine 'serial:/dev/x': one of rtl, axi, model, float is needed where"),
     ([*TWO, "--preset", "paper"], "several objects are regions of one hardware, which this cannot have: regions = 32: "
      "gradient = one_pass is needed; without --preset and --set it can, and with one --roi it need not"),
     ([*TWO, "--set", "lanes=4"], "several objects are regions of one hardware, which this cannot have: regions = 32"),

@@ -11,9 +11,8 @@ from cmfpga.crosscheck.compare import check
 from cmfpga.engines import make_engine
 from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.verilated import VerilatedEngine
-from cmfpga.errors import ConfigError
 from cmfpga.events import Events
-from cmfpga.protocol.results import counts_of
+from cmfpga.protocol.results import counts_of, fields_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.image import dither, warp
 from cmfpga.rtl.ingest import roi_filter
@@ -135,6 +134,18 @@ def test_a_reset_leaves_the_table(rng):
     engine.close()
 
 
-def test_the_axi_top_has_none():
-    with pytest.raises(ConfigError, match=r"^undistortion = on: the AXI top has no such table$"):
-        make_engine("axi", CONFIGS["paper"])
+def test_behind_the_axi_top(rng):
+    """The table is written through registers, again where the camera changes, and after a reset."""
+    config = CONFIGS["paper"]
+    axi, model = make_engine("axi", config), make_engine("model", config)
+    roi, off = (0, 0), 0
+    for number, lens in enumerate((LENS, LENS, (), LENS, (*LENS[:4], 0.2, *LENS[5:]))):
+        settings, roi = random_settings(config, rng, roi)
+        settings = dataclasses.replace(settings, roi=roi, camera=lens, iterations=1)
+        events = random_events(config, rng, roi)[1]
+        found, wanted = axi.run(events, settings), model.run(events, settings)
+        names = [f.name for f in fields_of("batch", "region", config=config) if f.name != "cycles"]
+        assert [getattr(found, name) for name in names] == [getattr(wanted, name) for name in names], number
+        off += found.outside
+    assert off
+    axi.close()

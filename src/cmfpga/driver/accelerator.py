@@ -5,14 +5,14 @@ import time
 
 import numpy as np
 
+from ..engines.regions import RegionEngine
 from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..protocol.registers import FORMATS
-from ..protocol.results import PACKET_BEATS, WireResult, decode
 from ..protocol.settings import BatchSettings
-from ..protocol.words import result_values, split_packets
 from .control import Control
 from .engine import POLL_SECONDS, AcceleratorEngine
 from .identity import identify
+from .regions import AcceleratorRegions, result_of
 
 #: Seconds that a time-out may have.
 LONGEST_SECONDS = 86_400
@@ -42,7 +42,8 @@ class Accelerator:
     ----------
     registers : RegisterMap
     engine : cmfpga.engines.Engine
-        The same as an engine of :mod:`cmfpga.engines`, for :func:`cmfpga.tracking.loop.track`.
+        The same as an engine of :mod:`cmfpga.engines`, for :func:`cmfpga.tracking.loop.track`; with a table of regions
+        a :class:`cmfpga.engines.regions.RegionEngine`.
 
     Raises
     ------
@@ -65,7 +66,10 @@ class Accelerator:
         self.timeout = _checked(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
         self.form = form
-        self.engine = AcceleratorEngine(self)
+        if self.config.regions:
+            self.engine = RegionEngine("axi", self.config, AcceleratorRegions(self))
+        else:
+            self.engine = AcceleratorEngine(self)
         self._streaming = False
         self._last_batch = 0
         self.reset()
@@ -80,7 +84,8 @@ class Accelerator:
         events : Events
             All events of the batch, in order of time.
         roi : pair of int, optional
-            Left column and top row of the ROI, px; by default where the last batch moved it.
+            Left column and top row of the ROI, px; by default where the last batch moved it. Means nothing to a table
+            of regions.
         settings : BatchSettings, optional
             Instead of ``roi`` and the configuration's run-time fields.
         timeout : float, optional
@@ -89,6 +94,7 @@ class Accelerator:
         Returns
         -------
         WireResult
+            With an outcome for each region.
 
         Raises
         ------
@@ -100,6 +106,16 @@ class Accelerator:
         settings = settings or BatchSettings.from_config(self.config, roi)
         with self._other_timeout(timeout):
             return self.engine.run(events, settings)
+
+    def write_regions(self, regions):
+        """Replace the table of regions by these :class:`~cmfpga.protocol.regions.Region`; the next batch is theirs.
+
+        A row that changes forgets what was measured, and where it moved to. Raises :exc:`ConfigError`: a row that the
+        table cannot hold, or hardware without one.
+        """
+        if not self.config.regions:
+            raise ConfigError("write_regions: the hardware has one ROI, and no table of regions")
+        self.engine.write(regions)
 
     def track(self, recording, *, roi, batches=None, start_event=0, consumers=(), **size):
         """Follow an object through a recording.
@@ -262,7 +278,7 @@ class Accelerator:
                     self.backend.receive(POLL_SECONDS)
                 self._check_time(deadline, "a packet does not end")
             status = self.control.read("STATUS")
-            if not (status["EVENTS_WAITING"] or status["COMPUTING"] or status["TAKING_IN"]):
+            if not any(status[name] for name in ("EVENTS_WAITING", "COMPUTING", "TAKING_IN", "RESULT_WAITING")):
                 break
             self.backend.stop()
             self._check_time(deadline, f"the reset has no effect ({self.control.diagnosis()})")
@@ -270,7 +286,8 @@ class Accelerator:
         self.control.usual_state(interrupt=self.interrupt)
         self._streaming = False
         self._last_batch = 0
-        self.engine.forget()
+        if not self.config.regions:
+            self.engine.forget()
 
     def self_test(self, *, timeout=None):
         """Check identity, registers, interrupt, and one batch whose result is known.
@@ -305,10 +322,7 @@ class Accelerator:
 
     def receive(self, timeout):
         """The next result: :class:`WireResult`. Raises :exc:`DeviceTimeout`."""
-        words = self.backend.receive(timeout)
-        if len(words) != PACKET_BEATS:
-            raise DeviceError(f"{self.backend.name}: a packet of {len(words)} words; {PACKET_BEATS} make a result")
-        result = WireResult(**decode(self.config, result_values(self.registers, split_packets(words)[0]), "wrapper"))
+        result = result_of(self.config, self.registers, self.backend.receive(timeout), self.backend.name)
         expected = self._last_batch + 1
         self._last_batch = result.batch
         if result.batch != expected:

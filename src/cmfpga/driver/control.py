@@ -1,10 +1,14 @@
 """The AXI top's registers, by their names."""
 
+import dataclasses
 import time
 
-from ..errors import DeviceTimeout
+from ..camera import node_writes
+from ..errors import ConfigError, DeviceError, DeviceTimeout
+from ..protocol.regions import RegionTable
 from ..protocol.registers import register_map
 from ..protocol.settings import schedule_table, settings_values
+from ..protocol.tables import window_words
 from ..protocol.words import setting_words
 
 
@@ -20,13 +24,17 @@ class Control:
     Attributes
     ----------
     registers : RegisterMap
+    table : RegionTable or None
+        Of the regions.
     """
 
     def __init__(self, backend, config):
         self.backend = backend
         self.config = config
         self.registers = register_map(config)
+        self.table = RegionTable(config) if config.regions else None
         self._written = {}  # settings as they stand: offset to word
+        self._camera = None  # that whose nodes stand in the table
 
     def read(self, name):
         """``{field: value}`` of a register."""
@@ -63,6 +71,7 @@ class Control:
             self.write("IER", DONE=1)
             self.write("GIE", ENABLE=1)
         self._written.clear()
+        self._forget_tables()
 
     # ---------------------------------------------------------------- settings
 
@@ -86,15 +95,53 @@ class Control:
         ends : dict of str to int
             What ends a batch, by the links of the registers' fields.
         """
+        rows, schedule = (), schedule_table(self.config, settings)
+        if self.table:
+            if not self.table.regions:
+                raise ConfigError("the table of regions is empty: write_regions() with one region or more is needed")
+            if ends.get("batch_roi_events"):
+                raise ConfigError("batches by ROI events: the hardware has many regions; another end is needed")
+            rows, schedule = self.table.changes(settings)
+            settings = dataclasses.replace(settings, rows=len(self.table.regions))
         values = settings_values(self.config, settings) | {name: int(value) for name, value in ends.items()}
         load = values.pop("roi_load")  # a command, which clears itself
         for name, word in setting_words(self.registers, values).items():
             self._write_once(self.registers[name], word)
         if "SCHEDULE" in self.registers:
             declared = self.registers["SCHEDULE"]
-            for k, (level, shift, stride) in enumerate(schedule_table(self.config, settings)):
+            for k, (level, shift, stride) in enumerate(schedule):
                 self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift, STRIDE=stride), 4 * k)
-        self.write("ROI_LOAD", LOAD=load)
+        self._write_tables(rows, settings.camera)
+        if "ROI_LOAD" in self.registers:
+            self.write("ROI_LOAD", LOAD=load)
+
+    def _write_tables(self, rows, camera):
+        """Rows of the table of regions, and a camera's nodes, while no batch is under way."""
+        rows = [("row", dict(zip(self.table.names, row, strict=True))) for row in rows]
+        if camera and camera != self._camera:
+            nodes = node_writes(self.config, camera)
+            rows += [("node", dict(zip(("column", "row", "x", "y"), node, strict=True))) for node in nodes]
+        if not rows:
+            return
+        try:
+            before = self.read("TABLES")
+            for name, values in rows:
+                *parts, (last, word) = window_words(self.registers, name, values)
+                for register, part in parts:
+                    self._write_once(register, part)
+                self.backend.write32(last.offset, word)
+            after = self.read("TABLES")
+            if after["PENDING"] or after["REFUSED"] != before["REFUSED"]:
+                raise DeviceError(f"{self.backend.name}: rows of a table were not taken (TABLES: {after})")
+        except BaseException:  # nobody knows what was written
+            self._forget_tables()
+            raise
+        self._camera = camera or self._camera
+
+    def _forget_tables(self):
+        self._camera = None
+        if self.table:
+            self.table.forget()
 
     def _write_once(self, register, word, offset=0):
         """Unless it is so already."""

@@ -44,54 +44,80 @@ class AcceleratorEngine(Engine):
         self._accelerator.close()
 
     def _run(self, events, settings):
-        top, backend = self._accelerator, self._accelerator.backend
-        top.check_batchwise()
-        words = encode(events, top.form)
-        if len(words) > backend.max_words:
-            raise DeviceError(
-                f"a batch of {len(words)} words: one transfer of {backend.name} has at most "
-                f"{backend.max_words}; smaller batches, or a larger buffer, are needed"
-            )
-        try:
-            if top.control.status("EVENTS_WAITING"):
-                raise DeviceError("words that no batch took wait inside: something else sends to s_axis")
-            top.control.write_input(top.form, False, top.timeout)
-            top.control.write_settings(settings, {"duration": 0, "by_tlast": 1})
-            top.control.clear_interrupts()
-            top.control.write("CTRL", START=1, DONE=1)
-            backend.send(words)
-            self._wait_done(len(events))
-            result = top.receive(top.timeout)
-            backend.wait_sent(top.timeout)
-            if result.events != len(events):
-                raise DeviceError(f"the result is of {result.events} events; {len(events)} were sent")
-        except BaseException:
-            with contextlib.suppress(DeviceError):
-                top.reset()
-            raise
+        result = transact(self._accelerator, events, settings)
         self._v = result.v
         return result
 
-    def _wait_done(self, events):
-        """Until ISR says so, by interrupt or by looking."""
-        top, name = self._accelerator, self._accelerator.backend.name
-        deadline = time.monotonic() + top.timeout
-        while True:
-            left = deadline - time.monotonic()
-            came = not top.interrupt or top.backend.wait_interrupt(max(left, 0))
-            done = top.control.read("ISR")["DONE"]
-            if done and came:
-                break
-            if done:
-                raise DeviceTimeout(
-                    f"{name}: the result came, but no interrupt within {top.timeout:g} s; "
-                    f"interrupt=False does without{top.control.hint}"
-                )
-            if left <= 0:
-                raise DeviceTimeout(
-                    f"{name}: no result within {top.timeout:g} s of a batch of {events} events: "
-                    f"{top.control.diagnosis()}{top.control.hint}"
-                )
-            if not top.interrupt:
-                time.sleep(min(POLL_SECONDS, left))
+
+def transact(top, events, settings):
+    """One batch of an accelerator, whatever its hardware measures: a :class:`WireResult`.
+
+    Raises :exc:`DeviceError`; the accelerator was reset then.
+    """
+    backend = top.backend
+    top.check_batchwise()
+    words = encode(events, top.form)
+    if len(words) > backend.max_words:
+        raise DeviceError(
+            f"a batch of {len(words)} words: one transfer of {backend.name} has at most "
+            f"{backend.max_words}; smaller batches, or a larger buffer, are needed"
+        )
+    try:
+        if top.control.status("EVENTS_WAITING"):
+            raise DeviceError("words that no batch took wait inside: something else sends to s_axis")
+        top.control.write_input(top.form, False, top.timeout)
+        top.control.write_settings(settings, {"duration": 0, "by_tlast": 1})
         top.control.clear_interrupts()
+        top.control.write("CTRL", START=1, DONE=1)
+        backend.send(words)
+        result = _result(top, len(events))
+        backend.wait_sent(top.timeout)
+        if result.events != len(events):
+            raise DeviceError(f"the result is of {result.events} events; {len(events)} were sent")
+    except BaseException:
+        with contextlib.suppress(DeviceError):
+            top.reset()
+        raise
+    return result
+
+
+def _result(top, events):
+    """The next one. Of many regions it is fetched while it comes; one ROI's, when it is complete."""
+    if not top.config.regions:
+        _wait_done(top, events)
+        return top.receive(top.timeout)
+    try:
+        result = top.receive(top.timeout)
+    except DeviceTimeout:
+        raise _no_result(top, events) from None
+    _wait_done(top, events)
+    return result
+
+
+def _no_result(top, events):
+    return DeviceTimeout(
+        f"{top.backend.name}: no result within {top.timeout:g} s of a batch of {events} events: "
+        f"{top.control.diagnosis()}{top.control.hint}"
+    )
+
+
+def _wait_done(top, events):
+    """Until ISR says so, by interrupt or by looking."""
+    name = top.backend.name
+    deadline = time.monotonic() + top.timeout
+    while True:
+        left = deadline - time.monotonic()
+        came = not top.interrupt or top.backend.wait_interrupt(max(left, 0))
+        done = top.control.read("ISR")["DONE"]
+        if done and came:
+            break
+        if done:
+            raise DeviceTimeout(
+                f"{name}: the result came, but no interrupt within {top.timeout:g} s; "
+                f"interrupt=False does without{top.control.hint}"
+            )
+        if left <= 0:
+            raise _no_result(top, events)
+        if not top.interrupt:
+            time.sleep(min(POLL_SECONDS, left))
+    top.control.clear_interrupts()

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..config import PRESETS
 from ..events.arrays import Events
-from ..protocol.flags import Flag
+from ..protocol.regions import Region
 from ..protocol.results import fields_of
 from ..protocol.settings import BatchSettings, clamp_roi
 from .identity import wrapped_presets
@@ -49,6 +49,15 @@ def golden_batch(config):
     return Events(1000 + step * np.arange(number), x, y, np.arange(number) % 2), roi
 
 
+def golden_regions(config, roi):
+    """The table of regions for the batch: one as large as the image, at the ROI, and its quarters, which follow it."""
+    wide, high = config.roi_width // 2, config.roi_height // 2
+    places = [(x, y) for y in (roi[1], roi[1] + high) for x in (roi[0], roi[0] + wide)] if wide and high else []
+    quarters = [Region(x=x, y=y, width=wide, height=high, start="parent", moves=True) for x, y in places]
+    whole = Region(x=roi[0], y=roi[1], width=config.roi_width, height=config.roi_height, start="last")
+    return [whole, *quarters][: config.regions]
+
+
 class _Random:
     """A linear congruential generator (constants of Knuth's MMIX)."""
 
@@ -70,30 +79,36 @@ def model_result(config):
     """What the integer model makes of the golden batch, JSON-ready. Needs torch."""
     from ..reference.integer.core import IntegerCore
 
-    events, roi = golden_batch(config)
-    result = IntegerCore(config).run(events.t, events.x, events.y, settings_of(config, roi))
-    values = {
-        f.name: getattr(result, f.name) for f in fields_of("batch", "region", config=config) if f.name != "cycles"
-    }
-    return {name: list(value) if isinstance(value, tuple) else int(value) for name, value in values.items()}
+    (events, roi), model = golden_batch(config), IntegerCore(config)
+    if config.regions:
+        from ..reference.regions import RegionSequence
+
+        model = RegionSequence(model)
+        model.write(golden_regions(config, roi))
+    return values_of(config, model.run(events.t, events.x, events.y, settings_of(config, roi)))
+
+
+def values_of(config, result):
+    """All of a result that the model knows, JSON-ready; with a table of regions, a list of each region's under that."""
+
+    def values(of, *scopes):
+        found = {f.name: getattr(of, f.name) for f in fields_of(*scopes, config=config) if f.name != "cycles"}
+        return {name: list(value) if isinstance(value, tuple) else int(value) for name, value in found.items()}
+
+    if not config.regions:
+        return values(result, "batch", "region")
+    return values(result, "batch") | {"regions": [values(region, "region") for region in result.regions]}
 
 
 def expected_result(config):
-    """``(values, source)`` of the golden batch; ``(None, reason)`` where there are none.
-
-    Values have the names and types of :class:`~cmfpga.protocol.results.WireResult`.
-    """
+    """``(values, source)`` of the golden batch, as of :func:`values_of`; ``(None, reason)`` where there are none."""
     try:
-        found, source = model_result(config), "the integer model"
+        return model_result(config), "the integer model"
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
-        found, source = _kept(config), FILE
-        if found is None:
-            return None, "torch is not installed, and only the presets' results are kept"
-    found = {name: tuple(value) if isinstance(value, list) else value for name, value in found.items()}
-    found["flags"] = Flag(found["flags"])
-    return found, source
+    found = _kept(config)
+    return found, FILE if found else "torch is not installed, and only the presets' results are kept"
 
 
 def _kept(config):

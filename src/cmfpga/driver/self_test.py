@@ -1,7 +1,7 @@
 """What :meth:`cmfpga.driver.Accelerator.self_test` does."""
 
 from ..errors import DeviceError
-from .golden import expected_result, golden_batch, settings_of
+from .golden import expected_result, golden_batch, golden_regions, settings_of, values_of
 from .identity import identify
 
 PATTERNS = (0x00000000, 0xFFFFFFFF, 0xA5A55A5A, 0x12345678)
@@ -17,21 +17,24 @@ def self_test(accelerator):
         raise DeviceError(f"{accelerator.backend.name}: the interrupt is there before a batch: is the line stuck?")
     expected, source = expected_result(accelerator.config)
     events, roi = golden_batch(accelerator.config)
+    if accelerator.config.regions:
+        accelerator.write_regions(golden_regions(accelerator.config, roi))
     result = accelerator.run(events, settings=settings_of(accelerator.config, roi))  # ends with the interrupt
     found["interrupt"] = _interrupt(accelerator)
     if expected is None:
         found["golden batch"] = f"ran, but was not compared: {source}"
     else:
-        wrong = [name for name, value in expected.items() if getattr(result, name) != value]
+        expected, came = _flat(expected), _flat(values_of(accelerator.config, result))
+        wrong = [name for name, value in expected.items() if came[name] != value]
         if wrong:
             name = wrong[0]
             raise DeviceError(
-                f"{accelerator.backend.name}: the golden batch's {name} is {getattr(result, name)}; {source} says "
+                f"{accelerator.backend.name}: the golden batch's {name} is {came[name]}; {source} says "
                 f"{expected[name]} (different: {', '.join(wrong)})"
             )
-        found["golden batch"] = (
-            f"{result.events} events, {result.cycles} cycles, all {len(expected)} values as {source}"
-        )
+        regions = accelerator.config.regions
+        cycles = f"{len(result.regions)} regions" if regions else f"{result.cycles} cycles"
+        found["golden batch"] = f"{result.events} events, {cycles}, all {len(expected)} values as {source}"
     count = accelerator.counters()
     if count["events_in"] != len(events) or count["batches"] != 1:
         raise DeviceError(
@@ -41,6 +44,13 @@ def self_test(accelerator):
     found["counters"] = f"{count['events_in']} events in, {count['batches']} result"
     accelerator.reset()
     return found
+
+
+def _flat(values):
+    """The values of each region beside those of the batch: ``regions[1].v``."""
+    regions = enumerate(values.get("regions", ()))
+    more = {f"regions[{k}].{name}": value for k, region in regions for name, value in region.items()}
+    return {name: value for name, value in values.items() if name != "regions"} | more
 
 
 def _scratch(backend, registers):

@@ -5,12 +5,17 @@ import pkgutil
 from ..errors import ConfigError
 from .base import check_events
 
+#: ``module:function`` that makes hardware of a configuration: the emitted core, or the accelerator as a board has it.
+_HARDWARE = {
+    "rtl": "cmfpga.simulation.regions:VerilatedRegions",
+    "axi": "cmfpga.driver.simulation:simulated_regions",
+}
 #: ``module:class`` of what ascends, by the engine's name.
 _CORES = {
     "model": "cmfpga.reference.integer.core:IntegerCore",
     "float": "cmfpga.reference.float_core:FloatCore",
 }
-ENGINES = ("rtl", *_CORES)
+ENGINES = (*_HARDWARE, *_CORES)
 
 
 class RegionEngine:
@@ -19,9 +24,12 @@ class RegionEngine:
     Parameters
     ----------
     name : str
-        ``rtl``, ``model`` or ``float``.
+        One of :data:`ENGINES`.
     config : Config
         With ``regions``.
+    hardware : object, optional
+        What runs the batches, where it is there already: with ``write``, ``run`` and ``cycles`` as those of
+        :class:`~cmfpga.simulation.regions.VerilatedRegions`.
 
     Attributes
     ----------
@@ -29,16 +37,16 @@ class RegionEngine:
         What the user should know about how this engine runs; may be empty.
     """
 
-    def __init__(self, name, config):
+    def __init__(self, name, config, hardware=None):
         if name not in ENGINES:
             raise ConfigError(f"engine {name!r}: one of {', '.join(ENGINES)} is needed where there are regions")
         if not config.regions:
             raise ConfigError("regions = 0: hardware with regions of 1 or more is needed")
         self.name, self.config, self.note = name, config, ""
-        if name == "rtl":
-            from ..simulation.regions import VerilatedRegions
-
-            self._hardware = VerilatedRegions(config)
+        if hardware is not None:
+            self._hardware = hardware
+        elif name in _HARDWARE:
+            self._hardware = pkgutil.resolve_name(_HARDWARE[name])(config)
         else:
             import torch
 

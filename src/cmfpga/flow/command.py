@@ -51,8 +51,9 @@ def _parser():
     )  # fmt: skip
     made.add_argument(
         "--engine", default=ENGINE, choices=ENGINES,
-        help="rtl: the emitted Verilog, cycle by cycle; model: the same in integers (needs torch); float: the "
-        f"article's equations (needs torch) (default: {ENGINE})",
+        help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as a board has it; "
+        "model: the same in integers (needs torch); float: the article's equations (needs torch) "
+        f"(default: {ENGINE})",
     )  # fmt: skip
     add_ingest_options(made)
     cli.add_recording_options(made)

@@ -6,8 +6,8 @@ Imports neither Amaranth nor NumPy.
 from dataclasses import dataclass
 
 from ..errors import ConfigError
-from .settings import plan_shape, table_entry
-from .shapes import pair, up_to, whole
+from .settings import Setting, plan_high, plan_places, table_entry
+from .shapes import Place, leaves, whole
 
 #: Largest log2 of a region's stride.
 MOST_STRIDE = 7
@@ -85,20 +85,93 @@ class Region:
             raise ConfigError(f"{where}: stride = {self.stride}: a power of two up to {1 << MOST_STRIDE} is needed")
 
 
+def _row(name, *, word=None, **more):
+    places = more.pop("places", None) or (Place(word=word, register="ROW_HOW", **more.pop("at")),)
+    return Setting(name=f"row_{name}", places=places, **more)
+
+
+def _pixel(word, what):
+    return tuple(
+        Place(word=word, part=f"_{axis}", field=axis.upper(), lsb=16 * k, width=16, doc=f"{name} of {what}", unit="px")
+        for k, (axis, name) in enumerate((("x", "column"), ("y", "row")))
+    )
+
+
+#: What the registers of a row hold, in the order of :func:`row_shape`, and which row it is, in the last one.
+ROW = (
+    _row("place", high=lambda c: {"x": c.sensor_width - 1, "y": c.sensor_height - 1},
+         places=_pixel(0, "the sensor"), doc="where the region begins; of a fresh row"),
+    _row("begin", high=lambda c: {"x": c.roi_width - 1, "y": c.roi_height - 1},
+         places=_pixel(1, "the image"), doc="where it begins in the image"),
+    _row("end", high=lambda c: {"x": c.roi_width, "y": c.roi_height},
+         places=_pixel(2, "the image"), doc="the first place behind it, more than ROW_BEGIN"),
+    _row("start", high=lambda c: len(STARTS) - 1, word=5, at={"field": "START", "width": 8},
+         doc="where v starts: " + ", ".join(f"{k} {name}" for k, name in enumerate(STARTS))),
+    _row("parent", shape=lambda c: whole(c.store.number_bits), high=lambda c: c.regions - 1, word=5,
+         at={"field": "PARENT", "lsb": 16, "width": 16}, doc="row whose v is taken then; before this one"),
+    _row("cold", high=plan_high, places=plan_places(3, "schedule of the region without another v"), doc="schedule"),
+    _row("warm", high=plan_high, places=plan_places(4, "schedule of the region with another v"), doc="schedule"),
+    _row("stride", high=lambda c: MOST_STRIDE, word=5, at={"field": "STRIDE", "lsb": 8, "width": 4},
+         doc="one of 2^STRIDE events is stored"),
+    _row("moves", shape=lambda c: whole(1), word=5, at={"field": "MOVES", "lsb": 12, "width": 1},
+         doc="1: moves by ROI_GAIN·v after each batch"),
+    Setting(name="number", shape=lambda c: whole(c.store.number_bits), high=lambda c: c.regions - 1,
+            places=(Place(word=6, register="ROW_WRITE", field="NUMBER", width=16,
+                          register_doc="write the other registers' row into the table"),),
+            doc="which row; at most the number of those that are known"),
+    Setting(name="fresh", shape=lambda c: whole(1),
+            places=(Place(word=6, register="ROW_WRITE", field="FRESH", lsb=31, width=1),),
+            doc="1: forget what was measured and where the region moved to"),
+)  # fmt: skip
+
+
 def row_shape(config):
     """A row of the table, as it is written."""
-    geometry, plan = config.geometry, plan_shape(config)
-    return {
-        "place": pair(whole(geometry.x_bits), whole(geometry.y_bits)),
-        "begin": pair(up_to(config.roi_width - 1), up_to(config.roi_height - 1)),
-        "end": pair(up_to(config.roi_width), up_to(config.roi_height)),  # the first column and row behind it
-        "start": up_to(len(STARTS) - 1),
-        "parent": whole(config.store.number_bits),
-        "cold": plan,
-        "warm": plan,
-        "stride": up_to(MOST_STRIDE),
-        "moves": whole(1),
-    }
+    rows = (part for part in ROW if part.name.startswith("row_"))
+    return {part.name.removeprefix("row_"): part.shape_of(config) for part in rows}
+
+
+class RegionTable:
+    """A table of regions that is replaced between batches, and what of it the hardware does not hold yet.
+
+    Attributes
+    ----------
+    regions : list of Region
+    """
+
+    #: Of a row to be written, in the order of :meth:`changes`.
+    names = ("number", "fresh")
+
+    def __init__(self, config):
+        self.config, self.regions, self._rows = config, [], []
+        self.names += tuple(leaf for leaf in leaves("row", row_shape(config)))
+
+    def forget(self):
+        """The hardware holds nothing: all rows will be written, fresh."""
+        self._rows = [None] * len(self.regions)
+
+    def replace(self, regions, anew=()):
+        """Another table. A row that changes, or is one of ``anew``, forgets what was measured. :exc:`ConfigError`."""
+        regions = list(regions)
+        for number, region in enumerate(regions):
+            region.check(self.config, number)
+        known = zip(range(len(regions)), self.regions, self._rows, regions, strict=False)
+        kept = [row if old == new and number not in anew else None for number, old, row, new in known]
+        self.regions, self._rows = regions, kept + [None] * (len(regions) - len(kept))
+
+    def changes(self, settings):
+        """``(rows, schedule)``: those that are new, or whose schedules lie elsewhere now; and all of the schedule.
+
+        Rows are tuples in the order of :attr:`names`; they count as written. Raises :exc:`ConfigError`.
+        """
+        rows, schedule = tables(self.config, self.regions, settings)
+        changed = [
+            (number, int(before is None), *row)
+            for number, (before, row) in enumerate(zip(self._rows, rows, strict=True))
+            if row != before
+        ]
+        self._rows = rows
+        return changed, schedule
 
 
 def tables(config, regions, settings):

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .settings import velocity_shape, with_background, with_confidence, with_hot_pixels
+from .settings import velocity_shape, with_background, with_confidence, with_hot_pixels, with_regions
 from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
@@ -29,7 +29,7 @@ class ResultField:
 
     name: str
     shape: Callable  # shape(config)
-    scope: str  # batch; region, of one region of interest; or wrapper, of the AXI top alone (WireResult)
+    scope: str  # batch; region, of one region of interest; wrapper, of the AXI top alone (WireResult); packet
     counts: bool = False  # one of those that add up to events
     taken_in: bool = False  # known when the batch has been taken in, before its first iteration
     when: Callable = always  # when(config): the hardware has it; without it, outcomes have the default
@@ -185,6 +185,12 @@ RESULTS = (
     ResultField(name="config_range", shape=lambda c: whole(1), scope="wrapper", default=False, nothing=False, read=bool,
                 doc="a setting of this batch was out of range, and limited",
                 places=(Place(word=1, register="RESULT_FLAGS", field="CONFIG_RANGE", lsb=17, width=1),)),
+    ResultField(name="last", shape=lambda c: whole(1), scope="packet", when=with_regions,
+                doc="1: the last region's result of its batch",
+                places=(Place(word=1, register="RESULT_FLAGS", field="LAST", lsb=19, width=1),)),
+    ResultField(name="region", shape=lambda c: whole(c.store.number_bits), scope="packet", when=with_regions,
+                doc="whose result it is: row of the table of regions",
+                places=(Place(word=1, register="RESULT_FLAGS", field="REGION", lsb=20, width=12),)),
 )  # fmt: skip
 
 #: 64-bit words of a result packet.

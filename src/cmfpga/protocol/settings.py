@@ -78,7 +78,10 @@ class Setting:
 
     def shape_of(self, config):
         """The input's shape."""
-        return self.shape(config) if self.shape else up_to(self.high(config))
+        if self.shape:
+            return self.shape(config)
+        high = self.high(config)
+        return {part: up_to(most) for part, most in high.items()} if isinstance(high, dict) else up_to(high)
 
     def limits(self, config, leaf, part):
         """Smallest and largest raw value of a leaf that a register allows; None: whatever fits."""
@@ -125,6 +128,11 @@ def with_regions(config):
     return config.regions > 0
 
 
+def with_one_roi(config):
+    """Only in a core of one ROI."""
+    return not config.regions
+
+
 def with_rotation(config):
     """Only with ``motion="rotation"``."""
     return config.motion == "rotation"
@@ -147,29 +155,29 @@ def _place(config):
     return pair(*(Q(bits, frac, signed=False) for bits in (geometry.x_bits, geometry.y_bits)))
 
 
-def plan_shape(config):
-    """A part of the schedule's table: the first entry and the number of entries."""
-    last = config.schedule_entries - 1
-    return {"first": up_to(last), "count": up_to(last + 1)}
-
-
-def _plan_high(config):
+def plan_high(config):
+    """A part of the schedule's table: largest first entry and number of entries."""
     return {"first": config.schedule_entries - 1, "count": config.schedule_entries}
+
+
+def plan_places(word, doc):
+    """Where a register shows that."""
+    return (
+        Place(word=word, part="_first", field="FIRST", width=16, doc="first entry",
+              register_doc=f"{doc}: entries of SCHEDULE"),
+        Place(word=word, part="_count", field="COUNT", lsb=16, width=16,
+              doc="number of entries; 0: a degenerate batch"),
+    )  # fmt: skip
 
 
 def _plan(name, word, without, first):
     """A schedule; ``first(config, settings)`` is its first entry in the table."""
     doc = f"schedule of a batch {without} a last v"
     return Setting(
-        name=name, shape=plan_shape, high=_plan_high, when=by_signs, default=(), doc=doc,
+        name=name, high=plan_high, when=by_signs, default=(), doc=doc, shown=with_one_roi,
         asked=lambda config: getattr(config.schedules, name) if by_signs(config) else (),
         raw=lambda config, settings: (first(config, settings), len(getattr(settings, name))),
-        places=(
-            Place(word=word, part="_first", field="FIRST", width=16, doc="first entry",
-                  register_doc=f"{doc}: entries of SCHEDULE"),
-            Place(word=word, part="_count", field="COUNT", lsb=16, width=16,
-                  doc="number of entries; 0: a degenerate batch"),
-        ),
+        places=plan_places(word, doc),
     )  # fmt: skip
 
 
@@ -177,20 +185,23 @@ _ROI = "position of the ROI, for ROI_LOAD; limited to the sensor, with the flag 
 
 #: In the order of the Verilog ports. Words of the registers' group are given by ``places`` and never change.
 SETTINGS = (
-    Setting(name="roi_load", shape=lambda c: whole(1), raw=lambda c, s: s.roi is not None,
+    Setting(name="roi_load", shape=lambda c: whole(1), raw=lambda c, s: s.roi is not None, shown=with_one_roi,
             doc="1: crop the batch at the ROI that is given; 0: where the last one moved it",
             places=(Place(word=5, field="LOAD", width=1, access="flag",
                           doc="1: at ROI, instead of where the last one moved it; cleared when used",
                           register_doc="where the next batch is cropped"),)),
     Setting(name="roi_x", shape=lambda c: whole(c.geometry.x_bits), raw=lambda c, s: (s.roi or (0, 0))[0],
+            shown=with_one_roi,
             doc="left column of the ROI, limited to the sensor", unit="px",
             places=(Place(word=4, register="ROI", field="X", width=16, doc="left column", register_doc=_ROI),)),
     Setting(name="roi_y", shape=lambda c: whole(c.geometry.y_bits), raw=lambda c, s: (s.roi or (0, 0))[1],
+            shown=with_one_roi,
             doc="top row of the ROI, limited to the sensor", unit="px",
             places=(Place(word=4, register="ROI", field="Y", lsb=16, width=16, doc="top row"),)),
     Setting(name="batch_events", high=lambda c: c.max_batch_events, blocks=("core", "shell"), raw=lambda c, s: 0,
             doc="end a batch after so many events; 0: not by their number", unit="events", places=(Place(word=0),)),
     Setting(name="batch_roi_events", high=lambda c: c.buffer_events, raw=lambda c, s: 0, unit="events",
+            shown=with_one_roi,
             doc="end a batch after so many stored ROI events; 0: not by their number", places=(Place(word=1),)),
     Setting(name="duration", high=lambda c: (1 << c.span_bits) - 1, blocks=("shell",), raw=lambda c, s: 0, unit="µs",
             doc="end a batch before the event that is so much later than its first; 0: not by time",
@@ -200,8 +211,8 @@ SETTINGS = (
             places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
                           register_doc="batches and TLAST"),)),
     Setting(name="thinning", field="thinning", shape=lambda c: whole(c.widths.thinning_bits), low=1, default=1,
-            high=lambda c: c.widths.thinning_max, places=(Place(word=11),)),
-    Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0,
+            high=lambda c: c.widths.thinning_max, shown=with_one_roi, places=(Place(word=11),)),
+    Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0, shown=with_one_roi,
             places=(Place(word=12),)),
     Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,
             # The sign ascent does not read it: the hardware may then count to less than the default.
@@ -211,6 +222,7 @@ SETTINGS = (
     Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain,
             doc="displacement of the ROI per v, raw", places=(Place(word=6),)),
     Setting(name="start_last", shape=lambda c: whole(1), asked=lambda c: c.start == "last", reset=1,
+            shown=with_one_roi,
             doc="1: start from the last batch's v; 0: from the start velocity",
             places=(Place(word=7, register="START_MODE", field="LAST", width=1,
                           doc="1: the last batch's v; 0: V_START_X, V_START_Y",
@@ -244,7 +256,7 @@ SETTINGS = (
     Setting(name="centre", when=with_rotation, shape=_place, unit="px",
             raw=lambda c, s: c.motion_model.centre(s.camera), doc="principal point, raw: quarters of a pixel"),
     Setting(name="rows", high=lambda c: c.regions, low=1, when=with_regions, default=1,
-            doc="rows of the table of regions that are in use", unit="regions"),
+            doc="rows of the table of regions that are in use", unit="regions", reset=1, places=(Place(word=22),)),
     Setting(name="curve", when=with_rotation, shape=lambda c: whole(c.motion_model.curve_bits),
             raw=lambda c, s: c.motion_model.curve(s.camera), doc="2^27/f² of the focal length f in px"),
 )  # fmt: skip

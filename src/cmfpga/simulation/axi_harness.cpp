@@ -24,6 +24,7 @@ struct Simulation {
     int64_t packets = 0;        // complete ones among them
     int64_t send_limit = -1;    // words that may still be offered; below 0: all
     int64_t accept_limit = -1;  // packets that may still be taken; below 0: all
+    int64_t word_limit = -1;    // words that may still be taken; below 0: all
     int64_t cycles = 0;
 
     explicit Simulation(int seed) {
@@ -41,7 +42,7 @@ struct Simulation {
         top->s_axis_tlast = offer && sending.front().last;
         top->s_axis_tkeep = 0xff;
         top->s_axis_tuser = 0;
-        top->m_axis_tready = accept_limit != 0;
+        top->m_axis_tready = accept_limit != 0 && word_limit != 0;
         top->aclk = 0;
         top->eval();
     }
@@ -62,6 +63,7 @@ struct Simulation {
             received.push_back(word);
             packets += word.last;
             if (word.last && accept_limit > 0) --accept_limit;
+            if (word_limit > 0) --word_limit;
         }
     }
 
@@ -154,10 +156,11 @@ void axi_send(void *simulation, const uint64_t *words, int64_t count, int last) 
 
 int64_t axi_unsent(void *simulation) { return of(simulation).sending.size(); }
 
-// How many words may still be offered, and packets taken; below 0: no limit.
-void axi_limit(void *simulation, int64_t send, int64_t accept) {
+// How many words may still be offered, packets taken, and words of them taken; below 0: no limit.
+void axi_limit(void *simulation, int64_t send, int64_t accept, int64_t words) {
     of(simulation).send_limit = send;
     of(simulation).accept_limit = accept;
+    of(simulation).word_limit = words;
 }
 
 // Forget the words that were not sent, and those that were received.

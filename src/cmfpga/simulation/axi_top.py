@@ -74,9 +74,9 @@ class SimulatedTop:
         """Words in that queue."""
         return self._call("axi_unsent")
 
-    def limit(self, *, send=-1, accept=-1):
-        """How many words may still be offered, and packets taken: what a stuck DMA does. Below 0: no limit."""
-        self._call("axi_limit", ctypes.c_int64(send), ctypes.c_int64(accept))
+    def limit(self, *, send=-1, accept=-1, words=-1):
+        """What a stuck DMA does: words that may still be offered, packets taken, words of them. Below 0: no limit."""
+        self._call("axi_limit", *map(ctypes.c_int64, (send, accept, words)))
 
     def forget(self):
         """Forget the words that were not sent, and those that were received."""

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from ..protocol.regions import tables
+from ..protocol.regions import RegionTable
 from ..protocol.results import BatchResult, RegionOutcome, decode, fields_of
 from ..protocol.settings import settings_values
 from ..protocol.trace import Trace, columns
@@ -16,14 +16,14 @@ class VerilatedRegions(VerilatedCore):
 
     Attributes
     ----------
-    regions : list of Region
+    table : RegionTable
     offered, finished : list of int
         Of the batches of the last run: the clock cycle in which its first event was offered, and that of its last
         result.
     """
 
     def __init__(self, config, *, seed=1):
-        self.regions, self._rows, self._fresh = [], [], []
+        self.table = RegionTable(config)
         self.offered, self.finished = [], []
         super().__init__(config, seed=seed)
 
@@ -34,28 +34,21 @@ class VerilatedRegions(VerilatedCore):
 
     def reset(self, cycles=2):
         super().reset(cycles)
-        self._rows = [None] * len(self._rows)
+        self.table.forget()
 
     def write(self, regions, anew=()):
         """Replace the table, as :meth:`cmfpga.reference.regions.RegionSequence.write` does."""
-        regions = list(regions)
-        for number, region in enumerate(regions):
-            region.check(self.config, number)
-        known = zip(range(len(regions)), self.regions, self._rows, regions, strict=False)
-        kept = [row if old == new and number not in anew else None for number, old, row, new in known]
-        self.regions, self._rows = regions, kept + [None] * (len(regions) - len(kept))
+        self.table.replace(regions, anew)
+
+    @property
+    def regions(self):
+        """Those of the table."""
+        return self.table.regions
 
     def _write_regions(self, settings):
-        """Rows that are new, or whose schedules lie elsewhere now."""
-        rows, schedule = tables(self.config, self.regions, settings)
-        changed = [
-            (number, int(before is None), *row)
-            for number, (before, row) in enumerate(zip(self._rows, rows, strict=True))
-            if row != before
-        ]
+        changed, schedule = self.table.changes(settings)
         if changed:
             self._write("row", changed)
-        self._rows = rows
         self.write_schedule(tuple(schedule))
 
     def write_tables(self, settings):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from amaranth.hdl import Signal
 
 from cmfpga import __version__
 from cmfpga.config import Config, preset
@@ -11,7 +12,9 @@ from cmfpga.protocol.registers import Field, Register, RegisterMap, register_map
 from cmfpga.protocol.registers.contract import COUNTERS
 from cmfpga.protocol.results import PACKET_BEATS
 from cmfpga.protocol.settings import BatchSettings, settings_values
+from cmfpga.protocol.tables import tables_of, window_of, window_words
 from cmfpga.protocol.words import result_values, setting_words, split_packets
+from cmfpga.rtl.shell.tables import WRITES, leaves_of
 from support.configs import WRAPPED
 
 
@@ -55,7 +58,8 @@ def test_offsets_do_not_depend_on_the_configuration():
 
 def test_run_time_values_do_not_change_it(config):
     own = {"cold": "0:0"} if config.ascent == "sign" else {"iterations": 3}
-    changed = config.replace(min_roi_events=7, roi_gain=0.5, start="zero", thinning=2, **own)
+    own |= {} if config.regions else {"thinning": 2}
+    changed = config.replace(min_roi_events=7, roi_gain=0.5, start="zero", **own)
     assert register_map(changed) == register_map(config)
 
 
@@ -64,9 +68,13 @@ def test_every_setting_and_every_flag_has_its_place(registers, config):
     links = set(registers.linked("Settings"))
     wanted = set(settings_values(config, BatchSettings.from_config(config)))
     unused = {"iterations", "eta"} if config.ascent == "sign" else set()
+    if config.regions:
+        unused |= {"roi_load", "roi_x", "roi_y", "batch_roi_events", "thinning", "thin_target", "start_last"}
+        unused |= {f"{plan}_{part}" for plan in ("cold", "warm") for part in ("first", "count")}
     assert links == (wanted - unused) | {"duration", "by_tlast"}
     flags = {f.name: f.lsb for f in registers["RESULT_FLAGS"].fields}
     wanted = {flag.name: flag.bit_length() - 1 for flag in Flag} | {"WIRE": 16, "CONFIG_RANGE": 17, "RESTARTED": 18}
+    wanted |= {"LAST": 19, "REGION": 20} if config.regions else {}
     if not config.confidence:
         wanted = {name: bit for name, bit in wanted.items() if name not in ("DOUBTFUL", "RESTARTED")}
     assert flags == wanted
@@ -108,9 +116,31 @@ def test_results_are_read_back(registers, rng):
 def test_settings_are_packed(registers, config):
     settings = {"roi_x": 3, "roi_y": 5, "v_start_x": -1, "start_last": True, "nothing": 7}
     words = setting_words(registers, settings)
-    assert words == {"ROI": 5 << 16 | 3, "V_START_X": 0xFFFFFFFF, "START_MODE": 1}
-    with pytest.raises(ValueError, match="X = 65536: 0 to 65535"):
-        setting_words(registers, {"roi_x": 65536})
+    of_one = {} if config.regions else {"ROI": 5 << 16 | 3, "START_MODE": 1}
+    assert words == {"V_START_X": 0xFFFFFFFF, **of_one}
+    with pytest.raises(ValueError, match="VALUE = 4294967296: 0 to 4294967295"):
+        setting_words(registers, {"batch_events": 1 << 32})
+
+
+@pytest.mark.parametrize("name", ["objects", "flow"])
+def test_a_row_of_a_table_fits_its_registers(name):
+    """Every leaf of a row once, with its own largest value; what is beyond a field is refused before it is written."""
+    config = preset(name)
+    registers = register_map(config)
+    assert registers["REGIONS"].unpack(registers["REGIONS"].reset) == {
+        "ROWS": config.regions, "UNITS": config.units, "BIN_BITS": config.bin_bits
+    }  # fmt: skip
+    for table in tables_of(config):
+        fields = {f.link: f for register in window_of(registers, table) for f in register.fields}
+        assert list(fields) == [*dict.fromkeys(fields)] and set(fields) == set(leaves_of(Signal(WRITES[table](config))))
+        values = {link: f.range[1] if f.high is None else f.high for link, f in fields.items()}
+        assert all(f.high is None or f.high <= f.range[1] for f in fields.values())
+        words = window_words(registers, table, values)
+        assert [register.name for register, _ in words][-1] == f"{table.upper()}_WRITE"
+        for register, word in words:
+            assert {f.link: f.unpack(word) for f in register.fields} == {
+                f.link: values[f.link] for f in register.fields
+            }
 
 
 def test_time_stamps_of_more_bits_are_refused():

@@ -5,8 +5,10 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.protocol.registers.contract import COUNTERS
 from cmfpga.protocol.results import RESULTS
-from cmfpga.rtl.shell.counters import BITS, BY_PULSE, LONGEST, PLACES, PULSES, Counters
+from cmfpga.rtl.shell import counters
+from cmfpga.rtl.shell.counters import BITS, BY_PULSE, LONGEST, OF_BATCH, PLACES, PULSES, Counters
 from support.bench import simulate
+from support.mutation import break_blocks
 from support.values import Port
 
 CONFIG = preset("fast")
@@ -31,9 +33,10 @@ class Model:
         self.shown = [*self.shown, now][-LATE - 1 :]
 
 
-def counted(result, held):
-    """What a result adds to."""
-    return {**result, "batches": 1, "results_held_back": held}
+def counted(result, held, last):
+    """What a result adds to; ``last`` is 1, or 0 of a region's that is not its batch's last."""
+    of_batch = {name: last * {**result, "batches": 1}[name] for name in OF_BATCH}
+    return {**result, "results_held_back": held, **of_batch}
 
 
 def results(rng):
@@ -50,15 +53,33 @@ def results(rng):
         yield result, [low | high << 32 for low, high in zip(words[::2], words[1::2], strict=True)]
 
 
+@pytest.mark.parametrize("regions", [0, 4])
 @pytest.mark.parametrize(("busy", "gap"), [(1.0, 32), (0.9, 32), (0.5, 60), (0.02, 200)])
-def test_against_a_model(busy, gap, rng):
+def test_against_a_model(busy, gap, regions, rng):
     """Results as often as they may come; clears in any cycle but while a result counts."""
-    block, model = Counters(CONFIG), Model()
+    check(CONFIG.replace(regions=regions), busy, gap, rng)
+
+
+MUTANTS = {
+    "each region is a batch": ("value & last[name] if name in last else value", "value"),
+    "times once a region": ("some.eq(last.get(name, 1))", "some.eq(1)"),
+}
+
+
+@pytest.mark.parametrize("mutant", MUTANTS)
+def test_a_broken_counter_of_batches_is_noticed(mutant, monkeypatch, rng):
+    break_blocks(monkeypatch, counters, *MUTANTS[mutant])
+    with pytest.raises(AssertionError):
+        check(CONFIG.replace(regions=4), 0.5, 60, rng)
+
+
+def check(config, busy, gap, rng):
+    block, model = Counters(config), Model()
     made = results(rng)
 
     async def bench(ctx):
         ports = {name: Port(getattr(block, name)) for name in ("pulses", "begun", "held", "packet", "clear", "address")}
-        since, next_gap, held, (value, words) = 0, gap, 0, next(made)
+        since, next_gap, held, last, (value, words) = 0, gap, 0, 1, next(made)
         for cycle in range(1500):
             quiet = cycle % 500 > 440
             pulses = {name: int(not quiet and rng.random() < busy) for name in PULSES}
@@ -67,6 +88,9 @@ def test_against_a_model(busy, gap, rng):
             if begun:
                 since, next_gap, held = 0, gap + int(rng.integers(4)) * 7, int(rng.integers(2))
                 value, words = next(made)
+                last = int(rng.integers(2)) if config.regions else 1
+                if config.regions:
+                    ctx.set(block.last, last)
             ports["pulses"].set(ctx, pulses)
             for name, what in (("begun", begun), ("held", held), ("clear", clear)):
                 ports[name].set(ctx, int(what))
@@ -83,7 +107,7 @@ def test_against_a_model(busy, gap, rng):
                     ports["address"].set(ctx, number)
                     late = model.shown[-1][name] - ctx.get(block.word)
                     assert late == 0 or (name == "cycles" and 0 < late <= LATE), (cycle, name, late)
-            model.cycle(pulses, counted(value, held) if begun else None, clear)
+            model.cycle(pulses, counted(value, held, last) if begun else None, clear)
             since += 1
             await ctx.tick()
 

@@ -6,6 +6,7 @@ Imports neither Amaranth nor NumPy.
 from ..results import COUNTS, RESULTS
 from ..settings import SETTINGS
 from ..shapes import leaves
+from ..tables import tables_of
 from .layout import BASE, Field, Register, in_order, status
 
 _OWN = {  # name: unit, what is counted
@@ -45,12 +46,25 @@ def _all_counters():
 COUNTERS = _all_counters()
 
 
-def counters():
+#: With a table of regions: results are those of regions, and each event is outside most of them.
+_OF_REGIONS = {
+    "EVENTS_TAKEN": "given to batches",
+    "LONGEST_BATCH": "the longest region, from its hand-over to a unit to its outcome",
+    "DOUBTFUL": "regions with the flag DOUBTFUL",
+    "DEGENERATE": "regions with the flag DEGENERATE",
+    "CUT": "batches with the flag CUT",
+    "BATCHES": "batches whose last result came",
+}
+
+
+def counters(config):
     """Registers of :data:`COUNTERS`."""
+    docs = _OF_REGIONS if config.regions else {}
     made = [
-        (f"COUNT_{name}", doc, [status("VALUE", 0, 32, doc, unit=unit, link=name.lower())])
+        (f"COUNT_{name}", docs.get(name, doc),
+         [status("VALUE", 0, 32, docs.get(name, doc), unit=unit, link=name.lower())])
         for name, (unit, doc) in COUNTERS.items()
-    ]
+    ]  # fmt: skip
     return in_order("Counters", made)
 
 
@@ -75,8 +89,21 @@ def _registers(group, prefix, fields):
 
 def settings(config):
     """Registers of the settings that a configuration has a use for."""
+    return _declared(config, SETTINGS, "Settings", "stored")
+
+
+def tables(config):
+    """Registers through which the tables of a configuration are written."""
+    return [
+        register
+        for declared in tables_of(config).values()
+        for register in _declared(config, declared, "Tables", "written")
+    ]
+
+
+def _declared(config, declared, group, access):
     found = []
-    for setting in SETTINGS:
+    for setting in declared:
         if not (setting.when(config) and setting.shown(config)):
             continue
         formats = leaves(setting.name, setting.shape_of(config))
@@ -85,12 +112,12 @@ def settings(config):
             leaf = setting.name + place.part
             low, high = setting.limits(config, leaf, place.part[1:])
             field = Field(
-                name=place.field, lsb=place.lsb, width=place.width, access=place.access or "stored",
+                name=place.field, lsb=place.lsb, width=place.width, access=place.access or access,
                 doc=place.doc or doc, unit=unit if place.unit is None else place.unit, low=low, high=high,
                 reset=setting.reset_of(config, formats[leaf], high), signed=formats[leaf].signed, link=leaf,
             )  # fmt: skip
             found.append((place, setting.name, doc, field))
-    return _registers("Settings", "", found)
+    return _registers(group, "", found)
 
 
 def results(config):

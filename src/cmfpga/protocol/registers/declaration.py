@@ -11,7 +11,8 @@ from ... import __version__
 from ...config.schedule import STRIDES
 from ...errors import ConfigError
 from ..results import PACKET_BEATS
-from .contract import counters, results, settings
+from ..tables import tables_of
+from .contract import counters, results, settings, tables
 from .layout import BASE, Register, RegisterMap, command, constants, flag, in_order, status, sticky, stored
 
 #: Byte addresses of the AXI4-Lite port: 64 KiB, of which the map takes the first 4.
@@ -46,12 +47,8 @@ def check(config):
     for name in ("hot_pixels", "background"):
         if getattr(config, name):
             raise ConfigError(f"{name} = 1: the AXI top has no such filter")
-    if config.regions:
-        raise ConfigError(f"regions = {config.regions}: the AXI top has one ROI")
     if config.motion != "translation":
         raise ConfigError(f"motion = {config.motion}: the AXI top has translation alone")
-    if config.undistortion == "on":
-        raise ConfigError("undistortion = on: the AXI top has no such table")
 
 
 def register_map(config):
@@ -65,9 +62,11 @@ def register_map(config):
             *_control(),
             *in_order("Discovery", _discovery(config)),
             *in_order("Operation", _operation()),
+            *_regions(config),
             *settings(config),
             *results(config),
-            *counters(),
+            *counters(config),
+            *tables(config),
             *_schedule(config),
             *in_order("Scratch", [("SCRATCH", "for bring-up; nothing else uses it", [stored("VALUE", 0, 32, "any")])]),
         )
@@ -131,7 +130,8 @@ def _discovery(config):
                 ("BUFFERS", 2, config.buffers, "event buffers"),
                 *formats,
                 ("BYPASS", 1, 1, "INPUT.BYPASS"),
-                ("RESERVED", 12, 0, "0"),
+                *((("REGIONS", 1, 1, "a table of regions: REGIONS"),) if config.regions else ()),
+                ("RESERVED", 11 if config.regions else 12, 0, "0"),
                 ("MAP", 8, MAP_VERSION, "version of this register map"),
             ),
         ),
@@ -223,6 +223,29 @@ def _operation():
                      link="lock")],
         ),
     ]  # fmt: skip
+
+
+def _regions(config):
+    """What there is beside a core, and the state of the tables."""
+    made = []
+    if tables_of(config):
+        states = [
+            status("PENDING", 0, 1, "a row waits for the batches under way; until then none begins", link="pending"),
+            status("REFUSED", 16, 16, "writes refused since the counters were cleared, modulo 2^16: out of range, of "
+                   "an unknown row, or while another row waits", link="refused"),
+        ]  # fmt: skip
+        if config.regions:
+            doc = "no batch begins: ROWS says more than are known since the reset, or since fewer were in use"
+            states.insert(1, status("ROWS_MISSING", 1, 1, doc, link="rows_missing"))
+        made.append(("TABLES", "writes into the tables", states))
+    if config.regions:
+        sizes = (
+            ("ROWS", 16, config.regions, "of the table of regions"),
+            ("UNITS", 8, config.units, "that iterate over regions"),
+            ("BIN_BITS", 8, config.bin_bits, "bins of the store are 2^BIN_BITS px wide"),
+        )
+        made.append(("REGIONS", "the table of regions", constants(*sizes)))
+    return in_order("Regions", made)
 
 
 def _schedule(config):

@@ -17,12 +17,13 @@ BY_PEAKRDL = {
 }
 
 # Of IP-XACT, as Vivado's `ipx` commands take it.
-_IPX_ACCESS = {"constant": "read-only", "status": "read-only", "command": "write-only"}
+_IPX_ACCESS = {"constant": "read-only", "status": "read-only", "written": "write-only", "command": "write-only"}
 
 _RDL_ACCESS = {
     "constant": "sw = r; hw = na;",
     "status": "sw = r; hw = w;",
     "stored": "sw = rw; hw = r;",
+    "written": "sw = w; hw = r;",
     "flag": "sw = rw; hw = rw;",
     "sticky": "sw = rw; onwrite = woclr; hw = w;",
     "command": "sw = w; hw = r; singlepulse;",
@@ -78,7 +79,7 @@ def _meaning(f):
 
 def markdown(registers):
     """The map as tables, one for each group."""
-    lines, group = [], None
+    lines, group, used = [], None, {f.access for register in registers for f in register.fields}
     for register in registers:
         if register.group != group:
             group = register.group
@@ -89,13 +90,15 @@ def markdown(registers):
             name += f" × {register.count}"
         for f in register.fields:
             bits = f"{f.lsb + f.width - 1}:{f.lsb}" if f.width > 1 else f"{f.lsb}"
-            reset = "" if f.access in ("status", "command") else f"{f.reset:#x}" if f.reset > 9 else f"{f.reset}"
+            reset = f"{f.reset:#x}" if f.reset > 9 else f"{f.reset}"
+            reset = "" if f.access in ("status", "command", "written") else reset
             meaning = _meaning(f)
             if f.values:
                 meaning += ": " + ", ".join(f"{value} = {key}" for key, value in f.values.items())
             lines.append(f"| {offset} | {name} | {bits} | `{f.name}` | {f.access} | {reset} | {meaning} |")
             offset = name = ""
-    lines += ["", "| access | meaning |", "| --- | --- |", *(f"| {name} | {doc} |" for name, doc in ACCESS.items())]
+    lines += ["", "| access | meaning |", "| --- | --- |"]
+    lines += [f"| {name} | {doc} |" for name, doc in ACCESS.items() if name in used]
     return "\n".join(lines).strip() + "\n"
 
 

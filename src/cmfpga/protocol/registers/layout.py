@@ -11,6 +11,7 @@ ACCESS = {
     "constant": "read only; fixed in this build",
     "status": "read only; driven by the hardware",
     "stored": "read and write",
+    "written": "write only; reads as 0",
     "flag": "read and write; the hardware changes it too",
     "sticky": "set by the hardware; writing 1 clears it, writing 0 leaves it",
     "command": "writing 1 acts once; reads as 0",
@@ -19,8 +20,8 @@ ACCESS = {
 
 #: Byte offsets of the groups.
 BASE = {
-    "Control": 0x000, "Discovery": 0x010, "Operation": 0x040, "Settings": 0x080, "Result": 0x100, "Counters": 0x200,
-    "Schedule": 0x400, "Scratch": 0xFFC,
+    "Control": 0x000, "Discovery": 0x010, "Operation": 0x040, "Regions": 0x060, "Settings": 0x080, "Result": 0x100,
+    "Counters": 0x200, "Tables": 0x300, "Schedule": 0x400, "Scratch": 0xFFC,
 }  # fmt: skip
 
 

@@ -30,6 +30,8 @@ def _steps():
     return steps | {name: next(free) for name in BY_RESULT if name not in steps}
 
 
+#: Those that count once a batch, with its last result, where there is a table of regions.
+OF_BATCH = (*(f.name for f in RESULTS if f.total and f.scope == "batch"), "cut", "batches")
 STEPS = _steps()
 assert len(set(STEPS.values())) == len(STEPS) and min(STEPS.values()) == 2
 
@@ -50,6 +52,8 @@ class Counters(wiring.Component):
         A result counts. At most every 32 cycles.
     held : ``In(1)``
         It is not shown in the registers. Stays for :attr:`walk` cycles.
+    last : ``In(1)``
+        It is its batch's last. Stays for :attr:`walk` cycles. Only with a table of regions.
     packet : ``In(64)``
         From ``begun`` on, the words of its packet, one a cycle.
     address, word : ``In(5)``, ``Out(32)``
@@ -64,7 +68,7 @@ class Counters(wiring.Component):
         assert len(BY_PULSE) < TURNS and self.walk < TURNS
         super().__init__(
             {
-                **dict.fromkeys(("clear", "begun", "held"), In(1)),
+                **dict.fromkeys(("clear", "begun", "held", *(("last",) if config.regions else ())), In(1)),
                 "pulses": In(data.StructLayout(dict.fromkeys(PULSES, 1))),
                 "packet": In(64),
                 "address": In(5),
@@ -158,15 +162,15 @@ class Counters(wiring.Component):
             delayed = following
         # Which: a register, of the step before it. The cycles, which are to be compared with the longest, come first.
         choices = [~upper, ~before, lower[:width], delayed]
-        numbers = {
-            step: 2 + place.word % 2 for name, place in PLACES.items() if name not in BITS for step in (STEPS[name],)
-        }
+        numbers = {STEPS[name]: (2 + place.word % 2, name) for name, place in PLACES.items() if name not in BITS}
+        last = {name: self.last for name in OF_BATCH} if self.config.regions else {}
         which, some = Signal(2), Signal()
         m.d.sync += [some.eq(self.begun), which.eq(0)]
         with m.If(~self.begun):
             with m.Switch(step + 1):
-                for k, number in {1: 1, **numbers}.items():
+                for k, (number, name) in {1: (1, LONGEST), **numbers}.items():
                     with m.Case(k):
-                        m.d.sync += [which.eq(number), some.eq(1)]
-        one = {STEPS[name]: bits[name] for name in BITS} | {STEPS["batches"]: 1, STEPS["results_held_back"]: self.held}
-        return Mux(some, Array(choices)[which], 0), Cat((step == k) & value for k, value in one.items()).any()
+                        m.d.sync += [which.eq(number), some.eq(last.get(name, 1))]
+        one = {name: bits[name] for name in BITS} | {"batches": 1, "results_held_back": self.held}
+        added = ((step == STEPS[name]) & (value & last[name] if name in last else value) for name, value in one.items())
+        return Mux(some, Array(choices)[which], 0), Cat(added).any()

@@ -11,6 +11,7 @@ from ...fixed import bits_for
 from ...protocol.flags import Flag
 from ...protocol.results import PACKET_BEATS
 from .. import payloads as core
+from ..regions.payloads import region_result
 from . import payloads
 
 #: Bits of a word's number in a packet.
@@ -29,6 +30,8 @@ def value_of(result, link):
 class ResultPacket(wiring.Component):
     """Copies a result into a memory, one of :data:`PACKET_BEATS` words a cycle, and takes it with the last one.
 
+    With a table of regions, the results of a batch make one packet, a record of so many words each.
+
     The memory has two halves: the registers show one, the next result goes into the other, and becomes the one that is
     shown when it is complete. The packet follows its writing by :attr:`latency` cycles, and one more in each cycle in
     which a register is read. A result that comes while a packet is being sent waits in the core; two begin at least
@@ -41,7 +44,7 @@ class ResultPacket(wiring.Component):
 
     Members
     -------
-    i : ``In``, stream of :func:`cmfpga.rtl.payloads.result`
+    i : ``In``, stream of :func:`cmfpga.rtl.payloads.result`, or :func:`~cmfpga.rtl.regions.payloads.region_result`
     o : ``Out``, stream of :func:`payloads.beat`
         TLAST at the end of each packet, TKEEP all ones.
     wire, config_range : ``In(1)``
@@ -51,7 +54,8 @@ class ResultPacket(wiring.Component):
     wait : ``In(1)``
         No result may begin.
     forget : ``In(1)``
-        Begin again with batch 1 (soft reset); not while ``writing``. A packet that is being sent is completed.
+        Begin again with batch 1 (soft reset); not while ``writing``. A packet that is being sent is completed: one that
+        waits for results of other regions by its last record, once more where that was sent.
     read, address, words : ``In(1)``, ``In``, ``Out(64)``
         In a cycle with ``read``, the two result registers from twice that number on.
     any_shown : ``Out(1)``
@@ -71,9 +75,10 @@ class ResultPacket(wiring.Component):
         self.registers = registers
         self.beats = PACKET_BEATS
         assert self.beats <= 1 << BEAT_BITS
+        result = (region_result if config.regions else core.result)(config)
         super().__init__(
             {
-                "i": In(stream.Signature(core.result(config))),
+                "i": In(stream.Signature(result)),
                 "o": Out(stream.Signature(payloads.beat())),
                 **dict.fromkeys(("wire", "config_range", "stream_results", "hold", "wait", "forget", "read"), In(1)),
                 "address": In(BEAT_BITS),
@@ -110,7 +115,7 @@ class ResultPacket(wiring.Component):
         with m.If(self.begun):
             m.d.sync += self.held.eq(self.hold)
         with m.If(self.taken):
-            m.d.sync += number.eq(number + 1)
+            m.d.sync += number.eq(number + (self.i.payload.last if self.config.regions else 1))
             with m.If(~self.held):
                 m.d.sync += [shown.eq(~shown), self.any_shown.eq(1)]
         with m.If(self.forget):
@@ -123,6 +128,7 @@ class ResultPacket(wiring.Component):
         """The word that was written last, or one before it, goes out: the half and the place where it is read."""
         half, sent = Signal(), Signal(BEAT_BITS)
         there, last = Signal(), Signal()
+        ends, streams = (Signal(init=1), Signal()) if self.config.regions else (None, self.stream_results)
         m.d.comb += [
             there.eq(self.open & ~self.read),
             last.eq(sent == self.beats - 1),
@@ -132,12 +138,26 @@ class ResultPacket(wiring.Component):
         with m.If(~self.o.valid | self.o.ready):
             m.d.sync += self.o.valid.eq(there)
             with m.If(there):
-                m.d.sync += [self.o.payload.data.eq(data), self.o.payload.last.eq(last), sent.eq(sent + 1)]
+                tlast = last & ends if self.config.regions else last
+                m.d.sync += [self.o.payload.data.eq(data), self.o.payload.last.eq(tlast), sent.eq(sent + 1)]
                 with m.If(last):
                     m.d.sync += [sent.eq(0), self.open.eq(0)]
         with m.If(self.begun):
-            m.d.sync += [self.open.eq(self.stream_results), half.eq(~shown)]
+            m.d.sync += [self.open.eq(streams), half.eq(~shown)]
+        if self.config.regions:
+            self._join(m, ends, streams)
         return half, sent
+
+    def _join(self, m, ends, streams):
+        """Whether the record that is sent ends its packet, and whether the result that begins is to be sent."""
+        inside, streaming, last = Signal(), Signal(), self.i.payload.last
+        m.d.comb += streams.eq(Mux(inside, streaming, self.stream_results))
+        with m.If(self.begun):
+            m.d.sync += [inside.eq(~last), streaming.eq(streams), ends.eq(last | ~streams)]
+        with m.If(self.forget):
+            m.d.sync += [inside.eq(0), ends.eq(1)]
+            with m.If(~ends):
+                m.d.sync += self.open.eq(1)
 
     def _new_word(self, m, number, following):
         """The 64-bit word of the result on ``i`` that is written."""

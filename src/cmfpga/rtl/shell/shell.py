@@ -10,7 +10,9 @@ from amaranth.lib.wiring import In, Out, connect
 from ...protocol.flags import Flag
 from ...protocol.registers.declaration import register_map
 from ...protocol.registers.layout import BASE
+from ...protocol.tables import tables_of
 from ..core import Core
+from ..regions.regions import Regions
 from . import payloads
 from .batch_end import BatchEnd
 from .counters import Counters
@@ -20,6 +22,7 @@ from .result_packet import ResultPacket
 from .schedule_store import ScheduleStore
 from .settings import Settings
 from .skid_buffer import SkidBuffer
+from .tables import Tables
 
 
 class Shell(wiring.Component):
@@ -27,10 +30,11 @@ class Shell(wiring.Component):
 
         i ─► skid buffer ─┬─► input path ─► batch end ─► core ─► result packet ─┬─► o
                           └───────────────────── bypass ───────────────────────┘
-        bus ─► register bank ─► settings, schedule store ─► core
+        bus ─► register bank ─► settings, schedule store, tables ─► core
                      ▲ status, results, counters, interrupt ─► irq
 
-    Events: one per cycle. From the core's result to the packet's last word: :attr:`result_latency` cycles.
+    The core is that of one ROI, or hardware with a table of regions. Events: one per cycle. From its result to the
+    packet's last word: :attr:`result_latency` cycles.
 
     Parameters
     ----------
@@ -60,17 +64,17 @@ class Shell(wiring.Component):
         self.config = config
         self.clock = clock
         self.registers = register_map(config)
-        self.core = Core(config)
+        self.core = (Regions if config.regions else Core)(config)
         self.input = SkidBuffer(payloads.beat())
         self.input_path = InputPath(config)
         self.batch_end = BatchEnd(config)
         self.result_packet = ResultPacket(config, self.registers)
-        self.bank = RegisterBank([r for r in self.registers if r.group not in ("Result", "Counters")])
+        self.bank = RegisterBank([r for r in self.registers if r.group not in ("Result", "Counters", "Tables")])
         self.settings = Settings(config, self.registers)
         self.counters = Counters(config)
-        self.schedule_store = None
-        if "SCHEDULE" in self.registers:
-            self.schedule_store = ScheduleStore(config, self.registers["SCHEDULE"])
+        schedule = self.registers.by_name.get("SCHEDULE")
+        self.schedule_store = ScheduleStore(config, schedule) if schedule else None
+        self.tables = Tables(config, self.registers) if tables_of(config) else None
         # Asked for until it was done, as soon as no result is being taken over. Registers: much hangs on them.
         self.soft_reset, self.resetting = Signal(), Signal()
         # What the input is taken for: the registers' values, once the words that came before have left.
@@ -111,14 +115,11 @@ class Shell(wiring.Component):
         m.d.comb += [self.result_packet.wait.eq(self.resetting), soft.rst.eq(ResetSignal() | self.soft_reset)]
         # Words that are passed on may already be offered on o.
         m.submodules.input = ResetInserter(self.soft_reset & ~self.bypassing)(self.input)
-        for name in ("input_path", "batch_end", "core"):
+        for name in ("input_path", "batch_end", "core", *(("tables",) if self.tables else ())):
             m.submodules[name] = DomainRenamer("soft")(getattr(self, name))
-        m.submodules.result_packet = self.result_packet
-        m.submodules.bank = self.bank
-        m.submodules.next_settings = self.settings
-        m.submodules.counters = self.counters
-        if self.schedule_store:
-            m.submodules.schedule_store = self.schedule_store
+        for name in ("result_packet", "bank", "settings", "counters", "schedule_store"):
+            if block := getattr(self, name):
+                m.submodules["next_settings" if name == "settings" else name] = block
 
         m.d.comb += [
             self.input.i.payload.eq(self.i.payload),
@@ -166,7 +167,6 @@ class Shell(wiring.Component):
 
     def _batches(self, m):
         end, values, settings = self.batch_end, self.bank.values, self.settings
-        taken = self.result_packet.taken
         m.d.comb += [
             self.opened.eq(self.core.opened),
             *(settings.written[name].eq(values[name]) for name in settings.written.shape().members),
@@ -179,8 +179,9 @@ class Shell(wiring.Component):
             end.idle.eq(self.input.empty & self.input_path.empty),
             end.end_batch.eq(self.bank.commands.ctrl_end_batch),
             self.bank.clear.ctrl_start.eq(self.opened & ~values.ctrl_auto_restart),
-            self.bank.clear.roi_load_load.eq(settings.used_roi),
         ]
+        if "ROI_LOAD" in self.registers:
+            m.d.comb += self.bank.clear.roi_load_load.eq(settings.used_roi)
         may_begin = values.ctrl_start & ~settings.blocking & ~self.resetting
         if store := self.schedule_store:
             m.d.comb += [
@@ -190,11 +191,17 @@ class Shell(wiring.Component):
                 self.core.schedule_write.payload.eq(store.o.payload),
             ]
             may_begin &= ~store.blocking
+        if tables := self.tables:
+            m.d.comb += [tables.quiet.eq(self.quiet), tables.opened.eq(self.opened)]
+            m.d.comb += [tables.settings.eq(settings.o.core), tables.clear.eq(self.bank.commands.ctrl_clear_counters)]
+            for name in tables.writes:
+                connect(m, getattr(tables, name), getattr(self.core, name))
+            may_begin &= ~(tables.pending | tables.rows_missing)
         m.d.comb += end.go.eq(may_begin)
         with m.If(self.soft_reset):
             m.d.sync += self.outstanding.eq(0)
         with m.Else():
-            m.d.sync += self.outstanding.eq(self.outstanding + self.opened - taken)
+            m.d.sync += self.outstanding.eq(self.outstanding + self.opened - self._done)
 
     # ---------------------------------------------------------------- results
 
@@ -228,6 +235,12 @@ class Shell(wiring.Component):
         ]
 
     @property
+    def _done(self):
+        """A batch's last result was taken."""
+        taken = self.result_packet.taken
+        return taken & self.core.o.payload.last if self.config.regions else taken
+
+    @property
     def _dropped(self):
         """Something on the wire became no event of a batch."""
         counted = self.input_path.counted
@@ -245,7 +258,7 @@ class Shell(wiring.Component):
         bus, counters, packet = self.bus, self.counters, self.result_packet
         m.d.comb += bus.write.ready.eq(self.settings.bus.write.ready)
         answers = []
-        for block in (self.bank, self.settings, self.schedule_store):
+        for block in (self.bank, self.settings, self.schedule_store, self.tables):
             if block:
                 m.d.comb += [
                     block.bus.write.valid.eq(bus.write.valid & bus.write.ready),
@@ -280,6 +293,8 @@ class Shell(wiring.Component):
             counters.held.eq(packet.held),
             counters.packet.eq(packet.written),
         ]
+        if self.config.regions:
+            m.d.comb += counters.last.eq(packet.i.payload.last)
         entering, leaving = self.i, self.o
         counted = self.input_path.counted
         pulses = {
@@ -309,6 +324,8 @@ class Shell(wiring.Component):
             "schedule_pending": self.schedule_store.pending if self.schedule_store else 0,
             "bypassing": self.bypassing,
         }
+        if tables := self.tables:
+            states |= {name: getattr(tables, name) for name in ("pending", "rows_missing", "refused")}
         for register, f in fields_of(bank.registers, "status"):
             m.d.comb += bank.status[member(register, f)].eq(states[f.link])
 
@@ -319,7 +336,7 @@ class Shell(wiring.Component):
             return packet.taken & (sum(found[1:], found[0]) != 0)
 
         events = {
-            "done": packet.taken,
+            "done": self._done,
             "ready": self.opened,
             "overflow": flagged(Flag.OVERFLOW),
             "wire": self._dropped,
@@ -330,4 +347,4 @@ class Shell(wiring.Component):
         for name, event in events.items():
             m.d.comb += bank.set[f"isr_{name}"].eq(event)
             enabled |= bank.values[f"isr_{name}"] & bank.values[f"ier_{name}"]
-        m.d.comb += [bank.set.ctrl_done.eq(packet.taken), self.irq.eq(bank.values.gie_enable & enabled)]
+        m.d.comb += [bank.set.ctrl_done.eq(self._done), self.irq.eq(bank.values.gie_enable & enabled)]

@@ -1,0 +1,54 @@
+"""Tables that are written at run time through a window of registers, a row at a time: what the registers hold.
+
+Each has the members of what fills the hardware's table (:func:`cmfpga.rtl.regions.payloads.row_write`,
+:func:`cmfpga.rtl.payloads.node_write`). The last register says which row it is; a write to it writes the row.
+
+Imports neither Amaranth nor NumPy.
+"""
+
+from .regions import ROW
+from .settings import Setting, with_regions, with_undistortion
+from .shapes import Place
+
+#: A node of the table that undistorts.
+NODE = (
+    Setting(name="x", shape=lambda c: c.formats.node_x, unit="px", doc="columns that a node moves what lies on it, raw",
+            places=(Place(word=8, register="NODE_X"),)),
+    Setting(name="y", shape=lambda c: c.formats.node_y, unit="px", doc="rows that it moves it, raw",
+            places=(Place(word=9, register="NODE_Y"),)),
+    Setting(name="column", high=lambda c: c.geometry.node_columns - 1, doc="column of the node",
+            places=(Place(word=10, register="NODE_WRITE", field="COLUMN", width=16,
+                          register_doc="write the other registers' node into the table"),)),
+    Setting(name="row", high=lambda c: c.geometry.node_rows - 1, doc="row of the node",
+            places=(Place(word=10, register="NODE_WRITE", field="ROW", lsb=16, width=16),)),
+)  # fmt: skip
+
+#: ``{name: (when, what a row has)}``; registers are called after it.
+TABLES = {"row": (with_regions, ROW), "node": (with_undistortion, NODE)}
+
+
+def tables_of(config):
+    """``{name: what a row has}`` of the tables in a configuration's hardware."""
+    return {name: declared for name, (when, declared) in TABLES.items() if when(config)}
+
+
+def window_of(registers, name):
+    """The registers of a table, the one that writes the row last."""
+    return [register for register in registers.group("Tables") if register.name.startswith(f"{name.upper()}_")]
+
+
+def window_words(registers, name, values):
+    """``[(register, word)]`` that write a row, in order.
+
+    Parameters
+    ----------
+    registers : RegisterMap
+    name : str
+        Key of :data:`TABLES`.
+    values : dict of str to int
+        By the links of the registers' fields, all of them.
+    """
+    return [
+        (register, register.pack(**{f.name: values[f.link] for f in register.fields}))
+        for register in window_of(registers, name)
+    ]

@@ -1,0 +1,322 @@
+"""The driver on the emitted AXI top with a table of regions, in Verilator: all outcomes equal the integer model's."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from cmfpga.driver import Accelerator, DeviceError
+from cmfpga.driver.regions import result_of
+from cmfpga.driver.simulation import SimulationBackend
+from cmfpga.engines.regions import RegionEngine
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.regions import Region
+from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.results import PACKET_BEATS, counts_of
+from cmfpga.protocol.words import encode, split_packets
+from cmfpga.simulation.axi_top import PACKET, SimulatedTop
+from support.board import uio_tree
+from support.driving import compiler
+from support.regions import CONFIGS, model_of, random_regions, random_settings, random_window, some_changed
+from support.uio import BUFFERS, Linux
+
+__all__ = ["compiler"]
+
+CONFIG = CONFIGS["two units"].replace(regions=5, undistortion="on", camera="36,35,18.3,16.8,-0.3,0.1,0,0,0")
+REGISTERS = register_map(CONFIG)
+TABLE = [
+    Region(x=4, y=4, width=12, height=10, start="last", moves=True),
+    Region(x=20, y=10, width=16, height=12),
+    Region(x=22, y=12, width=8, height=8, start="parent", parent=1),
+]
+
+
+@pytest.fixture
+def accelerator(compiler):
+    """Fresh hardware; its library is compiled once."""
+    with Accelerator(SimulationBackend(CONFIG)) as made:
+        yield made
+
+
+@pytest.fixture
+def top(accelerator):
+    return accelerator.backend.top
+
+
+def events_of(window):
+    """A window's columns as a driver sends them."""
+    return Events(*window, np.arange(len(window[0])) % 2)
+
+
+def clouds(rng, count=120, t0=0):
+    """Two clouds of points that move, where :data:`TABLE` looks."""
+    t = t0 + np.sort(rng.integers(0, 1000, count))
+    phase = 4 * ((t - t0) / 1000 - 0.5)
+    which = np.arange(count) % 2
+    x = np.where(which, 27 + phase, 9 - phase) + rng.integers(-3, 4, count)
+    y = np.where(which, 15, 8) + rng.integers(-2, 3, count)
+    return t, np.round(x).clip(0, 39).astype(int), y.clip(0, 29)
+
+
+def on_the_wire(result):
+    """A result of the model as a packet carries it."""
+    return [dataclasses.replace(region, trace=None) for region in result.regions]
+
+
+def same(result, wanted):
+    """All outcomes and all that is known of the batch are equal; each event is counted once in every region."""
+    found = [dataclasses.replace(region, cycles=None) for region in result.regions]
+    assert found == on_the_wire(wanted)
+    for name in ("t_first", "span", "events", "time_back", "time_span"):
+        assert getattr(result, name) == getattr(wanted, name), name
+    for region in result.regions:
+        counts = {**vars(result), **vars(region)}
+        assert result.events == sum(counts[name] for name in counts_of(CONFIG))
+
+
+def stalled(top, rng, done):
+    """Let the clock run with random stalls on both streams until ``done()``."""
+    for _ in range(200_000):
+        top.limit(send=int(rng.integers(0, 6)), words=int(rng.integers(0, 6)))
+        top.run(int(rng.integers(1, 40)))
+        if done():
+            break
+    else:
+        raise AssertionError("the stalls were too long")
+    top.limit()
+
+
+def write_row(accelerator, number, *, fresh=1, **changes):
+    """A row by its registers: the first of :data:`TABLE`, with other values."""
+    values = {
+        "ROW_PLACE": {"X": 4, "Y": 4}, "ROW_BEGIN": {"X": 2, "Y": 1}, "ROW_END": {"X": 14, "Y": 11},
+        "ROW_COLD": {"FIRST": 0, "COUNT": 4}, "ROW_WARM": {"FIRST": 0, "COUNT": 4},
+        "ROW_HOW": {"START": 0, "PARENT": 0},
+    }  # fmt: skip
+    for name, fields in values.items():
+        accelerator.control.write(name, **{**fields, **changes.get(name, {})})
+    accelerator.control.write("ROW_WRITE", NUMBER=number, FRESH=fresh)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_table_and_any_batches_equal_the_model(accelerator, seed):
+    model, rng = model_of(CONFIG), np.random.default_rng(seed)
+    regions, number = random_regions(CONFIG, rng), 0
+    for _ in range(6):
+        accelerator.write_regions(regions), model.write(regions)
+        for _ in range(3):
+            window, chosen = random_window(CONFIG, rng), random_settings(CONFIG, rng)
+            chosen = dataclasses.replace(chosen, camera=CONFIG.lens if rng.random() < 0.7 else ())
+            result = accelerator.run(events_of(window), settings=chosen)
+            same(result, model.run(*window, chosen))
+            number += 1
+            assert result.batch == number and not result.wire and not result.config_range
+        regions = some_changed(CONFIG, rng, regions) if rng.random() < 0.6 else random_regions(CONFIG, rng)
+
+
+def test_the_engine_of_flow_is_this_one(compiler, rng):
+    engines = [RegionEngine(name, CONFIG) for name in ("axi", "model")]
+    chosen = random_settings(CONFIG, rng)
+    for window in (clouds(rng), clouds(rng, 80)):
+        found = []
+        for engine in engines:
+            engine.write(TABLE)
+            found.append(engine.run(Events(*window, window[0] % 2), chosen))
+        same(*found)
+        assert engines[0].cycles > len(window[0]) and engines[1].cycles is None
+    for engine in engines:
+        engine.close()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_batches_back_to_back_under_stalls(accelerator, top, seed):
+    """Words of six batches wait at the input, results wait at the output: none is lost, none is counted twice."""
+    rng, model = np.random.default_rng(seed), model_of(CONFIG)
+    chosen = dataclasses.replace(random_settings(CONFIG, rng), camera=CONFIG.lens)
+    accelerator.write_regions(TABLE), model.write(TABLE)
+    windows = [clouds(rng, 90, 2000 * k) for k in range(6)]
+    columns = [np.concatenate(axis) for axis in zip(*windows, strict=True)]
+    accelerator.start(events=90, settings=chosen, form="EVT21")
+    accelerator.send(encode(Events(*columns, columns[0] % 2), "EVT21"))
+    stalled(top, rng, lambda: not top.unsent and not accelerator.status()["computing"])
+    found = [*accelerator.results(6), *accelerator.stop()]
+    wanted = [model.run(*window, chosen) for window in windows]
+    for result, expected in zip(found, wanted, strict=True):
+        same(result, expected)
+    assert any(Flag.DEGENERATE not in region.flags for result in found for region in result.regions)
+    count, regions = accelerator.counters(), [region for result in found for region in result.regions]
+    assert count["batches"] == 6 and count["events_taken"] == 540
+    for name in ("roi_events", "outside", "thinned"):
+        assert count[name] == sum(getattr(region, name) for region in regions)
+    assert count["degenerate"] == sum(Flag.DEGENERATE in region.flags for region in regions)
+    assert count["longest_batch"] == max(region.cycles for region in regions)
+
+
+def test_events_with_wrong_times_are_counted_once_a_batch(accelerator, rng):
+    accelerator.write_regions(TABLE)
+    lost = {"time_back": 0, "time_span": 0}
+    for _ in range(5):
+        window = random_window(CONFIG, rng)
+        result = accelerator.run(events_of(window), settings=random_settings(CONFIG, rng))
+        lost = {name: count + getattr(result, name) for name, count in lost.items()}
+    count = accelerator.counters()
+    assert lost["time_back"] and lost == {name: count[name] for name in lost}
+
+
+BAD = {  # number, other values of the row; how many rows were written before
+    "beyond the sensor": (1, {"ROW_PLACE": {"X": CONFIG.sensor_width}}),
+    "more bits than there are": (1, {"ROW_PLACE": {"X": 1 << 15}}),
+    "beyond the image": (1, {"ROW_END": {"Y": CONFIG.roi_height + 1}}),
+    "no such start": (1, {"ROW_HOW": {"START": 3}}),
+    "its own parent": (1, {"ROW_HOW": {"START": 2, "PARENT": 1}}),
+    "a parent behind it": (0, {"ROW_HOW": {"START": 2, "PARENT": 3}}),
+    "a gap in the table": (4, {}),
+    "no such row": (5, {}),
+    "not fresh, and not known": (2, {"fresh": 0}),
+    "beyond the schedules": (1, {"ROW_COLD": {"FIRST": CONFIG.schedule_entries}}),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_a_bad_row_is_refused_and_counted(accelerator, rng, name):
+    """The table stays as it was, and so do the next batch's outcomes."""
+    model, chosen = model_of(CONFIG), random_settings(CONFIG, rng)
+    accelerator.write_regions(TABLE[:2]), model.write(TABLE[:2])
+    for k in range(2):
+        window = clouds(rng, 100, 2000 * k)
+        same(accelerator.run(events_of(window), settings=chosen), model.run(*window, chosen))
+        if not k:
+            number, changes = BAD[name]
+            write_row(accelerator, number, **changes)
+            assert accelerator.control.read("TABLES") == {"PENDING": 0, "ROWS_MISSING": 0, "REFUSED": 1}
+            accelerator.clear_counters()
+            assert accelerator.control.read("TABLES")["REFUSED"] == 0
+
+
+def test_a_row_that_is_written_in_a_batch_waits_for_its_end(accelerator, top, rng):
+    """What comes while it waits is refused; the batch under way is measured with the row before."""
+    control, model, chosen = accelerator.control, model_of(CONFIG), random_settings(CONFIG, rng)
+    accelerator.write_regions(TABLE[:1]), model.write(TABLE[:1])
+    windows = [clouds(rng, 60, 2000 * k) for k in range(3)]
+    accelerator.run(events_of(windows[0]), settings=chosen), model.run(*windows[0], chosen)
+    accelerator.start(events=60, settings=chosen)
+    accelerator.send(encode(events_of(windows[1])[:30], "PACKED"))
+    top.run(500)
+    plan = {"FIRST": 0, "COUNT": len(chosen.cold)}
+    write_row(accelerator, 0, ROW_COLD=plan, ROW_WARM=plan)
+    assert control.read("TABLES") == {"PENDING": 1, "ROWS_MISSING": 0, "REFUSED": 0}
+    write_row(accelerator, 0, ROW_PLACE={"X": 0})
+    assert control.read("TABLES") == {"PENDING": 1, "ROWS_MISSING": 0, "REFUSED": 7}
+    both = [np.concatenate([windows[1][k][30:], windows[2][k]]) for k in range(3)]
+    accelerator.send(encode(Events(*both, both[0] % 2), "PACKED"))
+    found = list(accelerator.results(2))
+    assert control.read("TABLES") == {"PENDING": 0, "ROWS_MISSING": 0, "REFUSED": 7}
+    same(found[0], model.run(*windows[1], chosen))
+    model.write([Region(x=4, y=4, width=12, height=10, cold=chosen.cold, warm=chosen.cold)])
+    same(found[1], model.run(*windows[2], chosen))
+    accelerator.stop()
+
+
+def test_no_batch_begins_before_its_rows_are_known(accelerator, top, rng):
+    control, chosen = accelerator.control, random_settings(CONFIG, rng)
+    control.write_input("PACKED", False, 1)
+    for count, known in ((1, 0), (2, 1)):
+        control.write("ROWS", VALUE=count)
+        assert control.read("TABLES")["ROWS_MISSING"]
+        control.write("CTRL", START=1)
+        top.send(encode(events_of(clouds(rng, 20)), "PACKED"))
+        top.run(3000)
+        assert not control.status("TAKING_IN") and control.read("CTRL")["START"]
+        write_row(accelerator, known)
+        assert not control.read("TABLES")["ROWS_MISSING"]
+        top.run(30_000)
+        assert len(top.take()) == count * PACKET_BEATS
+    # A row that was not in use is not known any more; nor is any behind a reset.
+    accelerator.reset()
+    for count in (3, 1, 2):
+        model = model_of(CONFIG)
+        accelerator.write_regions(TABLE[:count]), model.write(TABLE[:count])
+        window = clouds(rng, 70)
+        result = accelerator.run(events_of(window), settings=chosen)
+        assert len(result.regions) == count
+    control.write("ROWS", VALUE=3)
+    assert control.read("TABLES")["ROWS_MISSING"]
+
+
+def test_a_reset_in_the_middle_of_a_packet_ends_it(accelerator, top, rng):
+    """Whether a record is being sent, waits, or the next one has not come; the batch behind it is right."""
+    chosen, repeated, ended = random_settings(CONFIG, rng), 0, 0
+    for k in range(40):
+        model = model_of(CONFIG)
+        accelerator.write_regions(TABLE), model.write(TABLE)
+        accelerator.start(events=90, settings=chosen)
+        accelerator.send(encode(events_of(clouds(rng, 90)), "PACKED"))
+        top.limit(words=int(rng.integers(0, 60)) if k % 2 else -1)
+        top.run(int(rng.integers(300, 1800)), PACKET)
+        accelerator.control.write("CTRL", SOFT_RESET=1)
+        top.run(100)
+        top.limit()
+        top.run(400)
+        packet = top.take()
+        if packet is not None:
+            records = split_packets(packet)  # or else it is not of whole records
+            marks = [record[1] >> 19 & 1 for record in records.tolist()]
+            assert len(records) <= 4 and not any(marks[:-1])
+            repeated += len(records) > 1 and (records[-1] == records[-2]).all()
+            ended += not marks[-1]
+        assert top.take() is None and not accelerator.status()["result_waiting"]
+        accelerator.reset()
+        window = clouds(rng, 90)
+        same(accelerator.run(events_of(window), settings=chosen), model.run(*window, chosen))
+    assert repeated > 3 and ended > repeated
+
+
+def test_behind_a_dma(compiler, tmp_path, monkeypatch, rng):
+    """A transfer that waits for the packet lets the results out, one by one."""
+    top, model = SimulatedTop(CONFIG), model_of(CONFIG)
+    linux = Linux(uio_tree(tmp_path, buffers=BUFFERS), top, monkeypatch)
+    with Accelerator(linux.backend_class(root=tmp_path), CONFIG) as accelerator:
+        accelerator.write_regions(TABLE), model.write(TABLE)
+        for k in range(3):
+            window, chosen = clouds(rng, 100, 2000 * k), random_settings(CONFIG, rng)
+            same(accelerator.run(events_of(window), settings=chosen), model.run(*window, chosen))
+    top.close()
+
+
+def test_self_test(accelerator):
+    found = accelerator.self_test()
+    assert found["golden batch"].endswith("as the integer model") and "5 regions" in found["golden batch"]
+    assert found["interrupt"].startswith("came")
+
+
+def test_what_is_refused(accelerator, rng):
+    events, chosen = events_of(clouds(rng, 40)), random_settings(CONFIG, rng)
+    with pytest.raises(ConfigError, match="the table of regions is empty"):
+        accelerator.run(events, settings=chosen)
+    with pytest.raises(ConfigError, match="region 5: at most 5 regions are allowed"):
+        accelerator.write_regions([TABLE[0]] * 6)
+    with pytest.raises(ConfigError, match="region 1: parent = 1: 0 to 0 is needed"):
+        accelerator.write_regions([TABLE[0], dataclasses.replace(TABLE[2], parent=1)])
+    accelerator.write_regions(TABLE)
+    with pytest.raises(ConfigError, match="a batch of 0 events"):
+        accelerator.run(events[:0], settings=chosen)
+    with pytest.raises(ConfigError, match="batches by ROI events: the hardware has many regions"):
+        accelerator.start(roi_events=30, settings=chosen)
+    assert len(accelerator.run(events, settings=chosen).regions) == 3
+
+
+def test_a_packet_that_is_not_whole_is_refused(accelerator, top, rng):
+    accelerator.write_regions(TABLE)
+    accelerator.start(events=50, settings=random_settings(CONFIG, rng))
+    accelerator.send(encode(events_of(clouds(rng, 50)), "PACKED"))
+    top.run(30_000)
+    words = top.take()
+    assert len(result_of(CONFIG, REGISTERS, words, "it").regions) == 3
+    for wrong in (words[:-1], words[:0], np.tile(words, 2)):
+        with pytest.raises(DeviceError, match=f"it: a packet of {len(wrong)} words; {PACKET_BEATS} make a result"):
+            result_of(CONFIG, REGISTERS, wrong, "it")
+    for wrong in (words[:-PACKET_BEATS], np.concatenate([words, words[:PACKET_BEATS]])):
+        with pytest.raises(DeviceError, match="came in one packet; one of each is needed"):
+            result_of(CONFIG, REGISTERS, wrong, "it")
