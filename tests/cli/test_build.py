@@ -15,7 +15,10 @@ from cmfpga.config.schedule import used_events
 from cmfpga.verilog import emit
 
 TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
-REGIONS = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "regions": 2, "schedule_entries": 32}
+REGIONS = {
+    "gradient": "one_pass", "ascent": "sign", "buffers": 2, "regions": 2, "schedule_entries": 32,
+    "max_batch_events": 64,
+}  # fmt: skip
 FAST = {"gradient": "one_pass", "ascent": "sign", "max_level": 2, "dither_frac": 4}
 COMMON = {
     "ascent", "event_buffer", "gradient", "ingest_control", "iteration_control", "reciprocal", "roi_filter",

@@ -8,6 +8,7 @@ checked for any votes and stalls of the first cycles: enough to fill it, to empt
 import pytest
 
 from cmfpga.rtl.image.lanes import router, vote_queue
+from cmfpga.rtl.image.lanes.router import Router
 from support.formal.harness import needs_solver, solve
 from support.formal.lanes_proof import QueueHarness, RouterHarness, tiny
 from support.formal.mutants import Mutant
@@ -26,7 +27,7 @@ def routing(module, lanes=4):
 
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 def test_the_router_for_any_number_of_cycles(lanes, tmp_path):
-    outcome = solve(routing(router, lanes), "prove", lanes + 2, tmp_path)
+    outcome = solve(routing(router, lanes), "prove", Router.latency + 2, tmp_path)
     assert outcome.by_induction, outcome.log
 
 

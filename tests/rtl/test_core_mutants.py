@@ -71,14 +71,14 @@ def test_a_broken_block_is_noticed(name, monkeypatch, rng):
 
 #: With lanes, of what stands around queues and routers, which have proofs of their own (``tests/formal``).
 MUTANTS_OF_LANES = {  # module, old, new
-    "queues not waited for": (lane_image, "drained.eq(closing & ", "drained.eq(closing | closing & "),
+    "queues not waited for": (lane_image, "self.complete.eq(closing & ", "self.complete.eq(closing | closing & "),
     "lanes go on without room": (lane_image, "self.room.eq(~full)", "self.room.eq(1)"),
     "banks not swept": (lane_image, "each.sweep.valid.eq(idle)", "each.sweep.valid.eq(0)"),
     "first votes not summed": (lane_sums, "self.plain_latency - 1", "self.plain_latency"),
     "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),
     "product of another vote": (lane_sums, "max(0, number - 1)", "number"),
     "both rows of a bank": (parity_class, "Cat(column[geometry.lane_bits :], row)", "column[geometry.lane_bits :]"),
-    "an event too many": (event_buffer, "reading & (number < replayed)", "reading"),
+    "an event too many": (event_buffer, "reading_s2 & (number < replayed)", "reading_s2"),
     "the buffer that is filled": (event_buffer, "Cat(place, replaying)", "Cat(place, ~replaying)"),
     "events dithered alike": (dither, "self.lane * factor)", "0 * self.lane * factor)"),
 }

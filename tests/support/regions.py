@@ -141,8 +141,11 @@ async def _play(ctx, block, config, writes, table, windows, values, found, stall
         yield
 
 
-def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0):
-    """Results of windows by Amaranth's simulator, a dictionary each; AssertionError after ``limit`` cycles."""
+def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0, check=None):
+    """Results of windows by Amaranth's simulator, a dictionary each; AssertionError after ``limit`` cycles.
+
+    ``check`` is called with those that there are, each time one comes.
+    """
     block, found = Regions(config), []
     rows, table = tables(config, regions, chosen)
     names = [name.removeprefix("row_") for name in leaves("row", row_shape(config))]
@@ -157,9 +160,12 @@ def run_amaranth(config, regions, windows, chosen, *, limit, stalls=0):
     values = settings_values(config, dataclasses.replace(chosen, rows=len(regions)))
 
     async def bench(ctx):
-        cycles = 0
+        cycles = seen = 0
         async for _ in _play(ctx, block, config, writes, entries, windows, values, found, stalls):
             cycles += 1
+            if check and len(found) > seen:
+                check(found)
+            seen = len(found)
             assert cycles < limit, f"{len(found)} results after {limit} cycles"
 
     simulate(block, bench)

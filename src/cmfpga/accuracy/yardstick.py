@@ -9,15 +9,19 @@ import math
 
 import numpy as np
 
-from ..imaging.iwe import dithered, image_of_warped_events
+from ..imaging.iwe import dithered, image_of_votes, votes_along
 
 ROI = 64  # columns and rows of the ROI of all suites, px
 
 
 def contrasts(x, y, dt, velocities, *, spread=True):
-    """Population variance of the image of warped events at each of ``velocities`` [k, 2]: float64 [k]."""
-    size = {"width": ROI, "height": ROI}
-    return np.array([image_of_warped_events(x, y, dt, v, **size, spread=spread).var() for v in velocities])
+    """Population variance of the image of warped events at each of ``velocities``, float64 [k, 2]: float64 [k]."""
+    velocities = np.asarray(velocities, float)
+    along = [
+        {v: votes_along(at, dt, v, ROI, spread=spread) for v in {*axis.tolist()}}
+        for at, axis in zip((x, y), velocities.T, strict=True)
+    ]
+    return np.array([image_of_votes(along[0][vx], along[1][vy], ROI, ROI).var() for vx, vy in velocities.tolist()])
 
 
 def best_contrast(x, y, dt, *, centre=(0.0, 0.0), radius=8.0, step=0.5, rounds=3, spread=True):

@@ -76,18 +76,30 @@ def image_of_warped_events(x, y, dt, v, *, width, height, level=0, spread=False)
     spread : bool
         Each event votes from everywhere in its pixel, evenly: the mean of the images over all dithers.
     """
-    scale, kernel = 2.0**-level, _spread if spread else _bilinear
     columns, rows = -(-width >> level), -(-height >> level)
-    (left, across), (top, down) = (
-        kernel(np.minimum(np.maximum((at - dt * axis) * scale + (0.5 * scale - 0.5), -2.0), size + 0.5))
+    across, down = (
+        votes_along(at, dt, axis, size, level=level, spread=spread)
         for at, axis, size in zip((x, y), v, (columns, rows), strict=True)
     )
+    return image_of_votes(across, down, columns, rows)
+
+
+def votes_along(at, dt, v, size, *, level=0, spread=False):
+    """Votes along one axis: the first pixel of each event's, int64 [n], and the weights of its 2 or 3, [n] each."""
+    scale, kernel = 2.0**-level, _spread if spread else _bilinear
+    first, weights = kernel(np.minimum(np.maximum((at - dt * v) * scale + (0.5 * scale - 0.5), -2.0), size + 0.5))
+    return first + _RIM, weights
+
+
+def image_of_votes(across, down, columns, rows):
+    """The image, float64 [rows, columns], of :func:`votes_along` both axes."""
+    (left, wx), (top, wy) = across, down
     stride = columns + 2 * _RIM
-    first = (top + _RIM) * stride + left + _RIM
+    first = top * stride + left
     image = np.zeros((rows + 2 * _RIM) * stride)
-    for j, wy in enumerate(down):
-        for i, wx in enumerate(across):
-            image += np.bincount(first + (j * stride + i), wy * wx, len(image))
+    for j, y in enumerate(wy):
+        for i, x in enumerate(wx):
+            image += np.bincount(first + (j * stride + i), y * x, len(image))
     image = image.reshape(-1, stride)
     return image[_RIM:-_RIM, _RIM:-_RIM]
 

