@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 
 from amaranth.sim import Simulator
 
-from support.quick_engine import QuickEngine
 from support.values import Port, random_values
 
 #: Probability of idle cycles before an item.
@@ -33,7 +32,7 @@ class Recording:
 
 def simulate(top, *benches):
     """Run until every bench has finished."""
-    simulator = Simulator(top, engine=QuickEngine)
+    simulator = Simulator(top)
     simulator.add_clock(1e-6)
     for bench in benches:
         simulator.add_testbench(bench)
@@ -45,7 +44,7 @@ class Repeated:
 
     def __init__(self, top):
         self.top = top
-        self._simulator = Simulator(top, engine=QuickEngine)
+        self._simulator = Simulator(top)
         self._simulator.add_clock(1e-6)
         self._bench = None
 
