@@ -72,8 +72,8 @@ class LaneImage(OnePassImage):
         with m.Elif(self.complete):
             m.d.sync += idle.eq(1)
 
-        full, turn = Signal(name="full"), Signal(range(config.lanes), name="turn")
-        m.d.sync += [full.eq(Cat(each.full for each in self.classes).any()), turn.eq(Mux(first, 0, turn + 1))]
+        full = Signal(name="full")
+        m.d.sync += full.eq(Cat(each.full for each in self.classes).any())
         m.d.comb += self.room.eq(~full)
 
         tag = Signal(config.tag_bits, init=1)
@@ -88,6 +88,9 @@ class LaneImage(OnePassImage):
 
         sums = self.lane_sums
         for number, each in enumerate(self.classes):
+            # Each class has its own, which differs, so that no tool makes one of them, whose wires would be long.
+            turn = Signal(range(config.lanes), name=f"turn_{number}")
+            m.d.sync += turn.eq(Mux(first, number % config.lanes, turn + 1))
             m.d.comb += [
                 each.turn.eq(turn),
                 each.tag.eq(used),
