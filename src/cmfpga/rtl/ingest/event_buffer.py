@@ -161,7 +161,7 @@ class EventBuffer(wiring.Component):
         for lane, o in enumerate(self.o):
             # A register before the rotation, and one behind it. In the base these bits are 0.
             number = Signal(len(beyond), name=f"number_{lane}", reset_less=True)
-            r.d.sync += number.eq(base | step * lane)
+            r.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
             _, read = ports[lane]
             half = len(read.addr) - (self.config.buffers - 1)
             place = delay(r, placed(number)[:half], 1, name=f"place_{lane}")

@@ -72,9 +72,8 @@ class LaneImage(OnePassImage):
         with m.Elif(self.complete):
             m.d.sync += idle.eq(1)
 
-        full = Signal(name="full")
-        m.d.sync += full.eq(Cat(each.full for each in self.classes).any())
-        m.d.comb += self.room.eq(~full)
+        # Itself a register, and not the inverse of one: as it is, it enables those inside of multipliers and memories.
+        m.d.sync += self.room.eq(~Cat(each.full for each in self.classes).any())
 
         tag = Signal(config.tag_bits, init=1)
         with m.If(self.next):
