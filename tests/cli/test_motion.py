@@ -109,6 +109,8 @@ def test_python_finds_the_same(turn, tmp_path):
     found = cmfpga.track(turn, preset="rotation", engine="model", batches=1)
     found.to_csv(tmp_path / "python.csv")
     assert (tmp_path / "python.csv").read_text() == (tmp_path / "track.csv").read_text()
+    found.report(tmp_path / "page.html")
+    assert "<h2>Angular velocity of the camera</h2>" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert found.wy_rad_per_s.dtype == np.float64 and set(RATES["rotation"]) <= set(found.to_arrays())
     assert [axis.get_title() for axis in found.plot().axes][-2:].count("angular velocity of the camera") == 1
     trace = found.trace(0)
@@ -139,14 +141,6 @@ def test_a_rotation_without_a_calibration(grow, turn, tmp_path, capsys):
     assert "no calibration, which motion = rotation needs: --camera FILE" in refused(track.main, [grow, *told], capsys)
     assert "synthetic scene: it holds no calibration" in refused(track.main, told, capsys)
     assert track.main([str(grow), *map(str, told), "--camera", str(turn), "--batch-us", "60000", "--batches", "1"]) == 0
-
-
-def test_what_knows_translation_alone(turn, tmp_path, capsys):
-    asked = [turn, "--preset", "rotation", "--out", tmp_path]
-    page = "report: motion = rotation: the page shows translation alone"
-    assert page in refused(track.main, [*asked, "--engine", "model", "--report"], capsys)
-    with pytest.raises(ConfigError, match=page):
-        cmfpga.track(turn, preset="rotation", engine="model", batches=1).report(tmp_path / "page.html")
 
 
 @pytest.mark.parametrize("told, why", [
