@@ -11,7 +11,6 @@ import cmfpga
 from cmfpga import build, cli, generate, track
 from cmfpga.camera import RATES
 from cmfpga.config import PRESETS
-from cmfpga.errors import ConfigError
 from cmfpga.rtl.core import Core
 from cmfpga.verilog.compiler import find_compiler
 
