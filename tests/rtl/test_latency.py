@@ -78,7 +78,7 @@ def moved(k):
 
 BLOCKS = {
     "roi filter": Timing(
-        RoiFilter(DEFAULT), 3, item=filtered, before=[{"start": 1, "roi": {"x": 0, "y": 0}}, {}]
+        RoiFilter(DEFAULT), 4, item=filtered, before=[{"start": 1, "roi": {"x": 0, "y": 0}}, {}]
     ),
     "thinner": Timing(
         Thinner(payloads.roi_event(DEFAULT), most_stored=9, most_events=99), 1, before=[{"start": 1, "thinning": 1}]

@@ -215,7 +215,7 @@ def cycles_of(config, result, plan):
 
 
 #: What a batch of fewer events takes with two buffers: the next ROI must be known.
-SHORTEST = 8
+SHORTEST = 7
 
 
 def per_iteration(config):
@@ -237,4 +237,4 @@ def constant_cycles(config):
     """Cycles of a batch that depend on neither N, n nor T, as a number."""
     dither = 1 if config.dither_frac else 0
     dither += 8 if config.undistortion == "on" else 0
-    return config.span_bits + config.reciprocal_bits + dither + (29 if config.buffers == 1 else 21)
+    return config.span_bits + config.reciprocal_bits + dither + (30 if config.buffers == 1 else 22)

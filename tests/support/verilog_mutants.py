@@ -49,7 +49,8 @@ MUTANTS = [
     Mutant("unsigned derivative", "image_accumulator_bank_3", r"\+ \$signed\((operation_s2\[\d+:\d+\])\)", r"+ \1", 2),
     # What a memory holds at power up stays: X here, anything in a device.
     Mutant("banks never cleared", "image_accumulator_bank_1", r"if \(operation_s2\[\d+\]\)", "if (1'h0)", says="x"),
-    Mutant("batch begins before the banks are clear", "ingest_control", r"if \(cleared\)", "if (1'h1)", says="cycles"),
+    Mutant("batch begins before the banks are clear", "ingest_control", r"if \(cleared\)", "if (1'h1)", 2, every=True,
+           says="cycles"),
     Mutant("ROI a row too high", "roi_filter", r"(\$signed\(y_s2\)) < ", r"\1 <= ", says="result_outside"),
     Mutant("reference time is the last event's", "roi_filter", r" & first;", ";", says="result_t_first"),
     Mutant("sign of a derivative", "voter", r"= - \$signed", "= $signed", 8, says="trace_sums_d"),

@@ -150,14 +150,66 @@ def test_registers_are_packed():
     module = packable("DP16KD", LSR=["0"])
     module["cells"]["register_0"]["connections"]["LSR"] = ["0"]
     assert pack_registers(module) == 2
-    assert module["cells"]["it"]["connections"] == {"DOB0": [20], "DOB1": [21], "CLKB": [2]}
+    assert module["cells"]["it"]["connections"] == {"DOB0": [20], "DOB1": [21], "CLKB": [2], "OCEB": ["1"]}
     assert module["cells"]["it"]["parameters"] == {"REGMODE_B": "OUTREG"}
+
+
+@pytest.mark.parametrize(("kind", "pin"), [("MULT18X18D", "CE0"), ("DP16KD", "OCEB")])
+def test_registers_with_an_enable_are_packed(kind, pin):
+    module = packable(kind)
+    for number in range(2):
+        register = module["cells"][f"register_{number}"]
+        register["parameters"]["CEMUX"] = "CE"
+        register["connections"] |= {"CE": [4], "LSR": ["0"]}
+        register["port_directions"]["CE"] = "input"
+    assert pack_registers(module) == 2 and module["cells"]["it"]["connections"][pin] == [4]
+
+
+def waiting(other=None, **changes):
+    """A multiplier, one factor of which comes through two registers in a row; ``other`` reads the second."""
+    register = {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"}
+    cells = {"it": ("MULT18X18D", {}, {"A0": 11, "A1": "0", "B0": 12}, {"P0": 30})}
+    cells["first"] = ("TRELLIS_FF", register, {"CLK": 2, "CE": 4, "DI": 9}, {"Q": 10})
+    cells["second"] = ("TRELLIS_FF", register | changes, {"CLK": 2, "CE": 4, "DI": 10}, {"Q": 11})
+    cells["lut"] = ("LUT4", {}, {"A": 8}, {"Z": 12})
+    cells |= {"other": ("LUT4", {}, {"A": other}, {"Z": 40})} if other else {}
+    return {"ports": {"o": {"bits": [30, 40]}}, "cells": {
+        name: {
+            "type": kind, "parameters": dict(found),
+            "connections": {pin: [net] for pin, net in (ins | outs).items()},
+            "port_directions": dict.fromkeys(ins, "input") | dict.fromkeys(outs, "output"),
+        }
+        for name, (kind, found, ins, outs) in cells.items()
+    }}  # fmt: skip
+
+
+@pytest.mark.parametrize("other", [None, 11])
+def test_a_factor_that_waits_is_packed(other):
+    """Where another cell reads it, too, its register stays, but not for the multiplier."""
+    module = waiting(other)
+    assert pack_registers(module) == (0 if other else 1) and ("second" in module["cells"]) == bool(other)
+    it = module["cells"]["it"]
+    wanted = {"A0": [10], "A1": ["0"], "B0": [12], "P0": [30], "CLK0": [2], "CE0": [4], "RST0": ["0"]}
+    assert it["connections"] == wanted
+    assert {name for name in it["parameters"] if name.endswith("_CLK")} == {"REG_INPUTA_CLK"}
+
+
+def test_a_factor_that_cannot_wait_inside_stays():
+    """A register that starts at one; one behind logic; a multiplier whose registers have another enable."""
+    kept = [waiting(REGSET="SET"), waiting(), waiting(), waiting()]
+    kept[1]["cells"]["first"]["type"] = "LUT4"
+    kept[2]["cells"]["it"]["connections"] |= {"CLK0": [2], "CE0": ["1"], "RST0": ["0"]}
+    kept[2]["cells"]["it"]["port_directions"] |= dict.fromkeys(("CLK0", "CE0", "RST0"), "input")
+    kept[3]["cells"]["it"]["connections"]["A1"] = ["1"]
+    for module in kept:
+        before = json.dumps(module)
+        assert pack_registers(module) == 0 and json.dumps(module) == before
 
 
 @pytest.mark.parametrize(
     "module",
     [
-        packable("DP16KD"), packable(sinks=[("lut", 10)]), packable(CEMUX="CE"), packable(CLKMUX="INV"),
+        packable("DP16KD"), packable(sinks=[("lut", 10)]), packable(CEMUX="CE", CE=[4]), packable(CLKMUX="INV"),
         packable(REGSET="SET"), packable(SRMODE="ASYNC"), packable(LSR=[4]), packable(LSR=["0"]), packable(CLK=[5]),
         packable(DI=[9], M=[11]), {**packable(), "ports": {"o": {"bits": [10]}}},
     ],

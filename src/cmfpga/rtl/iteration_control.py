@@ -134,7 +134,7 @@ class IterationControl(wiring.Component):
             m.d.sync += self.whole.eq(soon | self.probing)
             m.d.comb += run.final.eq(final)
         m.d.comb += self.replay.eq(self.divided | next_replay)  # neither comes but in a state that waits for it
-        m.d.sync += self.cycles.eq(Mux(self.handover.free, self.handover.cycles, self.cycles) + 1)
+        m.d.sync += self.cycles.eq(Mux(run.take, self.handover.cycles, self.cycles) + 1)
         with m.FSM(name="iterate"):
             with m.State("IDLE"):
                 m.d.comb += self.handover.free.eq(1)

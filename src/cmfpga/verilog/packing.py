@@ -1,72 +1,131 @@
-"""Registers behind RAMs and multipliers of a netlist for ECP5, moved into them.
+"""Registers beside RAMs and multipliers of a netlist for ECP5, moved into them.
 
-Both have an output register, which Yosys 0.70 leaves unused. Other tools do this; without it, the wires to a register
-outside and its set-up time add to the slowest elements that there are.
+Both have an output register, multipliers have input registers, which Yosys 0.70 leaves unused. Other tools do this;
+without it, the wires to a register outside and its set-up time add to the slowest elements that there are.
 """
 
 from collections import defaultdict
+from typing import NamedTuple
 
 #: What a cell is told of its register, beside the clock; and the names of its outputs.
 _OUTPUTS = {"DP16KD": "DOB", "MULT18X18D": "P"}
 
 
+class _Kind(NamedTuple):
+    """The nets of a register: clock, synchronous reset to zero, enable; ``"0"`` and ``"1"`` without one."""
+
+    clock: object
+    reset: object
+    enable: object
+
+
 def pack_registers(module):
     """Change a module of Yosys's JSON in place; returns how many registers have gone.
 
-    A cell's register is used where every output in use goes to a register and nowhere else, all have the cell's clock,
-    no enable, start at zero, and have no reset or, behind a multiplier, one synchronous reset.
+    A cell's output register is used where every output in use goes to a register and nowhere else, all have the cell's
+    clock, one enable or none, start at zero, and have no reset or, behind a multiplier, one synchronous reset.
+    A multiplier's input register is used where every bit of the factor comes from such a register, which has it from
+    another one: a factor that waits for a cycle. Where others read it as well, it stays beside.
     """
-    cells, sinks = module["cells"], defaultdict(list)
-    for name, cell in cells.items():
+    cells, before = module["cells"], len(module["cells"])
+    _, sinks = _wires(module)
+    for cell in [cell for cell in cells.values() if cell["type"] in _OUTPUTS]:
+        _pack_output(cells, cell, sinks)
+    drivers, _ = _wires(module)
+    packed = set()
+    for cell in cells.values():
+        if cell["type"] == "MULT18X18D":
+            for factor in "AB":
+                packed |= _pack_input(cells, cell, factor, drivers)
+    _, sinks = _wires(module)
+    for name in packed:
+        if not sinks[cells[name]["connections"]["Q"][0]]:
+            del cells[name]
+    return before - len(cells)
+
+
+def _wires(module):
+    """By net: the name of the cell that drives it; and all that it goes to, by cell and pin."""
+    drivers, sinks = {}, defaultdict(list)
+    for name, cell in module["cells"].items():
         for pin, bits in cell["connections"].items():
-            if cell["port_directions"][pin] == "input":
-                for bit in bits:
+            for bit in bits:
+                if cell["port_directions"][pin] == "input":
                     sinks[bit].append((name, pin))
+                else:
+                    drivers[bit] = name
     for port in module["ports"].values():
         for bit in port["bits"]:
             sinks[bit].append((None, None))
-    gone = 0
-    for cell in [cell for cell in cells.values() if cell["type"] in _OUTPUTS]:
-        prefix, wires = _OUTPUTS[cell["type"]], cell["connections"]
-        used = {
-            pin: sinks[bits[0]]
-            for pin, bits in wires.items()
-            if pin.startswith(prefix) and cell["port_directions"][pin] == "output" and bits and sinks[bits[0]]
-        }
-        if not used or any(len(to) != 1 or not _is_plain(cells.get(to[0][0]), to[0][1]) for to in used.values()):
-            continue
-        registers = {pin: to[0][0] for pin, to in used.items()}
-        kinds = {(*cells[name]["connections"]["CLK"], _reset(cells[name])) for name in registers.values()}
-        if len(kinds) != 1 or any(pin.startswith("DOA") and sinks[bits[0]] for pin, bits in wires.items() if bits):
-            continue
-        ((clock, reset),) = kinds
-        if cell["type"] == "DP16KD":
-            if reset != "0" or wires["CLKB"] != [clock]:
-                continue
-            cell["parameters"]["REGMODE_B"] = "OUTREG"
-        else:
-            cell["parameters"] |= {
-                "REG_OUTPUT_CLK": "CLK0", "REG_OUTPUT_CE": "CE0", "REG_OUTPUT_RST": "RST0", "CLK0_DIV": "ENABLED",
-                "RESETMODE": "SYNC", "GSR": "DISABLED",
-            }  # fmt: skip
-            wires |= {"CLK0": [clock], "CE0": ["1"], "RST0": [reset]}
-            cell["port_directions"] |= dict.fromkeys(("CLK0", "CE0", "RST0"), "input")
-        for pin, name in registers.items():
-            wires[pin] = cells.pop(name)["connections"]["Q"]
-        gone += len(registers)
-    return gone
+    return drivers, sinks
 
 
-def _reset(register):
-    """The net that sets it to zero; ``"0"`` without one."""
-    return register["connections"].get("LSR", ["0"])[0]
+def _pack_output(cells, cell, sinks):
+    prefix, wires = _OUTPUTS[cell["type"]], cell["connections"]
+    used = {
+        pin: sinks[bits[0]]
+        for pin, bits in wires.items()
+        if pin.startswith(prefix) and cell["port_directions"][pin] == "output" and bits and sinks[bits[0]]
+    }
+    if not used or any(len(to) != 1 or to[0][1] != "DI" for to in used.values()):
+        return
+    registers = {pin: to[0][0] for pin, to in used.items()}
+    kinds = {_kind(cells[name]) for name in registers.values()}
+    if len(kinds) != 1 or None in kinds:
+        return
+    (kind,) = kinds
+    if cell["type"] == "DP16KD":
+        if kind.reset != "0" or wires["CLKB"] != [kind.clock]:
+            return
+        if any(pin.startswith("DOA") and sinks[bits[0]] for pin, bits in wires.items() if bits):
+            return
+        cell["parameters"]["REGMODE_B"] = "OUTREG"
+        wires["OCEB"] = [kind.enable]
+        cell["port_directions"]["OCEB"] = "input"
+    else:
+        _set(cell, "OUTPUT", kind)
+    for pin, name in registers.items():
+        wires[pin] = cells.pop(name)["connections"]["Q"]
 
 
-def _is_plain(cell, pin):
-    """Whether this is the data input of a register that takes it in every cycle."""
-    if cell is None or cell["type"] != "TRELLIS_FF" or pin != "DI":
-        return False
-    found = cell["parameters"]
-    synchronous = _reset(cell) == "0" or found.get("SRMODE") == "LSR_OVER_CE"
-    kept = {"CEMUX": "1", "CLKMUX": "CLK", "REGSET": "RESET"}
-    return synchronous and all(found.get(name, value).strip() == value for name, value in kept.items())
+def _pack_input(cells, cell, factor, drivers):
+    """Returns the names of the registers that the factor no longer needs."""
+    wires = cell["connections"]
+    pins = {f"{factor}{bit}": wires[f"{factor}{bit}"][0] for bit in range(18) if wires.get(f"{factor}{bit}")}
+    registers = {pin: drivers.get(bit) for pin, bit in pins.items() if bit not in ("0", "x")}
+    kinds = {_kind(cells.get(name)) for name in registers.values()}
+    if len(kinds) != 1 or None in kinds:
+        return set()
+    (kind,) = kinds
+    # The other registers of the multiplier have the same clock, enable and reset, which are the first of four.
+    if wires.get("CLK0", ["0"]) != ["0"] and _Kind(*(wires[pin][0] for pin in ("CLK0", "RST0", "CE0"))) != kind:
+        return set()
+    before = {pin: cells[name]["connections"]["DI"][0] for pin, name in registers.items()}
+    if any(cells.get(drivers.get(bit), {"type": None})["type"] != "TRELLIS_FF" for bit in before.values()):
+        return set()
+    _set(cell, f"INPUT{factor}", kind)
+    wires |= {pin: [bit] for pin, bit in before.items()}
+    return set(registers.values())
+
+
+def _set(multiplier, name, kind):
+    """Use one of its registers."""
+    multiplier["parameters"] |= {
+        f"REG_{name}_CLK": "CLK0", f"REG_{name}_CE": "CE0", f"REG_{name}_RST": "RST0", "CLK0_DIV": "ENABLED",
+        "RESETMODE": "SYNC", "GSR": "DISABLED",
+    }  # fmt: skip
+    multiplier["connections"] |= {"CLK0": [kind.clock], "CE0": [kind.enable], "RST0": [kind.reset]}
+    multiplier["port_directions"] |= dict.fromkeys(("CLK0", "CE0", "RST0"), "input")
+
+
+def _kind(cell):
+    """None if this is no register that starts at zero and takes its data input."""
+    if cell is None or cell["type"] != "TRELLIS_FF":
+        return None
+    found, wires = cell["parameters"], cell["connections"]
+    reset, enabled = wires.get("LSR", ["0"])[0], found.get("CEMUX", "1").strip() == "CE"
+    synchronous = reset == "0" or found.get("SRMODE") == "LSR_OVER_CE"
+    kept = {"CEMUX": "CE" if enabled else "1", "CLKMUX": "CLK", "REGSET": "RESET", "LSRMUX": "LSR"}
+    if not synchronous or any(found.get(name, value).strip() != value for name, value in kept.items()):
+        return None
+    return _Kind(wires["CLK"][0], reset, wires["CE"][0] if enabled else "1")

@@ -40,9 +40,9 @@ def check(batches, *, probability=0.0, seed=0, config=CONFIG):
         passed = thinner((tensor(range(count)),), factor)[0].tolist()
         expected += [batch[number] for number in passed]
         cycles += [pushed[number] + block.latency for number in passed]
-        # The count is right one cycle after each event.
+        # The count is right two cycles after each event.
         for number, cycle in enumerate(pushed, 1):
-            counts[cycle + 1] = number - len(range(0, number, factor))
+            counts[cycle + 2] = number - len(range(0, number, factor))
         counts.setdefault(len(script) + 1, 0)
         script += part
         # No event in the cycle before `start`.

@@ -161,7 +161,7 @@ MUTANTS = {  # old, new, ends, how many tokens of which kind show it
     "one microsecond": ("Cat(Const(1, 1), apart", "Cat(Const(0, 1), apart", "duration", 200, GRID),
     "no step back": ("(later ^ later[-1].replicate(", "(later & ~later[-1].replicate(", "duration", 200, JUMPS),
     "settings at any time": ("with m.If(self.opened):", "with m.If(self.opened | self.taking_in):", "count", 200, {}),
-    "does not wait": ("self.o.payload.last | followed | by_number", "1", "tlast", 200, {}),
+    "does not wait": ("ended | followed | by_number", "1", "tlast", 200, {}),
     "empty ends": ("self.empty_end.eq(self.settings.by_tlast)", "self.empty_end.eq(0)", "tlast", 200, {}),
 }  # fmt: skip
 

@@ -29,7 +29,7 @@ def waits(config, votes):
         for number in range(4):
             for bank in range(lanes):
                 for k in range(lanes):
-                    name = number, (cycle - 1 + k) % lanes, bank & 1
+                    name = number, (cycle - 1 + number + k) % lanes, bank & 1
                     if heads[name] == bank:
                         taken.add(name)
                         break

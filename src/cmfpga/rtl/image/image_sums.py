@@ -60,7 +60,7 @@ class ImageSums(wiring.Component):
         self.config, self.in_flight = config, in_flight
         members = {
             "votes": payloads.of_lanes(config, In(payloads.flow(payloads.votes(config)))),
-            "room": Out(1),
+            "room": Out(1, init=1),
             "complete": Out(1),
             "sums": Out(payloads.flow(payloads.sums(config))),
             **dict.fromkeys(("next", "clear"), In(1)),

@@ -61,7 +61,8 @@ class TimeScaler(wiring.Component):
         # the mantissa takes the second step, once for all of them.
         fine, mantissa = self.shift[:2], self.mantissa
         if config.lanes > 1:
-            fine, mantissa = 0, delay(m, mantissa << fine, 1, name="mantissa")
+            # A register more, which can lie in the multiplier, as the last of the numerator.
+            fine, mantissa = 0, delay(m, mantissa << fine, 2, name="mantissa")
         m.d.sync += numerator_s2.eq(numerator_s1 << Cat(Const(0, 2), self.shift[2:]))
         m.d.sync += numerator_s3.eq(numerator_s2 << fine)
         # Stage 4: multiply.

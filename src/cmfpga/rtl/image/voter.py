@@ -27,10 +27,10 @@ class BilinearVoter(wiring.Component):
         Coarse levels have smaller images. Changes only while no event is in flight.
     """
 
-    latency = 3
-
     def __init__(self, config):
         self.config = config
+        # With lanes all waits for a cycle before the multipliers, as in the warp.
+        self.latency = 3 if config.lanes == 1 else 4
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.warped_event(config))),
@@ -44,8 +44,10 @@ class BilinearVoter(wiring.Component):
         m = Module()
         frac = config.position_frac
         one = 1 << frac
-        dt = self.i.payload.dt
-        fx, fy = self.i.payload.x[:frac], self.i.payload.y[:frac]
+        event, valid = self.i.payload, self.i.valid
+        if config.lanes > 1:
+            event, valid = delay(m, event, 1, name="event"), delay(m, valid, 1, name="came", valid=True)
+        dt, fx, fy = event.dt, event.x[:frac], event.y[:frac]
 
         # Stage 1: products.
         def register(shape, name):
@@ -109,14 +111,14 @@ class BilinearVoter(wiring.Component):
         widths, heights = zip(
             *(config.geometry.level_size(level) for level in range(config.max_level + 1)), strict=True
         )
-        column_s2, columns_inside = self._axis(m, "column", self.i.payload.x >> frac, widths)
-        row_s2, rows_inside = self._axis(m, "row", self.i.payload.y >> frac, heights)
+        column_s2, columns_inside = self._axis(m, "column", event.x >> frac, widths)
+        row_s2, rows_inside = self._axis(m, "row", event.y >> frac, heights)
         counted = Const(1)
         if config.border == "whole":
             counted = delay(m, columns_inside & rows_inside, 1, name="counted")
 
         # Stage 3: give each bank the corner of its parity.
-        valid_s2 = delay(m, self.i.valid, 2, name="valid", valid=True)
+        valid_s2 = delay(m, valid, 2, name="valid", valid=True)
         for number in range(4):
             bank = self.o.payload.banks[number]
             right, column, column_inside = column_s2[number & 1]
@@ -132,8 +134,8 @@ class BilinearVoter(wiring.Component):
         if config.motion_model.of_pixels:
             self._locate(m, self.o.payload.cell)
         elif config.motion_model.basis:
-            m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, 2, name="basis"))
-        m.d.sync += [self.o.valid.eq(valid_s2), self.o.payload.last.eq(delay(m, self.i.payload.last, 2, name="last"))]
+            m.d.sync += self.o.payload.basis.eq(delay(m, event.basis, 2, name="basis"))
+        m.d.sync += [self.o.valid.eq(valid_s2), self.o.payload.last.eq(delay(m, event.last, 2, name="last"))]
         return m
 
     def _locate(self, m, located):
@@ -159,18 +161,17 @@ class BilinearVoter(wiring.Component):
         And whether both are inside, a cycle earlier.
         """
         cell_s1 = delay(m, cell, 1, name=name)
-        parities, both_inside = [], Const(1)
+        parities = []
+        both_inside = (cell_s1 >= 0) & (cell_s1 < select(self.level, [size - 1 for size in sizes]))
         # Of c and c + 1 the even one is 2·⌊(c + 1)/2⌋, the odd one 2·⌊c/2⌋ + 1.
         for parity, index in enumerate(((cell_s1 + 1) >> 1, cell_s1 >> 1)):
             far = Signal(name=f"{name}{parity}_far_s2", reset_less=True)
             inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
             coordinate = Signal(range(max(2, (sizes[0] + 1) // 2)), name=f"{name}{parity}_s2", reset_less=True)
             lengths = [(size + 1 - parity) // 2 for size in sizes]
-            is_inside = (index >= 0) & (index < select(self.level, lengths))
-            both_inside &= is_inside
             m.d.sync += [
                 far.eq(cell_s1[0] ^ parity),
-                inside.eq(is_inside),
+                inside.eq((index >= 0) & (index < select(self.level, lengths))),
                 coordinate.eq(index),
             ]
             parities.append((far, coordinate, inside))

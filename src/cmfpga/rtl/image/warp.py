@@ -18,8 +18,8 @@ class Warp(wiring.Component):
     subtraction).
 
     One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters, ``level``
-    two cycles later. In a motion beyond translation each event has its own velocity, by :class:`Flow`, which takes two
-    cycles more.
+    two cycles later, three with lanes. In a motion beyond translation each event has its own velocity, by
+    :class:`Flow`, which takes two cycles more.
 
     Members
     -------
@@ -34,7 +34,9 @@ class Warp(wiring.Component):
         self.config = config
         self.flow = Flow(config) if config.motion_model.basis else None
         self._moving = 4 if config.max_level else 3
-        self.latency = self._moving + (Flow.latency if self.flow else 0)
+        # Several lanes' multipliers lie far apart: with them all waits for a cycle first, so that a wire has one.
+        self._waiting = 1 if config.lanes > 1 else 0
+        self.latency = self._waiting + self._moving + (Flow.latency if self.flow else 0)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.scaled_event(config))),
@@ -54,7 +56,8 @@ class Warp(wiring.Component):
             event = {name: delay(m, event[name], flow.latency, name=f"{name}_flow") for name in ("dt", "x", "y")}
             v = flow.o
         else:
-            event = {name: event[name] for name in ("dt", "x", "y")}
+            event = {name: delay(m, event[name], self._waiting, name=f"{name}_s0") for name in ("dt", "x", "y")}
+            v = {axis: delay(m, v[axis], self._waiting, name=f"v_{axis}_s0") for axis in ("x", "y")}
         frac = config.dt_frac + config.v_frac
         # Without coarse levels the halves cancel; undistorted positions come with theirs.
         half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)

@@ -118,8 +118,13 @@ class EventBuffer(wiring.Component):
         reading_s1 = Signal()
         address_s1 = Signal(range(max(2, depth)))
         last_s1 = Signal()
-        first, step = self._subset(m, replayed) if by_signs(self.config) else (0, 1)
-        m.d.comb += last_s1.eq(address_s1 + step >= replayed if by_signs(self.config) else address_s1 + 1 == replayed)
+        first, step, next_step = self._subset(m, replayed) if by_signs(self.config) else (0, 1, 1)
+        # From there on an event is the last one: in a register, so that only a comparison is left. A step is never
+        # larger than the number of events.
+        final = Signal.like(replayed)
+        with m.If(self.replay):
+            m.d.sync += final.eq(replayed - next_step)
+        m.d.comb += last_s1.eq(address_s1 >= final)
         with m.If(self.replay):
             m.d.sync += [reading_s1.eq(1), address_s1.eq(first)]
         with m.Elif(reading_s1 & self.room):
@@ -143,7 +148,7 @@ class EventBuffer(wiring.Component):
         """As with one lane; each has a copy of all events, so that any stride and any place suits it."""
         lanes = self.config.lanes
         m.submodules.replay = EnableInserter(self.room)(r := Module())
-        first, step = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1))
+        first, step, _ = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1), 1)
         base, reading = Signal(range(max(2, self.config.buffer_events)), name="base"), Signal(name="reading")
         beyond = base + (step << bits_for(lanes - 1))
         last = Signal()
@@ -156,7 +161,7 @@ class EventBuffer(wiring.Component):
         for lane, o in enumerate(self.o):
             # A register before the rotation, and one behind it. In the base these bits are 0.
             number = Signal(len(beyond), name=f"number_{lane}", reset_less=True)
-            r.d.sync += number.eq(base | step * lane)
+            r.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
             _, read = ports[lane]
             half = len(read.addr) - (self.config.buffers - 1)
             place = delay(r, placed(number)[:half], 1, name=f"place_{lane}")
@@ -227,7 +232,10 @@ class EventBuffer(wiring.Component):
         return stays, rotated(number, turn), lambda number: rotated(number, replayed_turn)
 
     def _subset(self, m, replayed):
-        """First event and step of a replay, as :func:`cmfpga.config.schedule.used` has them."""
+        """First event and step of a replay, as :func:`cmfpga.config.schedule.used` has them.
+
+        The first with ``replay``, the step from the next cycle on; and with ``replay`` what it will be.
+        """
         iteration = Signal(2)  # of the batch, modulo 4
         subset = self.subset
         stride = Signal.like(self.stride, name="enough_for")
@@ -240,4 +248,4 @@ class EventBuffer(wiring.Component):
             m.d.sync += iteration.eq(0)
         with m.Elif(self.replay):
             m.d.sync += [iteration.eq(iteration + 1), subset.stride.eq(stride), subset.first.eq(first)]
-        return first, 1 << subset.stride
+        return first, 1 << subset.stride, 1 << stride

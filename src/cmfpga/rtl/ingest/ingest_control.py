@@ -114,6 +114,9 @@ class IngestControl(wiring.Component):
         current = Signal(payloads.settings(config))
         events, cut = Signal(bits_for(config.max_batch_events)), Signal()
         cleared_once = Signal()
+        # Registers, so that little stands between an event's arrival and all that hangs on it: a batch may be opened,
+        # events are taken in.
+        may_open, ingesting = Signal(), Signal()
         timer = Signal(range(self._drain))
         accepts, ends = Signal(), Signal()
         # What the next event will be: the last by number, that of the longest batch. Found when the one before it is
@@ -126,7 +129,10 @@ class IngestControl(wiring.Component):
         m.d.comb += [
             self.o.payload.eq(self.i.payload),
             ends.eq(self.i.payload.last | limit | full),
-            accepts.eq(~(by_roi & room[-1])),
+            accepts.eq(ingesting & ~(by_roi & room[-1])),
+            self.i.ready.eq(accepts),
+            self.o.valid.eq(self.i.valid & accepts),
+            handover.opened.eq(self.i.valid & may_open),
             handover.loads.eq(self.settings.roi_load),
         ]
         m.d.sync += [
@@ -137,7 +143,7 @@ class IngestControl(wiring.Component):
         dropped = pending[-1] & (parity == count[0])
         with m.If(dropped ^ self.o.valid):
             m.d.sync += room.eq(room + Mux(dropped, 1, -1))
-        m.d.sync += handover.take.eq(0)
+        m.d.sync += [handover.take.eq(0), may_open.eq(0)]
         # Outside the state machine, so that these are the registers' resets and enables, and no logic.
         m.d.sync += handover.cycles.eq(handover.cycles + 1)
         with m.If(handover.opened):
@@ -179,19 +185,21 @@ class IngestControl(wiring.Component):
                 m.d.comb += self.clear.eq(~cleared_once)
                 m.d.sync += cleared_once.eq(1)
                 with m.If(self.cleared):
+                    m.d.sync += may_open.eq(handover.settled)
                     m.next = "OPEN"
             with m.State("OPEN"):
-                with m.If(self.i.valid & handover.settled):
-                    m.d.comb += handover.opened.eq(1)
+                m.d.sync += may_open.eq(handover.settled)
+                with m.If(handover.opened):
+                    m.d.sync += [may_open.eq(0), ingesting.eq(1)]
                     m.next = "INGEST"
             with m.State("INGEST"):
-                m.d.comb += [self.i.ready.eq(accepts), self.o.valid.eq(self.i.valid & accepts)]
                 m.d.sync += timer.eq(self._drain - 1)
                 with m.If(self.o.valid):
                     with m.If(ends):
+                        m.d.sync += ingesting.eq(0)
                         m.next = "DRAIN"
                 with m.Elif(reached):
-                    m.d.sync += timer.eq(0)
+                    m.d.sync += [timer.eq(0), ingesting.eq(0)]
                     m.next = "DRAIN"
             with m.State("DRAIN"):
                 m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
@@ -199,9 +207,11 @@ class IngestControl(wiring.Component):
                     m.d.sync += handover.take.eq(1)
                     m.next = "TAKE"
             with m.State("TAKE"):  # a register, because many wait for it
+                m.d.sync += may_open.eq(handover.settled if config.buffers == 2 else 0)
                 m.next = "WAIT" if config.buffers == 1 else "OPEN"
             if config.buffers == 1:
                 with m.State("WAIT"):
                     with m.If(handover.finished):
+                        m.d.sync += may_open.eq(handover.settled)
                         m.next = "OPEN"
         return m

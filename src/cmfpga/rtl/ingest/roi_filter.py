@@ -3,7 +3,7 @@
 import functools
 import operator
 
-from amaranth.hdl import Cat, Const, Module, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -45,14 +45,14 @@ class RoiFilter(wiring.Component):
     o : ``Out``, flow of :func:`payloads.roi_event`
         Events in the ROI.
     start : ``In(1)``
-        A new batch begins: clears the counters. No event in this cycle and the three before.
+        A new batch begins: clears the counters. No event in this cycle and the four before.
     roi : ``In``, :func:`payloads.roi_corner`
         The ROI's corner; constant during a batch.
     measured : ``Out``, :func:`measured`
         Right a cycle after the last event would leave.
     """
 
-    latency = 3
+    latency = 4
 
     def __init__(self, config, size=None):
         self.config = config
@@ -97,28 +97,43 @@ class RoiFilter(wiring.Component):
         ]
         marks = {name: delay(m, event_s1[name], 1, name=name) for name in ("hot", "noise") if hasattr(found, name)}
 
-        # Stage 3: judge, pass on.
-        back, late, inside = Signal(), Signal(), Signal()
-        m.d.comb += [
-            back.eq(t_s2 < found.span),
+        # Stage 3: compare with the last good time that is known by now, and with the event before, which may be it.
+        valid_s3, good_s4 = Signal(), Signal()
+        event_s3 = Signal(payloads.roi_event(config, *self._size), reset_less=True)
+        negative, late, inside, before_known, before_last = (
+            Signal(name=f"{name}_s3", reset_less=True)
+            for name in ("negative", "late", "inside", "before_known", "before_last")
+        )
+        t = t_s2[: config.span_bits]
+        m.d.sync += [
+            valid_s3.eq(valid_s2),
+            event_s3.t.eq(t_s2),
+            event_s3.x.eq(x_s2),
+            event_s3.y.eq(y_s2),
+            negative.eq(t_s2 < 0),
             late.eq(t_s2 >= 1 << config.span_bits),
             inside.eq((x_s2 >= 0) & (x_s2 < width << frac) & (y_s2 >= 0) & (y_s2 < height << frac)),
+            before_known.eq(t < found.span),
+            before_last.eq(t < event_s3.t),
         ]
-        m.d.sync += [
-            self.o.valid.eq(_unmarked(valid_s2 & inside & ~back & ~late, marks)),
-            self.o.payload.t.eq(t_s2),
-            self.o.payload.x.eq(x_s2),
-            self.o.payload.y.eq(y_s2),
+        marks = {name: delay(m, mark, 1, name=f"{name}_s3") for name, mark in marks.items()}
+
+        # Stage 4: judge, pass on.
+        back, good = Signal(), Signal()
+        m.d.comb += [
+            back.eq(negative | (~late & Mux(good_s4, before_last, before_known))),
+            good.eq(valid_s3 & ~back & ~late),
         ]
-        # Stage 4: count.
+        m.d.sync += [good_s4.eq(good), self.o.valid.eq(_unmarked(good & inside, marks)), self.o.payload.eq(event_s3)]
+        with m.If(good):
+            m.d.sync += found.span.eq(event_s3.t)
+        # Stage 5: count.
         lost = {"time_back": back, "time_span": ~back & late, "outside": _unmarked(~back & ~late & ~inside, marks)}
         for name, mark in marks.items():  # not in a comprehension, which would take the signals' names
             lost[name] = ~back & ~late & mark
-        lost_s3 = {name: Signal(name=f"{name}_s3") for name in lost}
-        with m.If(valid_s2 & ~back & ~late):
-            m.d.sync += found.span.eq(t_s2)
-        for name, one in lost_s3.items():
-            m.d.sync += [one.eq(valid_s2 & lost[name]), getattr(found, name).eq(getattr(found, name) + one)]
+        for name, judged in lost.items():
+            one = Signal(name=f"{name}_s4")
+            m.d.sync += [one.eq(valid_s3 & judged), getattr(found, name).eq(getattr(found, name) + one)]
         with m.If(self.start):
             m.d.sync += [found.span.eq(0), *(getattr(found, name).eq(0) for name in lost)]
         return m

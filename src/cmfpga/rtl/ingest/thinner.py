@@ -37,11 +37,11 @@ class Thinner(wiring.Component):
     thinning, target : ``In``
         Taken over with ``start``. ``thinning`` counts if ``target``, or that of the last batch, is zero.
     thinned : ``Out``
-        Events left out since ``start``.
+        Events left out since ``start``, a cycle after ``o``.
     halved : ``In(1)``
         The buffer stores half as many events from now on.
     used : ``Out``
-        One event in so many is stored, from the second cycle after ``start`` on.
+        One event in so many is stored, from the second cycle after ``start`` or ``halved`` on.
     """
 
     latency = 1
@@ -68,11 +68,15 @@ class Thinner(wiring.Component):
         filled = Signal.like(self.target)  # 1 … target
         wanted = Signal(Widths.thinning_bits)  # ⌈events/target⌉, saturated
         passes = position == 0
+        left_out = Signal()
         m.d.sync += [self.o.valid.eq(self.i.valid & passes), self.o.payload.eq(self.i.payload)]
+        m.d.sync += [left_out.eq(self.i.valid & ~passes), self.thinned.eq(self.thinned + left_out)]
         if self._with_used:
-            with m.If(delay(m, self.start, 1, name="start", valid=True)):
+            started = delay(m, self.start, 1, name="start", valid=True)
+            halved = delay(m, self.halved, 1, name="halved", valid=True)
+            with m.If(started):
                 m.d.sync += self.used.eq(factor)
-            with m.Elif(self.halved):
+            with m.Elif(halved):
                 m.d.sync += self.used.eq(self.used << 1)
         with m.If(self.start):
             follow = (self.target != 0) & (target != 0)
@@ -85,10 +89,7 @@ class Thinner(wiring.Component):
                 self.thinned.eq(0),
             ]
         with m.Elif(self.i.valid):
-            m.d.sync += [
-                position.eq(Mux(position + 1 >= factor, 0, position + 1)),
-                self.thinned.eq(self.thinned + ~passes),
-            ]
+            m.d.sync += position.eq(Mux(position + 1 >= factor, 0, position + 1))
             with m.If((wanted == 0) | (filled == target)):
                 m.d.sync += filled.eq(1)
                 with m.If(~wanted.all()):

@@ -65,7 +65,7 @@ class BatchEnd(wiring.Component):
         t_first, later, apart = (Signal(config.time_bits, name=name) for name in ("t_first", "later", "apart"))
         within = Signal(len(current.duration) + 2)  # negative: not within the duration
         by_time, by_number, followed, leaves = Signal(), Signal(), Signal(), Signal()
-        arrives, ends = Signal(), Signal()
+        arrives, ends, ended = Signal(), Signal(), Signal()
 
         def completes(number, wanted):
             return (wanted == number) | (number == config.max_batch_events)
@@ -84,10 +84,11 @@ class BatchEnd(wiring.Component):
             self.o.payload.t.eq(held.t),
             self.o.payload.x.eq(held.x),
             self.o.payload.y.eq(held.y),
-            self.o.payload.last.eq((held.end & current.by_tlast) | commanded | by_time),
+            ended.eq((held.end & current.by_tlast) | commanded),
+            self.o.payload.last.eq(ended | by_time),
+            # Not behind the comparison of times, which ends a batch only where an event follows.
             self.o.valid.eq(
-                self.holding
-                & ((self.taking_in & (self.o.payload.last | followed | by_number)) | (~self.taking_in & self.go))
+                self.holding & ((self.taking_in & (ended | followed | by_number)) | (~self.taking_in & self.go))
             ),
             self.holding.eq(held.event),
             leaves.eq(self.o.valid & self.o.ready),

@@ -72,22 +72,26 @@ class LaneImage(OnePassImage):
         with m.Elif(self.complete):
             m.d.sync += idle.eq(1)
 
-        full, turn = Signal(name="full"), Signal(range(config.lanes), name="turn")
-        m.d.sync += [full.eq(Cat(each.full for each in self.classes).any()), turn.eq(Mux(first, 0, turn + 1))]
-        m.d.comb += self.room.eq(~full)
+        # Itself a register, and not the inverse of one: as it is, it enables those inside of multipliers and memories.
+        m.d.sync += self.room.eq(~Cat(each.full for each in self.classes).any())
 
-        tag = Signal(config.tag_bits, init=1)
-        with m.If(self.next):
-            m.d.sync += tag.eq(Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1))
         address = Signal(range(max(2, config.geometry.words)))
         last = address == config.geometry.words - 1
         with m.If(idle):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
-        used = delay(m, Mux(idle, 0, tag), Router.latency, name="used", valid=True)
         m.d.comb += self.cleared.eq(idle & last)
 
         sums = self.lane_sums
         for number, each in enumerate(self.classes):
+            # Each class has its own turn and tag, which differ, so that no tool makes one of them, whose wires would be
+            # long.
+            turn = Signal(range(config.lanes), name=f"turn_{number}")
+            m.d.sync += turn.eq(Mux(first, number % config.lanes, turn + 1))
+            tags = (1 << config.tag_bits) - 1  # 1, 2, …
+            tag = Signal(config.tag_bits, name=f"tag_{number}", init=1 + number % tags)
+            with m.If(self.next):
+                m.d.sync += tag.eq(Mux(tag == tags, 1, tag + 1))
+            used = delay(m, Mux(idle, 0, tag), Router.latency, name=f"used_{number}", valid=True)
             m.d.comb += [
                 each.turn.eq(turn),
                 each.tag.eq(used),
