@@ -80,6 +80,13 @@ def region_registers_table():
     return markdown([register for register in more if register.name not in known or register.name == "RESULT_FLAGS"])
 
 
+def motion_registers_table():
+    """What hardware of presets ``similarity`` and ``rotation`` has beside those of ``fast``, and of a camera."""
+    known = {register.name for name in ("fast", "flow") for register in register_map(preset(name))}
+    more = {register.name: register for name in ("similarity", "rotation") for register in register_map(preset(name))}
+    return markdown(sorted((more[name] for name in {*more} - known), key=lambda register: register.offset))
+
+
 def registers_table():
     """All registers of the default preset, and what the other ascent has in their place."""
     shared, others = register_map(preset("fast")), register_map(preset("paper"))
@@ -92,6 +99,7 @@ def registers_table():
 DECLARED = {
     "registers": registers_table,
     "region_registers": region_registers_table,
+    "motion_registers": motion_registers_table,
     "flags": flags_table,
     "csv": csv_table,
     "sweep": sweep_table,

@@ -10,8 +10,9 @@ import pytest
 import cmfpga
 from cmfpga import build, cli, generate, track
 from cmfpga.camera import RATES
-from cmfpga.driver import __main__ as driver_command
-from cmfpga.errors import ConfigError
+from cmfpga.config import PRESETS
+from cmfpga.rtl.core import Core
+from cmfpga.verilog.compiler import find_compiler
 
 OMEGA = (0.5, -1.0, 0.4)
 ZOOM, ROLL, VELOCITY = 0.9, -1.2, (30.0, 15.0)
@@ -72,12 +73,43 @@ def test_a_rotation_needs_no_option(turn, tmp_path, capsys):
     assert (summary["config"]["roi_width"], summary["config"]["roi_height"]) == (240, 180)
 
 
+@pytest.mark.skipif(find_compiler() is None, reason="no C++ compiler to compile the Verilog with: install g++")
+@pytest.mark.parametrize("preset", ["similarity", "rotation"])
+def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):
+    """All rows of the model, but for the cycles, which the core's formula gives."""
+    config = PRESETS[preset]
+    core, found = Core(config), {}
+    where = [grow, "--roi", "56,26"] if preset == "similarity" else [turn]
+    for engine in ("axi", "model"):
+        told = [*where, "--preset", preset, "--engine", engine, "--batch-events", "2500", "--batches", "3"]
+        assert track.main([*map(str, told), "--no-picture", "--out", str(tmp_path / engine)]) == 0
+        found[engine] = rows(tmp_path / engine)
+    for k, (a, b) in enumerate(zip(found["axi"], found["model"], strict=True)):
+        plan = config.schedules.warm if k else config.schedules.cold
+        counts = {name: int(a[name]) for name in ("events", "roi_events")}
+        assert a == b | {"cycles": str(core.cycles(**counts, iterations=plan))}
+    assert len(found["axi"]) == 3 and "3 batches tracked (axi engine)" in capsys.readouterr().out
+
+
+def test_the_axi_top_is_built(tmp_path, capsys):
+    """Without a camera, which shapes no hardware; its documents have the registers of the motion."""
+    small = "sensor_width=48 sensor_height=32 roi_width=48 roi_height=32 buffer_events=64 ram_style=auto".split()
+    told = ["--preset", "rotation", "--top", "kv260", *(part for field in small for part in ("--set", field))]
+    assert build.main([*told, "--out", str(tmp_path)]) == 0
+    told = json.loads((tmp_path / "kv260-info.json").read_text(encoding="utf-8"))
+    assert told["configuration"]["motion"] == "rotation" and told["result_words"] == 22
+    assert {"CENTRE", "CURVE", "NODE_WRITE", "RESULT_V_ROLL"} <= set(told["registers"])
+    assert "`CURVE`" in (tmp_path / "registers.md").read_text(encoding="utf-8")
+
+
 def test_python_finds_the_same(turn, tmp_path):
     assert track.main([str(turn), "--preset", "rotation", "--engine", "model", "--batches", "1", "--no-picture",
                        "--out", str(tmp_path)]) == 0  # fmt: skip
     found = cmfpga.track(turn, preset="rotation", engine="model", batches=1)
     found.to_csv(tmp_path / "python.csv")
     assert (tmp_path / "python.csv").read_text() == (tmp_path / "track.csv").read_text()
+    found.report(tmp_path / "page.html")
+    assert "<h2>Angular velocity of the camera</h2>" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert found.wy_rad_per_s.dtype == np.float64 and set(RATES["rotation"]) <= set(found.to_arrays())
     assert [axis.get_title() for axis in found.plot().axes][-2:].count("angular velocity of the camera") == 1
     trace = found.trace(0)
@@ -108,19 +140,6 @@ def test_a_rotation_without_a_calibration(grow, turn, tmp_path, capsys):
     assert "no calibration, which motion = rotation needs: --camera FILE" in refused(track.main, [grow, *told], capsys)
     assert "synthetic scene: it holds no calibration" in refused(track.main, told, capsys)
     assert track.main([str(grow), *map(str, told), "--camera", str(turn), "--batch-us", "60000", "--batches", "1"]) == 0
-
-
-def test_what_knows_translation_alone(turn, tmp_path, capsys):
-    only = "motion = rotation: the AXI top has translation alone"
-    asked = [turn, "--preset", "rotation", "--out", tmp_path]
-    assert only in refused(track.main, [*asked, "--engine", "axi"], capsys)
-    assert only in refused(build.main, ["--preset", "rotation", "--top", "kv260", "--out", tmp_path / "b"], capsys)
-    assert only in refused(build.main, ["--preset", "rotation", "--top", "ulx3s", "--out", tmp_path / "b"], capsys)
-    assert only in refused(driver_command.main, ["--preset", "rotation"], capsys)
-    page = "report: motion = rotation: the page shows translation alone"
-    assert page in refused(track.main, [*asked, "--engine", "model", "--report"], capsys)
-    with pytest.raises(ConfigError, match=page):
-        cmfpga.track(turn, preset="rotation", engine="model", batches=1).report(tmp_path / "page.html")
 
 
 @pytest.mark.parametrize("told, why", [

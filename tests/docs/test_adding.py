@@ -24,7 +24,7 @@ from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.events import Events
 from cmfpga.protocol.registers import register_map
-from cmfpga.protocol.results import PACKET_BEATS, fields_of
+from cmfpga.protocol.results import fields_of, packet_beats
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.top import VerilogCore
 
@@ -32,7 +32,7 @@ config = preset({preset!r}).replace(
     sensor_width=24, sensor_height=16, roi_width=8, roi_height=8, buffer_events=64, max_batch_events=200,
     start="given", v_start_x=3.0)
 rng = np.random.default_rng(5)
-found = {{"map": {{r.name: r.offset for r in register_map(config)}}, "beats": PACKET_BEATS, "outcomes": []}}
+found = {{"map": {{r.name: r.offset for r in register_map(config)}}, "beats": packet_beats(config), "outcomes": []}}
 found["ports"] = VerilogCore(config).port_order
 settings = BatchSettings.from_config(config, (8, 4))
 engines = [make_engine(name, config) for name in ({engine!r}, "model")]
@@ -98,8 +98,8 @@ def test_examples(preset, engine, tmp_path):
     found = run(applied(both, tmp_path), preset, engine, '{"roi_hold": 1, "roi": None}')
     assert isinstance(found, dict), found
     assert {"settings_roi_hold", "result_roi_first"} <= set(found["ports"])
-    assert found["map"]["ROI_HOLD"] == 0x80 + 4 * 23 and found["map"]["RESULT_ROI_FIRST"] == 0x100 + 4 * 38
-    assert found["beats"] == 20
+    assert found["map"]["ROI_HOLD"] == 0x80 + 4 * 27 and found["map"]["RESULT_ROI_FIRST"] == 0x100 + 4 * 44
+    assert found["beats"] == 23
     outcomes = found["outcomes"]
     moved, held = outcomes[0 if preset == "paper" else 1], outcomes[-1]  # with two buffers a move shows a batch later
     assert moved["roi_next"] != moved["roi"] and held["roi_next"] == held["roi"]

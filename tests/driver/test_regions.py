@@ -16,7 +16,7 @@ from cmfpga.events.columns import MemoryRecording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.registers import register_map
-from cmfpga.protocol.results import PACKET_BEATS, counts_of
+from cmfpga.protocol.results import counts_of, packet_beats
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.simulation.axi_top import PACKET, SimulatedTop
 from cmfpga.tracking.fit import batch_cutter
@@ -237,7 +237,7 @@ def test_no_batch_begins_before_its_rows_are_known(accelerator, top, rng):
         write_row(accelerator, known)
         assert not control.read("TABLES")["ROWS_MISSING"]
         top.run(30_000)
-        assert len(top.take()) == count * PACKET_BEATS
+        assert len(top.take()) == count * packet_beats(CONFIG)
     # A row that was not in use is not known any more; nor is any behind a reset.
     accelerator.reset()
     for count in (3, 1, 2):
@@ -266,7 +266,7 @@ def test_a_reset_in_the_middle_of_a_packet_ends_it(accelerator, top, rng):
         top.run(400)
         packet = top.take()
         if packet is not None:
-            records = split_packets(packet)  # or else it is not of whole records
+            records = split_packets(REGISTERS, packet)  # or else it is not of whole records
             marks = [record[1] >> 19 & 1 for record in records.tolist()]
             assert len(records) <= 4 and not any(marks[:-1])
             repeated += len(records) > 1 and (records[-1] == records[-2]).all()
@@ -319,10 +319,11 @@ def test_a_packet_that_is_not_whole_is_refused(accelerator, top, rng):
     top.run(30_000)
     words = top.take()
     assert len(result_of(CONFIG, REGISTERS, words, "it").regions) == 3
+    beats = packet_beats(CONFIG)
     for wrong in (words[:-1], words[:0], np.tile(words, 2)):
-        with pytest.raises(DeviceError, match=f"it: a packet of {len(wrong)} words; {PACKET_BEATS} make a result"):
+        with pytest.raises(DeviceError, match=f"it: a packet of {len(wrong)} words; {beats} make a result"):
             result_of(CONFIG, REGISTERS, wrong, "it")
-    for wrong in (words[:-PACKET_BEATS], np.concatenate([words, words[:PACKET_BEATS]])):
+    for wrong in (words[:-beats], np.concatenate([words, words[:beats]])):
         with pytest.raises(DeviceError, match="came in one packet; one of each is needed"):
             result_of(CONFIG, REGISTERS, wrong, "it")
 

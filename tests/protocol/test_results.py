@@ -11,13 +11,13 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import (
     COUNTS,
-    PACKET_BEATS,
     RESULTS,
     BatchResult,
     RegionOutcome,
     WireResult,
     decode,
     fields_of,
+    packet_beats,
 )  # fmt: skip
 from cmfpga.protocol.settings import SETTINGS, BatchSettings, settings_of, settings_values
 from cmfpga.protocol.shapes import leaves
@@ -55,7 +55,9 @@ def test_every_bit_of_a_result_has_its_place(name):
 
 def test_words_of_a_packet_have_no_gaps():
     words = {place.word for f in RESULTS for place in f.places}
-    assert words == set(range(len(words))) and 2 * PACKET_BEATS - len(words) in (0, 1)
+    beats = {name: packet_beats(preset(name)) for name in WRAPPED}
+    assert words == set(range(len(words))) and 2 * beats["similarity"] - len(words) in (0, 1)
+    assert beats == dict.fromkeys(WRAPPED, 19) | dict.fromkeys(("similarity", "rotation"), 22)
 
 
 def test_names_are_used_once():

@@ -2,6 +2,7 @@
 
 import pytest
 
+from cmfpga.camera import Camera
 from cmfpga.config import Config, preset
 from cmfpga.events import generate
 from support.browser import Opened
@@ -30,6 +31,29 @@ def flagged():
     )  # fmt: skip
     recording = scene.recording("/me/<script><b>&amp; $x$")
     return keep(config, recording, roi=(14, 18), size=200, batches=12, motion=scene.motion)
+
+
+@pytest.fixture(scope="session")
+def panning():
+    """A camera with a lens that turns, seen whole."""
+    camera = Camera(80.0, 80.0, 47.0, 31.0, -0.1)
+    size = {"width": 96, "height": 64}
+    scene = generate(seed=2, **size, size=(140, 100), bars=12, rotation=(1.0, -2.0, 0.5), camera=camera,
+                     duration_us=60_000)  # fmt: skip
+    config = preset("rotation").replace(
+        sensor_width=96, sensor_height=64, roi_width=96, roi_height=64, buffer_events=4095, ram_style="auto",
+        camera="80,80,47,31,-0.1,0,0,0",
+    )  # fmt: skip
+    return keep(config, scene.recording("panning"), roi=(0, 0), size=len(scene.events) // 2, batches=2)
+
+
+@pytest.fixture(scope="session")
+def growing():
+    """An object that comes nearer and turns."""
+    scene = generate(seed=4, size=(90, 90), bars=12, velocity=(40.0, -20.0), zoom=1.5, roll=1.0, duration_us=90_000)
+    config = preset("similarity").replace(buffer_events=4095)
+    roi = scene.roi_start(config.roi_width, config.roi_height)
+    return keep(config, scene.recording("growing"), roi=roi, size=len(scene.events) // 2, batches=2)
 
 
 @pytest.fixture

@@ -16,6 +16,11 @@ CONFIGS = {
         sensor_width=40, sensor_height=30, roi_width=8, roi_height=6, buffer_events=64, max_batch_events=2000,
         iterations=2, max_iterations=7,
     ),
+    "small similarity": preset("similarity").replace(**SMALL, max_batch_events=2000),
+    "small rotation": preset("rotation").replace(
+        **SMALL | {"roi_width": 64, "roi_height": 48}, max_batch_events=2000, ram_style="auto",
+        camera="70,70,31,22,-0.2,0,0,0",
+    ),
 }  # fmt: skip
 #: Which configuration each simulator runs.
 RUNS = {"verilator": "small fast", "icarus": "tiny paper"}
@@ -45,6 +50,15 @@ def test_in_verilator(tmp_path):
     simulation = Simulation("verilator", CONFIGS[RUNS["verilator"]], tmp_path)
     for module in (REGISTERS, BATCHES, CONTROL, BAD_INPUT):
         check(simulation, module, names_in(module))
+
+
+@pytest.mark.parametrize("motion", [pytest.param("similarity", marks=pytest.mark.slow), "rotation"])
+def test_motions_in_verilator(motion, tmp_path):
+    """Stalls on every channel, batches back to back, a reset in the middle of a packet."""
+    require("verilator")
+    simulation = Simulation("verilator", CONFIGS[f"small {motion}"], tmp_path)
+    check(simulation, BATCHES, ["all_formats_under_back_pressure", "ten_batches_back_to_back"])
+    check(simulation, CONTROL, ["reset_in_traffic"])
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def axi_top(config):
 #: What is hashed: a function that emits it.
 EMITTED = {
     **{f"{TOP} {name}": lambda name=name: emitted(preset(name))[1] for name in PRESETS},
-    **{f"{BOARD.top} {name}": lambda name=name: axi_top(preset(name)) for name in ("fast", "objects")},
+    **{f"{BOARD.top} {name}": lambda name=name: axi_top(preset(name)) for name in ("fast", "objects", "rotation")},
 }
 
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
 from cmfpga.sweep import plan, store, truth
-from cmfpga.sweep.plan import Run, choices, rows, subjects
+from cmfpga.sweep.plan import Run, Subject, choices, rows, subjects
 from cmfpga.sweep.task import Task, run_task, version
 from cmfpga.sweep.truth import read_truth, sidecar
 from support.sweeping import make_recording, run_here, small
@@ -34,9 +35,15 @@ def test_presets_vary_too_and_schedules_keep_their_blanks():
     assert [choice.number for choice in found] == [0, 1, 2, 3]
     unread = "cold = '{}': ascent = sign is needed; ascent = constant ignores it"
     assert skipped == [unread.format(schedule) for schedule in ("0:0*8", "1:0*4 0:-1*4")]
-    assert found[1].fields(None) == {**preset("fast").to_dict(), "cold": "1:0*4 0:-1*4"}
+    assert found[1].fields(Subject(name="x", path=Path("x"), roi=None)) == {
+        **preset("fast").to_dict(),
+        "cold": "1:0*4 0:-1*4",
+    }
     (only,), _ = choices("fast", [], [])
-    assert only.fields((640, 480)) == preset("fast").replace(sensor_width=640, sensor_height=480).to_dict()
+    assert (
+        only.fields(Subject(name="x", path=Path("x"), roi=None, sensor=(640, 480)))
+        == preset("fast").replace(sensor_width=640, sensor_height=480).to_dict()
+    )
     assert only.label == "as given"
 
 

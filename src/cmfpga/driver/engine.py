@@ -27,7 +27,7 @@ class AcceleratorEngine(Engine):
     def __init__(self, accelerator):
         super().__init__(accelerator.config)
         self._accelerator = accelerator
-        self._v = (0.0, 0.0)
+        self.forget()
 
     @property
     def v(self):
@@ -35,7 +35,8 @@ class AcceleratorEngine(Engine):
 
     def forget(self):
         """The state after a reset."""
-        self.roi, self._waiting_roi, self._v = (0, 0), None, (0.0, 0.0)
+        self.roi, self._waiting_roi = (0, 0), None
+        self._v = (0.0,) * len(self.config.motion_model.names)
 
     def _nothing(self, settings):
         return WireResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v)

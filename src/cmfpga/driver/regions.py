@@ -4,7 +4,7 @@ import numpy as np
 
 from ..errors import DeviceError
 from ..events.arrays import Events
-from ..protocol.results import PACKET_BEATS, RegionOutcome, WireResult, decode, fields_of
+from ..protocol.results import RegionOutcome, WireResult, decode, fields_of, packet_beats
 from ..protocol.words import result_values, split_packets
 from .engine import transact
 
@@ -47,9 +47,10 @@ def result_of(config, registers, words, name):
 
     Raises :exc:`DeviceError` where it is not whole; ``name`` is who sent it.
     """
-    if len(words) % PACKET_BEATS or not 1 <= len(words) // PACKET_BEATS <= max(1, config.regions):
-        raise DeviceError(f"{name}: a packet of {len(words)} words; {PACKET_BEATS} make a result")
-    records = [result_values(registers, record) for record in split_packets(words)]
+    beats = packet_beats(config)
+    if len(words) % beats or not 1 <= len(words) // beats <= max(1, config.regions):
+        raise DeviceError(f"{name}: a packet of {len(words)} words; {beats} make a result")
+    records = [result_values(registers, record) for record in split_packets(registers, words)]
     if not config.regions:
         return WireResult(**decode(config, records[0], "wrapper"))
     numbers, lasts = [record["region"] for record in records], [record["last"] for record in records]

@@ -7,7 +7,8 @@ from amaranth.lib import data
 from amaranth.sim import Simulator
 
 from ..camera import node_writes
-from ..protocol.settings import mask_writes, schedule_table, settings_values
+from ..protocol.settings import schedule_table, settings_values
+from ..protocol.tables import mask_writes
 from ..protocol.trace import columns
 from ..rtl.core import Core
 from ..rtl.payloads import schedule_entry

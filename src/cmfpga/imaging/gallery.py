@@ -24,11 +24,11 @@ _ROI, _TRAIL = "tab:red", "tab:cyan"
 _LINES = ("tab:blue", "tab:orange", "tab:green")
 
 #: Charts over time by the motion: title, label, and names of what is drawn.
-_SPEED = {"vx": "vx", "vy": "vy"}
-_CHARTS = {
-    "translation": (("velocity of the object", "velocity [px/s]", _SPEED),),
+SPEED = {"vx": "vx", "vy": "vy"}
+CHARTS = {
+    "translation": (("velocity of the object", "velocity [px/s]", SPEED),),
     "similarity": (
-        ("velocity of the object", "velocity [px/s]", _SPEED),
+        ("velocity of the object", "velocity [px/s]", SPEED),
         ("zoom and roll", "zoom [1/s], roll [rad/s]", {"zoom_per_s": "zoom", "roll_rad_per_s": "roll"}),
     ),
     "rotation": (
@@ -88,7 +88,7 @@ class Gallery:
         self._corners.append(batch.result.roi)
         if batch.v_px_per_s is not None:
             self._times.append(batch.t_ref)
-            self._values.append({**dict(zip(_SPEED, batch.v_px_per_s, strict=True)), **batch.rates})
+            self._values.append({**dict(zip(SPEED, batch.v_px_per_s, strict=True)), **batch.rates})
             self._truths.append(batch.true_px_per_s(self.motion))
             self._doubtful.append(Flag.DOUBTFUL in batch.flags)
             self._keep_sharpest(batch)
@@ -204,7 +204,7 @@ class Gallery:
 
     def _draw_motion(self, figure):
         """Velocity over time; of motions beyond translation what they are in physical units, beside it or instead."""
-        charts = _CHARTS[self.config.motion]
+        charts = CHARTS[self.config.motion]
         for axis, (title, label, lines) in zip(figure.subplots(len(charts), squeeze=False)[:, 0], charts, strict=True):
             self._draw_chart(axis, lines)
             doubtful = " (hollow: doubtful)" * any(self._doubtful)
@@ -219,7 +219,7 @@ class Gallery:
             axis.plot(seconds, found, "o-", color=colour, markersize=4, label=f"{shown} found", markevery=~doubtful)
             if doubtful.any():
                 axis.plot(seconds[doubtful], found[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
-            if self.motion and name in _SPEED:
+            if self.motion and name in SPEED:
                 style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
                 axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{shown} true")
         axis.axhline(0, color="gray", linewidth=0.5)

@@ -104,13 +104,14 @@ def image_of_votes(across, down, columns, rows):
     return image[_RIM:-_RIM, _RIM:-_RIM]
 
 
-def gain(x, y, dt, v, *, width, height):
-    """How many times the contrast at v = 0 that at ``v`` is, where the image shows motion only.
+def gain(config, x, y, dt, v, roi):
+    """How many times the contrast at v = 0 that at ``v``, a motion's parameters, is, where the image shows motion only.
 
     Dithered, whatever the configuration: on whole pixels, v = 0 has an edge that the motion did not give it.
     """
-    size = {"width": width, "height": height}
-    still, moved = (image_of_warped_events(*dithered(x, y), dt, at, **size).var() for at in ((0.0, 0.0), v))
+    size = {"width": config.roi_width, "height": config.roi_height}
+    moves = (0.0, 0.0), flow(config, v, x, y, roi)
+    still, moved = (image_of_warped_events(*dithered(x, y), dt, at, **size).var() for at in moves)
     return float(moved / max(still, 1e-12))
 
 

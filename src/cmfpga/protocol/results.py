@@ -119,7 +119,9 @@ _FILTERED = {"scope": "batch", "default": 0}
 RESULTS = (
     ResultField(name="v", shape=velocity_shape, scope="region", doc="velocity", unit="px/half batch",
                 places=(Place(word=4, register="RESULT_V_X", part="_x", doc="velocity along x, raw: see FORMATS"),
-                        Place(word=5, register="RESULT_V_Y", part="_y", doc="velocity along y, raw"))),
+                        Place(word=5, register="RESULT_V_Y", part="_y", doc="velocity along y, raw"),
+                        Place(word=38, register="RESULT_V_ZOOM", part="_zoom", doc="zoom at the lever arm, raw"),
+                        Place(word=39, register="RESULT_V_ROLL", part="_roll", doc="roll at the lever arm, raw"))),
     ResultField(name="t_first", shape=lambda c: whole(c.time_bits), scope="batch", taken_in=True, default=None,
                 nothing=None, doc="time stamp of the first event, t_1", unit="µs", places=(Place(word=6),)),
     ResultField(name="span", shape=lambda c: whole(c.span_bits), scope="batch", taken_in=True, doc="t_N − t_1",
@@ -150,7 +152,9 @@ RESULTS = (
                 doc="sums of the last iteration; 0 in a degenerate batch", read=lambda *raw: raw,
                 places=(*_long(18, "RESULT_SUM_I", "_i", "ΣI of the last iteration, raw; 0 in a degenerate batch"),
                         *_long(20, "RESULT_SUM_DX", "_dx", "ΣDx"), *_long(22, "RESULT_SUM_DY", "_dy", "ΣDy"),
-                        *_long(24, "RESULT_SX", "_sx", "Σ I·Dx"), *_long(26, "RESULT_SY", "_sy", "Σ I·Dy"))),
+                        *_long(24, "RESULT_SX", "_sx", "Σ I·Dx"), *_long(26, "RESULT_SY", "_sy", "Σ I·Dy"),
+                        *_long(40, "RESULT_SZOOM", "_szoom", "Σ I·D of the zoom"),
+                        *_long(42, "RESULT_SROLL", "_sroll", "Σ I·D of the roll"))),
     ResultField(name="cycles", shape=lambda c: whole(CYCLE_BITS), scope="region", default=None, nothing=None,
                 doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
     ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag,
@@ -193,8 +197,16 @@ RESULTS = (
                 places=(Place(word=1, register="RESULT_FLAGS", field="REGION", lsb=20, width=12),)),
 )  # fmt: skip
 
-#: 64-bit words of a result packet.
-PACKET_BEATS = max(place.word for f in RESULTS for place in f.places) // 2 + 1
+
+def packet_beats(config):
+    """64-bit words of a result packet: it has room for all fields, and for the parts of them that there are."""
+    return 1 + max(
+        place.word // 2
+        for f in RESULTS
+        for place in f.places
+        if not f.when(config) or f.name + place.part in leaves(f.name, f.shape(config))
+    )
+
 
 #: Fields that add up to ``events`` in hardware without filters of noise: every event is counted once.
 COUNTS = tuple(f.name for f in RESULTS if f.counts and f.when is always)

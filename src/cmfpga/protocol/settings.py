@@ -138,6 +138,11 @@ def with_rotation(config):
     return config.motion == "rotation"
 
 
+def with_moving_roi(config):
+    """Only with a motion that the ROI follows."""
+    return any(parameter.moves_roi for parameter in config.motion_model.parameters)
+
+
 def velocity_shape(config):
     """The motion's parameters."""
     return {parameter.name: parameter.fmt for parameter in config.motion_model.parameters}
@@ -153,6 +158,11 @@ def _place(config):
     """A position on the sensor, in quarters of a pixel."""
     geometry, frac = config.geometry, config.motion_model.place_frac
     return pair(*(Q(bits, frac, signed=False) for bits in (geometry.x_bits, geometry.y_bits)))
+
+
+def _last_place(config):
+    """That of the sensor's last pixel."""
+    return pair(*(size - 1 << config.motion_model.place_frac for size in (config.sensor_width, config.sensor_height)))
 
 
 def plan_high(config):
@@ -219,7 +229,7 @@ SETTINGS = (
             asked=lambda c: min(c.iterations, c.max_iterations), places=(Place(word=13),)),
     Setting(name="eta", field="eta", shape=lambda c: c.formats.eta, shown=by_gradient,
             doc="step of the gradient ascent, raw", places=(Place(word=14),)),
-    Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain,
+    Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain, shown=with_moving_roi,
             doc="displacement of the ROI per v, raw", places=(Place(word=6),)),
     Setting(name="start_last", shape=lambda c: whole(1), asked=lambda c: c.start == "last", reset=1,
             shown=with_one_roi,
@@ -230,7 +240,9 @@ SETTINGS = (
     Setting(name="v_start", shape=velocity_shape, asked=_start, doc="start velocity, raw",
             unit="px/half batch",
             places=(Place(word=8, register="V_START_X", part="_x", unit="", doc="start velocity along x, raw"),
-                    Place(word=9, register="V_START_Y", part="_y", unit="", doc="start velocity along y, raw"))),
+                    Place(word=9, register="V_START_Y", part="_y", unit="", doc="start velocity along y, raw"),
+                    Place(word=23, register="V_START_ZOOM", part="_zoom", unit="", doc="start of the zoom, raw"),
+                    Place(word=24, register="V_START_ROLL", part="_roll", unit="", doc="start of the roll, raw"))),
     Setting(name="min_roi_events", field="min_roi_events", high=lambda c: c.buffer_events, places=(Place(word=10),)),
     _plan("cold", 15, "without", lambda c, s: 0),
     _plan("warm", 16, "with", lambda c, s: len(s.cold) % c.schedule_entries),
@@ -253,12 +265,15 @@ SETTINGS = (
             asked=lambda c: c.motion_model.lens(c), raw=lambda c, s: bool(s.camera),
             doc="1: undistort, as the table of nodes says",
             places=(Place(word=21, field="ENABLE", width=1),)),
-    Setting(name="centre", when=with_rotation, shape=_place, unit="px",
-            raw=lambda c, s: c.motion_model.centre(s.camera), doc="principal point, raw: quarters of a pixel"),
+    Setting(name="centre", when=with_rotation, shape=_place, high=_last_place,
+            raw=lambda c, s: c.motion_model.centre(s.camera), doc="principal point, raw: quarters of a pixel",
+            places=(Place(word=25, part="_x", field="X", width=16, doc="column, in quarters of a pixel"),
+                    Place(word=25, part="_y", field="Y", lsb=16, width=16, doc="row"))),
     Setting(name="rows", high=lambda c: c.regions, low=1, when=with_regions, default=1,
             doc="rows of the table of regions that are in use", unit="regions", reset=1, places=(Place(word=22),)),
-    Setting(name="curve", when=with_rotation, shape=lambda c: whole(c.motion_model.curve_bits),
-            raw=lambda c, s: c.motion_model.curve(s.camera), doc="2^27/f² of the focal length f in px"),
+    Setting(name="curve", when=with_rotation, high=lambda c: (1 << c.motion_model.curve_bits) - 1,
+            raw=lambda c, s: c.motion_model.curve(s.camera), doc="2^27/f² of the focal length f in px",
+            places=(Place(word=26),)),
 )  # fmt: skip
 
 
@@ -318,29 +333,6 @@ def schedule_table(config, settings):
 def table_entry(config, entry):
     """(level, shift, stride) of a ``ScheduleEntry`` in the table of schedules: v's raw units, log2 of the stride."""
     return entry.level, entry.log2_step + config.formats.v.f, entry.stride.bit_length() - 1
-
-
-def mask_words(config, pixels):
-    """The mask of hot pixels as the hardware holds it: ``{(column // 32, row): word}``, of words that are not 0."""
-    words = {}
-    for column, row in pixels:
-        at = column // config.geometry.mask_pixels, row
-        words[at] = words.get(at, 0) | 1 << column % config.geometry.mask_pixels
-    return words
-
-
-def mask_writes(config, pixels, before=None):
-    """What has to be written to mark ``pixels``: [(column, row, word)].
-
-    ``before`` are those that are marked now; None: nobody knows, so all words are written.
-    """
-    words, columns = mask_words(config, pixels), config.geometry.mask_columns
-    if before is None:
-        places = [(column, row) for row in range(config.sensor_height) for column in range(columns)]
-    else:
-        known = mask_words(config, before)
-        places = sorted(at for at in {*words, *known} if words.get(at) != known.get(at))
-    return [(*at, words.get(at, 0)) for at in places]
 
 
 def clamp_roi(config, roi):

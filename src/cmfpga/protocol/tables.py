@@ -1,6 +1,6 @@
-"""Tables that are written at run time through a window of registers, a row at a time: what the registers hold.
+"""Tables that are written at run time: through a window of registers, a row at a time; and the mask of hot pixels.
 
-Each has the members of what fills the hardware's table (:func:`cmfpga.rtl.regions.payloads.row_write`,
+Each window has the members of what fills the hardware's table (:func:`cmfpga.rtl.regions.payloads.row_write`,
 :func:`cmfpga.rtl.payloads.node_write`). The last register says which row it is; a write to it writes the row.
 
 Imports neither Amaranth nor NumPy.
@@ -52,3 +52,26 @@ def window_words(registers, name, values):
         (register, register.pack(**{f.name: values[f.link] for f in register.fields}))
         for register in window_of(registers, name)
     ]
+
+
+def mask_words(config, pixels):
+    """The mask of hot pixels as the hardware holds it: ``{(column // 32, row): word}``, of words that are not 0."""
+    words = {}
+    for column, row in pixels:
+        at = column // config.geometry.mask_pixels, row
+        words[at] = words.get(at, 0) | 1 << column % config.geometry.mask_pixels
+    return words
+
+
+def mask_writes(config, pixels, before=None):
+    """What has to be written to mark ``pixels``: [(column, row, word)].
+
+    ``before`` are those that are marked now; None: nobody knows, so all words are written.
+    """
+    words, columns = mask_words(config, pixels), config.geometry.mask_columns
+    if before is None:
+        places = [(column, row) for row in range(config.sensor_height) for column in range(columns)]
+    else:
+        known = mask_words(config, before)
+        places = sorted(at for at in {*words, *known} if words.get(at) != known.get(at))
+    return [(*at, words.get(at, 0)) for at in places]

@@ -22,7 +22,6 @@ import numpy as np
 
 from ..errors import RecordingError
 from .registers import FORMATS
-from .results import PACKET_BEATS
 from .word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS, TIME_HIGH
 
 
@@ -162,9 +161,9 @@ def read_raw(path):
 # ---------------------------------------------------------------- results
 
 
-def split_packets(words):
+def split_packets(registers, words):
     """Result packets, one after the other, as uint32 array [packets, words]: word k is the k-th result register."""
-    words = np.ascontiguousarray(words, "<u8").reshape(-1, PACKET_BEATS)
+    words = np.ascontiguousarray(words, "<u8").reshape(-1, registers["RESULT_SIZE"].reset)
     return words.view("<u4").astype(np.uint32)
 
 
@@ -187,7 +186,7 @@ def result_values(registers, words):
     group = registers.group("Result")
     places = {register.name: (register.offset - group[0].offset) // 4 for register in group}
     count = max(places.values()) + 1
-    if len(words) not in (count, 2 * PACKET_BEATS):
+    if len(words) not in (count, 2 * registers["RESULT_SIZE"].reset):
         raise ValueError(f"{len(words)} words of a result: {count} are needed")
     word = {name: words[place] for name, place in places.items()}
     values = {}

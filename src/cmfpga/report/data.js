@@ -8,7 +8,7 @@ const { columns, details, roi, sensor } = head;
 const batches = columns.batch.length;
 const missing = "—";
 let shown = 0; // index into details
-let level = 0; // of the landscape
+let level = 0, pair = [0, 1]; // of the landscape: its pixels, and the parameters that it is drawn over
 let playing = null;
 let drawing = false;
 
@@ -45,12 +45,39 @@ function dithered(values, axis) {
     value + Math.floor(((half + k * factor) % whole) / 2 ** (bits - frac)) / 2 ** frac - 0.5);
 }
 
-/* Image of warped events at v, with pixels 2^level px wide. */
-function warpedImage(x, y, dt, v, level) {
+/* Of each parameter of the motion: how far it moves the events along x and y, per unit. */
+function basisOf(detail) {
+  const { parameters, lever, middle, square } = head.motion;
+  const corner = [columns.roi_x, columns.roi_y].map((column) => Number(column[detail.batch]));
+  const at = [0, 1].map((axis) => (middle ? middle[axis] - corner[axis] : (roi[axis] - 1) / 2));
+  const p = detail.x.map((x) => x - at[0]), q = detail.y.map((y) => y - at[1]);
+  const members = { one: () => 1, p: (k) => p[k] / lever, q: (k) => q[k] / lever, xx: (k) => p[k] * p[k] / square,
+    xy: (k) => p[k] * q[k] / square, yy: (k) => q[k] * q[k] / square };
+  return parameters.map(({ terms }) => terms.map((along) =>
+    p.map((_, k) => along.reduce((sum, [member, sign]) => sum + sign * members[member](k), 0))));
+}
+
+/* How far the events move in half a batch, along x and y, at parameters v. */
+function flow(detail, v) {
+  detail.basis ??= basisOf(detail);
+  return [0, 1].map((axis) => {
+    const moved = new Float64Array(detail.events);
+    v.forEach((value, i) => {
+      const basis = detail.basis[i][axis];
+      if (value && head.motion.parameters[i].terms[axis].length) {
+        for (let k = 0; k < moved.length; ++k) moved[k] += value * basis[k];
+      }
+    });
+    return moved;
+  });
+}
+
+/* Image of events that move by u, with pixels 2^level px wide. */
+function warpedImage(x, y, dt, [ux, uy], level) {
   const size = 2 ** level, width = Math.ceil(roi[0] / size), height = Math.ceil(roi[1] / size);
   const image = new Float64Array(width * height);
   for (let k = 0; k < x.length; ++k) {
-    const wx = (x[k] - dt[k] * v[0] + 0.5) / size - 0.5, wy = (y[k] - dt[k] * v[1] + 0.5) / size - 0.5;
+    const wx = (x[k] - dt[k] * ux[k] + 0.5) / size - 0.5, wy = (y[k] - dt[k] * uy[k] + 0.5) / size - 0.5;
     const i = Math.floor(wx), j = Math.floor(wy), fx = wx - i, fy = wy - j;
     if (i < -1 || j < -1 || i >= width || j >= height) continue;
     const left = i >= 0, right = i + 1 < width, at = j * width + i;
@@ -78,10 +105,15 @@ function rows(flat, width, height) {
   return Array.from({ length: height }, (_, row) => flat.subarray(row * width, (row + 1) * width));
 }
 
-function landscapeOf(detail, level) {
-  const points = detail.events > 3000 ? 25 : 41, reach = head.reach;
+/* Contrast over two parameters; the others are those found. */
+function landscapeOf(detail, level, [a, b]) {
+  const points = detail.events > 12000 ? 17 : detail.events > 3000 ? 25 : 41, reach = head.reach;
   const axis = Array.from({ length: points }, (_, k) => reach * (2 * k / (points - 1) - 1));
   const x = dithered(detail.x, 0), y = dithered(detail.y, 1), dt = scaledTimes(detail);
-  const z = axis.map((vy) => axis.map((vx) => contrast(warpedImage(x, y, dt, [vx, vy], level).image)));
+  const z = axis.map((vb) => axis.map((va) => {
+    const v = [...detail.v[detail.v.length - 1]];
+    [v[a], v[b]] = [va, vb];
+    return contrast(warpedImage(x, y, dt, flow(detail, v), level).image);
+  }));
   return { axis, z };
 }

@@ -67,14 +67,17 @@ function drawFrame(detail) {
 
 function drawImages(detail) {
   const k = detail.batch, dt = scaledTimes(detail);
-  const v = detail.levels.length ? detail.v[detail.v.length - 1] : [0, 0];
-  const still = warpedImage(detail.x, detail.y, dt, [0, 0], 0), moved = warpedImage(detail.x, detail.y, dt, v, 0);
+  const { parameters } = head.motion, none = parameters.map(() => 0);
+  const v = detail.levels.length ? detail.v[detail.v.length - 1] : none;
+  const [still, moved] = [none, v].map((at) => warpedImage(detail.x, detail.y, dt, flow(detail, at), 0));
+  const found = parameters.length === 2 ? `v = (${v.map((value) => value.toFixed(2)).join(", ")})`
+    : parameters.map(({ title }, k) => `${title.split(",")[0]} = ${v[k].toFixed(2)}`).join(", ");
   // The brightest fifth of a percent would make all else dark.
   const sorted = Float64Array.from(moved.image).sort();
   const top = Math.max(1, sorted[Math.floor(0.998 * (sorted.length - 1))]);
   const values = { still: contrast(still.image), moved: contrast(moved.image) };
   for (const [id, picture, name] of [["still", still, "v = 0"],
-    ["moved", moved, `v = (${Number(v[0]).toFixed(2)}, ${Number(v[1]).toFixed(2)}) px/half batch`]]) {
+    ["moved", moved, `${found} px/half batch`]]) {
     const data = [{ type: "heatmap", z: rows(picture.image, picture.width, picture.height), zmin: 0, zmax: top,
       colorscale: "Viridis", colorbar: colorbar("events per px"),
       hovertemplate: "x %{x}, y %{y} px: %{z:.2f} events<extra></extra>" }];
@@ -93,37 +96,38 @@ function drawImages(detail) {
 const STEPS = [["circle", 8], ["square", 10], ["diamond", 13], ["diamond", 16]];
 
 function drawLandscape(detail) {
-  const { axis, z } = landscapeOf(detail, level);
+  const { axis, z } = landscapeOf(detail, level, pair), [a, b] = pair;
+  const [across, down] = pair.map((k) => head.motion.parameters[k]);
   const data = [{ type: "heatmap", x: axis, y: axis, z, colorscale: "Cividis", zsmooth: "best",
     colorbar: colorbar("contrast [(events/px)²]"),
-    hovertemplate: "v = (%{x:.2f}, %{y:.2f}) px/half batch: contrast %{z:.3f}<extra></extra>" }];
+    hovertemplate: `${across.title} = %{x:.2f}, ${down.title} = %{y:.2f} px/half batch: contrast %{z:.3f}<extra></extra>` }];
   const path = detail.v, steps = detail.levels, traced = path.length > steps.length;
   for (const each of traced ? new Set(steps) : []) {
     const used = path.map((_, i) => i).filter((i) => i < steps.length && steps[i] === each);
     const [symbol, size] = STEPS[Math.min(each, 3)];
-    const points = used.flatMap((i) => [path[i], path[i + 1], [null, null]]);
-    data.push({ type: "scatter", mode: "lines", hoverinfo: "skip", x: points.map((p) => p[0]), y: points.map((p) => p[1]),
+    const points = used.flatMap((i) => [path[i], path[i + 1], path[i].map(() => null)]);
+    data.push({ type: "scatter", mode: "lines", hoverinfo: "skip", x: points.map((p) => p[a]), y: points.map((p) => p[b]),
       line: { color: "#ffffff", width: each === level ? 3 : 1.5 } });
-    data.push({ type: "scatter", mode: "markers", name: `pixels of ${2 ** each} px`, x: used.map((i) => path[i + 1][0]),
-      y: used.map((i) => path[i + 1][1]), text: used.map((i) => `after iteration ${i + 1} of ${steps.length}`),
+    data.push({ type: "scatter", mode: "markers", name: `pixels of ${2 ** each} px`, x: used.map((i) => path[i + 1][a]),
+      y: used.map((i) => path[i + 1][b]), text: used.map((i) => `after iteration ${i + 1} of ${steps.length}`),
       marker: { symbol, size: steps.length > 40 ? size / 2 : size, color: each === level ? "#ffffff" : "#9a9a9a",
         line: { color: "#000000", width: 1 } },
       hovertemplate: `%{text}, pixels of ${2 ** each} px: v = (%{x:.3f}, %{y:.3f}) px/half batch<extra></extra>` });
   }
   if (steps.length) {
     const [first, last] = [path[0], path[path.length - 1]];
-    data.push({ type: "scatter", mode: "markers", x: [last[0]], y: [last[1]], marker: { symbol: "star", size: 17,
+    data.push({ type: "scatter", mode: "markers", x: [last[a]], y: [last[b]], marker: { symbol: "star", size: 17,
       color: "#e69f00", line: { color: "#000000", width: 1.5 } },
       hovertemplate: "found: v = (%{x:.3f}, %{y:.3f}) px/half batch<extra></extra>" });
-    if (traced) data.push({ type: "scatter", mode: "markers", x: [first[0]], y: [first[1]],
+    if (traced) data.push({ type: "scatter", mode: "markers", x: [first[a]], y: [first[b]],
       marker: { symbol: "circle-open", size: 22, color: "#ffffff", line: { width: 3 } },
       hovertemplate: "start: v = (%{x:.3f}, %{y:.3f})<extra></extra>" });
   }
   Plotly.react("landscape", data, layout(
-    axisLook("vx [px/half batch]", { range: [-head.reach, head.reach], constrain: "domain", showgrid: false }),
-    axisLook("vy [px/half batch]", { range: [head.reach, -head.reach], scaleanchor: "x", constrain: "domain",
+    axisLook(`${across.title} [${across.unit}]`, { range: [-head.reach, head.reach], constrain: "domain", showgrid: false }),
+    axisLook(`${down.title} [${down.unit}]`, { range: [head.reach, -head.reach], scaleanchor: "x", constrain: "domain",
       showgrid: false })), config);
-  describe("landscape", `Contrast over velocity with pixels of ${2 ** level} px, batch ${detail.batch}: ` +
+  describe("landscape", `Contrast over ${across.title} and ${down.title} with pixels of ${2 ** level} px, batch ${detail.batch}: ` +
     (steps.length ? `the ascent goes ${traced ? `from (${path[0]}) ` : ""}to (${path[path.length - 1]}) px per half batch ` +
       `in ${steps.length} iterations.` : "no ascent, nothing was measured."));
 }
@@ -139,7 +143,7 @@ function cursor() {
     line: { color: css("--soft"), width: 2, dash: "dash" } }];
 }
 
-const CHARTS = ["velocity", "margin", "inside", "cycles"];
+const CHARTS = [...head.motion.charts.map(() => "rates"), "velocity", "margin", "inside", "cycles"];
 
 function series(name, y, colour, more = {}) {
   const { line, marker, ...rest } = more;
@@ -173,6 +177,15 @@ function drawCharts() {
   if (head.truths.some((pair) => pair[0] !== null)) {
     velocity.push(series("true vx", head.truths.map((pair) => pair[0]), "--vx", { mode: "lines", line: { dash: "dash" } }));
     velocity.push(series("true vy", head.truths.map((pair) => pair[1]), "--vy", { mode: "lines", line: { dash: "dash" } }));
+  }
+  const looks = [["--vx", "circle"], ["--vy", "square"], ["--soft", "diamond"]];
+  for (const { label, lines } of head.motion.charts) {
+    const rates = Object.entries(lines).map(([name, shown], k) => {
+      const [colour, symbol] = looks[k];
+      return series(shown, numbers(name), colour, { marker: { symbol } });
+    });
+    drawChart("rates", rates, label);
+    describe("rates", `${label} over time; the table of all batches has the numbers.`);
   }
   drawChart("velocity", velocity, "velocity [px/s]");
   describe("velocity", "Velocity of the object over time in px/s; the table of all batches has the numbers.");

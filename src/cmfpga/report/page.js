@@ -53,6 +53,13 @@ function play() {
   $("play").textContent = playing ? "❚❚ stop" : "▶ play";
 }
 
+/* What the buttons below the landscape say. */
+function chosen() {
+  const value = (name) => document.querySelector(`input[name=${name}]:checked`)?.value;
+  level = Number(value("level") ?? level);
+  pair = value("pair")?.split(",").map(Number) ?? pair;
+}
+
 function listen() {
   const slider = $("slider");
   slider.max = details.length - 1;
@@ -71,8 +78,8 @@ function listen() {
     go(shown + step);
   });
   for (const id of CHARTS) $(id).on("plotly_click", ({ points }) => go(nearest(Number(points[0].customdata))));
-  for (const choice of document.querySelectorAll("input[name=level]")) {
-    choice.addEventListener("change", () => { level = Number(choice.value); drawLandscape(details[shown]); });
+  for (const choice of document.querySelectorAll("input[name=level], input[name=pair]")) {
+    choice.addEventListener("change", () => { chosen(); drawLandscape(details[shown]); });
   }
   $("theme").addEventListener("click", () => {
     const root = document.documentElement, now = getComputedStyle(root).colorScheme;
@@ -96,8 +103,7 @@ function listen() {
 (async () => {
   try {
     await unpack();
-    const choice = document.querySelector("input[name=level]:checked");
-    if (choice) level = Number(choice.value);
+    chosen();
     build();
     drawAll();
     listen();

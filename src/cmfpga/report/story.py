@@ -88,7 +88,7 @@ class Story:
     @functools.cached_property
     def verdict(self):
         """How far the batches are to be trusted."""
-        return Verdict(self.kept.numbers, self.flags)
+        return Verdict(self.kept.numbers, self.flags, self.kept.config.motion)
 
     @property
     def lead(self):
@@ -111,6 +111,10 @@ class Story:
             return (
                 f"None of the {len(self.flags)} batches is to be trusted: what moves in the orange frame is not known;"
             )
+        if kept.config.motion == "rotation":
+            speed = np.linalg.norm([*self.verdict.rates.values()], axis=0)
+            fastest = f", up to {speed.max():.3g} rad/s" if speed.max() > 1.3 * np.median(speed) else ""
+            return f"The camera turned for {seconds:.2f} s, at about {np.median(speed):.3g} rad/s{fastest};"
         _, median, highest = self.verdict.px_per_s
         fastest = f", up to {highest:.0f} px/s" if highest > 1.3 * median else ""
         return (
@@ -162,6 +166,8 @@ class Story:
         verdict, sharper = self.verdict, self.gain
         sentences = filter(None, (verdict.share, *verdict.warnings(), *verdict.notes()))
         found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
+        if motion := verdict.motion_text:
+            found.insert(0, f"{motion[0].upper()}{motion[1:]}." if motion[0] != "ω" else f"{motion}.")
         if image := self.kept.config.image:
             found.insert(0, f"ROI, velocity and pictures are in the {image} image.")
         if sharper is not None:
@@ -210,8 +216,8 @@ class Story:
             if not len(detail.levels) or not span:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
-            size = {"width": config.roi_width, "height": config.roi_height}
-            ratios.append(gain(*self.kept.places(detail), dt, detail.v[-1], **size))
+            roi = [self.kept.numbers(name)[detail.batch] for name in ("roi_x", "roi_y")]
+            ratios.append(gain(config, *self.kept.places(detail), dt, detail.v[-1], roi))
         return float(np.median(ratios)) if ratios else None
 
 

@@ -5,7 +5,8 @@ import ctypes
 import numpy as np
 
 from ..camera import node_writes
-from ..protocol.settings import mask_writes, schedule_table
+from ..protocol.settings import schedule_table
+from ..protocol.tables import mask_writes
 from ..rtl.top import verilog_top
 from ..verilog.compile import TABLES, compile_library, is_sound, load, port_names, trace_prefixes
 from ..verilog.emit import cache_folder

@@ -11,7 +11,7 @@ from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
-from ..tracking.source import unit_note
+from ..tracking.source import rotation_fields, unit_note, whole_sensor
 from .task import Task, version
 from .truth import Truth, read_truth
 
@@ -56,6 +56,15 @@ class Subject:
     note: str | None = None
     problem: str = ""
 
+    @property
+    def width(self):
+        """Of the sensor, px, or None; with :attr:`height`, as of an event source."""
+        return self.sensor and self.sensor[0]
+
+    @property
+    def height(self):
+        return self.sensor and self.sensor[1]
+
     def require_roi(self):
         """Raise :exc:`ConfigError` unless it is known where the object is."""
         if not self.problem and self.roi is None and (self.truth is None or self.truth.start is None):
@@ -65,9 +74,11 @@ class Subject:
             )
 
     def roi_for(self, config):
-        """The first batch's ROI; around the object's true place, where none is given."""
-        if self.roi is not None:
-            return self.roi
+        """The first batch's ROI; without one the whole sensor, of a rotation, or around the object's true place."""
+        roi = whole_sensor(config) if self.roi is None else self.roi
+        if roi is not None:
+            return roi
+        self.require_roi()
         centre = self.truth.motion.position(self.first_us)
         sizes, most = (config.roi_width, config.roi_height), (config.geometry.roi_x_max, config.geometry.roi_y_max)
         axes = zip(centre, sizes, most, strict=True)
@@ -99,21 +110,26 @@ class Choice:
         """The values that vary, for people."""
         return ", ".join(f"{name} = {value}" for name, value in self.varied.items()) or "as given"
 
-    def config(self, sensor):
-        """The :class:`Config` for a recording of this sensor. Raises :exc:`ConfigError`."""
-        made = preset(self.preset).replace(**self._fields(sensor))
-        if made.motion != "translation":
-            raise ConfigError(f"motion = {made.motion}: a sweep compares translation alone")
-        return made
+    @property
+    def motion(self):
+        """What is looked for."""
+        return self.changes.get("motion", preset(self.preset).motion)
 
-    def fields(self, sensor):
-        """All fields for a recording of this sensor, whether or not they go together."""
+    def config(self, subject):
+        """The :class:`Config` for a recording; of a rotation with its calibration. Raises :exc:`ConfigError`."""
+        given = self._fields(subject)
+        own = rotation_fields(subject, self.motion, given, "--set camera=fx,fy,cx,cy,k1,k2,p1,p2,k3")
+        return preset(self.preset).replace(**own | given)
+
+    def fields(self, subject):
+        """All fields for a recording, whether or not they go together."""
         try:
-            return self.config(sensor).to_dict()
+            return self.config(subject).to_dict()
         except ConfigError:
-            return preset(self.preset).to_dict() | self._fields(sensor)
+            return preset(self.preset).to_dict() | self._fields(subject)
 
-    def _fields(self, sensor):
+    def _fields(self, subject):
+        sensor = subject.sensor
         size = {} if sensor is None else {"sensor_width": sensor[0], "sensor_height": sensor[1]}
         return size | self.changes
 
@@ -238,7 +254,8 @@ def rows(subjects, choices, run):
     Raises :exc:`ConfigError` where a recording that can be read needs an ROI.
     """
     for subject in subjects:
-        subject.require_roi()
+        if any(choice.motion != "rotation" for choice in choices):
+            subject.require_roi()
     return [_row(subject, choice, run) for subject in subjects for choice in choices]
 
 
@@ -247,7 +264,7 @@ def _row(subject, choice, run):
         return Row(subject=subject, choice=choice, roi=subject.roi, problem=subject.problem)
     roi = subject.roi
     try:
-        config = choice.config(subject.sensor)
+        config = choice.config(subject)
         roi = subject.roi_for(config)
         check_roi(config, roi)
     except ConfigError as error:

@@ -6,9 +6,10 @@ import statistics
 
 import pandas
 
+from ..camera import RATES
 from ..config import Config
 from ..protocol.flags import Flag
-from ..tracking.columns import COLUMNS
+from ..tracking.columns import COLUMNS, MORE
 from ..verilog import resources
 from .store import write_atomically
 from .task import MORE_COLUMNS, version
@@ -106,9 +107,10 @@ def results(rows, outcomes, run, estimates):
         }
         estimated = (estimates.get(config.hardware_hash) or {}).get("total", {}) if config else {}
         line |= {f"resources.{kind}": estimated.get(kind) for kind in resources.KINDS} if estimates else {}
-        line |= {f"config.{name}": value for name, value in row.choice.fields(row.subject.sensor).items()}
+        line |= {f"config.{name}": value for name, value in row.choice.fields(row.subject).items()}
         lines.append(line)
     types = {name: kind for name, (kind, _) in RESULTS.items()}
+    types |= {f"{name}_median": "Float64" for name in _rates(rows)}
     types |= {f"resources.{kind}": "Float64" for kind in resources.KINDS} if estimates else {}
     types |= {f"config.{name}": kind for name, kind in config_types().items()}
     return _frame(lines, types)
@@ -143,6 +145,7 @@ def summary(row, outcome):
         "roi_events_mean": _mean(batch["roi_events"] for batch in batches),
         "vx_px_per_s_median": _median(batch["vx_px_per_s"] for batch in batches),
         "vy_px_per_s_median": _median(batch["vy_px_per_s"] for batch in batches),
+        **{f"{name}_median": _median(batch[name] for batch in batches) for name in MORE if name in batches[0]},
         "contrast_mean": _mean(batch["contrast"] for batch in batches),
         "gain_median": _median(1.0 if batch["gain"] is None else batch["gain"] for batch in batches),
         "trusted_batches": sum("doubtful" not in names for names in judged) if judged else None,
@@ -196,7 +199,13 @@ def batches(rows, outcomes):
     types = {"recording": "string", "first_roi": "string", "configuration": "Int64"}
     types |= {f"config.{name}": config_types().get(name, "string") for name in varied}
     types |= {name: _TYPES[column.dtype] for name, column in COLUMNS.items()} | dict.fromkeys(MORE_COLUMNS, "Float64")
+    types |= dict.fromkeys(_rates(rows), "Float64")
     return _frame(lines, types)
+
+
+def _rates(rows):
+    """What the rows' motions tell beside v, in the order of their first row: columns of track.csv."""
+    return list(dict.fromkeys(name for row in rows if row.task for name in RATES[row.task.config.motion]))
 
 
 def _frame(lines, types):

@@ -140,14 +140,14 @@ def _batch(batch, motion, config):
     row = {**batch.values, **dict.fromkeys(MORE_COLUMNS)}
     if batch.v_px_per_s:  # a degenerate batch measures nothing
         events = scaled_roi_events(config, batch.seen, batch.result.roi, **batch.which | {"thinned": True})
-        row["gain"] = gain(*events, batch.result.v, width=config.roi_width, height=config.roi_height)
+        row["gain"] = gain(config, *events, batch.result.v, batch.result.roi)
     row |= {name: row[name] and float(f"{row[name]:.{DIGITS}g}") for name in ("contrast", "gain")}
     if motion is not None and len(batch.events):
         first = int(batch.events.t[0])
         true = motion.per_half_batch(first, first + batch.result.span).tolist()
         row["true_vx"], row["true_vy"] = true
         if batch.v_px_per_s:
-            row["error_px"] = math.dist(batch.result.v, true)
+            row["error_px"] = math.dist(batch.result.v[:2], true)
     return row
 
 

@@ -42,9 +42,9 @@ class Detail:
         point and half a pixel more.
     since : uint32 array [n]
         Their time since the batch's first event, µs.
-    v : float64 array [T + 1, 2]
-        Velocity that each iteration used, then the result; px per half batch. The result alone, [1, 2], where the
-        engine gives no trace.
+    v : float64 array [T + 1, P]
+        The motion's parameters that each iteration used, then the result; px per half batch. The result alone, [1, P],
+        where the engine gives no trace.
     levels : uint8 array [T]
         Level of each iteration.
     """
@@ -188,7 +188,7 @@ class Kept:
                 x=joined("x", np.uint16),
                 y=joined("y", np.uint16),
                 since=joined("since", np.uint32),
-                v=joined("v", np.float64).reshape(-1, 2),
+                v=joined("v", np.float64).reshape(-1, len(self.config.motion_model.names)),
                 levels=joined("levels", np.uint8),
             )
 

@@ -99,9 +99,8 @@ class TrackedObject:
 
             self._writers.append(write)
         if report_mhz is not None:
-            from ..report.page import check, plotly_script, write_page
+            from ..report.page import plotly_script, write_page
 
-            check(self.config)
             plotly_script()  # if it is missing, that is told before the work
             kept = Kept(self.config, engine, recording, motion)
             self._later(kept, lambda one: kept.save(one._file(folder, "track", ".npz")))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.protocol.settings import BatchSettings, mask_words
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.protocol.tables import mask_words
 from cmfpga.reference.integer.noise_filter import NoiseFilter
 from cmfpga.rtl.ingest.noise_filter import BackgroundFilter, HotMask
 from support.bench import GAPS, check_latency, flow_script, play

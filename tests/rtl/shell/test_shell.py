@@ -74,7 +74,7 @@ def test_a_board_without_a_processor_equals_the_model(name, rng):
     length = block.shell.result_packet.beats
     passage = pass_through(block, items, "both", rng, expect=length, pulses=("irq", "lamp"))
     assert [value["last"] for value in passage.values] == [0] * (length - 1) + [1]
-    (words,) = split_packets([value["data"] for value in passage.values])
+    (words,) = split_packets(block.shell.registers, [value["data"] for value in passage.values])
     found = result_values(block.shell.registers, words.tolist())
     same(found, model.result(batch, settings))
     assert found["roi_events"] > 10 and found["sums_sx"] and not found["flags"] & ~Flag.DOUBTFUL

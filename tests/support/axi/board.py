@@ -20,6 +20,7 @@ from cocotbext.axi import (
 
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map
+from cmfpga.protocol.tables import window_words
 from cmfpga.protocol.words import result_values, setting_words, split_packets
 
 CONFIG = Config(**json.loads(os.environ["CMFPGA_CONFIG"])) if "CMFPGA_CONFIG" in os.environ else Config()
@@ -131,13 +132,17 @@ class Board:
         }
 
     async def apply(self, settings):
-        """Write settings by their links, and the schedules that they point at."""
+        """Write settings by their links, the schedules that they point at, and the nodes of a camera."""
         for name, word in setting_words(self.registers, settings).items():
             await self.write(name, word)
         for k, (level, shift, stride) in enumerate(settings.get("schedule", ())):
             register = self.registers["SCHEDULE"]
             word = register.pack(LEVEL=level, SHIFT=shift, STRIDE=stride)
             await self.write_word(register.offset + 4 * k, word)
+        for node in settings.get("nodes", ()):
+            values = dict(zip(("column", "row", "x", "y"), node, strict=True))
+            for register, word in window_words(self.registers, "node", values):
+                await self.write_word(register.offset, word)
 
     async def until(self, name, field, value=1, *, polls=4000):
         """Poll a field; how often."""
@@ -149,7 +154,8 @@ class Board:
     async def result_registers(self):
         """The result as the registers show it."""
         group = self.registers.group("Result")
-        return result_values(self.registers, [await self.read_word(register.offset) for register in group])
+        offsets = range(group[0].offset, group[-1].offset + 4, 4)
+        return result_values(self.registers, [await self.read_word(offset) for offset in offsets])
 
     # ---------------------------------------------------------------- streams
 
@@ -169,4 +175,4 @@ class Board:
 
     async def result(self, **options):
         """The next result packet's values."""
-        return result_values(self.registers, split_packets(await self.packet(**options))[0].tolist())
+        return result_values(self.registers, split_packets(self.registers, await self.packet(**options))[0].tolist())

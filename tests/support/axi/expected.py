@@ -3,6 +3,7 @@
 import numpy as np
 import torch
 
+from cmfpga.camera import node_writes
 from cmfpga.events.arrays import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, fields_of
@@ -15,12 +16,14 @@ torch.set_num_threads(1)
 
 
 def links(config, settings, ends=None):
-    """Settings by the registers' links, with the table of schedules."""
+    """Settings by the registers' links, with the tables of schedules and of a camera's nodes."""
     values = settings_values(config, settings)
     ends = ends or BatchEnds()
     values |= {"batch_events": ends.events, "duration": ends.duration, "by_tlast": int(ends.by_tlast)}
     if config.ascent == "sign":
         values["schedule"] = schedule_table(config, settings)
+    if settings.camera:
+        values["nodes"] = node_writes(config, settings.camera)
     return values
 
 

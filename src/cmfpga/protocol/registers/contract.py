@@ -109,7 +109,8 @@ def _declared(config, declared, group, access):
         formats = leaves(setting.name, setting.shape_of(config))
         doc, unit = setting.doc_of(config)
         for place in setting.places:
-            leaf = setting.name + place.part
+            if (leaf := setting.name + place.part) not in formats:
+                continue
             low, high = setting.limits(config, leaf, place.part[1:])
             field = Field(
                 name=place.field, lsb=place.lsb, width=place.width, access=place.access or access,
@@ -129,6 +130,8 @@ def results(config):
         formats = leaves(f.name, f.shape(config))
         for place in f.places:
             leaf = f.name + place.part
+            if leaf not in formats:
+                continue
             if place.part_lsb >= formats[leaf].width and place.field != "VALUE":  # a flag that this hardware never sets
                 continue
             field = Field(

@@ -8,9 +8,10 @@ Imports neither Amaranth nor NumPy.
 """
 
 from ... import __version__
+from ...config.motion import MOTIONS
 from ...config.schedule import STRIDES
 from ...errors import ConfigError
-from ..results import PACKET_BEATS
+from ..results import packet_beats
 from ..tables import tables_of
 from .contract import counters, results, settings, tables
 from .layout import BASE, Register, RegisterMap, command, constants, flag, in_order, status, sticky, stored
@@ -47,8 +48,6 @@ def check(config):
     for name in ("hot_pixels", "background"):
         if getattr(config, name):
             raise ConfigError(f"{name} = 1: the AXI top has no such filter")
-    if config.motion != "translation":
-        raise ConfigError(f"motion = {config.motion}: the AXI top has translation alone")
 
 
 def register_map(config):
@@ -108,6 +107,12 @@ def _discovery(config):
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     table = config.ascent_rule.has_table
     formats = [(name, 1, 1, f"INPUT.FORMAT {name}") for name in FORMATS]
+    motion, more = config.motion_model, []
+    if config.regions:
+        more.append(("REGIONS", 1, 1, "a table of regions: REGIONS"))
+    if motion.basis:
+        more.append(("MOTION", 2, [*MOTIONS].index(motion.name), "1 similarity, 2 rotation"))
+        more.append(("LEVER", 4, motion.lever, "log2 of the lever arm of zoom and roll, px"))
     return [
         ("ID", "what this is", constants(("MAGIC", 32, ID, "the letters CMAX"))),
         (
@@ -130,8 +135,8 @@ def _discovery(config):
                 ("BUFFERS", 2, config.buffers, "event buffers"),
                 *formats,
                 ("BYPASS", 1, 1, "INPUT.BYPASS"),
-                *((("REGIONS", 1, 1, "a table of regions: REGIONS"),) if config.regions else ()),
-                ("RESERVED", 11 if config.regions else 12, 0, "0"),
+                *more,
+                ("RESERVED", 12 - sum(width for _, width, *_ in more), 0, "0"),
                 ("MAP", 8, MAP_VERSION, "version of this register map"),
             ),
         ),
@@ -176,7 +181,7 @@ def _discovery(config):
                 ("MAX_LEVEL", 4, config.max_level if table else 0, "coarsest level"),
             ),
         ),
-        ("RESULT_SIZE", "results", constants(("BEATS", 32, PACKET_BEATS, "64-bit words of a result packet"))),
+        ("RESULT_SIZE", "results", constants(("BEATS", 32, packet_beats(config), "64-bit words of a result packet"))),
     ]
 
 

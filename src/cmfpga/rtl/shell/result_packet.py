@@ -9,7 +9,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from ...protocol.flags import Flag
-from ...protocol.results import PACKET_BEATS
+from ...protocol.results import packet_beats
 from .. import payloads as core
 from ..regions.payloads import region_result
 from . import payloads
@@ -28,7 +28,7 @@ def value_of(result, link):
 
 
 class ResultPacket(wiring.Component):
-    """Copies a result into a memory, one of :data:`PACKET_BEATS` words a cycle, and takes it with the last one.
+    """Copies a result into a memory, one of :func:`packet_beats` words a cycle, and takes it with the last one.
 
     With a table of regions, the results of a batch make one packet, a record of so many words each.
 
@@ -73,7 +73,7 @@ class ResultPacket(wiring.Component):
     def __init__(self, config, registers):
         self.config = config
         self.registers = registers
-        self.beats = PACKET_BEATS
+        self.beats = packet_beats(config)
         assert self.beats <= 1 << BEAT_BITS
         result = (region_result if config.regions else core.result)(config)
         super().__init__(
