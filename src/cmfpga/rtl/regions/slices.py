@@ -74,7 +74,10 @@ class Slices(wiring.Component):
         with m.FSM(name="slices"):
             with m.State("WAIT"):
                 m.d.sync += [replayed.eq(before[-1]), begin.eq(at), begun.eq(0), number.eq(1)]
-                m.d.sync += [wanted.eq(self.slice_events), full.eq((self.slice_events == 1) | (config.slice_events == 1))]
+                m.d.sync += [
+                    wanted.eq(self.slice_events),
+                    full.eq((self.slice_events == 1) | (config.slice_events == 1)),
+                ]
                 with m.If(self.i.valid):
                     m.next = "REPLAY"
             with m.State("REPLAY"):
