@@ -17,6 +17,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import PACKET_BEATS
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.simulation.axi_top import PACKET, SimulatedTop
 from cmfpga.tracking.fit import batch_cutter
@@ -83,6 +84,17 @@ def test_any_table_and_any_batches_equal_the_model(accelerator, seed):
             number += 1
             assert result.batch == number and not result.wire and not result.config_range
         regions = some_changed(CONFIG, rng, regions) if rng.random() < 0.6 else random_regions(CONFIG, rng)
+
+
+def test_a_row_that_is_told_begins_anew(accelerator, rng):
+    model, chosen, places = model_of(CONFIG), BatchSettings.from_config(CONFIG), []
+    for anew in ((), (), {0}):
+        accelerator.write_regions(TABLE, anew), model.write(TABLE, anew)
+        window = clouds(rng)
+        result = accelerator.run(events_of(window), settings=chosen)
+        same(result, model.run(*window, chosen))
+        places.append(result.regions[0].roi)
+    assert places[0] == places[2] == (TABLE[0].x, TABLE[0].y) != places[1]
 
 
 def test_the_engine_of_flow_is_this_one(compiler, rng):
