@@ -127,21 +127,13 @@ class Regions(wiring.Component):
     def _ingest(self, m):
         """Filter, undistort, store, measure the time range."""
         control, store, handover = self.ingest_control, self.store, self.ingest_control.handover
-        m.d.comb += control.settings.eq(self.settings)
-        if slices := self.slices:
-            connect(m, flipped(self.i), slices.i)
-            connect(m, slices.o, control.i)
-            m.d.comb += [
-                slices.slice_events.eq(self.settings.batch_events),
-                slices.opened.eq(handover.opened),
-                control.settings.batch_events.eq(0),
-            ]
-        else:
-            connect(m, flipped(self.i), control.i)
+        slices = self.slices
+        connect(m, flipped(self.i), slices.i if slices else control.i)
         connect_front(m, self)
         connect(m, self.roi_filter.o, store.i)
         connect(m, self.roi_filter.measured, control.measured)
         m.d.comb += [
+            control.settings.eq(self.settings),
             self.roi_filter.start.eq(handover.opened),
             store.open.eq(handover.opened),
             store.take.eq(handover.take),
@@ -151,6 +143,13 @@ class Regions(wiring.Component):
             self.opened.eq(handover.opened),
             self.take.eq(handover.take),
         ]
+        if slices:
+            connect(m, slices.o, control.i)
+            m.d.comb += [
+                slices.slice_events.eq(self.settings.batch_events),
+                slices.opened.eq(handover.opened),
+                control.settings.batch_events.eq(0),  # what ends slices ends windows
+            ]
         # What is cleared after a reset is not ready at once.
         parts = {"store": store.cleared, **{f"unit_{k}": unit.cleared for k, unit in enumerate(self.units)}}
         if "background_filter" in self.front:
