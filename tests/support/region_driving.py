@@ -7,7 +7,9 @@ import numpy as np
 from cmfpga.events import Events
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import counts_of
-from support.regions import CONFIGS
+from support.regions import CONFIGS, model_of
+
+__all__ = ["CONFIG", "TABLE", "clouds", "events_of", "model_of", "on_the_wire", "same"]
 
 CONFIG = CONFIGS["two units"].replace(regions=5, undistortion="on", camera="36,35,18.3,16.8,-0.3,0.1,0,0,0")
 TABLE = [
