@@ -16,7 +16,8 @@ from cmfpga.events.columns import MemoryRecording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.registers import register_map
-from cmfpga.protocol.results import counts_of, packet_beats
+from cmfpga.protocol.results import packet_beats
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.simulation.axi_top import PACKET, SimulatedTop
 from cmfpga.tracking.fit import batch_cutter
@@ -24,18 +25,13 @@ from cmfpga.tracking.loop import follow
 from cmfpga.tracking.rows import Rows
 from support.board import uio_tree
 from support.driving import compiler
-from support.regions import CONFIGS, model_of, random_regions, random_settings, random_window, some_changed
+from support.region_driving import CONFIG, TABLE, clouds, events_of, same
+from support.regions import model_of, random_regions, random_settings, random_window, some_changed
 from support.uio import BUFFERS, Linux
 
 __all__ = ["compiler"]
 
-CONFIG = CONFIGS["two units"].replace(regions=5, undistortion="on", camera="36,35,18.3,16.8,-0.3,0.1,0,0,0")
 REGISTERS = register_map(CONFIG)
-TABLE = [
-    Region(x=4, y=4, width=12, height=10, start="last", moves=True),
-    Region(x=20, y=10, width=16, height=12),
-    Region(x=22, y=12, width=8, height=8, start="parent", parent=1),
-]
 
 
 @pytest.fixture
@@ -48,37 +44,6 @@ def accelerator(compiler):
 @pytest.fixture
 def top(accelerator):
     return accelerator.backend.top
-
-
-def events_of(window):
-    """A window's columns as a driver sends them."""
-    return Events(*window, np.arange(len(window[0])) % 2)
-
-
-def clouds(rng, count=120, t0=0):
-    """Two clouds of points that move, where :data:`TABLE` looks."""
-    t = t0 + np.sort(rng.integers(0, 1000, count))
-    phase = 4 * ((t - t0) / 1000 - 0.5)
-    which = np.arange(count) % 2
-    x = np.where(which, 27 + phase, 9 - phase) + rng.integers(-3, 4, count)
-    y = np.where(which, 15, 8) + rng.integers(-2, 3, count)
-    return t, np.round(x).clip(0, 39).astype(int), y.clip(0, 29)
-
-
-def on_the_wire(result):
-    """A result of the model as a packet carries it."""
-    return [dataclasses.replace(region, trace=None) for region in result.regions]
-
-
-def same(result, wanted):
-    """All outcomes and all that is known of the batch are equal; each event is counted once in every region."""
-    found = [dataclasses.replace(region, cycles=None) for region in result.regions]
-    assert found == on_the_wire(wanted)
-    for name in ("t_first", "span", "events", "time_back", "time_span"):
-        assert getattr(result, name) == getattr(wanted, name), name
-    for region in result.regions:
-        counts = {**vars(result), **vars(region)}
-        assert result.events == sum(counts[name] for name in counts_of(CONFIG))
 
 
 def stalled(top, rng, done):
@@ -119,6 +84,17 @@ def test_any_table_and_any_batches_equal_the_model(accelerator, seed):
             number += 1
             assert result.batch == number and not result.wire and not result.config_range
         regions = some_changed(CONFIG, rng, regions) if rng.random() < 0.6 else random_regions(CONFIG, rng)
+
+
+def test_a_row_that_is_told_begins_anew(accelerator, rng):
+    model, chosen, places = model_of(CONFIG), BatchSettings.from_config(CONFIG), []
+    for anew in ((), (), {0}):
+        accelerator.write_regions(TABLE, anew), model.write(TABLE, anew)
+        window = clouds(rng)
+        result = accelerator.run(events_of(window), settings=chosen)
+        same(result, model.run(*window, chosen))
+        places.append(result.regions[0].roi)
+    assert places[0] == places[2] == (TABLE[0].x, TABLE[0].y) != places[1]
 
 
 def test_the_engine_of_flow_is_this_one(compiler, rng):

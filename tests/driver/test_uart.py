@@ -16,8 +16,10 @@ from cmfpga.engines.model import ModelEngine
 from cmfpga.events import write_hdf5
 from cmfpga.protocol import link
 from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.simulation.uart_top import SimulatedLine
+from support import region_driving
 from support.driving import CONFIG, SMALL, batch, differences, model_run
 from support.genx320 import levels, to_bytes
 
@@ -51,6 +53,22 @@ def test_batches_equal_the_model(line, rng, form):
         assert differences(result, model_run(model, events, roi)) == []
         assert result.batch == number + 1
     assert not any(accelerator.backend.counters().values())
+
+
+def test_many_regions(compiler, rng):
+    """Rows go there, and packets of all regions come back."""
+    line, model = SimulatedLine(region_driving.CONFIG), region_driving.model_of(region_driving.CONFIG)
+    accelerator = Accelerator(UartBackend(line), region_driving.CONFIG)
+    chosen = BatchSettings.from_config(region_driving.CONFIG)
+    for table in (region_driving.TABLE, region_driving.TABLE[:1]):
+        accelerator.write_regions(table), model.write(table)
+        for _ in range(2):
+            window = region_driving.clouds(rng)
+            result = accelerator.run(region_driving.events_of(window), settings=chosen)
+            region_driving.same(result, model.run(*window, chosen))
+            assert len(result.regions) == len(table)
+    assert not any(accelerator.backend.counters().values())
+    line.close()
 
 
 def test_words_are_of_four_bytes(accelerator, line, rng):

@@ -85,30 +85,26 @@ def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_pa
     assert "a calibration is needed" in refused.error
 
 
-@pytest.mark.parametrize("verilog", ["rtl", pytest.param("axi", marks=pytest.mark.slow)])
-def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path, verilog):
+@pytest.mark.parametrize(
+    ("verilog", "slices"), [("rtl", 1), ("rtl", 2), pytest.param("axi", 2, marks=pytest.mark.slow)]
+)
+def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path, verilog, slices):
     if find_compiler() is None:
         pytest.skip("no C++ compiler")
-    files = []
+    files, length = [], ("--window-events", 4000, "--windows", 2, "--slices", slices)
     for engine in (verilog, "model"):
-        told = [
-            "--engine",
-            engine,
-            "--window-events",
-            4000,
-            "--windows",
-            2,
-            "--set",
-            "units=2",
-            "--no-picture",
-            "--json",
-        ]
-        done = command(flow, slide, *told, "--out", tmp_path / engine)
+        folder = ("--out", tmp_path / engine, "--no-picture")
+        done = command(flow, slide, "--engine", engine, *length, *folder, "--set", "units=2", "--json")
         assert done.status == 0, done.err
         files.append((tmp_path / engine / "flow.csv").read_bytes())
         told = json.loads(done.out)
+        assert told["events"] == 8000 and told["config"]["slices"] == slices
         assert told["cycles"] is None if engine == "model" else told["cycles"] > 2 * 4000
     assert files[0] == files[1] and len(files[0]) > 1000
+    found, times = rows(tmp_path / "model" / "flow.csv"), np.load(tmp_path / "model" / "flow.npz")["t"]
+    assert [row["t_ref_us"] for row in found[:: len(found) // 2]] == [f"{t.mean():.1f}" for t in times]
+    assert [row["window"] for row in found[:: len(found) // 2]] == ["0", "1"]
+    assert (times[1, 0] < times[0, 1]) == (slices > 1)
 
 
 def test_from_python_it_is_the_same(command, slide, tmp_path):
@@ -154,6 +150,11 @@ def test_the_page_holds_the_windows(command, slide, tmp_path):
         (["--window-us", 10_000_000], "too few events"),
         (["--picture", "x.gif"], "a name that ends in .png, .pdf, .svg"),
         (["--window-events", 5, "--window-us", 5], "not allowed with"),
+        (["--slices", 3], "windows of 3 slices: a length (window_events, window_us) is needed"),
+        (["--slices", 3, "--window-events", 4000], "a multiple of 3 events is needed"),
+        (["--slices", 0], "a whole number of 1 or more is needed"),
+        (["--slices", 17, "--window-us", 1700], "slices = 17"),
+        (["--slices", 2, "--window-us", 8000, "--background-us", 99], "background = 0 is needed"),
     ],
 )
 def test_what_is_refused(command, slide, tmp_path, told, why):

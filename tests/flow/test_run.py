@@ -36,6 +36,53 @@ def test_a_window_does_not_know_what_was_before_it(sliding):
     assert (both[0].v != both[1].v).any()
 
 
+SLICED = {"window_events": 8000}, {"window_us": 30_000}
+
+
+@pytest.mark.parametrize("how", SLICED)
+def test_a_window_for_every_slice(sliding, how):
+    """Each is what it is alone; each event counts in every window that it lies in."""
+    windows, run = measured(sliding.recording(), slices=4, start_event=100, **how)
+    (mode, size), events = *how.items(), sliding.events
+    begins = [window.events.first_event for window in windows]
+    if mode == "window_events":
+        assert begins == [*range(100, len(events) - size + 1, size // 4)]
+        assert run.leftover == (len(events) - 100) % (size // 4)
+    else:
+        times = events.t[100] + np.arange(len(windows)) * size // 4
+        assert begins == np.maximum(100, np.searchsorted(events.t, times)).tolist()
+    assert len(windows) > 4 and [window.index for window in windows] == [*range(len(windows))]
+    for window in windows[:: len(windows) - 1]:
+        count = len(window.events)
+        alone, _ = measured(sliding.recording(), window_events=count, windows=1, start_event=window.events.first_event)
+        assert window.result == alone[0].result and window.t_ref == alone[0].t_ref
+        assert (window.events.t == alone[0].events.t).all()
+        first, last = window.events.t[[0, -1]]
+        assert window.t_ref == (first + last) / 2 and 28_000 < last - first
+
+
+@pytest.mark.parametrize(
+    ("how", "why"),
+    [
+        ({}, "windows of 4 slices: a length"),
+        ({"window_events": 8001}, "a multiple of 4 events"),
+        ({"window_us": 10_001}, "a multiple of 4 µs"),
+        ({"window_events": 40_000}, "at most 32764 are allowed"),
+    ],
+)
+def test_what_slices_need(sliding, how, why):
+    with pytest.raises(ConfigError, match=why):
+        measured(sliding.recording(), slices=4, **how)
+
+
+def test_a_slice_without_events_is_refused(sliding):
+    events, late = sliding.events, sliding.events.t.copy()
+    late[len(late) // 2 :] += 60_000
+    paused = MemoryRecording(Events(late, events.x, events.y, events.p), 128, 96)
+    with pytest.raises(ConfigError, match="a slice without events, from"):
+        measured(paused, slices=2, window_us=20_000)
+
+
 def test_a_time_without_events_is_a_window_too(sliding):
     events, late = sliding.events, sliding.events.t.copy()
     late[len(late) // 2 :] += 60_000

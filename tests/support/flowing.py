@@ -18,10 +18,10 @@ OMEGA = (0.4, -0.7, 0.5)
 FIELDS = {"seed": 3, "width": 128, "height": 96, "duration_us": 100_000}
 
 
-def measured(recording, camera=None, engine="model", **how):
+def measured(recording, camera=None, engine="model", slices=1, **how):
     """The windows of a recording of that size, and the run that made them."""
     given = {"camera": camera.text} if camera else {}
-    config = preset("flow").replace(sensor_width=128, sensor_height=96, **given)
+    config = preset("flow").replace(sensor_width=128, sensor_height=96, slices=slices, **given)
     with contextlib.closing(RegionEngine(engine, config)) as running:
         run = Run(recording, running, grid(config), **how)
         return [*run], run

@@ -31,6 +31,7 @@ CONFIGS = {
         camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
         hot_mask="20,15;3,4", background_us=1 << 22,
     ),
+    "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
 }  # fmt: skip
 
 
@@ -61,7 +62,8 @@ def random_regions(config, rng, count=None):
 
 def random_window(config, rng, kind="any"):
     """Events ``(t, x, y)``: of a few points that move and of noise, some with wrong times; or all in one bin."""
-    count = int(rng.choice([1, 2, 30, 100, config.max_batch_events]))
+    count = int(rng.choice([1, 2, 30, 100, config.slice_events]))
+    count = min(count, config.slice_events)
     events = np.array(moving_points(config, rng, count, bad_times=0.1), np.int64).T
     if kind == "one bin":
         events[1:] = events[1:] % 4
@@ -98,7 +100,10 @@ def some_changed(config, rng, regions):
 
 
 def model_of(config):
-    return RegionSequence(IntegerCore(config))
+    """With ``sizes``, for the events of the batches that it has run."""
+    model = RegionSequence(IntegerCore(config))
+    model.sizes = []
+    return model
 
 
 def without_clock(result):

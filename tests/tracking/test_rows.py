@@ -319,6 +319,23 @@ def test_objects_that_cross_leave_and_stop(four):
     assert max(trusted["stops"]) < 0.4 and len(trusted["stops"]) >= 6
 
 
+def test_objects_that_cross_at_a_right_angle_may_change_places():
+    """As the documentation says: v is trusted, but nobody tells whose it is."""
+    ways = (99, 99), (99, -99)
+    made = [
+        generate(seed=k + 1, position=(120 - x / 2, 90 - y / 2), velocity=(x, y), duration_us=SECOND)
+        for k, (x, y) in enumerate(ways)
+    ]
+    recording = MemoryRecording(Events.merge(scene.events for scene in made), 240, 180, "two")
+    windows, _ = followed("model", with_rows(preset("fast"), 2, {}), recording, [s.roi_start(64, 64) for s in made])
+    found = [[], []]  # of each ROI: whose v it has in the batches that are trusted
+    for window in windows:
+        for batch, whose in zip(window, found, strict=True):
+            if not batch.flags & (Flag.DOUBTFUL | Flag.DEGENERATE):
+                whose.append(int(np.argmin([np.hypot(*(np.array(batch.v_px_per_s) - way)) for way in ways])))
+    assert found[0][:4] == [0] * 4 and found[0][-4:] == [1] * 4 and {*found[1]} == {1}
+
+
 def test_no_event_is_lost_uncounted(four):
     config, _, windows, count, cutter = four
     assert sum(len(window[0].events) for window in windows) + cutter.leftover == count

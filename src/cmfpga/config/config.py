@@ -124,6 +124,7 @@ class Config:
     # Regions
     regions: int = _field(0, "rows of the table of regions; 0: a core of one ROI", low=0, high=1024)
     units: int = _field(1, "units that iterate over regions side by side", low=1, high=64)
+    slices: int = _field(1, "slices of a window, each of which gives results: windows overlap", low=1, high=16)
     bin_bits: int = _field(4, "bins of the store of events are 2^bin_bits px wide", low=2, high=12)
     store_style: str = _field("auto", "kind of RAM of that store", choices=("auto", "ultra"))
 
@@ -300,6 +301,11 @@ class Config:
     def lens(self):
         """The nine numbers of ``camera``, in the order of :data:`cmfpga.config.camera.NAMES`; () without one."""
         return parse_camera(self.camera)
+
+    @property
+    def slice_events(self):
+        """The most events that are taken in for a result: those of a batch, or of a slice of a window."""
+        return self.max_batch_events // self.slices
 
     @property
     def image(self):

@@ -26,7 +26,7 @@ class Regions:
 def check_regions(config):
     """Raise :exc:`ConfigError` unless the hardware for regions can be built."""
     if not config.regions:
-        for name in ("units", "bin_bits", "store_style"):
+        for name in ("units", "slices", "bin_bits", "store_style"):
             if getattr(config, name) != config.__dataclass_fields__[name].default:
                 raise ConfigError(f"{name} = {getattr(config, name)}: regions of 1 or more are needed")
         return
@@ -37,6 +37,10 @@ def check_regions(config):
     for name in ("thinning", "thin_target"):
         if getattr(config, name) != config.__dataclass_fields__[name].default:
             raise ConfigError(f"regions = {config.regions}: {name}: each region has a stride of its own instead")
+    if config.slices > 1 and config.background:
+        raise ConfigError(f"slices = {config.slices}: background = 0 is needed, or an event would support itself later")
+    if config.slices > config.max_batch_events:
+        raise ConfigError(f"slices = {config.slices}: at most max_batch_events = {config.max_batch_events} are allowed")
     if config.max_batch_events > MOST_STORED:
         raise ConfigError(
             f"max_batch_events = {config.max_batch_events}: at most {MOST_STORED} are allowed, for the store holds "

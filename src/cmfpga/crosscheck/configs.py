@@ -18,7 +18,7 @@ LARGEST = {
     "thin_target": 300, "background_us": 2000, "gradient_int": 14, "gradient_frac": 26,
 }  # fmt: skip
 #: Cores of one ROI are drawn; tests/rtl/regions draws tables of regions.
-OF_REGIONS = ("regions", "units", "bin_bits", "store_style")
+OF_REGIONS = ("regions", "units", "slices", "bin_bits", "store_style")
 
 
 def random_config(rng):

@@ -107,15 +107,15 @@ class Accelerator:
         with self._other_timeout(timeout):
             return self.engine.run(events, settings)
 
-    def write_regions(self, regions):
+    def write_regions(self, regions, anew=()):
         """Replace the table of regions by these :class:`~cmfpga.protocol.regions.Region`; the next batch is theirs.
 
-        A row that changes forgets what was measured, and where it moved to. Raises :exc:`ConfigError`: a row that the
-        table cannot hold, or hardware without one.
+        A row that changes, or whose number is in ``anew``, forgets what was measured, and where it moved to. Raises
+        :exc:`ConfigError`: a row that the table cannot hold, or hardware without one.
         """
         if not self.config.regions:
             raise ConfigError("write_regions: the hardware has one ROI, and no table of regions")
-        self.engine.write(regions)
+        self.engine.write(regions, anew)
 
     def track(self, recording, *, roi, batches=None, start_event=0, consumers=(), **size):
         """Follow an object through a recording.
@@ -212,7 +212,7 @@ class Accelerator:
     def stop(self, timeout=None):
         """End :meth:`start`: end the batch under way with the events that have come, begin no other.
 
-        Words that no batch took are forgotten, and with them the counters, v and the ROI.
+        Words that no batch took are forgotten, and with them counters, v and the ROI; with slices always.
 
         Returns
         -------
@@ -233,7 +233,7 @@ class Accelerator:
                 found.append(self.receive(0))
                 self._check_time(deadline, "results do not end")
         self._streaming = False
-        if self.control.status("EVENTS_WAITING") or not self._sent():
+        if self.config.slices > 1 or self.control.status("EVENTS_WAITING") or not self._sent():
             self.reset()
         return found
 

@@ -50,8 +50,10 @@ class AcceleratorEngine(Engine):
         return result
 
 
-def transact(top, events, settings):
+def transact(top, events, settings, before=()):
     """One batch of an accelerator, whatever its hardware measures: a :class:`WireResult`.
+
+    ``before``: events of each of the slices before this one, where there are slices.
 
     Raises :exc:`DeviceError`; the accelerator was reset then.
     """
@@ -73,8 +75,9 @@ def transact(top, events, settings):
         backend.send(words)
         result = _result(top, len(events))
         backend.wait_sent(top.timeout)
-        if result.events != len(events):
-            raise DeviceError(f"the result is of {result.events} events; {len(events)} were sent")
+        sent = sum((*before, len(events))[-min(result.batch, top.config.slices) :])
+        if result.events != sent:
+            raise DeviceError(f"the result is of {result.events} events; {sent} were sent")
     except BaseException:
         with contextlib.suppress(DeviceError):
             top.reset()

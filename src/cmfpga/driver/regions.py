@@ -1,5 +1,7 @@
 """Results of packets; and an accelerator's table of regions, for :class:`cmfpga.engines.regions.RegionEngine`."""
 
+import collections
+
 import numpy as np
 
 from ..errors import DeviceError
@@ -24,6 +26,7 @@ class AcceleratorRegions:
 
     def __init__(self, accelerator):
         self._accelerator = accelerator
+        self._sent = collections.deque(maxlen=accelerator.config.slices)  # events of each slice
         self.cycles = None
 
     def write(self, regions, anew=()):
@@ -34,7 +37,8 @@ class AcceleratorRegions:
         """One batch: a :class:`WireResult` with an outcome for each region."""
         top = self._accelerator
         before = top.control.read("COUNT_BUSY_CYCLES")["VALUE"]
-        result = transact(top, Events(t, x, y, np.zeros(len(t), np.int64)), settings)
+        result = transact(top, Events(t, x, y, np.zeros(len(t), np.int64)), settings, self._sent)
+        self._sent.append(len(t))
         self.cycles = (top.control.read("COUNT_BUSY_CYCLES")["VALUE"] - before) % (1 << 32)
         return result
 

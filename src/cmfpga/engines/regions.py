@@ -66,6 +66,8 @@ class RegionEngine:
     def run(self, events, settings):
         """One batch of at least one event: a :class:`BatchResult` with an outcome for each row of the table.
 
+        With ``slices`` it is a slice, and the result that of the window of the last so many, of fewer at the begin.
+
         Parameters
         ----------
         events : Events
@@ -77,7 +79,7 @@ class RegionEngine:
         ConfigError
             The batch is larger than the store, or an event lies outside the sensor.
         """
-        limit = self.config.max_batch_events
+        limit = self.config.slice_events
         if not 1 <= len(events) <= limit:
             raise ConfigError(f"a batch of {len(events)} events: 1 to {limit} are allowed (max_batch_events)")
         check_events(self.config, events)

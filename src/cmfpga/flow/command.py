@@ -28,6 +28,7 @@ EXAMPLES = (
     "python -m cmfpga.flow rec.h5 --out flow    # flow.csv, flow.npz, flow.png, flow.html",
     "python -m cmfpga.flow rec.h5 --fit rotation    # the camera's angular velocity, from the whole field",
     "python -m cmfpga.flow rec.h5 --window-us 20000 --fit affine --json",
+    "python -m cmfpga.flow rec.h5 --window-us 20000 --slices 4    # a new window every 5 ms",
     "python -m cmfpga.flow rec.h5 --window-events 30000 --tile 24 --step 12 --windows 5",
     "python -m cmfpga.flow events.txt --sensor 346,260 --camera camera.yaml --set max_batch_events=65535",
 )
@@ -43,6 +44,10 @@ def _parser():
     size = made.add_argument_group(text).add_mutually_exclusive_group()
     size.add_argument("--window-events", type=cli.positive, metavar="N", help="events of the whole sensor")
     size.add_argument("--window-us", type=cli.positive, metavar="D", help="duration, µs")
+    made.add_argument(
+        "--slices", type=cli.positive, metavar="S",
+        help="windows overlap: a new one with every S-th part of a window; with a length of windows (default: 1)",
+    )  # fmt: skip
     made.add_argument("--start-event", type=cli.natural, default=0, metavar="K", help="first event (default: 0)")
     made.add_argument("--windows", type=cli.positive, metavar="W", help="stop after W windows (default: at the end)")
     made.add_argument(
@@ -89,6 +94,8 @@ def main(arguments=None):
         fields = {**ingest_fields(options, recording), **cli.config_changes(options)}
         if options.recording is None:
             fields = {"undistortion": "on", "camera": CAMERA.text, **fields}
+        if options.slices:
+            fields["slices"] = options.slices
         how = {"sensor": "--sensor W,H", "time_unit": "--time-unit"}.get
         config, tiles, notes = configure(recording, options.preset, fields, options.tile, options.step, how)
         for note in notes:
@@ -130,7 +137,7 @@ def _measure(options, recording, config, tiles, folder):
         if options.fit:
             files.append(folder / FITS)
             write_fit = fit_writer(opened(FITS))
-        for window in tqdm(run, total=_total(options, recording), unit="window", disable=None):
+        for window in tqdm(run, total=_total(options, recording, config.slices), unit="window", disable=None):
             found.add(window)
             write(window)
             fitted = found.fitted(window.index) if options.fit else None
@@ -163,18 +170,19 @@ def _title(window, found):
     return f"{found.recording}: window {window.index}, {when}, {len(window.events)} events; {shares}"
 
 
-def _total(options, recording):
+def _total(options, recording, slices):
     """Number of windows that will come, as far as it can be known soon."""
     if not sys.stderr.isatty() or (extent := recording.extent()) is None:
         return options.windows
     events, last = extent
     if options.window_events:
-        whole = (events - options.start_event) // options.window_events
+        whole = (events - options.start_event) * slices // options.window_events
     elif options.window_us:
         first = next(recording.chunks(options.start_event, 1), None)
-        whole = 0 if first is None else (last - int(first.t[0])) // options.window_us
+        whole = 0 if first is None else (last - int(first.t[0])) * slices // options.window_us
     else:
         return options.windows
+    whole = max(0, whole - slices + 1)
     return min(whole, options.windows or whole)
 
 

@@ -1,9 +1,11 @@
 """Windows of a recording, one after the other: cut, measured by the hardware, the next one's length chosen."""
 
+import collections
 import itertools
 
 from ..errors import ConfigError
-from ..events import BatchCutter
+from ..events import BatchCutter, Events
+from ..events.batches import Batch
 from ..protocol.settings import BatchSettings
 from ..tracking.fit import LOST_BATCHES, fit
 from .window import Window
@@ -13,7 +15,7 @@ FIRST_EVENTS = 4000
 
 
 class Run:
-    """Measures the windows of a source.
+    """Measures the windows of a source; with ``slices`` a new one ends with every slice, and has the last so many.
 
     Parameters
     ----------
@@ -23,7 +25,7 @@ class Run:
     tiles : Tiles
     window_events, window_us : int, optional
         Events, or µs, of each window; without either as many events as suit the motion: the image moves by 3 to 5 px
-        in half a window, in the median of the trusted tiles, as far as ``max_batch_events`` allows.
+        in half a window, in the median of the trusted tiles, as far as ``max_batch_events`` allows; not with slices.
     start_event : int
         Index of the first event.
     windows : int, optional
@@ -39,13 +41,17 @@ class Run:
     def __init__(self, source, engine, tiles, *, window_events=None, window_us=None, start_event=0, windows=None):
         config = engine.config
         self._engine, self._tiles, self._count = engine, tiles, windows
-        self._limit, self._settings = config.max_batch_events, BatchSettings.from_config(config, roi=(0, 0))
+        self._slices = collections.deque(maxlen=config.slices)
+        self._limit, self._settings = config.slice_events, BatchSettings.from_config(config, roi=(0, 0))
         self._fitted = not (window_events or window_us)
-        size = {"duration_us": window_us} if window_us else {"events": window_events or 1}
-        if size.get("events", 0) > self._limit:
-            raise ConfigError(
-                f"windows of {window_events} events: at most {self._limit} are allowed (max_batch_events)"
-            )
+        mode, size, unit = ("duration_us", window_us, "µs") if window_us else ("events", window_events or 1, "events")
+        most = self._limit * config.slices
+        if mode == "events" and size > most:
+            raise ConfigError(f"windows of {size} events: at most {most} are allowed (max_batch_events)")
+        if config.slices > 1 and (self._fitted or size % config.slices):
+            wanted = "a length (window_events, window_us)" if self._fitted else f"a multiple of {config.slices} {unit}"
+            raise ConfigError(f"windows of {config.slices} slices: {wanted} is needed")
+        size = {mode: size // config.slices}
         self._source, self.cutter = source, BatchCutter(source, start_event=start_event, max_events=self._limit, **size)
         self.limited = False
         engine.write(tiles.regions)
@@ -61,19 +67,34 @@ class Run:
         for index in itertools.count() if self._count is None else range(self._count):
             if self._fitted and lost and lost % LOST_BATCHES == 0:
                 self.cutter.size = self._first_size()
-            events = self.cutter.next()
-            if events is None:
+            window = self._next(index)
+            if window is None:
                 break
-            window = self._measure(index, events)
             if self._fitted:
                 lost = 0 if window.moved is not None else lost + 1
-                self.cutter.size = self._next_size(len(events), window.moved)
+                self.cutter.size = self._next_size(len(window.events), window.moved)
             yield window
 
-    def _measure(self, index, events):
+    def _next(self, index):
+        """The window that ends with the next batch, or slice; at the begin, with the last of the first slices."""
+        while (part := self.cutter.next()) is not None:
+            self._slices.append(part)
+            every = Events.concatenate(self._slices)
+            window = Batch(every.t, every.x, every.y, every.p, self._slices[0].first_event)
+            if not len(part) and self._slices.maxlen > 1:
+                raise ConfigError(
+                    f"a slice without events, from {part.window[0]} µs on: the hardware takes none; longer windows, "
+                    "fewer slices, or windows by their number of events are needed"
+                )
+            found = self._measure(index, part, window)
+            if len(self._slices) == self._slices.maxlen:
+                return found
+        return None
+
+    def _measure(self, index, events, window):
         result = self._engine.run(events, self._settings) if len(events) else None
         cycles = self._engine.cycles if len(events) else None
-        return Window(index, self._engine.config, self._tiles, events, result, cycles)
+        return Window(index, self._engine.config, self._tiles, window, result, cycles)
 
     def _next_size(self, count, moved):
         wanted = fit(count, (moved or 0.0,), moved is not None)
@@ -85,7 +106,7 @@ class Run:
         count = min(FIRST_EVENTS, self._limit)
         while True:
             ahead = self.cutter.peek(count)
-            moved = self._measure(0, ahead).moved
+            moved = self._measure(0, ahead, ahead).moved
             wanted = 2 * count if moved is None else fit(count, (moved,), True)
             if len(ahead) < count or count == self._limit or (moved is not None and wanted <= count):
                 self.limited |= len(ahead) == count == self._limit < wanted

@@ -208,7 +208,7 @@ SETTINGS = (
             shown=with_one_roi,
             doc="top row of the ROI, limited to the sensor", unit="px",
             places=(Place(word=4, register="ROI", field="Y", lsb=16, width=16, doc="top row"),)),
-    Setting(name="batch_events", high=lambda c: c.max_batch_events, blocks=("core", "shell"), raw=lambda c, s: 0,
+    Setting(name="batch_events", high=lambda c: c.slice_events, blocks=("core", "shell"), raw=lambda c, s: 0,
             doc="end a batch after so many events; 0: not by their number", unit="events", places=(Place(word=0),)),
     Setting(name="batch_roi_events", high=lambda c: c.buffer_events, raw=lambda c, s: 0, unit="events",
             shown=with_one_roi,

@@ -1,5 +1,6 @@
 """Many regions of one batch, the same in raw integers and in real numbers: store, crop, start, ascend, follow."""
 
+import collections
 from dataclasses import dataclass
 
 import torch
@@ -69,6 +70,7 @@ class RegionSequence:
     def __init__(self, core):
         self.core, self.config = core, core.config
         self.regions, self._states = [], []
+        self._slices = collections.deque(maxlen=self.config.slices)
         self.noise_filter = NoiseFilter(self.config)
         self._pixel = core.follower.pixel
 
@@ -88,17 +90,19 @@ class RegionSequence:
         return _State((region.x * self._pixel, region.y * self._pixel), (none,) * len(self.config.motion_model.names))
 
     def run(self, t, x, y, settings, *, cut=False):
-        """Process one batch: a :class:`BatchResult` with an outcome for each region.
+        """Process one batch, or slice of a window: a :class:`BatchResult` with an outcome for each region.
 
         Parameters
         ----------
         t, x, y : integer arrays
-            All N events of the batch, at least one.
+            All events of the batch, or slice, at least one.
         settings : BatchSettings
             Run-time inputs; ``roi``, ``thinning``, ``thin_target`` and ``start_last`` mean nothing here.
         cut : bool
             Whether the batch ended because it reached ``max_batch_events``.
         """
+        self._slices.append((t, x, y))
+        t, x, y = (torch.cat([torch.as_tensor(one) for one in axis]) for axis in zip(*self._slices, strict=True))
         stored = store(self.config, t, x, y, settings, self.noise_filter.judge(t, x, y, settings))
         flags = stored.flags | (Flag.CUT if cut else Flag(0))
         outcomes = tuple(self._measure(number, stored, settings, flags) for number in range(len(self.regions)))

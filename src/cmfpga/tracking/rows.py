@@ -43,6 +43,8 @@ def with_rows(config, count, given):
                 f"several objects are regions of one hardware, which this cannot have: {error}; without --preset and "
                 "--set it can, and with one --roi it need not"
             ) from None
+    if config.slices > 1:
+        raise ConfigError(f"slices = {config.slices}: windows that overlap are for cmfpga flow; 1 is needed")
     if count > config.regions:
         raise ConfigError(f"regions = {config.regions}: {count} objects need as many; --set regions={count}")
     return config

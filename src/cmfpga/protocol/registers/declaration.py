@@ -151,7 +151,7 @@ def _discovery(config):
             constants(("WIDTH", 16, config.roi_width, "columns"), ("HEIGHT", 16, config.roi_height, "rows")),
         ),
         ("BUFFER", "event buffer", constants(("EVENTS", 32, config.buffer_events, "ROI events of a batch"))),
-        ("BATCH_LIMIT", "batches", constants(("EVENTS", 32, config.max_batch_events, "events of a batch"))),
+        ("BATCH_LIMIT", "batches", constants(("EVENTS", 32, config.slice_events, "events of a batch"))),
         (
             "FORMATS",
             "fixed-point formats",

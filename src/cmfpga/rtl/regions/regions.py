@@ -13,6 +13,7 @@ from ..ingest.roi_filter import RoiFilter
 from . import payloads
 from .collector import Collector
 from .distributor import Distributor
+from .slices import Slices
 from .store import Store
 from .unit import Unit
 
@@ -61,6 +62,7 @@ class Regions(wiring.Component):
         self.store = Store(config)
         self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.store)) + 1
         self.ingest_control = IngestControl(config, drain=self.drain)
+        self.slices = Slices(config) if config.slices > 1 else None
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
         self.distributor, self.collector = Distributor(config), Collector(config)
         self.units = [Unit(config) for _ in range(config.units)]
@@ -85,6 +87,7 @@ class Regions(wiring.Component):
         names = ("roi_filter", "store", "reciprocal", "distributor")
         units = {f"unit_{number}": unit for number, unit in enumerate(self.units)}
         return {
+            **({"slices": self.slices} if self.slices else {}),
             "ingest_control": self.ingest_control,
             **self.front,
             **{name: getattr(self, name) for name in names},
@@ -124,7 +127,8 @@ class Regions(wiring.Component):
     def _ingest(self, m):
         """Filter, undistort, store, measure the time range."""
         control, store, handover = self.ingest_control, self.store, self.ingest_control.handover
-        connect(m, flipped(self.i), control.i)
+        slices = self.slices
+        connect(m, flipped(self.i), slices.i if slices else control.i)
         connect_front(m, self)
         connect(m, self.roi_filter.o, store.i)
         connect(m, self.roi_filter.measured, control.measured)
@@ -139,6 +143,13 @@ class Regions(wiring.Component):
             self.opened.eq(handover.opened),
             self.take.eq(handover.take),
         ]
+        if slices:
+            connect(m, slices.o, control.i)
+            m.d.comb += [
+                slices.slice_events.eq(self.settings.batch_events),
+                slices.opened.eq(handover.opened),
+                control.settings.batch_events.eq(0),  # what ends slices ends windows
+            ]
         # What is cleared after a reset is not ready at once.
         parts = {"store": store.cleared, **{f"unit_{k}": unit.cleared for k, unit in enumerate(self.units)}}
         if "background_filter" in self.front:

@@ -61,14 +61,14 @@ class BatchEnd(wiring.Component):
         current = Signal(payloads.end_settings(config))
         held = Signal(payloads.sensor_token(config))
         commanded = Signal()  # the held event was made the last one
-        number = Signal(bits_for(config.max_batch_events), init=1)  # of the held event in its batch
+        number = Signal(bits_for(config.slice_events), init=1)  # of the held event in its batch
         t_first, later, apart = (Signal(config.time_bits, name=name) for name in ("t_first", "later", "apart"))
         within = Signal(len(current.duration) + 2)  # negative: not within the duration
         by_time, by_number, followed, leaves = Signal(), Signal(), Signal(), Signal()
         arrives, ends, ended = Signal(), Signal(), Signal()
 
         def completes(number, wanted):
-            return (wanted == number) | (number == config.max_batch_events)
+            return (wanted == number) | (number == config.slice_events)
 
         # Is the held event the last one?
         m.d.comb += [

@@ -1,0 +1,50 @@
+"""Whatever units take, and in whatever order they finish: each outcome is one result, and the last one is marked.
+
+For batches of one to three rows, two units that finish whenever they like, and results that wait as long as they like:
+enough cycles for all of a batch, and for what follows a shorter one. That each row is handed over once is tested, not
+proved.
+"""
+
+import pytest
+
+from cmfpga.rtl.regions import collector
+from support.formal.harness import needs_solver, solve
+from support.formal.mutants import Mutant
+from support.formal.results_proof import CollectorHarness
+
+pytestmark = needs_solver
+CYCLES = 40
+
+
+def test_the_results(tmp_path):
+    outcome = solve(CollectorHarness(collector), "bmc", CYCLES, tmp_path)
+    assert outcome.status == "PASS", outcome.log
+
+
+def test_what_is_proved_can_happen(tmp_path):
+    outcome = solve(CollectorHarness(collector), "cover", CYCLES, tmp_path)
+    assert (outcome.status, outcome.covered) == ("PASS", CollectorHarness.COVERS), outcome.log
+
+
+MUTANTS = [
+    Mutant(name, old, new, collector)
+    for name, old, new in (
+        ("last one not marked", "done + 1 >= self.batch", "done >= self.batch"),
+        ("first one marked", "last.eq(done + 1 >= self.batch.settings.rows)", "last.eq(1)"),
+        ("over too early", "self.finished.eq(done >= ", "self.finished.eq(done + 1 >= "),
+        (
+            "not counted anew",
+            "with m.If(self.begins):\n            m.d.sync += done.eq(0)",
+            "with m.If(0):\n            m.d.sync += done.eq(0)",
+        ),
+        ("another unit's outcome goes", "unit.ready.eq(chosen == number)", "unit.ready.eq(chosen != number)"),
+        ("all outcomes go", "unit.ready.eq(chosen == number)", "unit.ready.eq(unit.valid)"),
+        ("an outcome goes before it is taken", "with m.If(self.o.ready):", "with m.If(1):"),
+    )
+]
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=str)
+def test_the_proof_finds(mutant, tmp_path):
+    outcome = solve(CollectorHarness(mutant.module()), "bmc", CYCLES, tmp_path)
+    assert outcome.status == "FAIL" and outcome.step is not None, outcome.log
