@@ -55,6 +55,7 @@ def test_batches_equal_the_model(line, rng, form):
     assert not any(accelerator.backend.counters().values())
 
 
+@pytest.mark.slow
 def test_many_regions(compiler, rng):
     """Rows go there, and packets of all regions come back."""
     line, model = SimulatedLine(region_driving.CONFIG), region_driving.model_of(region_driving.CONFIG)

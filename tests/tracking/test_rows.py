@@ -321,7 +321,7 @@ def test_objects_that_cross_leave_and_stop(four):
 
 def test_objects_that_cross_at_a_right_angle_may_change_places():
     """As the documentation says: v is trusted, but nobody tells whose it is."""
-    ways = (99, 99), (99, -99)
+    ways = [(140 * np.cos(angle), 140 * np.sin(angle)) for angle in (np.pi / 4, -np.pi / 4)]
     made = [
         generate(seed=k + 1, position=(120 - x / 2, 90 - y / 2), velocity=(x, y), duration_us=SECOND)
         for k, (x, y) in enumerate(ways)
