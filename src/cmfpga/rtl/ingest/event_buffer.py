@@ -211,12 +211,13 @@ class EventBuffer(wiring.Component):
             with m.If(halved):
                 m.d.sync += [
                     count.eq(half + even),
-                    full.eq(half + even == depth),
                     skipped.eq(skipped << 1 | 1),
                     turn.eq(Mux(turn == bits - 1, 0, turn + 1)),
                 ]
             with m.Elif(looked):
-                m.d.sync += [count.eq(count + 1), full.eq(count == depth - 1)]
+                m.d.sync += count.eq(count + 1)
+            with m.If(looked):  # not behind ``halved``, for its time
+                m.d.sync += full.eq(Mux(full, half + even == depth, count == depth - 1))
         with m.If(self.take):
             m.d.sync += replayed_turn.eq(turn)
 
