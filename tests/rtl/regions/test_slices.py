@@ -110,7 +110,7 @@ MUTANTS = {
     "read although it waits": ("read.en.eq(goes | ~found)", "read.en.eq(1)"),
     "a window ends too early": ("out.last.eq(0)", "out.last.eq(kept.t[0])"),
     "not by its number": ("(number + 1 == wanted)", "0"),
-    "number of the slice before": ("wanted.eq(self.slice_events), ", ""),
+    "number of the slice before": ("wanted.eq(self.slice_events),\n", ""),
     "one event, by its number": ("(self.slice_events == 1)", "0"),
     "more than there is room for": ("(number == config.slice_events - 1)", "0"),
     "written although it waits": ("write.en.eq(self.i.valid & self.o.ready)", "write.en.eq(self.i.valid)"),
