@@ -14,13 +14,15 @@ class OnePass(Derived):
         The latencies of warp, voter, banks, sums, gradient and ascent, less one; or where lanes make those from the
         banks on shorter, of what is in front of the warp. A test holds them to those of the blocks.
         """
-        warp = 4 if self._c.max_level else 3
+        warp, voter = 4 if self._c.max_level else 3, 3
+        if self._c.lanes > 1:
+            warp, voter = warp + 1, voter + 1
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
         sums = 4 + 4 if self._c.lanes == 1 else 10 + self._c.geometry.lane_bits
         feed = 10 + (self._c.dither_frac > 0) * (1 if self._c.lanes == 1 else 2)
         if self._c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2
-        return warp + 3 + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
+        return warp + voter + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
 
     @property
     def fewest_idle_cycles(self):
