@@ -53,7 +53,7 @@ def test_verilog_and_model_write_the_same(compiler, follow, rows, tmp_path, mode
     assert len(measured) > 5
     for row in measured:
         # N + T·(n + 16 + L) + constant, from a core of 8×8 px
-        assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 55
+        assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 56
         assert row["iterations"] == "15"
 
 

@@ -50,7 +50,7 @@ ROOM = {
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "undistortion_frac": {"dt_frac": 12},
     "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
-    "background_us": {"time_bits": 48, "span_bits": 32},
+    "background_us": {"time_bits": 48, "span_bits": 32}, "slices": {"max_batch_events": 16},
 }  # fmt: skip
 # What reads a field that the defaults do not.
 PROBED = {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20}
@@ -61,7 +61,7 @@ READER = {
     **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
     **{name: {"undistortion": "on", "undistortion_frac": 1} for name in ("undistortion_cell", "camera")},
     "undistortion_frac": {"undistortion": "on"},
-    "regions": MANY, **{name: {**MANY, "regions": 2} for name in ("units", "bin_bits")},
+    "regions": MANY, **{name: {**MANY, "regions": 2} for name in ("units", "slices", "bin_bits")},
     "hot_mask": {"hot_pixels": 1}, "background_cell": {"background": 1}, "background_us": {"background": 1},
 }  # fmt: skip
 
