@@ -123,7 +123,8 @@ WORDS = {
 NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confidence": 0},
           "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
           "undistortion_frac": {"undistortion": "on"},
-          "regions": REGIONS | {"regions": 1}, **{name: REGIONS for name in ("units", "slices", "bin_bits", "store_style")},
+          "regions": REGIONS | {"regions": 1},
+          **{name: REGIONS for name in ("units", "slices", "bin_bits", "store_style")},
           "motion": FAST | {"border": "whole", "roi_width": 16, "roi_height": 8, "sensor_width": 16, "sensor_height": 8,
                             "confidence": 0, "schedule_entries": 64}}  # fmt: skip
 QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
