@@ -70,6 +70,15 @@ def test_files_and_summary(command, slide, sliding, tmp_path):
     assert float(fits[0]["vx_px_per_s"]) == pytest.approx(90, abs=8)
 
 
+def test_slices_without_events_are_told(command, sliding, tmp_path):
+    events, late = sliding.events[:6000], sliding.events.t[:6000].copy()
+    late[3000:] += 60_000
+    write_hdf5(tmp_path / "pause.h5", Events(late, events.x, events.y, events.p), 128, 96)
+    how = ("--engine", "model", "--slices", 2, "--window-us", 16_000, "--windows", 2)
+    done = command(flow, tmp_path / "pause.h5", *how, "--out", tmp_path, "--no-picture")
+    assert done.status == 0 and "\n7 slices without events, passed over\n" in done.out, done
+
+
 def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_path):
     done = command(flow, turn, *MODEL, "--fit", "rotation", "--out", tmp_path, "--no-picture")
     assert done.status == 0, done.err

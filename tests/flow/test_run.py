@@ -75,21 +75,33 @@ def test_what_slices_need(sliding, how, why):
         measured(sliding.recording(), slices=4, **how)
 
 
-def test_a_slice_without_events_is_refused(sliding):
+@pytest.mark.parametrize("slices", [1, 3])
+def test_a_pause_does_not_end_a_run(sliding, slices):
+    """Slices without events are counted and passed over: windows have the last slices with events."""
     events, late = sliding.events, sliding.events.t.copy()
-    late[len(late) // 2 :] += 60_000
+    half = len(late) // 2
+    late[half:] += 60_000
     paused = MemoryRecording(Events(late, events.x, events.y, events.p), 128, 96)
-    with pytest.raises(ConfigError, match="a slice without events, from"):
-        measured(paused, slices=2, window_us=20_000)
-
-
-def test_a_time_without_events_is_a_window_too(sliding):
-    events, late = sliding.events, sliding.events.t.copy()
-    late[len(late) // 2 :] += 60_000
-    paused = MemoryRecording(Events(late, events.x, events.y, events.p), 128, 96)
-    windows, _ = measured(paused, window_us=20_000)
-    counts = [len(window.events) for window in windows]
-    assert 0 in counts and windows[counts.index(0)].result is None
+    windows, run = measured(paused, window_us=30_000, start_event=100, slices=slices)
+    begin = late[100]
+    # Windows of 30 ms, or slices of 10, of which those with events count; the last one is incomplete.
+    number = ((late[100:] - begin) * slices // 30_000).astype(int)
+    held = [np.flatnonzero(number == k) + 100 for k in range(number[-1])]
+    with_events = [part for part in held if len(part)]
+    assert len(with_events) < len(held)
+    if slices == 1:
+        assert [len(window.events) for window in windows] == [*map(len, held)] and not run.passed_over
+        assert all((window.result is None) == (not len(part)) for window, part in zip(windows, held, strict=True))
+        return
+    assert run.passed_over == len(held) - len(with_events)
+    assert len(windows) == len(with_events) - slices + 1 and [w.index for w in windows] == [*range(len(windows))]
+    for k, window in enumerate(windows):
+        first, last = with_events[k][0], with_events[k + slices - 1][-1]
+        assert (window.events.t == late[first : last + 1]).all()
+        assert window.result.events == len(window.events) == last + 1 - first
+        assert window.result.span == late[last] - late[first]
+    across = [window for window in windows if window.events.t[-1] - window.events.t[0] > 60_000]
+    assert len(across) == slices - 1
 
 
 def test_windows_larger_than_the_hardware(sliding):

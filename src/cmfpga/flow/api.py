@@ -76,7 +76,7 @@ def flow(
             found.add(window)
     if not len(found):
         raise run.cutter.too_few()
-    found.leftover, found.limited = run.leftover, run.limited
+    found.ended(run)
     return found
 
 

@@ -152,7 +152,7 @@ def _measure(options, recording, config, tiles, folder):
                 best = window
             if options.recording is None:
                 errors.append(demo_errors(window))
-    found.leftover, found.limited = run.leftover, run.limited
+    found.ended(run)
     if best is None:
         raise run.cutter.too_few()
     files.append(folder / ARRAYS)
@@ -206,6 +206,8 @@ def _summarise(options, found, files, errors):
         f"{told['windows']} windows of {told['tiles']} tiles ({found.engine} engine): {told['events']:,} events, "
         f"{told['leftover']:,} left over, {told['outside']:,} off the image, {told['dropped']:,} dropped"
     )
+    if found.passed_over:
+        print(f"{found.passed_over} slices without events, passed over")
     print(f"{told['trusted']} of {told['measured']} tiles with enough events are to be trusted")
     if told["speed_px_per_s"]:
         print("flow {:.0f} px/s in the median, 95 % below {:.0f}".format(*told["speed_px_per_s"]))

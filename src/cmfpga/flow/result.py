@@ -56,6 +56,8 @@ class Flow:
         The windows would be longer, had the hardware room for their events.
     outside, dropped : int
         Events off the undistorted image, in no tile; and those that the hardware dropped: time stepped back, noise.
+    passed_over : int
+        Slices without events, which are in no window.
     cycles : list of int
         Clock cycles of each window with events; empty of engines without a clock.
     moved : list of float
@@ -68,7 +70,7 @@ class Flow:
         self.config, self.tiles, self.engine, self.model = config, tiles, engine, fit
         self.recording = Path(recording).name
         self.leftover, self.limited, self.moved, self.fields = 0, False, [], []
-        self.outside, self.dropped, self.cycles = 0, 0, []
+        self.outside, self.dropped, self.passed_over, self.cycles = 0, 0, 0, []
         self._kept = {name: [] for name in (*DOCS,)[4 : None if fit else -2]}
 
     def __len__(self):
@@ -110,6 +112,10 @@ class Flow:
             **{name: np.array(values) for name, values in self._kept.items()},
         }  # fmt: skip
 
+    def ended(self, run):
+        """Take over what a :class:`~.run.Run` knows when its last window has come."""
+        self.leftover, self.limited, self.passed_over = run.leftover, run.limited, run.passed_over
+
     def save(self, path):
         """Write :attr:`arrays` as ``.npz``, with what made them as JSON in ``head``."""
         told = {"recording": self.recording, "engine": self.engine, "image": self.config.image, "fit": self.model}
@@ -135,6 +141,7 @@ class Flow:
             "leftover": self.leftover,
             "outside": self.outside,
             "dropped": self.dropped,
+            **({"passed_over": self.passed_over} if self.config.slices > 1 else {}),
             "cycles": round(float(np.mean(self.cycles)), 1) if self.cycles else None,
             "measured": measured,
             "trusted": trusted,

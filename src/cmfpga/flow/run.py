@@ -36,6 +36,8 @@ class Run:
     cutter : BatchCutter
     limited : bool
         Some window would have been longer, had the hardware room for its events.
+    passed_over : int
+        Slices without events.
     """
 
     def __init__(self, source, engine, tiles, *, window_events=None, window_us=None, start_event=0, windows=None):
@@ -53,7 +55,7 @@ class Run:
             raise ConfigError(f"windows of {config.slices} slices: {wanted} is needed")
         size = {mode: size // config.slices}
         self._source, self.cutter = source, BatchCutter(source, start_event=start_event, max_events=self._limit, **size)
-        self.limited = False
+        self.limited, self.passed_over = False, 0
         engine.write(tiles.regions)
 
     @property
@@ -78,14 +80,12 @@ class Run:
     def _next(self, index):
         """The window that ends with the next batch, or slice; at the begin, with the last of the first slices."""
         while (part := self.cutter.next()) is not None:
+            if not len(part) and self._slices.maxlen > 1:
+                self.passed_over += 1  # nothing to send: the hardware's windows know nothing of it
+                continue
             self._slices.append(part)
             every = Events.concatenate(self._slices)
             window = Batch(every.t, every.x, every.y, every.p, self._slices[0].first_event)
-            if not len(part) and self._slices.maxlen > 1:
-                raise ConfigError(
-                    f"a slice without events, from {part.window[0]} µs on: the hardware takes none; longer windows, "
-                    "fewer slices, or windows by their number of events are needed"
-                )
             found = self._measure(index, part, window)
             if len(self._slices) == self._slices.maxlen:
                 return found
