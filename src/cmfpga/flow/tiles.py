@@ -1,10 +1,11 @@
 """The table of regions of dense flow: a grid of tiles in two levels.
 
-Coarse tiles, as large as the hardware's image and side by side, begin anew in each window. Fine tiles overlap and begin
-where the nearest coarse one ended, so that their schedule is short; the image around them keeps the votes of events
-that leave them.
+Coarse tiles, side by side and no larger than the hardware's image, begin anew in each window; they end where bins of
+the store do, so that no event is read twice for them. Fine tiles overlap and begin where the nearest coarse one ended,
+so that their schedule is short; the image around them keeps the votes of events that leave them.
 """
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -75,13 +76,13 @@ def grid(config, tile=TILE, step=None):
     columns, rows = (_places(size, tile, step) for size in sensor)
     first, parents = [], ()
     if tile < min(coarse):
-        parents = tuple(_places(size, side, side) for size, side in zip(sensor, coarse, strict=True))
-        first = [Region(x=x, y=y, width=coarse[0], height=coarse[1]) for y in parents[1] for x in parents[0]]
+        parents = tuple(_side_by_side(*sizes, 1 << config.bin_bits) for sizes in zip(sensor, coarse, strict=True))
+        first = [Region(x=x, y=y, width=width, height=height) for y, height in parents[1] for x, width in parents[0]]
 
     def fine(x, y):
         if not parents:
             return Region(x=x, y=y, width=tile, height=tile)
-        column, row = (_nearest(*one) for one in zip((x, y), parents, coarse, (tile, tile), strict=True))
+        column, row = (_nearest(at, places, tile) for at, places in zip((x, y), parents, strict=True))
         return Region(x=x, y=y, width=tile, height=tile, start="parent", parent=row * len(parents[0]) + column)
 
     return Tiles(columns, rows, tile, tile, (*first, *(fine(x, y) for y in rows for x in columns)))
@@ -92,6 +93,14 @@ def _places(size, side, step):
     return tuple(min(k * step, size - side) for k in range(count))
 
 
-def _nearest(at, places, side, own):
+def _side_by_side(size, side, unit):
+    """Places and sides that part a size, as even as multiples of ``unit`` allow."""
+    unit = unit if side % unit == 0 else 1
+    count, units = math.ceil(size / side), math.ceil(size / unit)
+    ends = [min(size, unit * math.ceil(k * units / count)) for k in range(count + 1)]
+    return tuple((begin, end - begin) for begin, end in itertools.pairwise(ends))
+
+
+def _nearest(at, places, own):
     """Number of the place whose middle is nearest."""
-    return min(range(len(places)), key=lambda k: abs(2 * places[k] + side - 2 * at - own))
+    return min(range(len(places)), key=lambda k: abs(2 * places[k][0] + places[k][1] - 2 * at - own))

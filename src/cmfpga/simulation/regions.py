@@ -85,30 +85,25 @@ class VerilatedRegions(VerilatedCore):
             batches, [settings_values(config, settings)] * len(batches), gaps, stalls, sum(plans) * len(batches), limit
         )
         self.finished = [row["valid"] for row in values[count - 1 :: count]]
-        # Iterations of one region come one after the other; batches as well.
-        found, done = [], 0
-        for number in range(len(batches)):
-            rows = values[number * count : (number + 1) * count]
-            steps = sum(row["iterations"] for row in rows)
-            found.append(self._batch(rows, trace[done : done + steps]))
-            done += steps
-        return found
+        # Iterations of one region come one after the other, also those of two batches.
+        which = self.trace_names.index("region")
+        steps = {number: np.delete(trace[trace[:, which] == number], which, 1) for number in range(count)}
+        return [self._batch(values[at : at + count], steps) for at in range(0, len(values), count)]
 
-    def _batch(self, rows, trace):
+    def _batch(self, rows, steps):
         config = self.config
         if [row["last"] for row in rows] != [0] * (len(rows) - 1) + [1]:
             raise AssertionError("the last result of a batch is not marked")
         if sorted(row["region"] for row in rows) != list(range(len(rows))):
             raise AssertionError("a region has no result, or two")
         of_batch = {f.name for f in fields_of("batch", config=config)}
-        which = self.trace_names.index("region")
         outcomes = {}
         for row in rows:
-            found = decode(config, row)
-            steps = trace[trace[:, which] == row["region"]]
+            found, number = decode(config, row), row["region"]
+            own, steps[number] = np.split(steps[number], [row["iterations"]])
             v = tuple(row[f"v_{name}"] for name in config.motion_model.names)
-            its = Trace.of_ports(config, np.delete(steps, which, 1), v)
+            its = Trace.of_ports(config, own, v)
             batch = {name: found.pop(name) for name in of_batch}
-            outcomes[row["region"]] = RegionOutcome(**found, trace=its)
+            outcomes[number] = RegionOutcome(**found, trace=its)
         assert [name for name in self.trace_names if name != "region"] == columns(config)
         return BatchResult(regions=tuple(outcomes[number] for number in sorted(outcomes)), **batch)

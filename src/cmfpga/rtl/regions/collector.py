@@ -17,7 +17,7 @@ CLEAR, ADD = 1, 2
 
 
 class Collector(wiring.Component):
-    """One outcome after the other; the lowest unit that has one comes first.
+    """One outcome after the other; the lowest unit that has one comes first. Those of a batch wait for the one before.
 
     Each takes :attr:`latency` cycles or less, in which v's confidence is judged, if it was probed.
 
@@ -32,11 +32,11 @@ class Collector(wiring.Component):
     -------
     units : ``In``, array of streams of :func:`payloads.outcome`
     begins : ``In(1)``
-        A batch begins: none of its regions has been measured.
+        A batch begins: none of its regions has been measured. Only after ``begun``.
     batch : ``In``, :func:`~cmfpga.rtl.payloads.batch`
-        Stays while it is measured.
+        With ``begins``, and until ``begun``.
     turn : ``In(1)``
-        The batch's.
+        The batch's, as long.
     number : ``Out``
         Whose row is looked up.
     row, state : ``In``, :func:`payloads.row`, :func:`payloads.state`
@@ -44,8 +44,10 @@ class Collector(wiring.Component):
     write : ``Out``, flow of ``{number, state}``
         What is kept from now on.
     o : ``Out``, stream of :func:`payloads.region_result`
-    finished : ``Out(1)``
-        All results of the batch have been taken.
+    begun : ``Out(1)``
+        All results of the batches before have been taken.
+    takes_over : ``Out(1)``
+        That is so from now on: the results that come are those of the batch that began last. One cycle.
     """
 
     def __init__(self, config):
@@ -65,13 +67,15 @@ class Collector(wiring.Component):
                 "state": In(payloads.state(config)),
                 "write": Out(common.flow(kept)),
                 "o": Out(stream.Signature(payloads.region_result(config))),
-                "finished": Out(1),
+                **dict.fromkeys(("begun", "takes_over"), Out(1)),
             }
         )
 
     def elaborate(self, platform):
         config, units = self.config, list(self.units)
         m = Module()
+        # Of the outcomes that are taken now; those of the batch behind it wait in their units.
+        batch, turn, waiting = Signal(self.batch.shape(), name="batch"), Signal(name="turn_now"), Signal()
         chosen = Signal(range(max(2, len(units))))
         outcome = Signal(payloads.outcome(config))
         m.d.sync += outcome.eq(select(chosen, [unit.payload.as_value() for unit in units]))
@@ -79,35 +83,39 @@ class Collector(wiring.Component):
         after = Signal(payloads.state(config))
         timer = Signal(range(max(4, len(self.batch.settings.roi_gain))))
         done, last = Signal(config.store.number_bits + 1), Signal()
-        gain, steps, limits = Signal.like(self.batch.settings.roi_gain), Signal(2), {}
+        gain, steps, limits = Signal.like(batch.settings.roi_gain), Signal(2), {}
         moves, begin = row.moves & ~outcome.degenerate, Signal()
+        offered = Cat(unit.valid & (unit.payload.turn == turn) for unit in units)
         decided, doubtful = self._judge(m, outcome, begin) if config.confidence else (Const(1, 1), Const(0, 1))
         with m.If(self.begins):
-            m.d.sync += done.eq(0)
+            m.d.sync += waiting.eq(1)
+        with m.Elif(self.takes_over):
+            m.d.sync += [waiting.eq(0), done.eq(0), batch.eq(self.batch), turn.eq(self.turn)]
         m.d.comb += [
             self.number.eq(outcome.number),
-            self.finished.eq(done >= self.batch.settings.rows),
+            self.begun.eq(~waiting),
+            self.takes_over.eq(waiting & (done >= batch.settings.rows)),
             self.write.payload.number.eq(outcome.number),
             self.write.payload.state.eq(after),
         ]
         m.d.sync += timer.eq(timer - 1)
         with m.FSM(name="collect"):
             with m.State("IDLE"):
-                for number, unit in reversed(list(enumerate(units))):
-                    with m.If(unit.valid):
+                for number in reversed(range(len(units))):
+                    with m.If(offered[number]):
                         m.d.sync += chosen.eq(number)
                 m.d.sync += timer.eq(3)
-                with m.If(Cat(unit.valid for unit in units).any()):
+                with m.If(offered.any()):
                     m.next = "LOOK"
             with m.State("LOOK"):
                 m.d.comb += [steps.eq(CLEAR), begin.eq(timer == 0)]
-                m.d.sync += gain.eq(self.batch.settings.roi_gain)
+                m.d.sync += gain.eq(batch.settings.roi_gain)
                 with m.If(timer == 0):
                     m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(len(gain) - 1)]
                     m.next = "MOVE"
             with m.State("MOVE"):
                 m.d.comb += steps.eq(ADD)
-                m.d.sync += [gain.eq(gain << 1), last.eq(done + 1 >= self.batch.settings.rows)]
+                m.d.sync += [gain.eq(gain << 1), last.eq(done + 1 >= batch.settings.rows)]
                 with m.If(timer == 0):
                     m.d.sync += timer.eq(2)
                     m.next = "LIMIT"
@@ -126,7 +134,7 @@ class Collector(wiring.Component):
         m.d.comb += [
             after.v.eq(Mux(outcome.degenerate, state.v.as_value(), outcome.v.as_value())),
             after.followed.eq(~outcome.degenerate),
-            after.turn.eq(self.turn),
+            after.turn.eq(turn),
         ]
         m.d.comb += after.doubtful.eq(doubtful)
         for axis, sensor in (("x", config.sensor_width), ("y", config.sensor_height)):
@@ -135,7 +143,7 @@ class Collector(wiring.Component):
                 m, axis, outcome.v[axis], state.position[axis], gain[-1], steps, sensor, size
             )
             m.d.comb += after.position[axis].eq(Mux(moves, moved, state.position[axis]))
-        self._result(m, outcome, state, after, last, moves & (limits["x"] | limits["y"]))
+        self._result(m, batch, outcome, state, after, last, moves & (limits["x"] | limits["y"]))
         return m
 
     def _judge(self, m, outcome, begin):
@@ -174,8 +182,8 @@ class Collector(wiring.Component):
             m.d.sync += step.eq((step << 1) + Mux(bit, v, 0))
         return moved, limited
 
-    def _result(self, m, outcome, state, after, last, clamped):
-        batch, result = self.batch, self.o.payload
+    def _result(self, m, batch, outcome, state, after, last, clamped):
+        result = self.o.payload
         units = set(outcome.shape().members)
         fields = fields_of("batch", "region", config=self.config)
         dropped = [f.name for f in fields if f.counts and f.scope == "batch"]

@@ -24,21 +24,22 @@ class Distributor(wiring.Component):
     DIVIDE
         Wait for the reciprocal of its time range.
     ROW, START
-        Read a row of the table and what is kept of its region; then that of the region whose v it starts with, which
-        must have been measured in this batch.
+        Read a row of the table and what is kept of its region, which must have been measured in the batch before; then
+        that of the region whose v it starts with, which must have been measured in this one.
     UNIT
         Wait for a unit that can be loaded; one that is idle comes first.
     BINS
         Ask for the bins that the region overlaps, row by row.
     DRAIN
         Wait for their events, which are cropped; hand the region over.
-    REST
-        All rows are handed over: wait for the outcomes.
     CLEAR
-        Forget the batch.
+        All rows are handed over: forget the events, while the last ones are iterated.
+    REST
+        Wait until the outcomes are those of this batch, so that no more than two are under way.
 
-    A region of n events in b bins takes n' + b + 15 cycles or less, n' being the events in all its bins and an empty
-    bin counting as five, and more only while it waits for a unit or for its parent.
+    A region of n events in b bins takes n' + b + 16 cycles or less, n' being the events in all its bins and an empty
+    bin counting as five, and more only while it waits for a unit, for its parent, or for its own outcome in the batch
+    before.
 
     Parameters
     ----------
@@ -71,8 +72,8 @@ class Distributor(wiring.Component):
         The same; one cycle.
     job : ``Out``, :func:`payloads.job`
         With ``commit``.
-    finished : ``In(1)``
-        All outcomes of the batch have been taken.
+    begun : ``In(1)``
+        All outcomes of the batch before have been taken.
     """
 
     def __init__(self, config):
@@ -80,7 +81,7 @@ class Distributor(wiring.Component):
         units, bins = config.units, bits_for(config.store.bins - 1)
         super().__init__(
             {
-                **dict.fromkeys(("take", "divided", "busy", "cleared", "finished"), In(1)),
+                **dict.fromkeys(("take", "divided", "busy", "cleared", "begun"), In(1)),
                 **dict.fromkeys(("free", "divide", "turn", "clear"), Out(1)),
                 "settings": In(common.settings(config)),
                 "number": Out(config.store.number_bits),
@@ -109,6 +110,7 @@ class Distributor(wiring.Component):
 
         source = self.state
         warm, restarted = Signal(), Signal()
+        before = Signal.like(settings.rows)  # of the batch before
         of_parent, measured = row.start == STARTS.index("parent"), Signal()
         given = row.start == STARTS.index("given")
         wanted = source.followed & ~given
@@ -131,7 +133,9 @@ class Distributor(wiring.Component):
                 with m.If(self.divided):
                     m.next = "ROW"
             with m.State("ROW"):  # ``row.start`` is 0, so that the number is the current one
-                with m.If(timer == 0):
+                there = (source.turn != self.turn) | (current >= before)
+                m.d.sync += measured.eq((timer == 0) & there)  # twice, as below
+                with m.If((timer == 0) & measured & there):
                     m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(2)]
                     m.next = "START"
             with m.State("START"):
@@ -140,6 +144,7 @@ class Distributor(wiring.Component):
                 with m.If((timer == 0) & (~of_parent | (measured & (source.turn == self.turn)))):
                     m.d.sync += [warm.eq(wanted & ~doubtful), restarted.eq(wanted & doubtful)]
                     m.d.sync += [job.settings.eq(settings), job.settings.start_last.eq(0)]  # v_start says it
+                    m.d.sync += job.turn.eq(self.turn)
                     m.d.sync += job.settings.v_start.eq(
                         Mux(wanted & ~doubtful, source.v.as_value(), settings.v_start.as_value())
                     )
@@ -174,13 +179,14 @@ class Distributor(wiring.Component):
                     m.d.sync += [current.eq(current + 1), row.start.eq(0), timer.eq(2)]
                     m.next = "ROW"
                     with m.If(current + 1 >= settings.rows):
-                        m.next = "REST"
-            with m.State("REST"):
-                with m.If(self.finished):
-                    m.d.comb += self.clear.eq(1)
-                    m.next = "CLEAR"
+                        m.d.comb += self.clear.eq(1)
+                        m.d.sync += before.eq(settings.rows)
+                        m.next = "CLEAR"
             with m.State("CLEAR"):
                 with m.If(self.cleared):
+                    m.next = "REST"
+            with m.State("REST"):
+                with m.If(self.begun):
                     m.next = "IDLE"
         m.d.comb += self.read.payload.eq(Cat(column[: store.column_bits], line))
         self._crop(m, row, corner)

@@ -61,6 +61,7 @@ def job(config):
             "found": bits_for(config.max_batch_events),  # events in the region
             "stride": row(config)["stride"].shape,
             "restarted": 1,
+            "turn": 1,  # of its batch
             "settings": settings(config),
         }
     )
@@ -73,9 +74,8 @@ _OUTSIDE_UNITS = ("roi", "roi_next")
 def outcome(config):
     """What a unit says of a region."""
     known = [f for f in fields_of("region", config=config) if f.name not in _OUTSIDE_UNITS]
-    return data.StructLayout(
-        {"number": config.store.number_bits, "degenerate": 1, **{f.name: shaped(f.shape(config)) for f in known}}
-    )
+    found = {f.name: shaped(f.shape(config)) for f in known}
+    return data.StructLayout({"number": config.store.number_bits, "turn": 1, "degenerate": 1, **found})
 
 
 def region_result(config):

@@ -51,6 +51,9 @@ class Regions(wiring.Component):
         to be written again, ``fresh``.
     schedule_write, mask_write, node_write, opened, take
         As those of :class:`~cmfpga.rtl.core.Core`.
+    takes_over : ``Out(1)``
+        One cycle: the results that come from now on are those of the batch that was taken last. Two batches may be
+        under way, the last regions of one and the first of the next.
     traces : ``Out``, array of flows of :func:`payloads.region_trace`
         Every iteration of each unit, for verification.
     """
@@ -72,6 +75,7 @@ class Regions(wiring.Component):
             "settings": In(common.settings(config)),
             "opened": Out(1),
             "take": Out(1),
+            "takes_over": Out(1),
             "traces": Out(common.flow(payloads.region_trace(config))).array(config.units),
             "schedule_write": In(common.flow(common.schedule_write(config))),
             "row_write": In(common.flow(payloads.row_write(config))),
@@ -208,13 +212,14 @@ class Regions(wiring.Component):
             distributor.divided.eq(self.reciprocal.done),
             distributor.busy.eq(store.busy),
             distributor.cleared.eq(store.cleared),
-            distributor.finished.eq(collector.finished),
+            distributor.begun.eq(collector.begun),
             store.clear.eq(distributor.clear),
             self.reciprocal.start.eq(distributor.divide),
             self.reciprocal.span.eq(batch.span),
             collector.begins.eq(distributor.divide),
             collector.batch.eq(batch),
             collector.turn.eq(distributor.turn),
+            self.takes_over.eq(collector.takes_over),
         ]
         for number, unit in enumerate(self.units):
             connect(m, distributor.o, unit.i)

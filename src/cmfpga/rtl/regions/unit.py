@@ -38,7 +38,7 @@ class Unit(Iterating, wiring.Component):
     job : ``In``, :func:`payloads.job`
         With ``commit``.
     times : ``In``, :func:`payloads.times`
-        Stay while a region is iterated.
+        With ``commit``.
     clear : ``In(1)``, cleared : ``Out(1)``
         Clear the image once, after a reset; it is clear from a pulse of ``cleared`` on.
     o : ``Out``, stream of :func:`payloads.outcome`
@@ -93,7 +93,7 @@ class Unit(Iterating, wiring.Component):
         m = Module()
         self._add_boxes(m)
         self._load(m)
-        self._iterate(m, self.times, self.times)
+        self._iterate(m, self._times, self._times)
         self._ascend(m)
         if self.config.confidence:
             self._confide(m, self.iteration_control.handover.batch.roi_events)
@@ -106,6 +106,7 @@ class Unit(Iterating, wiring.Component):
         loading, waiting, take = Signal(), Signal(), Signal()
         job, batch = Signal(payloads.job(self.config)), Signal(handover.batch.shape())
         halved = Signal(common.thinning_used(self.config), reset_less=True)
+        times, self._times = (Signal(payloads.times(self.config), name=name) for name in ("times_next", "times_now"))
         self._job = Signal(payloads.job(self.config))
         self._thinning, self._overflow = Signal.like(halved), Signal.like(job.found)
         m.d.comb += [
@@ -125,7 +126,7 @@ class Unit(Iterating, wiring.Component):
         with m.If(self.begin):
             m.d.sync += loading.eq(1)
         with m.If(self.commit):
-            m.d.sync += [loading.eq(0), waiting.eq(1), job.eq(self.job)]
+            m.d.sync += [loading.eq(0), waiting.eq(1), job.eq(self.job), times.eq(self.times)]
         m.d.sync += take.eq(0)
         with m.If(waiting & handover.free & ~take):
             m.d.sync += [take.eq(1), waiting.eq(0)]
@@ -137,9 +138,10 @@ class Unit(Iterating, wiring.Component):
         with m.If(take):
             m.d.sync += [
                 self._job.eq(job),
+                self._times.eq(times),
                 batch.settings.eq(job.settings),
                 batch.roi_events.eq(buffer.stored.count),
-                batch.span.eq(self.times.span),
+                batch.span.eq(times.span),
                 self._thinning.eq(halved),
             ]
             if not thins(self.config):
@@ -162,6 +164,7 @@ class Unit(Iterating, wiring.Component):
         }
         found = {
             "number": job.number,
+            "turn": job.turn,
             "degenerate": control.run.degenerate,
             "v": self.ascent.v,
             "roi_events": self._batch.roi_events,

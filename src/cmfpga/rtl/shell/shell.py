@@ -81,7 +81,7 @@ class Shell(wiring.Component):
         self.bypassing, self.form, self.swap = Signal(), Signal(2), Signal()
         self.input_pending = Signal()
         self.opened = Signal()
-        self.outstanding = Signal(2)  # batches that were begun and whose result was not taken
+        self.outstanding = Signal(3 if config.regions else 2)  # batches that were begun and whose result was not taken
         self.quiet = Signal()  # there are none
         super().__init__(
             {
@@ -133,8 +133,6 @@ class Shell(wiring.Component):
         self._registers(m)
         return m
 
-    # ---------------------------------------------------------------- words to events
-
     def _events(self, m):
         path, end, values = self.input_path, self.batch_end, self.bank.values
         connect(m, path.o, end.i)
@@ -162,8 +160,6 @@ class Shell(wiring.Component):
                 self.form.eq(values.input_format),
                 self.swap.eq(values.input_swap),
             ]
-
-    # ---------------------------------------------------------------- batches
 
     def _batches(self, m):
         end, values, settings = self.batch_end, self.bank.values, self.settings
@@ -203,8 +199,6 @@ class Shell(wiring.Component):
         with m.Else():
             m.d.sync += self.outstanding.eq(self.outstanding + self.opened - self._done)
 
-    # ---------------------------------------------------------------- results
-
     def _results(self, m):
         packet, values = self.result_packet, self.bank.values
         connect(m, self.core.o, packet.i)
@@ -219,6 +213,10 @@ class Shell(wiring.Component):
             m.d.sync += opened_limited.eq(self._limited)
         with m.If(self.core.take):
             m.d.sync += taken_limited.eq(opened_limited)
+        if self.config.regions:  # results of the batch before may still come
+            before, taken_limited = taken_limited, Signal(name="results_limited")
+            with m.If(self.core.takes_over):
+                m.d.sync += taken_limited.eq(before)
         m.d.comb += [
             packet.wire.eq(wire),
             packet.config_range.eq(taken_limited),
@@ -250,8 +248,6 @@ class Shell(wiring.Component):
     def _limited(self):
         """A setting of the batch that is opened is not as it was written."""
         return self.settings.out_of_range | (self.schedule_store.limited if self.schedule_store else 0)
-
-    # ---------------------------------------------------------------- registers
 
     def _bus(self, m):
         """All hear the bus; whoever is not asked answers 0, as do the words of a block's memory."""
