@@ -33,6 +33,8 @@ MUTANTS = {  # module, old, new
     "cropped by a column too many": (distributor, "whole < row.end[axis]", "whole <= row.end[axis]"),
     "the stride forgotten": (distributor, "((found & skipped) == 0)", "1"),
     "a parent not waited for": (distributor, "~of_parent | (measured", "1 | (measured"),
+    "an outcome of the batch before not waited for": (distributor, "there = source.turn", "there = 1 | source.turn"),
+    "times of the next batch": (unit, "self._times.eq(times)", "self._times.eq(self.times)"),
     "a bin too few": (distributor, "column >= last_bin", "column + 1 >= last_bin"),
     "started where it was not measured": (distributor, "source.followed & ~given", "~given"),
     "doubt does not matter": (distributor, "source.doubtful & settings", "0 & settings"),
@@ -61,7 +63,7 @@ def windows():
             mine = (np.arange(count) % 3) == k
             x[mine] = np.round(column + rng.integers(-2, 3, count) + way * moved)[mine]
             y[mine] = np.round(row + rng.integers(-2, 3, count))[mine]
-        found.append((t, x, y))
+        found.append((t * (2 + number) // 2, x, y))  # batches of different times
     return found
 
 

@@ -110,7 +110,6 @@ class Distributor(wiring.Component):
 
         source = self.state
         warm, restarted = Signal(), Signal()
-        before = Signal.like(settings.rows)  # of the batch before
         of_parent, measured = row.start == STARTS.index("parent"), Signal()
         given = row.start == STARTS.index("given")
         wanted = source.followed & ~given
@@ -133,7 +132,7 @@ class Distributor(wiring.Component):
                 with m.If(self.divided):
                     m.next = "ROW"
             with m.State("ROW"):  # ``row.start`` is 0, so that the number is the current one
-                there = (source.turn != self.turn) | (current >= before)
+                there = source.turn != self.turn
                 m.d.sync += measured.eq((timer == 0) & there)  # twice, as below
                 with m.If((timer == 0) & measured & there):
                     m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(2)]
@@ -180,7 +179,6 @@ class Distributor(wiring.Component):
                     m.next = "ROW"
                     with m.If(current + 1 >= settings.rows):
                         m.d.comb += self.clear.eq(1)
-                        m.d.sync += before.eq(settings.rows)
                         m.next = "CLEAR"
             with m.State("CLEAR"):
                 with m.If(self.cleared):
