@@ -29,8 +29,8 @@ def test_what_is_proved_can_happen(tmp_path):
 MUTANTS = [
     Mutant(name, old, new, collector)
     for name, old, new in (
-        ("last one not marked", "done + 1 >= self.batch", "done >= self.batch"),
-        ("first one marked", "last.eq(done + 1 >= self.batch.settings.rows)", "last.eq(1)"),
+        ("last one not marked", "done + 1 >= batch", "done >= batch"),
+        ("first one marked", "last.eq(done + 1 >= batch.settings.rows)", "last.eq(1)"),
         ("over too early", "(done >= batch.settings.rows)", "(done + 1 >= batch.settings.rows)"),
         ("not counted anew", "waiting.eq(0), done.eq(0)", "waiting.eq(0)"),
         ("the next batch's before", "unit.valid & (unit.payload.turn == turn)", "unit.valid"),
