@@ -1,8 +1,8 @@
 """Whatever units take, and in whatever order they finish: each outcome is one result, and the last one is marked.
 
-For batches of one to three rows, two units that finish whenever they like, and results that wait as long as they like:
-enough cycles for all of a batch, and for what follows a shorter one. That each row is handed over once is tested, not
-proved.
+For batches of one to three rows, the next of which begins before one has finished, two units that finish whenever they
+like, and results that wait as long as they like: enough cycles for what follows a short batch. That each row is handed
+over once is tested, not proved.
 """
 
 import pytest
