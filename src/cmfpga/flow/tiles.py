@@ -1,11 +1,11 @@
 """The table of regions of dense flow: a grid of tiles in two levels.
 
-Coarse tiles, side by side and no larger than the hardware's image, begin anew in each window; they end where bins of
-the store do, so that no event is read twice for them. Fine tiles overlap and begin where the nearest coarse one ended,
-so that their schedule is short; the image around them keeps the votes of events that leave them.
+Coarse tiles, as large as the hardware's image and side by side, begin anew in each window. The last ones are narrower
+where that costs them a quarter at most, or events would be read and iterated twice; else they overlap. Fine tiles
+overlap and begin where the nearest coarse one ended, so that their schedule is short; the image around them keeps the
+votes of events that leave them.
 """
 
-import itertools
 import math
 from dataclasses import dataclass
 
@@ -76,7 +76,7 @@ def grid(config, tile=TILE, step=None):
     columns, rows = (_places(size, tile, step) for size in sensor)
     first, parents = [], ()
     if tile < min(coarse):
-        parents = tuple(_side_by_side(*sizes, 1 << config.bin_bits) for sizes in zip(sensor, coarse, strict=True))
+        parents = tuple(_side_by_side(*sizes) for sizes in zip(sensor, coarse, strict=True))
         first = [Region(x=x, y=y, width=width, height=height) for y, height in parents[1] for x, width in parents[0]]
 
     def fine(x, y):
@@ -93,12 +93,11 @@ def _places(size, side, step):
     return tuple(min(k * step, size - side) for k in range(count))
 
 
-def _side_by_side(size, side, unit):
-    """Places and sides that part a size, as even as multiples of ``unit`` allow."""
-    unit = unit if side % unit == 0 else 1
-    count, units = math.ceil(size / side), math.ceil(size / unit)
-    ends = [min(size, unit * math.ceil(k * units / count)) for k in range(count + 1)]
-    return tuple((begin, end - begin) for begin, end in itertools.pairwise(ends))
+def _side_by_side(size, side):
+    """Places and sides of tiles that hold a size."""
+    *full, last = range(0, size, side)
+    last = (last, size - last) if 4 * (size - last) >= 3 * side else (size - side, side)
+    return (*((at, side) for at in full), last)
 
 
 def _nearest(at, places, own):
