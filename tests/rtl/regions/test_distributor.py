@@ -41,6 +41,7 @@ class Surroundings:
         self.pending = []  # (cycle, batch, row): outcomes that will come
         self.batch, self.row, self.rows, self.given = 0, 0, 0, None
         self.reads, self.waited, self.cleared = [], 0, True
+        self.overlaps = 0  # rows that were given out while outcomes of the batch before were missing
 
     def take(self):
         """The next batch; rows that were not in the one before are written fresh."""
@@ -77,6 +78,7 @@ class Surroundings:
         parent = self.family[self.row]
         assert parent is None or parent not in self.missing(self.batch), "its parent's outcome has not come"
         self.given, self.reads = begin, []
+        self.overlaps += bool(self.missing(self.batch - 1))
 
     def commits(self, commit, job, cycle, delay, busy):
         """It is handed over."""
@@ -114,6 +116,7 @@ async def play(ctx, dut, family, patterns):
         ctx.set(dut.cleared, clears == 0)
         takes = ctx.get(dut.free)
         if takes and around.batch == len(patterns):
+            assert around.overlaps > len(patterns) // 2, "a batch waits for all of the one before"
             return
         ctx.set(dut.take, takes)
         if begun := ctx.get(dut.begin):
