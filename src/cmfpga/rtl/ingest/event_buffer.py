@@ -10,6 +10,7 @@ from ...protocol.results import thins
 from ...protocol.settings import by_signs
 from .. import payloads
 from ..arithmetic import delay, select
+from ..image.sliced_memory import SHALLOW, SlicedMemory
 
 
 def stored(config):
@@ -93,9 +94,13 @@ class EventBuffer(wiring.Component):
         lanes, half, ports = self.config.lanes, bits_for(words - 1), []
         memories, size = (lanes, words + (two << half)) if lanes > 1 else (self.config.buffers, words)
         for number in range(memories):
-            events = memory.Memory(shape=payloads.roi_event(self.config), depth=size, init=[])
+            if lanes > 1 and size > SHALLOW:
+                events = SlicedMemory(payloads.roi_event(self.config), size, {})
+                ports.append((events.write, events.read))
+            else:
+                events = memory.Memory(shape=payloads.roi_event(self.config), depth=size, init=[])
+                ports.append((events.write_port(), events.read_port()))
             m.submodules[f"events_{number}"] = events
-            ports.append((events.write_port(), events.read_port()))
 
         filling, replaying = Signal(), Signal()  # which of two buffers
         replayed = Signal.like(count)  # events of the one that is replayed
