@@ -169,12 +169,13 @@ class EventBuffer(wiring.Component):
             r.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
             _, read = ports[lane]
             half = len(read.addr) - (self.config.buffers - 1)
+            exists = number < replayed if lane else Const(1)  # the first lane's always does
             place = delay(r, placed(number)[:half], 1, name=f"place_{lane}")
             m.d.comb += [read.addr.eq(Cat(place, replaying)), read.en.eq(self.room)]
             r.d.comb += [
                 o.payload.eq(delay(r, read.data, 1, name=f"output_{lane}")),
                 o.payload.last.eq(delay(r, last, 4, name=f"last_{lane}", valid=True)),
-                o.valid.eq(delay(r, reading_s2 & (number < replayed), 3, name=f"reading_{lane}", valid=True)),
+                o.valid.eq(delay(r, reading_s2 & exists, 3, name=f"reading_{lane}", valid=True)),
             ]
 
     def _drop(self, m, full):
