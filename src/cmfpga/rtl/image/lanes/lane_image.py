@@ -81,8 +81,8 @@ class LaneImage(OnePassImage):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
         m.d.comb += self.cleared.eq(idle & last)
 
-        # The number of an iteration is not 0, which all swept words have. Each class has its own register of it, and its
-        # own turn; they begin at other values, so that no tool makes one of them, whose wires would be long.
+        # The number of an iteration is not 0, which all swept words have. Each class has its own register of it, and
+        # its own turn; they begin at other values, so that no tool makes one of them, whose wires would be long.
         tags = (1 << config.tag_bits) - 1
         tag = Signal(config.tag_bits, init=1)
         with m.If(self.next):
