@@ -32,6 +32,7 @@ PRESETS = {
     "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9),
     "similarity": _FAST.replace(
         motion="similarity",
+        confidence_limit=100.0,
         roi_width=128,
         roi_height=128,
         buffer_events=8191,
@@ -40,6 +41,7 @@ PRESETS = {
     ),
     "rotation": _FAST.replace(
         motion="rotation",
+        confidence_limit=150.0,
         roi_width=240,
         roi_height=180,
         buffer_events=32767,
