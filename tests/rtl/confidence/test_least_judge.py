@@ -55,7 +55,7 @@ def check(block, rng, count=80):
             "last": {"i": 1, "dx": 2, "dy": 3} | {f"s{name}": g for name, g in zip(names, last, strict=True)},
         })  # fmt: skip
         for g in probed:
-            script += [*[{}] * 5, {"i.valid": 1, "i.payload": dict(zip(names, g, strict=True))}]
+            script += [*[{}] * int(rng.integers(3)), {"i.valid": 1, "i.payload": dict(zip(names, g, strict=True))}]
         wanted.append((len(script) - 1 + block.latency, least, int(not is_sharp(config, n, limit, least, squares))))
         script += [{}] * (block.latency + 2)
     assert 0.1 < np.mean([doubtful for *_, doubtful in wanted]) < 0.9
