@@ -27,9 +27,7 @@ def test_the_suite(kind, capsys, tmp_path, monkeypatch):
     error, kappa, sure = np.array(kept["values"]).T
     assert len(error) == 12 and (sure == (kappa >= preset(kind).confidence_limit)).all()
     wrong = error > 0.6
-    assert kept["scores"]["auc"] == pytest.approx(
-        np.mean([(right > kappa[wrong]).mean() for right in kappa[~wrong]])
-    )
+    assert kept["scores"]["auc"] == pytest.approx(np.mean([(right > kappa[wrong]).mean() for right in kappa[~wrong]]))
     assert kept["scores"]["trusted"] == pytest.approx(sure.mean())
 
 

@@ -169,10 +169,11 @@ def test_the_confidence_of_a_motion_and_its_verdict(motion, fractions, rng):
     """κ = n·(−∂²(Σ I²)/∂v²)/Σ I², of the parameter that is known worst; ∂(Σ I²)/∂v = 2·S. The verdict is exact."""
     weight, derivative = fractions
     config = preset(motion).replace(weight_frac=weight, derivative_frac=derivative, tag_bits=10)
-    unit, verdicts = 2.0 ** -config.widths.s_frac, []
+    unit, verdicts = 2.0**-config.widths.s_frac, []
     for _ in range(200):
         n, squares, limit = int(rng.integers(1, 8192)), int(rng.integers(1, 1 << 30)), int(rng.integers(1, 1024))
-        least = int(squares * 2.0 ** (config.motion_model.frac + derivative - weight) * limit / n / 8 * rng.uniform(0.5, 2))
+        least = int(squares * 2.0 ** (config.motion_model.frac + derivative - weight) * limit / n)
+        least = int(least * rng.uniform(0.06, 0.25))
         outcome = changed(peak(n, (1.0, 1.0, 0.0), 1), curvature=(least,), sum_squares=squares)
         wanted = n * 2 * (least * unit / PROBE) / (squares * 2.0 ** (-2 * weight))
         assert confidence(config, outcome) == pytest.approx(wanted) and covariance(config, outcome) is None
