@@ -202,7 +202,7 @@ def test_a_configuration_that_is_too_small_is_refused():
 
 
 def test_what_the_bench_cannot_play_is_refused():
-    with pytest.raises(ConfigError, match="^hot_pixels = 1: hot_pixels = 0 is needed, this bench has no more$"):
+    with pytest.raises(ConfigError, match=r"^hot_pixels = 1: hot_pixels = 0 is needed, this bench has no more$"):
         make_vectors.make_vectors(SMALL.replace(hot_pixels=1), batches=1, seed=1)
-    with pytest.raises(ConfigError, match="^motion = rotation: a calibration is needed: camera = fx,fy"):
+    with pytest.raises(ConfigError, match=r"^motion = rotation: a calibration is needed: camera = fx,fy"):
         make_vectors.make_vectors(preset("rotation"), batches=1, seed=1)
