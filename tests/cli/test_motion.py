@@ -88,7 +88,7 @@ def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):
     sure = False
     for a, b in zip(found["axi"], found["model"], strict=True):
         plan = config.schedules.warm if sure else config.schedules.cold
-        sure = "DOUBTFUL" not in b["flags"]
+        sure = "doubtful" not in b["flags"]
         assert sure == (float(b["confidence"]) >= config.confidence_limit)
         counts = {name: int(a[name]) for name in ("events", "roi_events")}
         assert a == b | {"cycles": str(core.cycles(**counts, iterations=plan))}
