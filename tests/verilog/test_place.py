@@ -154,6 +154,22 @@ def test_registers_are_packed():
     assert module["cells"]["it"]["parameters"] == {"REGMODE_B": "OUTREG"}
 
 
+@pytest.mark.parametrize(("width", "packed"), [("100100", 2), ("010010", 0)])
+def test_a_wide_ram_is_read_by_both_ports(width, packed):
+    module = packable("DP16KD", LSR=["0"])
+    module["cells"]["register_0"]["connections"]["LSR"] = ["0"]
+    it = module["cells"]["it"]
+    it["parameters"]["DATA_WIDTH_B"] = width
+    for part in ("connections", "port_directions"):
+        it[part]["DOA0"] = it[part].pop("DOB0")
+    assert pack_registers(module) == packed
+    if packed:
+        assert it["connections"] == {"DOA0": [20], "DOB1": [21], "CLKB": [2], "OCEB": ["1"]}
+        assert {name: mode for name, mode in it["parameters"].items() if name.startswith("REGMODE")} == {
+            "REGMODE_A": "OUTREG", "REGMODE_B": "OUTREG",
+        }  # fmt: skip
+
+
 @pytest.mark.parametrize(("kind", "pin"), [("MULT18X18D", "CE0"), ("DP16KD", "OCEB")])
 def test_registers_with_an_enable_are_packed(kind, pin):
     module = packable(kind)

@@ -15,7 +15,7 @@ from amaranth_boards.ulx3s import ULX3S_85F_Platform
 
 from .emit import sha256
 from .packing import pack_registers
-from .place import DEVICES, RESOURCES, require_tools
+from .place import DEVICES, PLACER, RESOURCES, require_tools
 from .tools import EstimateError, read_json, run, yosys
 
 #: By the board's name.
@@ -93,7 +93,7 @@ def _placed(folder, board, seed, doing, report):
     """``{clock: fmax and what is wanted}`` and resources of one placement, which leaves ``pads.config``."""
     arguments = [DEVICES[board.device], "--package", board.package, "--speed", board.speed, "--seed", str(seed)]
     arguments += ["--json", "pads.json", "--lpf", "pads.lpf", "--textcfg", "pads.config", "--report", "report.json"]
-    run("nextpnr-ecp5", [*arguments, "--timing-allow-fail", "-q"], folder, [doing], [], report)
+    run("nextpnr-ecp5", [*arguments, *PLACER, "--timing-allow-fail", "-q"], folder, [doing], [], report)
     found = read_json(folder / "report.json", "nextpnr", "report")
     try:
         fmax = {("sensor" if "cpi" in name else "clock"): clock for name, clock in found["fmax"].items()}

@@ -7,8 +7,10 @@ without it, the wires to a register outside and its set-up time add to the slowe
 from collections import defaultdict
 from typing import NamedTuple
 
-#: What a cell is told of its register, beside the clock; and the names of its outputs.
+#: How the names of a cell's outputs begin.
 _OUTPUTS = {"DP16KD": "DOB", "MULT18X18D": "P"}
+#: A RAM of words so wide is read by both ports' outputs, with the clock and the enable of port B.
+_WIDE = 36
 
 
 class _Kind(NamedTuple):
@@ -62,6 +64,9 @@ def _wires(module):
 
 def _pack_output(cells, cell, sinks):
     prefix, wires = _OUTPUTS[cell["type"]], cell["connections"]
+    ports = "B"
+    if cell["type"] == "DP16KD" and int(cell["parameters"].get("DATA_WIDTH_B", "0"), 2) == _WIDE:
+        prefix, ports = "DO", "AB"
     used = {
         pin: sinks[bits[0]]
         for pin, bits in wires.items()
@@ -77,9 +82,9 @@ def _pack_output(cells, cell, sinks):
     if cell["type"] == "DP16KD":
         if kind.reset != "0" or wires["CLKB"] != [kind.clock]:
             return
-        if any(pin.startswith("DOA") and sinks[bits[0]] for pin, bits in wires.items() if bits):
+        if any(pin.startswith("DOA") and sinks[bits[0]] for pin, bits in wires.items() if bits and pin not in used):
             return
-        cell["parameters"]["REGMODE_B"] = "OUTREG"
+        cell["parameters"] |= {f"REGMODE_{port}": "OUTREG" for port in ports}
         wires["OCEB"] = [kind.enable]
         cell["port_directions"]["OCEB"] = "input"
     else:

@@ -10,6 +10,7 @@ from ...protocol.results import thins
 from ...protocol.settings import by_signs
 from .. import payloads
 from ..arithmetic import delay, select
+from ..image.sliced_memory import SHALLOW, SlicedMemory
 
 
 def stored(config):
@@ -93,9 +94,13 @@ class EventBuffer(wiring.Component):
         lanes, half, ports = self.config.lanes, bits_for(words - 1), []
         memories, size = (lanes, words + (two << half)) if lanes > 1 else (self.config.buffers, words)
         for number in range(memories):
-            events = memory.Memory(shape=payloads.roi_event(self.config), depth=size, init=[])
+            if lanes > 1 and size > SHALLOW:
+                events = SlicedMemory(payloads.roi_event(self.config), size, {})
+                ports.append((events.write, events.read))
+            else:
+                events = memory.Memory(shape=payloads.roi_event(self.config), depth=size, init=[])
+                ports.append((events.write_port(), events.read_port()))
             m.submodules[f"events_{number}"] = events
-            ports.append((events.write_port(), events.read_port()))
 
         filling, replaying = Signal(), Signal()  # which of two buffers
         replayed = Signal.like(count)  # events of the one that is replayed
@@ -164,12 +169,13 @@ class EventBuffer(wiring.Component):
             r.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
             _, read = ports[lane]
             half = len(read.addr) - (self.config.buffers - 1)
+            exists = number < replayed if lane else Const(1)  # the first lane's always does
             place = delay(r, placed(number)[:half], 1, name=f"place_{lane}")
             m.d.comb += [read.addr.eq(Cat(place, replaying)), read.en.eq(self.room)]
             r.d.comb += [
                 o.payload.eq(delay(r, read.data, 1, name=f"output_{lane}")),
                 o.payload.last.eq(delay(r, last, 4, name=f"last_{lane}", valid=True)),
-                o.valid.eq(delay(r, reading_s2 & (number < replayed), 3, name=f"reading_{lane}", valid=True)),
+                o.valid.eq(delay(r, reading_s2 & exists, 3, name=f"reading_{lane}", valid=True)),
             ]
 
     def _drop(self, m, full):

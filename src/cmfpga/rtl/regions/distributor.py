@@ -114,6 +114,15 @@ class Distributor(wiring.Component):
         wanted = source.followed & ~given
         doubtful = source.doubtful & settings.cold_after_doubtful if config.confidence else Const(0, 1)
         corner, last_bin, place, column, line = self._geometry(m, row, state)
+        # Registers, for much hangs on them: the store looks a bin up for longer than they take.
+        within, last_column, last_line, compared, last_row = Signal(), Signal(), Signal(), Signal(), Signal()
+        m.d.sync += [
+            last_row.eq(current + 1 >= settings.rows),
+            within.eq((column <= last_bin["x"]) & (line <= last_bin["y"])),
+            last_column.eq(column >= last_bin["x"]),
+            last_line.eq(line >= last_bin["y"]),
+            compared.eq(1),
+        ]
         m.d.comb += self.number.eq(Mux(of_parent, row.parent, current))
         m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
         with m.FSM(name="distribute"):
@@ -137,6 +146,7 @@ class Distributor(wiring.Component):
             with m.State("START"):
                 # Twice, because what a RAM returns while it is written is not said.
                 m.d.sync += measured.eq((timer == 0) & (source.turn == self.turn))
+                m.d.sync += [first.eq(place[axis][config.bin_bits :]) for axis, first in (("x", column), ("y", line))]
                 with m.If((timer == 0) & (~of_parent | (measured & (source.turn == self.turn)))):
                     m.d.sync += [warm.eq(wanted & ~doubtful), restarted.eq(wanted & doubtful)]
                     m.d.sync += [job.settings.eq(settings), job.settings.start_last.eq(0)]  # v_start says it
@@ -150,30 +160,28 @@ class Distributor(wiring.Component):
                     job.number.eq(current),
                     job.stride.eq(row.stride),
                     job.restarted.eq(restarted),
-                    column.eq(place["x"][config.bin_bits :]),
-                    line.eq(place["y"][config.bin_bits :]),
                 ]
                 with m.If(free.any()):
                     m.d.comb += self.begin.eq(chosen)
                     m.d.sync += unit.eq(chosen)
                     m.next = "BINS"
             with m.State("BINS"):
-                m.d.comb += self.read.valid.eq((column <= last_bin["x"]) & (line <= last_bin["y"]))
+                m.d.comb += self.read.valid.eq(compared & within)
                 m.d.sync += timer.eq(4)
-                with m.If(self.read.ready | ~self.read.valid):
-                    m.d.sync += column.eq(column + 1)
-                    with m.If(column >= last_bin["x"]):
+                with m.If(compared & (self.read.ready | ~within)):
+                    m.d.sync += [column.eq(column + 1), compared.eq(0)]
+                    with m.If(last_column):
                         m.d.sync += [column.eq(place["x"][config.bin_bits :]), line.eq(line + 1)]
-                        with m.If(line >= last_bin["y"]):
+                        with m.If(last_line):
                             m.next = "DRAIN"
             with m.State("DRAIN"):
                 with m.If(self.busy):
-                    m.d.sync += timer.eq(4)
+                    m.d.sync += timer.eq(3)
                 with m.Elif(timer == 0):
                     m.d.comb += self.commit.eq(unit)
                     m.d.sync += [current.eq(current + 1), row.start.eq(0), timer.eq(2)]
                     m.next = "ROW"
-                    with m.If(current + 1 >= settings.rows):
+                    with m.If(last_row):
                         m.next = "REST"
             with m.State("REST"):
                 with m.If(self.finished):

@@ -163,10 +163,11 @@ class Half(wiring.Component):
         page = Signal(len(read["link"].data))
         slot = Signal(SLOT_BITS)
         walking, begins = Signal(), Signal()
+        single, ending = Signal(), Signal()  # ``count`` and ``left`` are 1: registers, for much hangs on them
         m.d.comb += [
             self.read.ready.eq(~(looking | known)),
             read["head"].addr.eq(self.read.payload),
-            begins.eq(known & (~walking | (left == 1))),
+            begins.eq(known & (~walking | ending)),
         ]
         head = Signal.like(page)
         with m.If(delay(m, asked, 1, name="asked", valid=True)):
@@ -175,13 +176,14 @@ class Half(wiring.Component):
         with m.If(asked):
             m.d.sync += looking.eq(1)
         with m.If(found):
-            m.d.sync += [looking.eq(0), known.eq(bins.o.payload.entry.count != 0), count.eq(bins.o.payload.entry.count)]
+            of_bin = bins.o.payload.entry.count
+            m.d.sync += [looking.eq(0), known.eq(of_bin != 0), count.eq(of_bin), single.eq(of_bin == 1)]
         with m.Elif(begins):
             m.d.sync += known.eq(0)
         with m.If(begins):
-            m.d.sync += [walking.eq(1), left.eq(count), page.eq(head), slot.eq(0)]
+            m.d.sync += [walking.eq(1), left.eq(count), ending.eq(single), page.eq(head), slot.eq(0)]
         with m.Elif(walking):
-            m.d.sync += [walking.eq(left != 1), left.eq(left - 1), slot.eq(slot + 1)]
+            m.d.sync += [walking.eq(~ending), left.eq(left - 1), ending.eq(left == 2), slot.eq(slot + 1)]
             with m.If(slot == PAGE_EVENTS - 1):
                 m.d.sync += page.eq(read["link"].data)
         m.d.comb += [
@@ -203,7 +205,7 @@ class Store(wiring.Component):
     Members
     -------
     i, o, read, busy
-        As those of the half that is filled, and of the one that is read.
+        As those of the half that is filled, and of the one that is read; ``busy`` a cycle later.
     open : ``In(1)``
         Begin to fill the other half, which is clear. No event in this cycle.
     take : ``In(1)``
@@ -250,6 +252,6 @@ class Store(wiring.Component):
             self.read.ready.eq(Mux(reading, second.read.ready, first.read.ready)),
             self.o.valid.eq(Mux(reading, second.o.valid, first.o.valid)),
             self.o.payload.eq(Mux(reading, second.o.payload.as_value(), first.o.payload.as_value())),
-            self.busy.eq(Mux(reading, second.busy, first.busy)),
         ]
+        m.d.sync += self.busy.eq(Mux(reading, second.busy, first.busy))
         return m

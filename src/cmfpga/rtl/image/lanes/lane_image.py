@@ -81,20 +81,22 @@ class LaneImage(OnePassImage):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
         m.d.comb += self.cleared.eq(idle & last)
 
+        # The number of an iteration is not 0, which all swept words have. Each class has its own register of it, and
+        # its own turn; they begin at other values, so that no tool makes one of them, whose wires would be long.
+        tags = (1 << config.tag_bits) - 1
+        tag = Signal(config.tag_bits, init=1)
+        with m.If(self.next):
+            m.d.sync += tag.eq(Mux(tag == tags, 1, tag + 1))
+        used = delay(m, Mux(idle, 0, tag), Router.latency - 1, name="used", valid=True)
         sums = self.lane_sums
         for number, each in enumerate(self.classes):
-            # Each class has its own turn and tag, which differ, so that no tool makes one of them, whose wires would be
-            # long.
             turn = Signal(range(config.lanes), name=f"turn_{number}")
             m.d.sync += turn.eq(Mux(first, number % config.lanes, turn + 1))
-            tags = (1 << config.tag_bits) - 1  # 1, 2, …
-            tag = Signal(config.tag_bits, name=f"tag_{number}", init=1 + number % tags)
-            with m.If(self.next):
-                m.d.sync += tag.eq(Mux(tag == tags, 1, tag + 1))
-            used = delay(m, Mux(idle, 0, tag), Router.latency, name=f"used_{number}", valid=True)
+            used_here = Signal.like(tag, name=f"used_{number}", init=number % (tags + 1))
+            m.d.sync += used_here.eq(used)
             m.d.comb += [
                 each.turn.eq(turn),
-                each.tag.eq(used),
+                each.tag.eq(used_here),
                 each.sweep.valid.eq(idle),
                 each.sweep.payload.eq(address),
             ]
