@@ -102,7 +102,10 @@ class Maker:
                 int(v) for v in rng.integers(config.formats.v.min, config.formats.v.max + 1, 2) >> rng.integers(0, 9)
             ),
             "min_roi_events": 1,
+            "camera": config.lens,
         }
+        for parameter in config.motion_model.parameters[2:]:
+            fields["v_start"] += (int(rng.integers(parameter.fmt.min, parameter.fmt.max + 1)),)
         return BatchSettings(**{**fields, **changes})
 
     def scheduled(self, settings):
@@ -154,7 +157,8 @@ def repeated(make, roi):
     """The same few pixels again after 1, 2, … 6 events, for the forwarding, and a step as large as can be."""
     x, y = make.inside(6, roi)
     order = np.concatenate([np.tile(np.arange(distance), 7) for distance in range(1, 7)])[: make.most]
-    settings = {"eta": make.config.formats.eta.max, "start_last": False, "v_start": (0, 0)}
+    settings = {"eta": make.config.formats.eta.max, "start_last": False}
+    settings["v_start"] = (0,) * len(make.config.motion_model.names)
     return {"pixels": (x[order], y[order]), "settings": settings}
 
 
@@ -176,10 +180,8 @@ def borders(make, roi):
     y = np.select([edge == 4, edge == 5, edge == 6, edge == 7], [top - 1, top, bottom - 1, bottom], y)
     order = rng.permutation(n)
     pixels = np.clip(x, 0, config.sensor_width - 1)[order], np.clip(y, 0, config.sensor_height - 1)[order]
-    return {
-        "pixels": pixels,
-        "settings": {"start_last": False, "v_start": (config.formats.v.max, config.formats.v.min)},
-    }
+    v = (config.formats.v.max, config.formats.v.min, *(p.fmt.min for p in config.motion_model.parameters[2:]))
+    return {"pixels": pixels, "settings": {"start_last": False, "v_start": v}}
 
 
 @kind

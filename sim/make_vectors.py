@@ -14,6 +14,7 @@ import port_text as verilog
 from batch_kinds import KINDS, Maker
 
 from cmfpga import __version__, cli
+from cmfpga.camera import node_writes
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag
@@ -33,7 +34,8 @@ EXAMPLES = (
 def leaves(value, name):
     """``{port: raw integer}`` of a dictionary of dictionaries, a curvature, pairs of x and y, and integers."""
     if isinstance(value, tuple):
-        value = dict(zip("xy" if len(value) == 2 else Curvature._fields, value, strict=True))
+        names = {1: ("least",), 2: "xy", 3: Curvature._fields}[len(value)]
+        value = dict(zip(names, value, strict=True))
     if not isinstance(value, dict):
         return {name: value}
     return {port: leaf for key, part in value.items() for port, leaf in leaves(part, f"{name}_{key}").items()}
@@ -73,6 +75,7 @@ class Vectors:
             "results": {"count": 32, **self.widths("result_")},
             "trace": self.widths("trace_(?!pixels_)"),
             "schedule": self.widths("schedule_"),
+            "nodes": self.widths("node_"),
         }
         self.table = ()
         self.rows = {memory: [] for memory, columns in self.columns.items() if columns}
@@ -88,6 +91,11 @@ class Vectors:
         for address, values in enumerate(table):
             entry = dict(zip(("level", "shift", "stride"), table_entry(self.config, values), strict=True))
             self._put("schedule", leaves({"address": address, "entry": entry}, "schedule"))
+
+    def write_nodes(self):
+        """Have the bench fill the core's table that undistorts."""
+        for node in node_writes(self.config, self.config.lens) if self.columns["nodes"] else ():
+            self._put("nodes", leaves(dict(zip(("column", "row", "x", "y"), node, strict=True)), "node"))
 
     def settings(self, batch):
         """``{port: value}``; the schedules are looked up in the table."""
@@ -179,7 +187,8 @@ class Vectors:
                         for name in ("events", "batches")
                         for line in verilog.drive(name, self.columns[name], self.ports)
                     ),
-                    *verilog.write_schedule(self.columns["schedule"]),
+                    *verilog.write_table("schedule", "schedule", self.columns["schedule"]),
+                    *verilog.write_table("nodes", "node", self.columns["nodes"]),
                     *(
                         line
                         for name in ("results", "trace")
@@ -203,12 +212,13 @@ class Vectors:
 
 def make_vectors(config, *, batches, seed):
     """:class:`Vectors` of ``batches`` batches, each kind in turn; :exc:`ConfigError` of what the bench cannot play."""
-    for name, plain in (("motion", "translation"), ("undistortion", "off"), ("hot_pixels", 0)):
-        if (value := getattr(config, name)) != plain:
-            raise ConfigError(f"{name} = {value}: {name} = {plain} is needed, this bench has no more")
+    if config.hot_pixels:
+        raise ConfigError("hot_pixels = 1: hot_pixels = 0 is needed, this bench has no more")
+    config.motion_model.lens(config)  # raises where a rotation has none
     vectors = Vectors(config)
     maker = Maker(config, np.random.default_rng(seed))
     vectors.write_schedule(maker.table)
+    vectors.write_nodes()
     roi = (0, 0)
     for number in range(batches):
         batch = maker.make(list(KINDS)[number % len(KINDS)], roi)

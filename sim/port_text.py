@@ -34,20 +34,20 @@ def drive(memory, columns, ports):
     yield f"task drive_{memory}(input [{bits - 1}:0] word); {{{', '.join(names)}}} = word; endtask"
 
 
-def write_schedule(columns):
-    """A task that fills the table of schedules, of a core that has one."""
+def write_table(memory, port, columns):
+    """A task that fills a table of the core, of schedules or nodes, where it has one."""
     if not columns:
-        yield "task write_schedule; begin end endtask"
+        yield f"task write_{memory}; begin end endtask"
         return
-    names = f"{{{', '.join(columns)}}}"
-    yield "reg [SCHEDULE_BITS-1:0] schedule [0:SCHEDULE-1];"
-    yield "integer row;"
-    yield "task write_schedule; begin"
-    yield '  $readmemb("schedule.mem", schedule);'
-    yield "  schedule_valid = 1;"
-    yield f"  for (row = 0; row < SCHEDULE; row = row + 1) begin {names} = schedule[row]; @(negedge clk); end"
-    yield "  schedule_valid = 0;"
-    yield f"  {names} = {{SCHEDULE_BITS{{1'bx}}}};"
+    names, size, row = f"{{{', '.join(columns)}}}", memory.upper(), f"{memory}_row"
+    yield f"reg [{size}_BITS-1:0] {memory} [0:{size}-1];"
+    yield f"integer {row};"
+    yield f"task write_{memory}; begin"
+    yield f'  $readmemb("{memory}.mem", {memory});'
+    yield f"  {port}_valid = 1;"
+    yield f"  for ({row} = 0; {row} < {size}; {row} = {row} + 1) begin {names} = {memory}[{row}]; @(negedge clk); end"
+    yield f"  {port}_valid = 0;"
+    yield f"  {names} = {{{size}_BITS{{1'bx}}}};"
     yield "end endtask"
 
 

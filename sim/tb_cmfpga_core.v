@@ -15,7 +15,7 @@ module tb_cmfpga_core;
   reg rst = 1;
   always #5 clk = ~clk;
 
-  // The core, and what goes through all of its ports: drive_…, write_schedule, compare_…, sum_pixels, clear_pixels.
+  // The core, and what goes through all of its ports: drive_…, write_schedule, write_nodes, compare_…, sum_pixels, clear_pixels.
   `include "vectors.vh"
 
   // ---------------------------------------------------------------- vectors
@@ -107,6 +107,7 @@ module tb_cmfpga_core;
     event_number = 0;
     reset;
     write_schedule;
+    write_nodes;
     for (sent = 0; sent < BATCHES; sent = sent + 1) begin
       {event_count, stall, reset_after, alone, settings} = batches[sent];
       if (alone) while (batch < sent) @(negedge clk);

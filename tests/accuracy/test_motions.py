@@ -23,6 +23,12 @@ def test_the_suite(kind, capsys, tmp_path, monkeypatch):
     assert written["config"]["motion"] == kind
     kept = written["results"][f"{kind}, rms over the ROI"]
     assert len(kept["values"]) == kept["scores"]["batches"] == 3 and kept["scores"]["median"] < 0.6
+    kept = written["results"][f"{kind}, confidence, rms over the ROI"]
+    error, kappa, sure = np.array(kept["values"]).T
+    assert len(error) == 12 and (sure == (kappa >= preset(kind).confidence_limit)).all()
+    wrong = error > 0.6
+    assert kept["scores"]["auc"] == pytest.approx(np.mean([(right > kappa[wrong]).mean() for right in kappa[~wrong]]))
+    assert kept["scores"]["trusted"] == pytest.approx(sure.mean())
 
 
 def test_the_error_is_that_of_the_flow():

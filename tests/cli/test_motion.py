@@ -59,6 +59,7 @@ def test_a_rotation_needs_no_option(turn, tmp_path, capsys):
     assert track.main(told) == 0
     said, found = capsys.readouterr().out, rows(tmp_path)
     assert "\nωx 0." in said and "; ωy -" in said and " rad/s in the median" in said and "undistorted image" in said
+    assert "2 of 2 batches are to be trusted" in said and all(float(row["confidence"]) > 150 for row in found)
     head = (tmp_path / "track.csv").read_text().splitlines()[0].split(",")
     assert head[head.index("vy_px_per_s") + 1 :][:3] == [*RATES["rotation"]] and head[-1] == "image"
     for row in found:
@@ -84,8 +85,11 @@ def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):
         told = [*where, "--preset", preset, "--engine", engine, "--batch-events", "2500", "--batches", "3"]
         assert track.main([*map(str, told), "--no-picture", "--out", str(tmp_path / engine)]) == 0
         found[engine] = rows(tmp_path / engine)
-    for k, (a, b) in enumerate(zip(found["axi"], found["model"], strict=True)):
-        plan = config.schedules.warm if k else config.schedules.cold
+    sure = False
+    for a, b in zip(found["axi"], found["model"], strict=True):
+        plan = config.schedules.warm if sure else config.schedules.cold
+        sure = "doubtful" not in b["flags"]
+        assert sure == (float(b["confidence"]) >= config.confidence_limit)
         counts = {name: int(a[name]) for name in ("events", "roi_events")}
         assert a == b | {"cycles": str(core.cycles(**counts, iterations=plan))}
     assert len(found["axi"]) == 3 and "3 batches tracked (axi engine)" in capsys.readouterr().out

@@ -18,8 +18,11 @@ from cmfpga.protocol.confidence import (
     covariance,
     curvature,
     is_judged,
+    is_sharp,
     is_trusted,
+    least_fall,
     probe_velocities,
+    probes_towards_zero,
 )
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import RegionOutcome
@@ -150,6 +153,37 @@ def test_confidence_and_covariance_of_a_known_peak():
 
 def test_the_probes_distance_is_the_same_in_both_arithmetics():
     assert RAW * CONFIG.formats.v.step == PROBE
+
+
+def test_motions_are_probed_nearer_to_zero():
+    probed = probes_towards_zero((100, -4, 0), 48)
+    assert probed == ((52, -4, 0), (100, 44, 0), (100, -4, -48))
+    # Of G = (−3·x, −5·y, −4·z) and crosswise terms, which do not count; z falls by −7 with another sign.
+    assert least_fall((100, -4, 0), (9, 8, 7), [(9 + 3 * 48, 0, 0), (0, 8 - 5 * 48, 0), (0, 0, 7 + 4 * 48)]) == 3 * 48
+    assert least_fall((100, -4, 0), (9, 8, 7), [(9 + 3 * 48, 0, 0), (0, 8 + 7, 0), (0, 0, 7 + 4 * 48)]) == -7
+
+
+@pytest.mark.parametrize("fractions", [(4, 4), (6, 3), (3, 6)])
+@pytest.mark.parametrize("motion", ["similarity", "rotation"])
+def test_the_confidence_of_a_motion_and_its_verdict(motion, fractions, rng):
+    """κ = n·(−∂²(Σ I²)/∂v²)/Σ I², of the parameter that is known worst; ∂(Σ I²)/∂v = 2·S. The verdict is exact."""
+    weight, derivative = fractions
+    config = preset(motion).replace(weight_frac=weight, derivative_frac=derivative, tag_bits=10)
+    unit, verdicts = 2.0**-config.widths.s_frac, []
+    for _ in range(200):
+        n, squares, limit = int(rng.integers(1, 8192)), int(rng.integers(1, 1 << 30)), int(rng.integers(1, 1024))
+        least = int(squares * 2.0 ** (config.motion_model.frac + derivative - weight) * limit / n)
+        least = int(least * rng.uniform(0.06, 0.25))
+        outcome = changed(peak(n, (1.0, 1.0, 0.0), 1), curvature=(least,), sum_squares=squares)
+        wanted = n * 2 * (least * unit / PROBE) / (squares * 2.0 ** (-2 * weight))
+        assert confidence(config, outcome) == pytest.approx(wanted) and covariance(config, outcome) is None
+        verdicts.append(is_sharp(config, n, limit, least, squares))
+        assert verdicts[-1] == (wanted * 3 > limit)
+    assert 0.2 < np.mean(verdicts) < 0.8
+    # As large as the limit is not larger.
+    by_n, by_limit = config.widths.judge_scales
+    assert not is_sharp(config, by_limit, 9, 9 * 5, by_n * 5) and is_sharp(config, by_limit, 9, 9 * 5 + 1, by_n * 5)
+    assert confidence(config, changed(outcome, sum_squares=0)) == 0
 
 
 def changed(outcome, **changes):

@@ -7,6 +7,8 @@ import torch
 from cmfpga.camera import Camera
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
+from cmfpga.protocol.confidence import confidence
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference import flow
 from cmfpga.reference.float_core import FloatCore
@@ -145,6 +147,34 @@ def test_model_and_float_find_the_motion(name, rng):
     for result in found:
         assert np.abs(np.array(result.v) - v).max() < 0.5, result.v
     assert np.abs(np.subtract(found[0].v, found[1].v)).max() < 0.3
+    kappa = [confidence(config, result) for result in found]
+    assert kappa[0] == pytest.approx(kappa[1], rel=0.3)
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_model_and_float_are_as_sure(name, rng):
+    """At the same v, which stands: no step is taken. A sharp peak and none, and a batch that is not judged."""
+    config, sure = SHAPES[name].replace(cold="0:-6", warm="0:-6"), []
+    x, y, dt, v = scene(config, rng, 480)
+    t = ((dt + 1) * 20_000).round().long()
+    raw = tuple(p.fmt.raw(axis) for p, axis in zip(config.motion_model.parameters, v, strict=True))
+    column, row = (axis.round().long().clamp(0, side - 1) + at
+                   for axis, side, at in zip((x, y), (48, 40), ROI, strict=True))  # fmt: skip
+    away = tuple(one + 4 * (1 << config.v_frac) for one in raw)
+    for start, judge in ((raw, 1), (away, 1), (raw, 0)):
+        settings = BatchSettings(**vars(BatchSettings.from_config(config, roi=ROI)) | {
+            "v_start": start, "judge": judge, "start_last": False, "confidence_limit": 60,
+        })  # fmt: skip
+        found = [core(config).run(t.numpy(), column.numpy(), row.numpy(), settings)
+                 for core in (model.IntegerCore, FloatCore)]  # fmt: skip
+        kappa = [confidence(config, result) for result in found]
+        if not judge:
+            assert kappa == [None, None] and not any(Flag.DOUBTFUL in result.flags for result in found)
+            continue
+        assert kappa[0] == pytest.approx(kappa[1], rel=0.15) or max(kappa) < 0
+        assert [Flag.DOUBTFUL in result.flags for result in found] == [one < 20 for one in kappa]
+        sure.append(kappa[0] > 20)
+    assert sure == [True, False]
 
 
 def test_a_rotation_turns_as_the_camera_says(rng):

@@ -51,7 +51,7 @@ def panning():
 def growing():
     """An object that comes nearer and turns."""
     scene = generate(seed=4, size=(90, 90), bars=12, velocity=(40.0, -20.0), zoom=1.5, roll=1.0, duration_us=90_000)
-    config = preset("similarity").replace(buffer_events=4095)
+    config = preset("similarity").replace(buffer_events=4095, confidence_limit=10.0)
     roi = scene.roi_start(config.roi_width, config.roi_height)
     return keep(config, scene.recording("growing"), roi=roi, size=len(scene.events) // 2, batches=2)
 

@@ -4,7 +4,7 @@ import pytest
 
 from cmfpga.rtl import iteration_control
 from cmfpga.rtl.ascent import sign
-from cmfpga.rtl.confidence import probe
+from cmfpga.rtl.confidence import least_judge, probe
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import basis, dither, flow, gradient_reader, moments, one_pass_gradient, voter, warp
 from cmfpga.rtl.image.lanes import lane_image, lane_sums, parity_class
@@ -38,6 +38,10 @@ MUTANTS = {  # module, old, new, configuration
     "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
     "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
     "zoom without a limit": (sign, "saturate(target, fmt.min, fmt.max)", "target", "similarity"),
+    "probed away from 0": (probe, "Mux(v[-1], distance, -distance)", "Mux(v[-1], -distance, distance)", "similarity"),
+    "one parameter probed": (probe, "Mux(turn[k],", "Mux(turn[0],", "rotation"),
+    "fallen from the last probe": (least_judge, 'self.last[f"s{name}"]', 'self.last[f"sx"]', "rotation"),
+    "any doubt is none": (least_judge, "difference <= 0", "difference < difference", "similarity"),
     "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),

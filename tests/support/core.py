@@ -202,7 +202,9 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
 
 def _named(value):
     """The curvature by the names of its parts."""
-    return dict(zip(Curvature._fields, value, strict=True)) if isinstance(value, tuple) else value
+    if not isinstance(value, tuple):
+        return value
+    return dict(zip(Curvature._fields if len(value) == 3 else ("least",), value, strict=True))
 
 
 def cycles_of(config, result, plan):
@@ -210,7 +212,8 @@ def cycles_of(config, result, plan):
     events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
     iterated = sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
     if result.confidence_limit:
-        iterated += 4 * (result.roi_events + per_iteration(config)) + judge_cycles(config)
+        probes = 4 if config.motion == "translation" else len(result.v)
+        iterated += probes * (result.roi_events + per_iteration(config)) + judge_cycles(config)
     return events + iterated + constant_cycles(config)
 
 
@@ -228,6 +231,8 @@ def per_iteration(config):
 
 def judge_cycles(config):
     """Cycles of a batch whose v is probed, beside those of four iterations: a bit of each step takes one."""
+    if config.motion != "translation":
+        return 5 + max(config.buffer_events.bit_length(), 10)
     more = config.weight_frac - config.derivative_frac
     factors = max((4 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
     return 4 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits

@@ -39,6 +39,7 @@ class Moving:
 
     def __init__(self, speed, config=CONFIG, confidence=40):
         self.config, self.speed, self.roi, self.asked = config, speed, (0, 0), []
+        self.still = (0.0,) * (len(config.motion_model.names) - 1)
         self.curvature = 0.75 * config.geometry.pixels * confidence
 
     def run(self, events, settings):
@@ -51,7 +52,7 @@ class Moving:
         sharp = {"sums": (0,) * 5, "sum_squares": len(events), "curvature": (self.curvature, self.curvature, 0)}
         return BatchResult(
             **counts, **sharp, events=len(events), roi_events=len(events), span=span, roi=self.roi, roi_next=self.roi,
-            v=((speed or 0) * span / 2e6, 0.0), iterations=15, flags=doubt, trace=None, confidence_limit=90,
+            v=((speed or 0) * span / 2e6, *self.still), iterations=15, flags=doubt, trace=None, confidence_limit=90,
             thinning_used=1,
         )  # fmt: skip
 
@@ -143,6 +144,22 @@ def test_a_lost_object():
     verdict = Verdict.of([batch.values for batch in batches])
     assert verdict.lost == [(lost[0], lost[-1])] and verdict.trusted.sum() == lost[0]
     assert "was lost in batches" in verdict.warnings()[0]
+
+
+@pytest.mark.parametrize("motion, follows", [("similarity", True), ("rotation", False)])
+def test_a_lost_motion(motion, follows):
+    """The first batch is tried by how far the image moves; a ROI that does not follow the motion stays where it is."""
+    size = {"sensor_width": 40, "sensor_height": 30, "roi_width": 16, "roi_height": 12, "buffer_events": 1000}
+    size |= {} if follows else {"camera": "40,40,20,15"}
+    config = preset(motion).replace(**size, ram_style="auto")
+    engine = Moving(lambda t: 100 if t < 150_000 else None, config)
+    batches = [*track(engine, batch_cutter(recording(60_000), config), roi=(4, 5))]
+    lost = [k for k, batch in enumerate(batches) if Flag.DOUBTFUL in batch.flags]
+    first, rois = lost[0], [settings.roi for *_, settings in engine.asked[-len(batches) :]]
+    assert 3.0 <= batches[0].result.v[0] <= 5.0 and lost == [*range(first, len(batches))] and len(lost) > 3
+    moved = 2 * round(batches[first - 1].result.v[0]) if follows else 0
+    assert rois[1 : first + 1] == [None] * first and rois[first + 1] == (min(4 + moved, 24), 5)
+    assert set(rois[first + 3 :]) == {rois[first + 2]}
 
 
 def test_where_lengths_are_chosen():

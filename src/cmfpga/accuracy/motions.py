@@ -3,6 +3,7 @@
 Synthetic: bars on a field that is larger than what is seen, a camera without distortion (f = 200 px), 10 % noise. The
 motion is drawn evenly: along both axes up to 6 px per half batch at the principal point and 3 px of roll at the lever
 arm; of a similarity up to 4 px each of vx, vy, zoom and roll. The error is that of the flow, on a grid over the ROI.
+Then 4 times as many batches that are cut: 1/16 of the time to all of it, and 35 to 100 % of its events.
 
 Real, with a folder of recordings: two of a turning camera, each one batch, against a global float search over all
 events; and a camera that pans, tracked, against its gyroscope.
@@ -19,9 +20,11 @@ from ..config import preset
 from ..engines import make_engine
 from ..errors import ConfigError
 from ..events import Events, generate, open_recording
+from ..protocol.confidence import confidence, is_sure
 from ..protocol.settings import BatchSettings
 from ..tracking.api import track
 from .foreign import FOREIGN, find_rotation
+from .judged import WRONG, separation
 from .table import percent
 
 MOTIONS = ("rotation", "similarity")
@@ -35,6 +38,8 @@ SCENES = {
     "rotation": ((12_000, 30_000), (6.0, 6.0, 3.0), (360, 270)),
     "similarity": ((3_000, 8_000), (4.0, 4.0, 4.0, 4.0), (150, 150)),
 }
+#: Batches that are cut, for each of the others; the longest and the shortest share of the time, and of the events.
+CUTS, SHARES = 4, ((1 / 16, 1.0), (0.35, 1.0))
 #: Limits of the flow's error that shares are told for, px, and which error: largest, or rms over the ROI.
 LIMITS = (0.3, 0.6)
 
@@ -76,6 +81,18 @@ def scene(config, seed, index):
     return made, v * span / DURATION_US
 
 
+def cut(config, seed, index):
+    """The same of a part of a scene: a shorter time, fewer events."""
+    events, v = scene(config, seed, index)
+    rng = np.random.default_rng([seed, index, 1])
+    share, kept = (np.exp(rng.uniform(*np.log(shares))) for shares in SHARES)
+    length = max(int(share * len(events)), 2)
+    first = int(rng.uniform() * (len(events) - length))
+    which = first + np.flatnonzero(rng.random(length) < kept)
+    part = Events(events.t[which], events.x[which], events.y[which], events.p[which])
+    return part, v * float(part.t[-1] - part.t[0]) / float(events.t[-1] - events.t[0])
+
+
 def flow_errors(config, found, true):
     """Distance of two motions' displacements on a grid over the ROI, px per half batch: (rms, largest)."""
     columns, rows = np.meshgrid(*(np.linspace(0, size - 1, 9) for size in (config.roi_width, config.roi_height)))
@@ -94,6 +111,8 @@ def run_motion(options, config, report):
         for case in report.progress(cases):
             events, true = scene(config, *case)
             found.append(flow_errors(config, engine.run(events, settings).v, true))
+        if config.confidence:
+            _confidence(options, engine, settings, report)
     rows = []
     for what, errors in zip(("rms over the ROI", "largest, at the edge"), np.array(found).T, strict=True):
         scores = {"batches": len(errors), "median": float(np.median(errors)), "largest": float(errors.max())}
@@ -105,6 +124,29 @@ def run_motion(options, config, report):
     report.table(f"Synthetic batches, {kind}, cold, {options.engine}: px per half batch", heads, rows)
     if options.data is not None and kind == "rotation":
         _real(options, config, report)
+
+
+def _confidence(options, engine, settings, report):
+    """Whether the confidence tells right batches from wrong ones, where some are too short."""
+    config, told = engine.config, []
+    for seed in options.seeds:
+        for index in report.progress(range(CUTS * options.batches)):
+            events, true = cut(config, seed, index)
+            result = engine.run(events, settings)
+            if (kappa := confidence(config, result)) is not None:
+                told.append((*flow_errors(config, result.v, true), kappa, is_sure(result)))
+    told, rows = np.array(told).reshape(-1, 4), []
+    sure = told[:, 3] > 0
+    for what, errors in zip(("rms over the ROI", "largest, at the edge"), told[:, :2].T, strict=True):
+        wrong = errors > WRONG
+        shares = [wrong.mean(), sure.mean(), sure[~wrong].mean(), wrong[sure].mean()] if sure.any() else [wrong.mean()]
+        auc, _ = separation(np.stack([errors, told[:, 2]], axis=1))
+        names = ("wrong", "trusted", "right_trusted", "wrong_of_trusted")
+        scores = {"auc": None if auc != auc else auc, **dict(zip(names, map(float, shares), strict=False))}
+        report.keep(f"{config.motion}, confidence, {what}", np.stack([errors, *told[:, 2:].T], axis=1), scores)
+        rows.append((what, str(len(told)), f"{auc:.3f}", *map(percent, shares)))
+    heads = ("wrong by this error", "batches", "AUC", "wrong, %", "trusted, %", "of the right, %", "of them wrong, %")
+    report.table(f"Confidence, batches that are cut (wrong: by more than {WRONG} px)", heads, rows)
 
 
 def _real(options, config, report):

@@ -32,7 +32,7 @@ PRESETS = {
     "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9),
     "similarity": _FAST.replace(
         motion="similarity",
-        confidence=0,
+        confidence_limit=100.0,
         roi_width=128,
         roi_height=128,
         buffer_events=8191,
@@ -41,7 +41,7 @@ PRESETS = {
     ),
     "rotation": _FAST.replace(
         motion="rotation",
-        confidence=0,
+        confidence_limit=150.0,
         roi_width=240,
         roi_height=180,
         buffer_events=32767,

@@ -124,21 +124,26 @@ class Widths(Derived):
         """Width that holds each member of :class:`cmfpga.protocol.confidence.Curvature`, and the contrast (signed).
 
         Those along an axis are differences of two G, ``cross`` the sum of two such; 0 ≤ P·Σ I² − (ΣI)², by the
-        inequality of Cauchy and Schwarz, is shifted with them.
+        inequality of Cauchy and Schwarz, is shifted with them. Beyond translation the least difference of two G.
         """
+        if self._c.motion_model.basis:
+            return signed_bits_for(2 * self.g_max)
         most = max(4 * self.g_max, self._c.geometry.pixels * self.squares_max)
         return max(self.kept_bits + 1, signed_bits_for(most))
 
     @property
     def judge_scales(self):
-        """Factors of the two sides of that comparison: 4 (see docs/confidence.md), and what fractions differ by."""
-        more = self._c.weight_frac - self._c.derivative_frac
-        return 4 << max(0, more), 1 << max(0, -more)
+        """Factors of the sides of that comparison: 4 or 8 (see docs/confidence.md), and what fractions differ by."""
+        more, motion = self._c.weight_frac - self._c.derivative_frac, self._c.motion_model
+        return (8 if motion.basis else 4) << max(0, more), 1 << (max(0, -more) + (motion.frac if motion.basis else 0))
 
     @property
     def judge_bits(self):
         """Width of either side of the comparison with the limit (two's complement)."""
         by_n, by_limit = self.judge_scales
+        if self._c.motion_model.basis:
+            larger = by_n * self._c.buffer_events * 2 * self.g_max
+            return signed_bits_for(larger + by_limit * ((1 << self.limit_bits) - 1) * self.squares_max)
         most = (by_n * self._c.buffer_events + by_limit * ((1 << self.limit_bits) - 1)) << (self.kept_bits - 1)
         return signed_bits_for(most)
 

@@ -4,6 +4,9 @@ After the last iteration the image is evaluated four times more: :data:`PROBE` p
 y. The sharper the contrast's peak, the more the gradient falls from one side to the other. What all numbers mean, and
 what they do not see: docs/confidence.md.
 
+A motion beyond translation is evaluated once more for each of its parameters, :data:`PROBE` px nearer to 0. What counts
+is the parameter along which the gradient falls the least, which is compared with Σ I².
+
 Imports neither Amaranth nor NumPy.
 """
 
@@ -49,6 +52,20 @@ def curvature(below_x, above_x, below_y, above_y):
     )
 
 
+def probes_towards_zero(v, distance):
+    """The velocities that are probed of a motion beyond translation, in order: each parameter nearer to 0."""
+    return tuple((*v[:k], one + (distance if one < 0 else -distance), *v[k + 1 :]) for k, one in enumerate(v))
+
+
+def least_fall(v, last, probed):
+    """How much the gradient falls along the parameter along which it falls the least.
+
+    Of the gradient ``last`` at ``v``, and those at :func:`probes_towards_zero`, in their order.
+    """
+    falls = (g[k] - last[k] for k, g in enumerate(probed))
+    return min(-fall if one < 0 else fall for one, fall in zip(v, falls, strict=True))
+
+
 def contrast(pixels, sums, sum_squares):
     """P² times the contrast of an image, raw: P·Σ I² − (ΣI)², of its ``sums`` (ΣI first) and Σ I²."""
     return pixels * sum_squares - sums[0] ** 2
@@ -79,6 +96,12 @@ def is_trusted(config, n, limit, shape, contrast):
     return a > 0 and 4 * a * c > b * b  # then c > 0, too
 
 
+def is_sharp(config, n, limit, least, sum_squares):
+    """The hardware's verdict in a motion beyond translation, exactly: as :func:`is_trusted`, by :func:`least_fall`."""
+    by_n, by_limit = config.widths.judge_scales
+    return by_n * n * least > by_limit * limit * sum_squares
+
+
 def is_judged(outcome):
     """Whether a batch was probed."""
     return bool(outcome.confidence_limit) and Flag.DEGENERATE not in outcome.flags
@@ -89,20 +112,27 @@ def is_sure(outcome):
     return is_judged(outcome) and Flag.DOUBTFUL not in outcome.flags
 
 
+def _scale(config, outcome, whole):
+    """What makes information, per px², of a fall of the gradient where the contrast is ``whole``, both raw."""
+    # The float engine's sums are real numbers.
+    raw = 1 if isinstance(outcome.sum_squares, float) else 2.0 ** (config.weight_frac - config.derivative_frac)
+    return outcome.roi_events * raw / (PROBE * whole)
+
+
 def _information(config, outcome):
     """Fisher information of v, per px²: (xx, yy, xy)."""
     whole = contrast(config.geometry.pixels, outcome.sums, outcome.sum_squares)
     if whole <= 0:  # all pixels alike: no contrast at all
         return 0.0, 0.0, 0.0
-    # The float engine's sums are real numbers.
-    raw = 1 if isinstance(outcome.sum_squares, float) else 2.0 ** (config.weight_frac - config.derivative_frac)
-    factor = outcome.roi_events * raw / (PROBE * whole)
+    factor = _scale(config, outcome, whole)
     xx, yy, cross = outcome.curvature
     return factor * xx, factor * yy, factor * cross / 2
 
 
 def confidence(config, outcome):
     """κ, per px²: the information along the direction in which v is known worst; 1/√κ px is its standard deviation.
+
+    In a motion beyond translation on the parameter that is known worst, if the others are known.
 
     Parameters
     ----------
@@ -116,16 +146,21 @@ def confidence(config, outcome):
     """
     if not is_judged(outcome):
         return None
+    if config.motion_model.basis:
+        whole = outcome.sum_squares
+        if not isinstance(whole, float):
+            whole <<= config.motion_model.frac
+        return 2 * _scale(config, outcome, whole) * outcome.curvature[0] if whole else 0.0
     xx, yy, xy = _information(config, outcome)
     return (xx + yy) / 2 - hypot((xx - yy) / 2, xy)
 
 
 def covariance(config, outcome):
-    """Covariance of v, px² (of v per half batch): (xx, yy, xy); None of a batch that is not trusted.
+    """Covariance of v, px² (of v per half batch): (xx, yy, xy); None of a batch that is not trusted, or another motion.
 
     That in (px/s)² is (2/span)² times as large, where span is the batch's t_N − t_1 in s.
     """
-    if not is_sure(outcome):
+    if not is_sure(outcome) or config.motion_model.basis:
         return None
     xx, yy, xy = _information(config, outcome)
     determinant = xx * yy - xy * xy

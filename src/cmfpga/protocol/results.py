@@ -7,6 +7,7 @@ Imports neither Amaranth nor NumPy.
 """
 
 import dataclasses
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -87,9 +88,12 @@ def squares_shape(config):
 
 
 def curvature_shape(config):
-    """How far the gradient falls between the probes: along x, along y, and crosswise."""
-    fraction = config.weight_frac + config.derivative_frac
-    return dict.fromkeys(("xx", "yy", "cross"), Q(config.widths.curvature_bits - 1 - fraction, fraction))
+    """How far the gradient falls between the probes: along x, along y, and crosswise.
+
+    In a motion beyond translation: along the parameter along which it falls the least.
+    """
+    fraction, names = config.widths.s_frac, ("least",) if config.motion_model.basis else ("xx", "yy", "cross")
+    return dict.fromkeys(names, Q(config.widths.curvature_bits - 1 - fraction, fraction))
 
 
 def trace_shape(config):
@@ -169,7 +173,8 @@ RESULTS = (
                 places=_long(30, "RESULT_SQUARES", "", "Σ I² of the last iteration, raw")),
     ResultField(name="curvature", shape=curvature_shape, **_JUDGED, nothing=(0,) * 3, read=lambda *raw: raw,
                 doc="how far the gradient falls between the probes; 0 if there were none",
-                places=(*_long(32, "RESULT_CURVATURE_XX", "_xx", "fall of G_x along x, raw; 0 if nothing was probed"),
+                places=(*_long(32, "RESULT_CURVATURE_LEAST", "_least", "least fall of G along a parameter, raw"),
+                        *_long(32, "RESULT_CURVATURE_XX", "_xx", "fall of G_x along x, raw; 0 if nothing was probed"),
                         *_long(34, "RESULT_CURVATURE_YY", "_yy", "fall of G_y along y"),
                         *_long(36, "RESULT_CURVATURE_CROSS", "_cross", "falls of G_y along x and of G_x along y"))),
     ResultField(name="restarted", shape=lambda c: whole(1), **_JUDGED, read=int, unit="batches",
@@ -227,7 +232,8 @@ def counts_of(config):
 
 def not_judged(config):
     """Fields of a batch whose v was not probed, where the hardware has them."""
-    return {f.name: f.nothing for f in fields_of("region", config=config) if f.when is with_confidence}
+    fields = (f for f in fields_of("region", config=config) if f.when is with_confidence)
+    return {f.name: f.value(config, defaultdict(int)) for f in fields}
 
 
 def decode(config, values, *more):

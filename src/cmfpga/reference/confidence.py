@@ -1,6 +1,15 @@
 """The probes beside the batch's v in float64: what :mod:`cmfpga.rtl.confidence` is measured against."""
 
-from ..protocol.confidence import LIMIT_SCALE, PROBE, confidence, curvature, probe_velocities
+from ..protocol.confidence import (
+    LIMIT_SCALE,
+    PROBE,
+    confidence,
+    curvature,
+    least_fall,
+    probe_velocities,
+    probes_towards_zero,
+)
+from . import flow
 from .floating import evaluate
 
 
@@ -24,11 +33,22 @@ def probe(x, y, dt, v, found, settings, *, limits, level=0, **size):
         for one in (v, *(probe_velocities(found, PROBE, *limits) if settings.judge else ()))
     )
     shape = curvature(*((float(at.g_x), float(at.g_y)) for at in probes)) if probes else (0.0,) * 3
-    return {
-        "sum_squares": float(last.image.square().sum()),
-        "curvature": tuple(shape),
-        "confidence_limit": settings.confidence_limit if settings.judge else 0,
-    }
+    return _told(float(last.image.square().sum()), tuple(shape), settings)
+
+
+def probe_flow(x, y, dt, v, found, b, settings, *, at_pixels, **size):
+    """The same of a motion beyond translation; ``b``, ``at_pixels`` and ``size`` are as of :func:`.flow.sums`."""
+    last, *probed = (
+        flow.sums(x, y, dt, one, b, at_pixels=at_pixels, **size)[1].tolist()
+        for one in (v, *(probes_towards_zero(tuple(found), PROBE) if settings.judge else ()))
+    )
+    shape = (least_fall(found, last, probed) if probed else 0.0,)
+    return _told(flow.squares(x, y, dt, v, b, **size), shape, settings)
+
+
+def _told(squares, shape, settings):
+    limit = settings.confidence_limit if settings.judge else 0
+    return {"sum_squares": squares, "curvature": shape, "confidence_limit": limit}
 
 
 def is_doubtful(config, result):

@@ -7,7 +7,7 @@ import numpy as np
 from ..protocol.flags import Flag
 from ..protocol.trace import Trace
 from . import flow
-from .confidence import is_doubtful, probe
+from .confidence import is_doubtful, probe, probe_flow
 from .floating import ascend, ascend_by_signs, dither, float64, scaled_times
 from .sequence import Sequence
 
@@ -52,7 +52,8 @@ class FloatCore(Sequence):
         config = self.config
         events = self.place(batch)
         if config.motion_model.basis:
-            return self._flow(events, settings, plan, roi), Flag(0), {}
+            trace, judged = self._flow(events, settings, plan, roi)
+            return trace, self._doubt(judged, trace, batch), judged
         size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
         done = ASCENTS[config.ascent](events, settings, plan, config=config, **size, v_start=self.v)
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
@@ -60,18 +61,31 @@ class FloatCore(Sequence):
             return trace, Flag(0), {}
         limits = config.formats.v.real(config.formats.v.min), config.formats.v.real(config.formats.v.max)
         judged = probe(*events, *done.v[-2:].tolist(), settings, limits=limits, level=plan[-1].level, **size)
+        return trace, self._doubt(judged, trace, batch), judged
+
+    def _doubt(self, judged, trace, batch):
+        """The flag that follows from what was ``judged``."""
+        if not judged:
+            return Flag(0)
         kept = {"sums": trace.last_sums, "roi_events": batch.counts["roi_events"], "flags": Flag(0)}
-        doubtful = is_doubtful(config, SimpleNamespace(**judged, **kept, v=trace.v[-1].tolist()))
-        return trace, Flag.DOUBTFUL if doubtful else Flag(0), judged
+        doubtful = is_doubtful(self.config, SimpleNamespace(**judged, **kept))
+        return Flag.DOUBTFUL if doubtful else Flag(0)
 
     def _flow(self, events, settings, plan, roi):
-        """The trace of a motion beyond translation, whose roll and zoom are limited as in the hardware."""
+        """The trace of a motion beyond translation, whose roll and zoom are limited as in the hardware, and how sure it
+        is."""
         config = self.config
         b = flow.basis(config, *events[:2], roi=roi, camera=settings.camera)
         limits = float64([p.fmt.real(p.fmt.max) for p in config.motion_model.parameters])
         size = {"width": config.roi_width, "height": config.roi_height}
-        if config.motion_model.of_pixels:
-            size["at_pixels"] = lambda level: flow.pixel_basis(config, level)
-        done = flow.ascend(*events, b, v_start=self.v, schedule=plan, limits=limits, **size)
+
+        def at_pixels(level):
+            return flow.pixel_basis(config, level) if config.motion_model.of_pixels else None
+
+        done = flow.ascend(*events, b, v_start=self.v, schedule=plan, limits=limits, at_pixels=at_pixels, **size)
         none = np.zeros((len(plan), 2))
-        return Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=none, s=done.s.numpy())
+        trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=none, s=done.s.numpy())
+        if not config.confidence:
+            return trace, {}
+        size |= {"level": plan[-1].level, "at_pixels": at_pixels(plan[-1].level)}
+        return trace, probe_flow(*events, *done.v[-2:].tolist(), b, settings, **size)

@@ -75,6 +75,12 @@ def slopes(x, y, dt, v, b, *, width, height, level=0):
     return torch.stack([(image * accumulate(votes.pixel, each, *size)).sum() for each in moved])
 
 
+def squares(x, y, dt, v, b, *, width, height, level=0):
+    """Σ I²."""
+    votes, _, size = _votes(x, y, dt, v, b, width=width, height=height, level=level)
+    return float(accumulate(votes.pixel, votes.weight, *size).square().sum())
+
+
 def sums(x, y, dt, v, b, *, width, height, level=0, at_pixels=None):
     """(ΣI, S): S_p = Σ b_p·(what an event adds to Σ I·D along each axis), one event after the other, as in hardware.
 

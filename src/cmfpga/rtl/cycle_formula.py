@@ -33,9 +33,10 @@ class CycleFormula:
         between depends on the images (:func:`cmfpga.reference.integer.lanes.waits`).
         n_k events of the batch's n are used in iteration k. ``iterations`` says how many there are, each of which
         uses all n; or it is the plan, a ``ScheduleEntry`` for each. If v's confidence is measured (setting ``judge``,
-        by default the configuration's), there are four more, which use all n, and :attr:`judge_latency`. From the cycle
-        in which the first event is offered to the one in which the result is; events offered in every cycle, no other
-        batch under way, batch not degenerate, at least :attr:`shortest_batch` events.
+        by default the configuration's), there are four more, or one for each parameter of another motion than
+        translation, which use all n, and :attr:`judge_latency`. From the cycle in which the first event is offered to
+        the one in which the result is; events offered in every cycle, no other batch under way, batch not degenerate,
+        at least :attr:`shortest_batch` events.
         """
         iterated = self.iterated_cycles(roi_events, iterations, judge, most)
         return max(events, self.shortest_batch) + iterated + self.batch_latency

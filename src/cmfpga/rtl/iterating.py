@@ -9,6 +9,7 @@ from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
 from .confidence.judge import Judge
+from .confidence.least_judge import LeastJudge
 from .confidence.probe import Probe
 from .image import image_of
 from .image.lane import Lane
@@ -37,6 +38,7 @@ class Iterating:
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
         self.probe = Probe(config) if config.confidence else None
+        judge = LeastJudge if config.motion_model.basis else judge
         self.judge = judge(config) if config.confidence else None
         # From a replay to the warp; from the last vote to the next v.
         self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
@@ -71,7 +73,7 @@ class Iterating:
 
     @property
     def judge_latency(self):
-        """Cycles that a batch takes more if v's confidence is measured, beside those of four iterations."""
+        """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def iterated_cycles(self, roi_events, iterations, judge=None, most=False):
@@ -79,7 +81,7 @@ class Iterating:
         judged = self.config.confidence and (self.config.judge if judge is None else judge)
         every = ScheduleEntry(0, None)
         plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
-        plan, more = ((*plan, *[every] * 4), self.judge_latency) if judged else (plan, 0)
+        plan, more = ((*plan, *[every] * self.probe.count), self.judge_latency) if judged else (plan, 0)
         groups = [-(-n // self.config.lanes) for n in used_events(plan, roi_events)]
         votes = sum(map(self.image.most_cycles, groups) if most else groups)
         return votes + len(plan) * (self.sweep_cycles + self.iteration_latency) + more
@@ -91,7 +93,8 @@ class Iterating:
         n, n_k = (f"⌈{n}/{self.config.lanes}⌉" if self.config.lanes > 1 else n for n in ("n", "n_k"))
         if self.judge is None:
             return f"Σ {n_k} + T·{each} + {beside}"
-        return f"Σ {n_k} + 4·{n} + (T + 4)·{each} + {beside + self.judge_latency}"
+        probes = self.probe.count
+        return f"Σ {n_k} + {probes}·{n} + (T + {probes})·{each} + {beside + self.judge_latency}"
 
     def _add_boxes(self, m):
         """Put the boxes into the module."""
@@ -130,7 +133,7 @@ class Iterating:
             connect(m, flipped(self.schedule_write), self.ascent.schedule_write)
 
     def _confide(self, m, events):
-        """Behind the last iteration: four more replays beside v; the gradients tell. ``events`` is n."""
+        """Behind the last iteration: more replays beside v; the gradients tell. ``events`` is n."""
         control, probe, judge = self.iteration_control, self.probe, self.judge
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [
@@ -147,11 +150,14 @@ class Iterating:
             control.more.eq(probe.more),
             control.judged.eq(judge.done),
         ]
-        if not isinstance(judge, Judge):
+        if isinstance(judge, LeastJudge):
+            m.d.comb += [judge.v.eq(self.ascent.v), judge.last.eq(probe.last)]
+        elif isinstance(judge, Judge):
+            begin = delay(m, control.begin, 1, name="begin", valid=True)  # no hurry; many wait for it
+            m.d.comb += [judge.begin.eq(begin), judge.sum_i.eq(probe.last.i)]
+        else:
             return
         m.d.comb += [
-            judge.begin.eq(delay(m, control.begin, 1, name="begin", valid=True)),  # no hurry; many wait for it
-            judge.sum_i.eq(probe.last.i),
             judge.squares.eq(probe.last_squares),
             judge.events.eq(events),
             judge.limit.eq(control.run.settings.confidence_limit),

@@ -21,7 +21,7 @@ class IterationControl(wiring.Component):
         Replay the buffer T times. Each replay is started while the iteration before is still being
         evaluated, so that its first event meets the new v in the cycle in which v appears.
     PROBE
-        Where v's confidence is measured, and wanted: replay the buffer four times more, as in iterations, and wait for
+        Where v's confidence is measured, and wanted: replay the buffer for each probe, as in iterations, and wait for
         the judge. The first replay is so much later that its velocity is there.
     MOVE
         With one event buffer: wait for the ROI's update.

@@ -26,7 +26,7 @@ _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
 _AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it is the object that speeds up
 _MIN_PX = 2.0  # of a survey's window
-_TRIALS = 6  # of a first length, where the confidence is not measured
+_TRIALS = 6  # of a first length of another motion than translation
 _REACH = 16  # no batch becomes longer, times the last that was to be trusted, or else the survey's first window
 
 
@@ -75,7 +75,7 @@ class FittedCutter(BatchCutter):
         super().__init__(
             source, start_event=start_event, events=size, max_events=max_events, seen=functools.partial(seen, config)
         )
-        self._config, self._surveyed = config, first is not None and _judges(config)
+        self._config, self._surveyed = config, first is not None and not config.motion_model.basis
         self._shortest = self._sure = self.size
         self._doubtful = 0  # batches in a row
 
@@ -102,7 +102,7 @@ class FittedCutter(BatchCutter):
         if self._surveyed:
             return
         self._surveyed, found = True, None
-        if not _judges(self._config):
+        if self._config.motion_model.basis:
             return (yield from self._trials(trial, *rois))
         length = self._shortest = self._sure = yield from self._first_length(rois)
         while True:
@@ -121,7 +121,7 @@ class FittedCutter(BatchCutter):
         self.size = max(len((yield from self._ahead(self.size))), 1)
 
     def _trials(self, trial, roi):
-        """The same without a confidence that could be gone by: a batch is tried until the image moves far enough."""
+        """The same of another motion than translation: a batch is tried until the image moves far enough."""
         for _ in range(_TRIALS):
             ahead = yield from self._ahead(self.size)
             (result,) = trial(ahead)
@@ -200,10 +200,10 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
     """
     limit = config.max_batch_events
     chosen = {"start_event": start_event, "max_events": min(limit, most or limit)}
-    if not size and _judges(config):
-        return FittedCutter(source, config, first=first, **chosen)
     if not size and config.motion_model.basis:
         return FittedCutter(source, config, first=first or config.buffer_events // 2, **chosen)
+    if not size and _judges(config):
+        return FittedCutter(source, config, first=first, **chosen)
     size = size or {"events": first or min(usual, limit)}
     placed = functools.partial(seen, config)
     return BatchCutter(source, start_event=start_event, max_events=limit, seen=placed, **size)

@@ -278,7 +278,8 @@ class _Course:
         if Flag.DOUBTFUL not in result.flags or not self._config.cold_after_doubtful:
             self._doubtful = 0
             if is_sure(result):
-                self._speed = tuple(axis / result.span for axis in result.v)
+                moved = zip(self._config.motion_model.parameters[:2], result.v, strict=False)
+                self._speed = tuple(axis / result.span if one.moves_roi else 0.0 for one, axis in moved)
             return None
         self._doubtful += 1
         share = self._config.roi_gain * result.span * (self._doubtful < LOST_BATCHES)

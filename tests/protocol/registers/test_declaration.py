@@ -84,7 +84,7 @@ def test_every_setting_and_every_flag_has_its_place(registers, config):
 
 
 def test_the_packet_is_the_result_registers(registers, config):
-    """From word 0 on; those of motions stand behind those of a confidence, which they do not have."""
+    """From word 0 on; those of motions stand behind those of a confidence, of which they have fewer."""
     group = registers.group("Result")
     words = [(register.offset - 0x100) // 4 for register in group]
     own = [word for word in words if word >= 38]
@@ -112,8 +112,9 @@ def test_results_are_read_back(registers, config, rng):
     assert values["wire"] == at["RESULT_FLAGS"] >> 16 & 1
     if "confidence_limit" in values:
         assert values["sum_squares"] == at["RESULT_SQUARES_HIGH"] << 32 | at["RESULT_SQUARES_LOW"]
-        fallen = at["RESULT_CURVATURE_CROSS_HIGH"] << 32 | at["RESULT_CURVATURE_CROSS_LOW"]
-        assert values["curvature_cross"] == signed(fallen, 64)
+        part = "least" if "sums_sroll" in values else "cross"
+        fallen = at[f"RESULT_CURVATURE_{part.upper()}_HIGH"] << 32 | at[f"RESULT_CURVATURE_{part.upper()}_LOW"]
+        assert values[f"curvature_{part}"] == signed(fallen, 64)
     if "sums_sroll" in values:
         assert values["v_roll"] == signed(at["RESULT_V_ROLL"], 32)
         assert values["sums_sroll"] == signed(at["RESULT_SROLL_HIGH"] << 32 | at["RESULT_SROLL_LOW"], 64)

@@ -3,7 +3,7 @@
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.protocol.confidence import probe_velocities
+from cmfpga.protocol.confidence import probe_velocities, probes_towards_zero
 from cmfpga.rtl import payloads
 from cmfpga.rtl.confidence import probe as module
 from cmfpga.rtl.confidence.probe import Probe
@@ -16,15 +16,26 @@ FMT = CONFIG.formats.v
 EDGES = [(0, 0), (FMT.max, FMT.min), (FMT.min, FMT.max), (FMT.max - 48, FMT.min + 48), (FMT.max - 47, FMT.min + 47)]
 
 
+def anywhere(config, rng):
+    """``(v, what is probed of it)``: at the edges of its format, around 0, and anywhere."""
+    parameters, distance = config.motion_model.parameters, 3 << (config.v_frac - 2)
+    if len(parameters) == 2:
+        for v in EDGES + rng.integers(FMT.min, FMT.max + 1, (20, 2)).tolist():
+            yield v, probe_velocities(v, distance, FMT.min, FMT.max)
+        return
+    for kind in range(25):
+        v = [(p.fmt.min, p.fmt.max, 0, -1)[kind] if kind < 4 else int(rng.integers(p.fmt.min, p.fmt.max + 1))
+             for p in parameters]  # fmt: skip
+        yield v, probes_towards_zero(v, distance)
+
+
 def played(probe, rng):
-    """``(recording, expected)`` of v at the edges of its format and anywhere; iterations complete between them."""
-    script, expected = [], []
-    for x, y in EDGES + rng.integers(FMT.min, FMT.max + 1, (20, 2)).tolist():
-        v = {"v": {"x": x, "y": y}}
-        script += [v | {"complete": 1}, {}, {"complete": 1}, {}, {}, {}]
-        wanted = [*probe_velocities((x, y), 3 << (FMT.f - 2), FMT.min, FMT.max), (x, y)]
-        for k, (name, one) in enumerate(zip(["begin"] + ["complete"] * 4, wanted, strict=True)):
-            expected.append((len(script) + probe.latency - 1, dict(zip("xy", one, strict=True)), k < 4))
+    """``(recording, expected)`` of any v; iterations complete between the probes."""
+    script, expected, names = [], [], probe.config.motion_model.names
+    for v, probed in anywhere(probe.config, rng):
+        script += [{"v": dict(zip(names, v, strict=True)), "complete": 1}, {}, {"complete": 1}, {}, {}, {}]
+        for k, (name, one) in enumerate(zip(["begin"] + ["complete"] * probe.count, [*probed, v], strict=True)):
+            expected.append((len(script) + probe.latency - 1, dict(zip(names, one, strict=True)), k < probe.count))
             script += [{name: 1}, *[{}] * 5]
     return play(probe, script, watch=("more",)), expected
 
@@ -34,12 +45,13 @@ def check(probe, rng):
     assert recording.flows["o"] == [(cycle, velocity) for cycle, velocity, _ in expected]
     more = {cycle for cycle, value in enumerate(recording.watch["more"]) if value}
     begun = [cycle for cycle, _, probed in expected if probed]
-    # From the cycle after ``begin`` on, while less than four probes are complete.
-    assert more == {c - 1 + k for n, c in enumerate(begun) if n % 4 < 3 for k in range(6)}
+    # From the cycle after ``begin`` on, while less than all probes are complete.
+    assert more == {c - 1 + k for n, c in enumerate(begun) if (n + 1) % probe.count for k in range(6)}
 
 
-def test_four_velocities_on_either_side_of_v(rng):
-    check(Probe(CONFIG), rng)
+@pytest.mark.parametrize("motion", ["fast", "similarity", "rotation"])
+def test_velocities_beside_v(motion, rng):
+    check(Probe(preset(motion)), rng)
 
 
 def test_the_last_iteration_is_kept(rng):
@@ -56,7 +68,7 @@ def test_the_last_iteration_is_kept(rng):
 @pytest.mark.parametrize(
     "old, new",
     [
-        ("saturate(probed, fmt.min, fmt.max)", "probed"), ("turn[:3].any()", "turn[:2].any()"),
+        ("saturate(probed, fmt.min, fmt.max)", "probed"), ("turn[:-1].any()", "turn[:-2].any()"),
         ("Mux(below, -distance,", "Mux(below, distance,"), ("3 << (", "2 << ("), ("turn << 1", "turn << 2"),
         ("self.complete & turn.any()", "self.complete & turn[:3].any()"), ("& turn.any()", "& 1"),
     ],
@@ -65,3 +77,11 @@ def test_another_probe_would_be_noticed(old, new, rng):
     mutant = mutated(module, old, new)
     with pytest.raises(AssertionError):
         check(mutant.Probe(CONFIG), rng)
+
+
+@pytest.mark.parametrize(
+    "old, new", [("Mux(v[-1], distance", "Mux(~v[-1], distance"), ("Mux(turn[k],", "Mux(turn[0],")]
+)
+def test_another_probe_of_a_motion_would_be_noticed(old, new, rng):
+    with pytest.raises(AssertionError):
+        check(mutated(module, old, new).Probe(preset("similarity")), rng)

@@ -94,7 +94,7 @@ class IntegerCore(Sequence):
         if config.confidence:
             judged, doubt = confidence(
                 config,
-                lambda v: self.iterate(x, y, self.dt, v, entry=entry)[0],
+                lambda v: self.iterate(x, y, self.dt, v, entry=entry, b=b)[0],
                 done,
                 settings,
                 batch.counts["roi_events"],

@@ -83,7 +83,11 @@ class OnePassGradient(wiring.Component):
         if self.moments:
             m.submodules.moments = moments = self.moments
             until = self.accumulator_latency + self._stages - 1
-            found = delay(m, votes.cell if far else votes.basis, until, name="basis")
+            # 0 where no vote is valid: what is not known, times no growth, is not known in a simulator.
+            basis = votes.cell if far else votes.basis
+            known = Signal.like(basis)
+            m.d.comb += known.eq(basis.as_value() & self.votes.valid.replicate(len(basis.as_value())))
+            found = delay(m, known, until, name="basis")
             m.d.comb += [
                 *(getattr(moments, f"growth_{axis}").eq(value) for axis, value in grown.items()),
                 *(moments.basis[name].eq(found[name]) for name in self.config.motion_model.basis),
