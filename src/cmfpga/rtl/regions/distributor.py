@@ -110,7 +110,7 @@ class Distributor(wiring.Component):
 
         source = self.state
         warm, restarted = Signal(), Signal()
-        of_parent, measured = row.start == STARTS.index("parent"), Signal()
+        of_parent, measured = Signal(), Signal()
         given = row.start == STARTS.index("given")
         wanted = source.followed & ~given
         doubtful = source.doubtful & settings.cold_after_doubtful if config.confidence else Const(0, 1)
@@ -124,12 +124,21 @@ class Distributor(wiring.Component):
             last_line.eq(line >= last_bin["y"]),
             compared.eq(1),
         ]
+        reading, steps = Signal(), Signal()  # in BINS
+        m.d.comb += [
+            self.read.valid.eq(reading & compared & within),
+            steps.eq(reading & compared & (self.read.ready | ~within)),
+        ]
+        with m.If(steps):
+            m.d.sync += [column.eq(column + 1), compared.eq(0)]
+            with m.If(last_column):
+                m.d.sync += [column.eq(place["x"][config.bin_bits :]), line.eq(line + 1)]
         m.d.comb += self.number.eq(Mux(of_parent, row.parent, current))
         m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
         with m.FSM(name="distribute"):
             with m.State("IDLE"):
                 m.d.comb += self.free.eq(1)
-                m.d.sync += [current.eq(0), row.start.eq(0)]
+                m.d.sync += [current.eq(0), of_parent.eq(0)]
                 with m.If(self.take):
                     m.d.sync += self.turn.eq(~self.turn)
                     m.next = "TAKEN"
@@ -140,11 +149,12 @@ class Distributor(wiring.Component):
                 m.d.sync += timer.eq(2)
                 with m.If(self.divided):
                     m.next = "ROW"
-            with m.State("ROW"):  # ``row.start`` is 0, so that the number is the current one
+            with m.State("ROW"):  # ``of_parent`` is 0, so that the number is the current one
                 there = source.turn != self.turn
                 m.d.sync += measured.eq((timer == 0) & there)  # twice, as below
-                with m.If((timer == 0) & measured & there):
+                with m.If(measured & there):
                     m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(2)]
+                    m.d.sync += of_parent.eq(self.row.start == STARTS.index("parent"))
                     m.next = "START"
             with m.State("START"):
                 # Twice, because what a RAM returns while it is written is not said.
@@ -164,26 +174,23 @@ class Distributor(wiring.Component):
                     job.number.eq(current),
                     job.stride.eq(row.stride),
                     job.restarted.eq(restarted),
+                    measured.eq(0),
                 ]
                 with m.If(free.any()):
                     m.d.comb += self.begin.eq(chosen)
-                    m.d.sync += unit.eq(chosen)
+                    m.d.sync += [unit.eq(chosen), reading.eq(1)]
                     m.next = "BINS"
             with m.State("BINS"):
-                m.d.comb += self.read.valid.eq(compared & within)
                 m.d.sync += timer.eq(4)
-                with m.If(compared & (self.read.ready | ~within)):
-                    m.d.sync += [column.eq(column + 1), compared.eq(0)]
-                    with m.If(last_column):
-                        m.d.sync += [column.eq(place["x"][config.bin_bits :]), line.eq(line + 1)]
-                        with m.If(last_line):
-                            m.next = "DRAIN"
+                with m.If(steps & last_column & last_line):
+                    m.d.sync += reading.eq(0)
+                    m.next = "DRAIN"
             with m.State("DRAIN"):
                 with m.If(self.busy):
                     m.d.sync += timer.eq(3)
                 with m.Elif(timer == 0):
                     m.d.comb += self.commit.eq(unit)
-                    m.d.sync += [current.eq(current + 1), row.start.eq(0), timer.eq(2)]
+                    m.d.sync += [current.eq(current + 1), of_parent.eq(0), timer.eq(2)]
                     m.next = "ROW"
                     with m.If(last_row):
                         m.d.comb += self.clear.eq(1)

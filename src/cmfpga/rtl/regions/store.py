@@ -1,6 +1,6 @@
 """Store: takes a batch's events in, bin by bin, and reads the bins of the one before."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -70,7 +70,7 @@ class Half(wiring.Component):
     clear : ``In(1)``
         Forget all events, which takes as many cycles as there are bins; none may come, or be read.
     cleared : ``Out(1)``
-        Nothing is stored, and nothing is being cleared.
+        Nothing is stored, and nothing is being cleared; right from the cycle after ``clear`` on.
     read : ``In``, stream of a bin's address
     o : ``Out``, flow of :func:`payloads.stored_event`
     busy : ``Out(1)``
@@ -119,7 +119,7 @@ class Half(wiring.Component):
             m.d.sync += [clearing.eq(1), at.eq(0), bins.page.eq(0)]
         with m.Elif(clearing):
             m.d.sync += [at.eq(at + 1), clearing.eq(at != store.bins - 1)]
-        m.d.comb += self.cleared.eq(~(self.clear | clearing))
+        m.d.comb += self.cleared.eq(~clearing)
 
         # Fill. The table tells where an event goes.
         frac, bits = config.formats.event_frac, config.bin_bits
@@ -159,15 +159,16 @@ class Half(wiring.Component):
         """Look a bin up while the one before is read."""
         looking, known = Signal(), Signal()
         asked = self.read.valid & self.read.ready
-        count, left = Signal.like(bins.o.payload.entry.count), Signal.like(bins.o.payload.entry.count)
+        # Less two, so that the sign says that only one event is left.
+        of_bin = bins.o.payload.entry.count
+        count, left = Signal(signed(len(of_bin) + 1)), Signal(signed(len(of_bin) + 1))
         page = Signal(len(read["link"].data))
         slot = Signal(SLOT_BITS)
         walking, begins = Signal(), Signal()
-        single, ending = Signal(), Signal()  # ``count`` and ``left`` are 1: registers, for much hangs on them
         m.d.comb += [
             self.read.ready.eq(~(looking | known)),
             read["head"].addr.eq(self.read.payload),
-            begins.eq(known & (~walking | ending)),
+            begins.eq(known & (~walking | left[-1])),
         ]
         head = Signal.like(page)
         with m.If(delay(m, asked, 1, name="asked", valid=True)):
@@ -176,14 +177,13 @@ class Half(wiring.Component):
         with m.If(asked):
             m.d.sync += looking.eq(1)
         with m.If(found):
-            of_bin = bins.o.payload.entry.count
-            m.d.sync += [looking.eq(0), known.eq(of_bin != 0), count.eq(of_bin), single.eq(of_bin == 1)]
+            m.d.sync += [looking.eq(0), known.eq(of_bin != 0), count.eq(of_bin - 2)]
         with m.Elif(begins):
             m.d.sync += known.eq(0)
         with m.If(begins):
-            m.d.sync += [walking.eq(1), left.eq(count), ending.eq(single), page.eq(head), slot.eq(0)]
+            m.d.sync += [walking.eq(1), left.eq(count), page.eq(head), slot.eq(0)]
         with m.Elif(walking):
-            m.d.sync += [walking.eq(~ending), left.eq(left - 1), ending.eq(left == 2), slot.eq(slot + 1)]
+            m.d.sync += [walking.eq(~left[-1]), left.eq(left - 1), slot.eq(slot + 1)]
             with m.If(slot == PAGE_EVENTS - 1):
                 m.d.sync += page.eq(read["link"].data)
         m.d.comb += [
@@ -213,7 +213,7 @@ class Store(wiring.Component):
     clear : ``In(1)``
         Forget what is read; ``reset`` : both.
     cleared : ``Out(1)``
-        Nothing is being cleared.
+        Nothing is being cleared; right from the cycle after ``clear`` or ``reset`` on.
     """
 
     latency = Half.latency
