@@ -36,8 +36,8 @@ MUTANTS = [
     Mutant("page given twice", "m.d.sync += bins.page.eq(bins.page + 1)", "m.d.sync += bins.page.eq(0)", store),
     Mutant("page of the operation before", "allocated = delay(m, bins.page, 1,", "allocated = delay(m, bins.page, 2,",
            store),
-    Mutant("an event too few", "walking.eq(left != 1)", "walking.eq(left > 2)", store),
-    Mutant("an event too many", "walking.eq(left != 1)", "walking.eq(left != 0)", store),
+    Mutant("an event too few", "count.eq(of_bin - 2)", "count.eq(of_bin - 3)", store),
+    Mutant("an event too many", "count.eq(of_bin - 2)", "count.eq(of_bin - 1)", store),
     Mutant("idle too early", "looking | known | walking | flying | self.o.valid", "looking | known", store),
 ]  # fmt: skip
 

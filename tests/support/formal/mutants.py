@@ -135,7 +135,7 @@ SLICED_MEMORY = [
     Mutant(name, old, new, sliced_memory)
     for name, old, new in (
         ("lowest slice in all", "eq(given[low:high])", "eq(given[: high - low])"),
-        ("last slice left out", "range(0, bits, BITS)", "range(0, bits - BITS, BITS)"),
+        ("last slice left out", "range(0, bits, width)", "range(0, bits - width, width)"),
         ("a bit of each slice left out", "found[low:high].eq(read.data)", "found[low : high - 1].eq(read.data)"),
         ("an address bit ignored in reading", "eq(self.read.addr)", "eq(self.read.addr[1:] << 1)"),
         ("written at the row that is read", "eq(self.write.addr)", "eq(self.read.addr)"),
