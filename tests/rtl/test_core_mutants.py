@@ -82,7 +82,7 @@ MUTANTS_OF_LANES = {  # module, old, new
     "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),
     "product of another vote": (lane_sums, "max(0, number - 1)", "number"),
     "both rows of a bank": (parity_class, "Cat(column[geometry.lane_bits :], row)", "column[geometry.lane_bits :]"),
-    "an event too many": (event_buffer, "reading_s2 & (number < replayed)", "reading_s2"),
+    "an event too many": (event_buffer, "reading_s2 & exists", "reading_s2"),
     "the buffer that is filled": (event_buffer, "Cat(place, replaying)", "Cat(place, ~replaying)"),
     "events dithered alike": (dither, "self.lane * factor)", "0 * self.lane * factor)"),
 }
