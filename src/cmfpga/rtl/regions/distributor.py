@@ -104,7 +104,7 @@ class Distributor(wiring.Component):
         current = Signal(store.number_bits)  # the row that is being looked at
         timer = Signal(range(8))
         unit = Signal(config.units)  # one-hot: that which is loaded
-        # One that is idle, else one that can be loaded: the lowest. In registers, for a unit stays so until it is loaded.
+        # One that is idle, else one that can be loaded: the lowest. Registers, for a unit stays so until it is loaded.
         ready, idle = Signal.like(self.ready), Signal.like(self.idle)
         m.d.sync += [ready.eq(self.ready), idle.eq(self.ready & self.idle)]
         free = Mux(idle.any(), idle, ready)
