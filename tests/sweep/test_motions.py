@@ -23,7 +23,7 @@ def turn(tmp_path_factory):
 
 def test_a_rotation_needs_neither_an_roi_nor_a_camera(turn, tmp_path):
     """Its calibration and the whole sensor are taken, as by ``track``; all rates are those of a track."""
-    done = run_here(turn, "--preset", "rotation", *MODEL, "--vary", "schedule_entries=48,64", "--out", tmp_path)
+    done = run_here(turn, "--preset", "rotation", *MODEL, "--vary", "schedule_entries=96,128", "--out", tmp_path)
     assert (done.status, done.err) == (0, "")
     lines = pandas.read_csv(tmp_path / "results.csv")
     assert lines["status"].tolist() == ["ok", "ok"] and lines["roi_x"].tolist() == lines["roi_y"].tolist() == [0, 0]
