@@ -36,8 +36,8 @@ def check_regions(config):
             raise ConfigError(f"regions = {config.regions}: {name} = {value} is needed")
     if config.motion == "rotation":
         raise ConfigError(
-            f"regions = {config.regions}: motion = rotation: a region sees too little of the field to tell a turn from a "
-            "shift; cmfpga flow --fit rotation finds it from all regions of a translation"
+            f"regions = {config.regions}: motion = rotation: a region sees too little of the field to tell a turn from "
+            "a shift; cmfpga flow --fit rotation finds it from all regions of a translation"
         )
     for name in ("thinning", "thin_target"):
         if getattr(config, name) != config.__dataclass_fields__[name].default:

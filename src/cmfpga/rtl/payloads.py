@@ -139,7 +139,8 @@ def basis(config):
 
 def middle(config):
     """Column and row of a region's middle in the image, in half pixels."""
-    return data.StructLayout({axis: bits_for(2 * most) for axis, most in zip("xy", config.geometry.middle, strict=True)})
+    x, y = config.geometry.middle
+    return data.StructLayout({"x": bits_for(2 * x), "y": bits_for(2 * y)})
 
 
 def with_middle(config, member=lambda layout: layout):

@@ -13,8 +13,8 @@ from .time_scaler import TimeScaler
 class Basis(wiring.Component):
     """p and q, an event's distance from the centre; and for a rotation xx, xy and yy, its products in focal lengths.
 
-    The centre is that of the ROI, or of a region in it, or for a rotation the camera's principal point. It stands beside the time scaler, and
-    takes as long: three multipliers for the products, three for the focal length.
+    The centre is that of the ROI, or of a region in it, or for a rotation the camera's principal point. It stands
+    beside the time scaler, and takes as long: three multipliers for the products, three for the focal length.
 
     One event per cycle; latency :attr:`latency` cycles.
 
