@@ -32,7 +32,7 @@ CONFIGS = {
         hot_mask="20,15;3,4", background_us=1 << 22,
     ),
     "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
-    "similarity": _SMALL.replace(motion="similarity", units=3),
+    "similarity": _SMALL.replace(motion="similarity"),
 }  # fmt: skip
 
 
