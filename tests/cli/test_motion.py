@@ -11,6 +11,8 @@ import cmfpga
 from cmfpga import build, cli, generate, track
 from cmfpga.camera import RATES
 from cmfpga.config import PRESETS
+from cmfpga.events import Events, write_hdf5
+from cmfpga.events import generate as synthetic
 from cmfpga.rtl.core import Core
 from cmfpga.verilog.compiler import find_compiler
 
@@ -129,6 +131,33 @@ def test_a_similarity_tracks_an_roi(grow, tmp_path, capsys):
     assert contact == pytest.approx(1 / zoom, abs=1e-4) and "time to contact " in said
     assert track.main([*told, "--batches", "1", "--json", "--no-picture"]) == 0
     assert set(json.loads(capsys.readouterr().out)) >= {"zoom_per_s", "roll_rad_per_s", "time_to_contact_s"}
+
+
+def test_two_objects_of_which_one_turns(tmp_path, capsys):
+    """Each has the columns of one object alone, and its own motion."""
+    how = {"size": (60, 60), "bars": 14, "contrast": 2.0, "duration_us": 80_000}
+    made = [
+        synthetic(seed=1, position=(50.0, 60.0), velocity=(60.0, 20.0), **how),
+        synthetic(seed=2, position=(170.0, 115.0), velocity=(0.0, -40.0), roll=2.5, zoom=-0.8, **how),
+    ]
+    write_hdf5(tmp_path / "two.h5", Events.merge(scene.events for scene in made), 240, 180)
+    where = [
+        f"--roi={name}={x},{y}" for name, (x, y) in zip("ab", (one.roi_start(64, 64) for one in made), strict=True)
+    ]
+    fields = ["motion=similarity", "schedule_entries=64", "confidence_limit=30"]
+    told = [tmp_path / "two.h5", "--preset", "objects", *(part for field in fields for part in ("--set", field))]
+    told += ["--engine", "model", "--batch-us", "75000", "--batches", "1", "--no-picture", "--out", tmp_path]
+    assert track.main([*map(str, told), *where]) == 0
+    said, heads = capsys.readouterr().out, set()
+    assert "a: roll" not in said and "\na: zoom " in said and "\nb: zoom " in said
+    for name, zoom, roll in (("a", 0.0, 0.0), ("b", -0.8, 2.5)):
+        text = (tmp_path / f"track-{name}.csv").read_text(encoding="utf-8")
+        (row,) = csv.DictReader(text.splitlines())
+        heads.add(text.splitlines()[0])
+        assert float(row["zoom_per_s"]) == pytest.approx(zoom, abs=0.3) and row["flags"] in ("", "thinned")
+        assert float(row["roll_rad_per_s"]) == pytest.approx(roll, abs=0.3)
+    assert track.main([*map(str, told), where[0].replace("a=", "")]) == 0
+    assert heads == {(tmp_path / "track.csv").read_text(encoding="utf-8").splitlines()[0]}
 
 
 def refused(main, arguments, capsys):

@@ -352,6 +352,9 @@ REGIONS = Config(**MANY, regions=2)
         (REGIONS, {"thinning": 2}, "regions = 2: thinning: each region has a stride of its own instead"),
         (REGIONS, {"max_batch_events": 300000},
          "max_batch_events = 300000: at most 262144 are allowed, for the store holds them all"),
+        (preset("rotation"), {"regions": 2},
+         "regions = 2: motion = rotation: a region sees too little of the field to tell a turn from a shift; "
+         "cmfpga flow --fit rotation finds it from all regions of a translation"),
     ],
 )  # fmt: skip
 def test_what_regions_need(base, changes, message):

@@ -71,19 +71,24 @@ def write_row(accelerator, number, *, fresh=1, **changes):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_any_table_and_any_batches_equal_the_model(accelerator, seed):
-    model, rng = model_of(CONFIG), np.random.default_rng(seed)
-    regions, number = random_regions(CONFIG, rng), 0
-    for _ in range(6):
-        accelerator.write_regions(regions), model.write(regions)
-        for _ in range(3):
-            window, chosen = random_window(CONFIG, rng), random_settings(CONFIG, rng)
-            chosen = dataclasses.replace(chosen, camera=CONFIG.lens if rng.random() < 0.7 else ())
-            result = accelerator.run(events_of(window), settings=chosen)
-            same(result, model.run(*window, chosen))
-            number += 1
-            assert result.batch == number and not result.wire and not result.config_range
-        regions = some_changed(CONFIG, rng, regions) if rng.random() < 0.6 else random_regions(CONFIG, rng)
+@pytest.mark.parametrize("motion", ["translation", "similarity"])
+def test_any_table_and_any_batches_equal_the_model(compiler, motion, seed):
+    """Any start of every parameter."""
+    config, rng, number, found = CONFIG.replace(motion=motion), np.random.default_rng(seed), 0, set()
+    model, regions = model_of(config), random_regions(config, rng)
+    with Accelerator(SimulationBackend(config)) as accelerator:
+        for _ in range(6):
+            accelerator.write_regions(regions), model.write(regions)
+            for k in range(3):
+                window, chosen = clouds(rng) if k else random_window(config, rng), random_settings(config, rng)
+                chosen = dataclasses.replace(chosen, camera=config.lens if rng.random() < 0.7 else ())
+                result = accelerator.run(events_of(window), settings=chosen)
+                same(result, model.run(*window, chosen))
+                number += 1
+                assert result.batch == number and not result.wire and not result.config_range
+                found |= {region.v for region in result.regions}
+            regions = some_changed(config, rng, regions) if rng.random() < 0.6 else random_regions(config, rng)
+    assert len(found) > 1 and {len(v) for v in found} == {len(config.motion_model.names)}
 
 
 def test_a_row_that_is_told_begins_anew(accelerator, rng):

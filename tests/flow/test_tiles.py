@@ -60,3 +60,9 @@ def test_a_tile_begins_where_the_coarse_tile_with_the_nearest_middle_ended():
 def test_sizes_that_do_not_fit(tile, step, why):
     with pytest.raises(ConfigError, match=why):
         grid(preset("flow"), tile, step)
+
+
+def test_a_tile_has_a_velocity_alone():
+    config = preset("flow").replace(motion="similarity", schedule_entries=64)
+    with pytest.raises(ConfigError, match=r"^motion = similarity: translation is needed.*; --fit similarity finds"):
+        grid(config)

@@ -32,6 +32,7 @@ CONFIGS = {
         hot_mask="20,15;3,4", background_us=1 << 22,
     ),
     "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
+    "similarity": _SMALL.replace(motion="similarity"),
 }  # fmt: skip
 
 
@@ -81,7 +82,15 @@ def random_settings(config, rng):
             chosen, judge=int(rng.random() < 0.8), confidence_limit=int(rng.choice([1, 20, 90, 1000])),
             cold_after_doubtful=int(rng.integers(2)),
         )  # fmt: skip
+    if config.motion_model.basis:
+        chosen = dataclasses.replace(chosen, v_start=random_start(config, rng))
     return chosen
+
+
+def random_start(config, rng):
+    """Raw, of every parameter, half of them anywhere in a quarter of its range."""
+    limits = [parameter.fmt for parameter in config.motion_model.parameters]
+    return tuple(int(rng.integers(fmt.min, fmt.max + 1) * rng.integers(2)) // 4 for fmt in limits)
 
 
 def random_run(config, rng, regions):

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cmfpga.camera import RATES
 from cmfpga.config import preset
 from cmfpga.engines.regions import RegionEngine
 from cmfpga.errors import ConfigError
@@ -69,6 +70,22 @@ def test_verilog_and_model_find_the_same(size):
     assert {Flag.DOUBTFUL in one for one in flags} == {True, False}
     lengths = {len(window[0].events) for window in both[0]}
     assert (0 in lengths, len(lengths) > 1) == ("duration_us" in size, "duration_us" in size or "first" in size)
+
+
+def test_objects_that_grow_and_turn_are_the_same_by_all_engines():
+    """In batches that suit the one that moves farthest, at its edge or in its middle."""
+    if find_compiler() is None:
+        pytest.skip("no C++ compiler")
+    config = CONFIG.replace(motion="similarity")
+    rtl, axi, model = (followed(name, config, scenes(), ROIS, batches=6)[0] for name in ("rtl", "axi", "model"))
+    assert len(rtl) == len(axi) == len(model) == 6
+    for windows in zip(rtl, axi, model, strict=True):
+        for one, other, wanted in zip(*windows, strict=True):
+            assert one.values == other.values == wanted.values | {"cycles": one.values["cycles"]}
+            assert without_clock(one.result) == wanted.result
+    found = [batch for window in model for batch in window]
+    assert set(RATES["similarity"]) <= set(found[0].values) and len({batch.rates["zoom_per_s"] for batch in found}) > 9
+    assert len({len(window[0].events) for window in model}) > 1
 
 
 def test_an_object_is_tracked_as_if_alone():
@@ -240,7 +257,7 @@ def test_a_configuration_gets_a_table():
 @pytest.mark.parametrize("config, message", [
     (preset("paper"), "gradient = one_pass is needed"),
     (preset("fast-4"), "lanes = 1 is needed"),
-    (preset("similarity"), "motion = translation is needed"),
+    (preset("rotation"), "motion = rotation: a region sees too little of the field"),
     (preset("fast").replace(buffers=1), "buffers = 2 is needed"),
     (preset("fast").replace(thin_target=900), "each region has a stride of its own instead"),
 ])  # fmt: skip

@@ -210,6 +210,7 @@ class Config:
         q = self.formats
         for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
             check_real(self, name, fmt)
+        check_regions(self)
         if self.ascent_rule.has_table:
             self.schedules.check()
         else:
@@ -217,7 +218,6 @@ class Config:
         if self.gradient == "one_pass":
             self.one_pass.check()
         check_motion(self)
-        check_regions(self)
         if self.confidence:
             check_confidence(self)
         most = self.dt_frac + self.v_frac

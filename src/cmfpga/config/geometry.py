@@ -11,6 +11,7 @@ class Geometry:
     def __init__(self, config):
         width, height = self._roi = config.roi_width, config.roi_height
         self.pixels = width * height  #: P, of the ROI
+        self.middle = width - 1, height - 1  #: column and row of the ROI's middle, in half pixels
         self.bank_columns = (width + 1) // 2  #: of one parity bank
         self.bank_rows = (height + 1) // 2
         self.bank_words = self.bank_columns * self.bank_rows  #: of one parity bank, that hold a pixel: P/4

@@ -141,10 +141,13 @@ def motion_model(config):
     # A quarter of the lever arm at most: beyond it a zoom gathers all events on a few pixels, which is sharp, too.
     limited = Q(max(1, min(config.v_int, lever - 2)), config.v_frac)
     members = sorted({member for part in terms.values() for _, member, _ in part})
-    # The centre is the ROI's, or lies on the sensor.
+    # The centre is the ROI's, or lies on the sensor; that of a region may lie anywhere in the image.
     sizes = (config.sensor_width, config.sensor_height) if "xx" in members else (config.roi_width, config.roi_height)
     beside = 1 << config.max_level  # of a cell across the border
-    farthest = {name: size if "xx" in members else size // 2 + beside for name, size in zip("pq", sizes, strict=True)}
+    farthest = {
+        name: size if "xx" in members else (size if config.regions else size // 2) + beside
+        for name, size in zip("pq", sizes, strict=True)
+    }
     integer = {name: max(0, bits_for(far + 1) - lever) for name, far in farthest.items()}
     # Rays beyond 63 degrees from the axis (xx = 4) saturate.
     formats = {name: Q(integer.get(name, 2), lever + MotionModel.place_frac) for name in members}

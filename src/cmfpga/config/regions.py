@@ -30,10 +30,15 @@ def check_regions(config):
             if getattr(config, name) != config.__dataclass_fields__[name].default:
                 raise ConfigError(f"{name} = {getattr(config, name)}: regions of 1 or more are needed")
         return
-    beyond = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "motion": "translation", "lanes": 1}
+    beyond = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "lanes": 1}
     for name, value in beyond.items():
         if getattr(config, name) != value:
             raise ConfigError(f"regions = {config.regions}: {name} = {value} is needed")
+    if config.motion == "rotation":
+        raise ConfigError(
+            f"regions = {config.regions}: motion = rotation: a region sees too little of the field to tell a turn from "
+            "a shift; cmfpga flow --fit rotation finds it from all regions of a translation"
+        )
     for name in ("thinning", "thin_target"):
         if getattr(config, name) != config.__dataclass_fields__[name].default:
             raise ConfigError(f"regions = {config.regions}: {name}: each region has a stride of its own instead")

@@ -64,8 +64,13 @@ def grid(config, tile=TILE, step=None):
     Raises
     ------
     ConfigError
-        A size is not allowed.
+        A size, or the motion, is not allowed.
     """
+    if config.motion != "translation":
+        raise ConfigError(
+            f"motion = {config.motion}: translation is needed, for a tile is too small for more; --fit {config.motion} "
+            "finds that of the whole field"
+        )
     sensor = config.sensor_width, config.sensor_height
     coarse = tuple(map(min, sensor, (config.roi_width, config.roi_height)))
     if not 4 <= tile <= min(coarse):

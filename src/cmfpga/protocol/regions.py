@@ -59,6 +59,11 @@ class Region:
             return self.margin
         return (config.roi_width - self.width) // 2, (config.roi_height - self.height) // 2
 
+    def middle(self, config):
+        """Column and row of the region's middle in the image, in half pixels."""
+        size = self.width, self.height
+        return tuple(2 * at + side - 1 for at, side in zip(self.corner(config), size, strict=True))
+
     def check(self, config, number):
         """Raise :exc:`ConfigError` unless row ``number`` of the hardware's table can hold it."""
         where, frame = f"region {number}", (config.roi_width, config.roi_height)

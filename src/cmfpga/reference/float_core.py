@@ -48,11 +48,11 @@ class FloatCore(Sequence):
             x, y = (axis + offset for axis, offset in zip((x, y), dither(len(x)), strict=True))
         return x, y, scaled_times(batch.t, 0, batch.counts["span"])
 
-    def ascend(self, batch, settings, plan, roi):
+    def ascend(self, batch, settings, plan, roi, middle=None):
         config = self.config
         events = self.place(batch)
         if config.motion_model.basis:
-            trace, judged = self._flow(events, settings, plan, roi)
+            trace, judged = self._flow(events, settings, plan, roi, middle)
             return trace, self._doubt(judged, trace, batch), judged
         size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
         done = ASCENTS[config.ascent](events, settings, plan, config=config, **size, v_start=self.v)
@@ -71,16 +71,16 @@ class FloatCore(Sequence):
         doubtful = is_doubtful(self.config, SimpleNamespace(**judged, **kept))
         return Flag.DOUBTFUL if doubtful else Flag(0)
 
-    def _flow(self, events, settings, plan, roi):
+    def _flow(self, events, settings, plan, roi, middle):
         """The trace of a motion beyond translation, whose roll and zoom are limited as in the hardware, and how sure it
         is."""
         config = self.config
-        b = flow.basis(config, *events[:2], roi=roi, camera=settings.camera)
+        b = flow.basis(config, *events[:2], roi=roi, camera=settings.camera, middle=middle)
         limits = float64([p.fmt.real(p.fmt.max) for p in config.motion_model.parameters])
         size = {"width": config.roi_width, "height": config.roi_height}
 
         def at_pixels(level):
-            return flow.pixel_basis(config, level) if config.motion_model.of_pixels else None
+            return flow.pixel_basis(config, level, middle) if config.motion_model.of_pixels else None
 
         done = flow.ascend(*events, b, v_start=self.v, schedule=plan, limits=limits, at_pixels=at_pixels, **size)
         none = np.zeros((len(plan), 2))

@@ -15,7 +15,7 @@ from ..config.schedule import used
 from .floating import accumulate, at_level, bilinear_votes, float64, level_size
 
 
-def basis(config, x, y, *, roi, camera):
+def basis(config, x, y, *, roi, camera, middle=None):
     """b of events: float64 [2, parameters, n], along x and y.
 
     Parameters
@@ -28,9 +28,11 @@ def basis(config, x, y, *, roi, camera):
         The ROI's corner.
     camera : tuple
         Nine numbers, for a rotation.
+    middle : pair of int, optional
+        Of a region in the ROI, in half pixels (:meth:`cmfpga.protocol.regions.Region.middle`); else the ROI's.
     """
     motion = config.motion_model
-    arm, focus, centre = float(1 << motion.lever), 1.0, [(config.roi_width - 1) / 2, (config.roi_height - 1) / 2]
+    arm, focus, centre = float(1 << motion.lever), 1.0, [at / 2 for at in middle or config.geometry.middle]
     if config.motion == "rotation":
         focus, centre = (
             (camera[0] * camera[1]) ** 0.5,
@@ -46,12 +48,12 @@ def basis(config, x, y, *, roi, camera):
     return found
 
 
-def pixel_basis(config, level):
+def pixel_basis(config, level, middle=None):
     """b in the middle of pixels 2^level px wide, of a similarity: float64 [2, parameters, pixels], row by row."""
     columns, rows = (torch.arange(level_size(size, level)) for size in (config.roi_width, config.roi_height))
     x, y = ((at + 0.5) * (1 << level) - 0.5 for at in (columns, rows))
     y, x = (axis.flatten() for axis in torch.meshgrid(y, x, indexing="ij"))
-    return basis(config, x.double(), y.double(), roi=(0, 0), camera=())
+    return basis(config, x.double(), y.double(), roi=(0, 0), camera=(), middle=middle)
 
 
 def warped(x, y, dt, v, b, level=0):

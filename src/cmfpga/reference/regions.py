@@ -155,7 +155,7 @@ class RegionSequence:
         if state.followed:
             cold = (core.number(config.formats.v, axis) for axis in settings.v_start)
             core.v = tuple(source.v) if warm else tuple(cold)
-            trace, found, fields = core.ascend(batch, settings, plan, place)
+            trace, found, fields = core.ascend(batch, settings, plan, place, region.middle(config))
             flags |= found
             judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
             core.v = state.v = tuple(trace.v[-1].tolist())

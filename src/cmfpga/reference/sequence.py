@@ -116,9 +116,10 @@ class Sequence(ABC):
         """A raw value of a format, as this model computes with it."""
 
     @abstractmethod
-    def ascend(self, batch, settings, plan, roi):
+    def ascend(self, batch, settings, plan, roi, middle=None):
         """``(Trace, flags, fields)`` of the iterations over a :class:`~.ingest.TakenIn`, from ``v`` on.
 
-        ``roi`` is the corner of the batch, px.
+        ``roi`` is the corner of the batch, px; ``middle`` that of its region, as :meth:`Region.middle
+        <cmfpga.protocol.regions.Region.middle>` gives it, by default the ROI's.
         ``fields`` of the result tell how sure v is, where the hardware can.
         """

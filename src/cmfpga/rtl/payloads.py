@@ -137,6 +137,17 @@ def basis(config):
     return data.StructLayout({name: Fixed(q) for name, q in config.motion_model.basis.items()})
 
 
+def middle(config):
+    """Column and row of a region's middle in the image, in half pixels."""
+    x, y = config.geometry.middle
+    return data.StructLayout({"x": bits_for(2 * x), "y": bits_for(2 * y)})
+
+
+def with_middle(config, member=lambda layout: layout):
+    """The member ``middle``, where p and q are counted from that of a region."""
+    return {"middle": member(middle(config))} if config.motion_model.of_pixels and config.regions else {}
+
+
 def with_basis(config, member=lambda layout: layout):
     """The member ``basis`` of what travels with an event, where the motion has one."""
     return {"basis": member(basis(config))} if config.motion_model.basis else {}

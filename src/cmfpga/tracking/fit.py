@@ -120,14 +120,19 @@ class FittedCutter(BatchCutter):
         self.size = min(fit(*found, True) if found else length, _REACH * self._sure, self.max_events)
         self.size = max(len((yield from self._ahead(self.size))), 1)
 
-    def _trials(self, trial, roi):
-        """The same of another motion than translation: a batch is tried until the image moves far enough."""
+    def _trials(self, trial, *rois):
+        """The same of another motion than translation: a batch is tried until the image moves far enough.
+
+        Of several objects the farthest counts, of those that are to be trusted where there are any.
+        """
         for _ in range(_TRIALS):
             ahead = yield from self._ahead(self.size)
-            (result,) = trial(ahead)
+            results = trial(ahead)
             self.size = len(ahead) or 1
-            length = fit(self.size, (extent(self._config, result.v, roi[:2]),), Flag.DEGENERATE not in result.flags)
-            length = min(length, self.max_events)
+            known = [one for one in zip(results, rois, strict=True) if Flag.DEGENERATE not in one[0].flags]
+            known = [one for one in known if is_sure(one[0])] or known
+            moved = max((extent(self._config, result.v, roi[:2]) for result, roi in known), default=0.0)
+            length = min(fit(self.size, (moved,), bool(known)), self.max_events)
             if length == self.size:
                 return
             self.size = max(len((yield from self._ahead(length))), 1)

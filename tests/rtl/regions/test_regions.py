@@ -149,7 +149,7 @@ def test_the_outcome_is_that_of_a_core_of_one_region(rng):
 
 def test_cycles_of_a_region_are_exact(hardware, rng):
     config, unit = hardware.config, hardware.core.units[0]
-    model = start(hardware, regions := random_regions(config, rng))
+    model = start(hardware, regions := random_regions(config, rng, config.regions))
     chosen, cycles = settings(config), []
     for _ in range(5):
         windows, gaps, stalls = random_run(config, rng, regions)

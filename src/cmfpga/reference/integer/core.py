@@ -74,17 +74,17 @@ class IntegerCore(Sequence):
     def number(self, fmt, raw):
         return raw
 
-    def ascend(self, batch, settings, plan, roi):
+    def ascend(self, batch, settings, plan, roi, middle=None):
         config = self.config
         self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
         x, y = dither(config, batch.x, batch.y)
-        b = basis(config, x, y, roi=roi, camera=settings.camera)
+        b = basis(config, x, y, roi=roi, camera=settings.camera, middle=middle)
         velocities, sums, flags = [self.v], [], Flag(0)
         for k, entry in enumerate(plan):
             part = used(entry, k, len(x))
             events = (axis[part] for axis in (x, y, self.dt))
             its = {name: member[part] for name, member in b.items()}
-            done, saturated = self.iterate(*events, velocities[-1], entry=entry, eta=settings.eta, b=its)
+            done, saturated = self.iterate(*events, velocities[-1], entry=entry, eta=settings.eta, b=its, middle=middle)
             flags |= Flag.SATURATED if saturated else Flag(0)
             velocities.append(done.v_next)
             sums.append((*done.sums[:3], *done.sums.s))
@@ -94,7 +94,7 @@ class IntegerCore(Sequence):
         if config.confidence:
             judged, doubt = confidence(
                 config,
-                lambda v: self.iterate(x, y, self.dt, v, entry=entry, b=b)[0],
+                lambda v: self.iterate(x, y, self.dt, v, entry=entry, b=b, middle=middle)[0],
                 done,
                 settings,
                 batch.counts["roi_events"],
@@ -104,11 +104,11 @@ class IntegerCore(Sequence):
         v = np.array(velocities, np.int64)
         return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:]), flags, judged
 
-    def iterate(self, x, y, dt, v, *, entry, eta=0, b=None):
+    def iterate(self, x, y, dt, v, *, entry, eta=0, b=None, middle=None):
         """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
 
         ``x`` and ``y`` have ``dithered_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
-        ``eta`` raw; ``b`` the events' :func:`basis`.
+        ``eta`` raw; ``b`` the events' :func:`basis`, about ``middle``.
         """
         config, level = self.config, entry.level
         votes = voter(config, *warp(config, x, y, dt, flow(config, v, b), level), dt, level)
@@ -117,7 +117,7 @@ class IntegerCore(Sequence):
         images = accumulator(config, votes)
         sums = gradient_reader(images)
         if b:
-            sums = sums._replace(s=tuple(moments(config, votes, images, b, level)))
+            sums = sums._replace(s=tuple(moments(config, votes, images, b, level, middle)))
         g = gradient(config, sums)
         step = STEPS[config.ascent]
         each = zip((parameter.fmt for parameter in config.motion_model.parameters), v, g, strict=True)

@@ -12,7 +12,7 @@ import torch
 from ...fixed import floor_shift, round_half_up, saturate
 
 
-def basis(config, x, y, *, roi, camera):
+def basis(config, x, y, *, roi, camera, middle=None):
     """``{member: int64 [n]}`` of the basis at events, raw; nothing where v is a translation.
 
     Parameters
@@ -23,6 +23,8 @@ def basis(config, x, y, *, roi, camera):
         The ROI's corner.
     camera : tuple
         Nine numbers, for a rotation.
+    middle : pair of int, optional
+        Of a region in the ROI, in half pixels (:meth:`cmfpga.protocol.regions.Region.middle`); else the ROI's.
     """
     motion = config.motion_model
     if not motion.basis:
@@ -30,7 +32,7 @@ def basis(config, x, y, *, roi, camera):
     if config.motion == "rotation":
         centre = [at - (corner << motion.place_frac) for at, corner in zip(motion.centre(camera), roi, strict=True)]
     else:
-        centre = [2 * (size - 1) for size in (config.roi_width, config.roi_height)]
+        centre = [2 * at for at in middle or config.geometry.middle]
     drop = config.formats.dithered_frac - motion.place_frac
     p, q = (floor_shift(axis, drop) - middle for axis, middle in zip((x, y), centre, strict=True))
     found = {"p": p, "q": q}
@@ -85,16 +87,16 @@ def growths(config, votes):
     return [torch.from_numpy(each) for each in grown]
 
 
-def moments(config, votes, images, b, level):
-    """S of each parameter, in the order of the motion's names: list of int."""
+def moments(config, votes, images, b, level, middle=None):
+    """S of each parameter, in the order of the motion's names: list of int; ``middle`` is that of :func:`basis`."""
     motion = config.motion_model
     if motion.of_pixels:
         # What a pixel has added in the end, and the middle of pixels 2^level px wide: (c + ½)·2^level − ½ px.
         grown = {"x": images.i * images.dx, "y": images.i * images.dy}
         unit = 1 << (level + motion.place_frac)
         p, q = (
-            torch.arange(size) * unit + unit // 2 - (size << motion.place_frac) // 2
-            for size in (config.roi_width, config.roi_height)
+            torch.arange(size) * unit + unit // 2 - 2 * (at + 1)
+            for size, at in zip((config.roi_width, config.roi_height), middle or config.geometry.middle, strict=True)
         )
         b = {"p": p, "q": q[:, None]}
     else:

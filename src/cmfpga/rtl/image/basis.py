@@ -13,8 +13,8 @@ from .time_scaler import TimeScaler
 class Basis(wiring.Component):
     """p and q, an event's distance from the centre; and for a rotation xx, xy and yy, its products in focal lengths.
 
-    The centre is that of the ROI, or for a rotation the camera's principal point. It stands beside the time scaler, and
-    takes as long: three multipliers for the products, three for the focal length.
+    The centre is that of the ROI, or of a region in it, or for a rotation the camera's principal point. It stands
+    beside the time scaler, and takes as long: three multipliers for the products, three for the focal length.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -31,6 +31,8 @@ class Basis(wiring.Component):
         Of the sensor, in quarters of a pixel; ``corner``: the ROI's. With ``curve``, only for a rotation.
     curve : ``In``
         2^27/f².
+    middle : ``In``, :func:`payloads.middle`
+        Of a region; only with ``regions``. It stays while events come.
     o : ``Out``, :func:`payloads.basis`
     """
 
@@ -42,7 +44,8 @@ class Basis(wiring.Component):
         camera = {name: In(settings[name]) for name in ("centre", "curve") if name in settings}
         if camera:
             camera["corner"] = In(payloads.roi_corner(config))
-        super().__init__({"x": In(event["x"]), "y": In(event["y"]), **camera, "o": Out(payloads.basis(config))})
+        places = {"x": In(event["x"]), "y": In(event["y"]), **camera, **payloads.with_middle(config, In)}
+        super().__init__({**places, "o": Out(payloads.basis(config))})
 
     def elaborate(self, platform):
         config, motion = self.config, self.config.motion_model
@@ -57,6 +60,8 @@ class Basis(wiring.Component):
                 middle = delay(
                     m, self.centre[axis] - (self.corner[axis] << motion.place_frac), 1, name=f"middle_{name}"
                 )
+            elif hasattr(self, "middle"):
+                middle = delay(m, self.middle[axis] << 1, 1, name=f"middle_{name}")
             place = floor_shift(getattr(self, axis), drop) - more
             # Stage 1: subtract.
             place_s1 = Signal(self.o[name].shape(), name=f"{name}_s1", reset_less=True)

@@ -77,6 +77,12 @@ class Lane:
                 self.basis.corner.eq(batch.roi),
             ]
 
+    def look_from(self, m, job):
+        """Where a region has the middle that its motion is about."""
+        for block in (self.basis, self.blocks["voter"]):
+            if hasattr(block, "middle"):
+                m.d.comb += block.middle.eq(job.middle)
+
     def dither_as(self, m, first):
         """The sequence of the dither is that of the ``first`` lane."""
         if self.config.dither_frac:

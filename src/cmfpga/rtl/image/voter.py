@@ -25,6 +25,8 @@ class BilinearVoter(wiring.Component):
     o : ``Out``, flow of :func:`payloads.votes`
     level : ``In``
         Coarse levels have smaller images. Changes only while no event is in flight.
+    middle : ``In``, :func:`payloads.middle`
+        Of a region, from which its pixels are counted; only with ``regions``. Changes as seldom.
     """
 
     def __init__(self, config):
@@ -36,6 +38,7 @@ class BilinearVoter(wiring.Component):
                 "i": In(payloads.flow(payloads.warped_event(config))),
                 "o": Out(payloads.flow(payloads.votes(config))),
                 "level": In(bits_for(config.max_level)),
+                **payloads.with_middle(config, In),
             }
         )
 
@@ -139,7 +142,7 @@ class BilinearVoter(wiring.Component):
         return m
 
     def _locate(self, m, located):
-        """Where the cell's upper left pixel is, from the ROI's centre in quarters of a pixel; three cycles."""
+        """Where the cell's upper left pixel is, from the centre in quarters of a pixel; three cycles."""
         config = self.config
         unit = config.motion_model.place_frac
         m.d.sync += located.level.eq(delay(m, self.level, 2, name="located_level"))
@@ -148,10 +151,17 @@ class BilinearVoter(wiring.Component):
         ):  # fmt: skip
             cell_s1 = delay(m, self.i.payload[axis] >> config.position_frac, 1, name=f"located_{name}")
             # The middle of a pixel 2^level px wide: (c + ½)·2^level − ½ px.
-            places = [
-                cell_s1.shift_left(level + unit) + ((1 << (level + unit)) // 2 - (size << unit) // 2)
-                for level in range(config.max_level + 1)
-            ]
+            levels = range(config.max_level + 1)
+            if hasattr(self, "middle"):
+                # Known long before the events, so that one addition is left.
+                halves = select(self.level, [Const((1 << (level + unit)) // 2) for level in levels])
+                more = delay(m, halves - ((self.middle[axis] + 1) << 1), 1, name=f"more_{name}")
+                places = [cell_s1.shift_left(level + unit) + more for level in levels]
+            else:
+                places = [
+                    cell_s1.shift_left(level + unit) + ((1 << (level + unit)) // 2 - (size << unit) // 2)
+                    for level in levels
+                ]
             place_s2 = delay(m, select(self.level, places), 1, name=f"place_{name}")
             m.d.sync += [located[name].eq(place_s2), located[odd].eq(delay(m, cell_s1[0], 1, name=odd))]
 

@@ -52,8 +52,9 @@ class Collector(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self._verdict = Verdict(config) if config.confidence else None
-        judging = self._verdict.latency + 1 if config.confidence else 0
+        # Units judge motions beyond a translation themselves, as the probes come.
+        self._verdict = Verdict(config) if config.confidence and not config.motion_model.basis else None
+        judging = self._verdict.latency + 1 if self._verdict else 0
         self.latency = 6 + max(config.formats.roi_gain.width + 3, judging)
         kept = data.StructLayout({"number": config.store.number_bits, "state": payloads.state(config)})
         super().__init__(
@@ -86,7 +87,7 @@ class Collector(wiring.Component):
         gain, steps, limits = Signal.like(batch.settings.roi_gain), Signal(2), {}
         moves, begin = row.moves & ~outcome.degenerate, Signal()
         offered = Cat(unit.valid & (unit.payload.turn == turn) for unit in units)
-        decided, doubtful = self._judge(m, outcome, begin) if config.confidence else (Const(1, 1), Const(0, 1))
+        decided, doubtful = self._judge(m, outcome, begin)
         with m.If(self.begins):
             m.d.sync += waiting.eq(1)
         with m.Elif(self.takes_over):
@@ -148,6 +149,8 @@ class Collector(wiring.Component):
 
     def _judge(self, m, outcome, begin):
         """Whether v is in doubt, of an outcome that was probed: (it is known, it is)."""
+        if not self._verdict:
+            return Const(1, 1), outcome.flags[Flag.DOUBTFUL.bit_length() - 1] if self.config.confidence else Const(0, 1)
         m.submodules.verdict = verdict = self._verdict
         probed, decided = outcome.confidence_limit != 0, Signal()
         m.d.comb += [

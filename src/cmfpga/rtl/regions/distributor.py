@@ -178,6 +178,8 @@ class Distributor(wiring.Component):
                     job.restarted.eq(restarted),
                     measured.eq(0),
                 ]
+                for axis in ("x", "y") if "middle" in job.shape().members else ():
+                    m.d.sync += job.middle[axis].eq(row.begin[axis] + row.end[axis] - 1)
                 with m.If(free.any()):
                     m.d.comb += self.begin.eq(chosen)
                     m.d.sync += [unit.eq(chosen), reading.eq(1)]

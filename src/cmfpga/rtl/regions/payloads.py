@@ -5,7 +5,7 @@ from amaranth.lib import data
 from ...fixed import Q, bits_for
 from ...protocol.regions import row_shape
 from ...protocol.results import fields_of
-from ..payloads import Fixed, roi_event, settings, shaped, trace, velocity
+from ..payloads import Fixed, roi_event, settings, shaped, trace, velocity, with_middle
 
 
 def stored_event(config):
@@ -63,6 +63,7 @@ def job(config):
             "restarted": 1,
             "turn": 1,  # of its batch
             "settings": settings(config),
+            **with_middle(config),
         }
     )
 

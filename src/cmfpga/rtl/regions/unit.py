@@ -9,6 +9,7 @@ from ...protocol.results import thins
 from .. import payloads as common
 from ..arithmetic import delay
 from ..confidence.curvature import Curvature
+from ..confidence.least_judge import LeastJudge
 from ..iterating import Iterating
 from . import payloads
 
@@ -94,6 +95,8 @@ class Unit(Iterating, wiring.Component):
         self._add_boxes(m)
         self._load(m)
         self._iterate(m, self._times, self._times)
+        for lane in self.lanes:
+            lane.look_from(m, self._job)
         self._ascend(m)
         if self.config.confidence:
             self._confide(m, self.iteration_control.handover.batch.roi_events)
@@ -180,6 +183,8 @@ class Unit(Iterating, wiring.Component):
             "cycles": control.cycles,
         }
         if self.config.confidence:
+            if isinstance(self.judge, LeastJudge):
+                flags[Flag.DOUBTFUL] = self.judge.doubtful
             judged = control.run.settings.judge & ~control.run.degenerate
             found |= {
                 "sums": self.probe.last,
