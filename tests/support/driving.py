@@ -14,17 +14,10 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.simulation.axi_top import SimulatedTop
-from cmfpga.verilog.compiler import find_compiler
 
 SMALL = {"sensor_width": 48, "sensor_height": 32, "roi_width": 16, "roi_height": 16, "buffer_events": 64}
 CONFIG = preset("fast").replace(**SMALL)
 REGISTERS = register_map(CONFIG)
-
-
-@pytest.fixture
-def compiler():
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler to compile the Verilog with: install g++")
 
 
 @pytest.fixture
