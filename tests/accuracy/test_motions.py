@@ -52,8 +52,8 @@ def test_real_rotations(data_dir, capsys, monkeypatch):
     assert run("--motion", "rotation", "--batches", 1, "--data", data_dir) == 0
     lines = capsys.readouterr().out.splitlines()
     (real,) = (line for line in lines if "| davis240c_shapes" in line)
-    *_, away, allowed, _ = real.split("|")
-    assert float(away) <= float(allowed)
+    *_, away, allowed, ms, _ = real.split("|")
+    assert float(away) <= float(allowed) and 0.5 < float(ms) < 2  # of 20,000 events
     (panned,) = (line for line in lines if "| davis240c_translboxes" in line)
     _, _, batches, correlation, scale, _, _ = panned.split("|")
     assert int(batches) >= 6 and float(correlation) > 0.85 and float(scale) == pytest.approx(1, abs=0.1)

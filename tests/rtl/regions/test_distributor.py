@@ -173,7 +173,7 @@ MUTANTS = {
     "one batch like the next": ("self.turn.eq(~self.turn)", "self.turn.eq(self.turn)"),
     "three batches under way": ("with m.If(self.begun):", "with m.If(1):"),
     "never forgotten": ("m.d.comb += self.clear.eq(1)", "m.d.comb += self.clear.eq(0)"),
-    "a bin too few": ("column >= last_bin", "column + 1 >= last_bin"),
+    "a bin too few": ("eq((column >= last", "eq((column + 1 >= last"),
 }  # fmt: skip
 
 

@@ -35,7 +35,7 @@ MUTANTS = {  # module, old, new
     "a parent not waited for": (distributor, "~of_parent | (measured", "1 | (measured"),
     "an outcome of the batch before not waited for": (distributor, "there = source.turn", "there = 1 | source.turn"),
     "times of the next batch": (unit, "self._times.eq(times)", "self._times.eq(self.times)"),
-    "a bin too few": (distributor, "column >= last_bin", "column + 1 >= last_bin"),
+    "a bin too few": (distributor, "eq((column >= last", "eq((column + 1 >= last"),
     "started where it was not measured": (distributor, "source.followed & ~given", "~given"),
     "doubt does not matter": (distributor, "source.doubtful & settings", "0 & settings"),
     "another unit's events": (unit, "self.i.valid & loading", "self.i.valid"),

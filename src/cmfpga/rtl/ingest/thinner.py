@@ -65,7 +65,8 @@ class Thinner(wiring.Component):
         factor = Signal(Widths.thinning_bits)
         position = Signal(Widths.thinning_bits)  # 0 … factor − 1; the event at 0 passes
         target = Signal.like(self.target)
-        filled = Signal.like(self.target)  # 1 … target
+        following = Signal.like(self.target)  # 2 … target + 1: the place of the next event among `target`
+        filled = Signal(init=1)  # that place is beyond the target: known an event before, for the clock
         wanted = Signal(Widths.thinning_bits)  # ⌈events/target⌉, saturated
         passes = position == 0
         left_out = Signal()
@@ -84,16 +85,16 @@ class Thinner(wiring.Component):
                 factor.eq(Mux(follow, Mux(wanted == 0, 1, wanted), self.thinning)),
                 target.eq(self.target),
                 position.eq(0),
-                filled.eq(0),
+                filled.eq(1),
                 wanted.eq(0),
                 self.thinned.eq(0),
             ]
         with m.Elif(self.i.valid):
             m.d.sync += position.eq(Mux(position + 1 >= factor, 0, position + 1))
-            with m.If((wanted == 0) | (filled == target)):
-                m.d.sync += filled.eq(1)
+            with m.If(filled):
+                m.d.sync += [following.eq(2), filled.eq(target == 1)]
                 with m.If(~wanted.all()):
                     m.d.sync += wanted.eq(wanted + 1)
             with m.Else():
-                m.d.sync += filled.eq(filled + 1)
+                m.d.sync += [following.eq(following + 1), filled.eq(following == target)]
         return m

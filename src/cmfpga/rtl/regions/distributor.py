@@ -118,12 +118,12 @@ class Distributor(wiring.Component):
         doubtful = source.doubtful & settings.cold_after_doubtful if config.confidence else Const(0, 1)
         corner, last_bin, place, column, line = self._geometry(m, row, state)
         # Registers, for much hangs on them: the store looks a bin up for longer than they take.
-        within, last_column, last_line, compared, last_row = Signal(), Signal(), Signal(), Signal(), Signal()
+        within, last_column, last_of_all, compared, last_row = Signal(), Signal(), Signal(), Signal(), Signal()
         m.d.sync += [
             last_row.eq(current + 1 >= settings.rows),
             within.eq((column <= last_bin["x"]) & (line <= last_bin["y"])),
             last_column.eq(column >= last_bin["x"]),
-            last_line.eq(line >= last_bin["y"]),
+            last_of_all.eq((column >= last_bin["x"]) & (line >= last_bin["y"])),
             compared.eq(1),
         ]
         reading, steps = Signal(), Signal()  # in BINS
@@ -164,16 +164,16 @@ class Distributor(wiring.Component):
                 m.d.sync += [first.eq(place[axis][config.bin_bits :]) for axis, first in (("x", column), ("y", line))]
                 with m.If((timer == 0) & (~of_parent | (measured & (source.turn == self.turn)))):
                     m.d.sync += [warm.eq(wanted & ~doubtful), restarted.eq(wanted & doubtful)]
-                    m.d.sync += [job.settings.eq(settings), job.settings.start_last.eq(0)]  # v_start says it
-                    m.d.sync += job.turn.eq(self.turn)
-                    m.d.sync += job.settings.v_start.eq(
-                        Mux(wanted & ~doubtful, source.v.as_value(), settings.v_start.as_value())
-                    )
                     m.next = "UNIT"
             with m.State("UNIT"):
+                v_start = Mux(warm, source.v.as_value(), settings.v_start.as_value())
                 m.d.sync += [
+                    job.settings.eq(settings),
+                    job.settings.start_last.eq(0),  # v_start says it
+                    job.settings.v_start.eq(v_start),
                     job.settings.cold.eq(Mux(warm, row.warm.as_value(), row.cold.as_value())),
                     job.number.eq(current),
+                    job.turn.eq(self.turn),
                     job.stride.eq(row.stride),
                     job.restarted.eq(restarted),
                     measured.eq(0),
@@ -184,7 +184,7 @@ class Distributor(wiring.Component):
                     m.next = "BINS"
             with m.State("BINS"):
                 m.d.sync += timer.eq(4)
-                with m.If(steps & last_column & last_line):
+                with m.If(steps & last_of_all):
                     m.d.sync += reading.eq(0)
                     m.next = "DRAIN"
             with m.State("DRAIN"):

@@ -151,16 +151,20 @@ class Unit(Iterating, wiring.Component):
     def _say(self, m):
         """Nothing of this changes while an outcome waits."""
         control, o, job, sums = self.iteration_control, self.o.payload, self._job, self.image.sums
-        thinned = Signal.like(o.thinned)
+        thinned, is_thinned, overflows = Signal.like(o.thinned), Signal(), Signal()
         # Registers: known long before the outcome.
-        m.d.sync += thinned.eq(job.found - self._batch.roi_events - self._overflow)
+        m.d.sync += [
+            thinned.eq(job.found - self._batch.roi_events - self._overflow),
+            is_thinned.eq(thinned != 0),
+            overflows.eq(self._overflow != 0),
+        ]
         thinning = delay(m, self._thinning << job.stride, 1, name="thinning")
         flags = {
             Flag.DEGENERATE: control.run.degenerate,
-            Flag.OVERFLOW: self._overflow != 0,
+            Flag.OVERFLOW: overflows,
             Flag.SATURATED: self.ascent.saturated,
             Flag.SCHEDULE: self.ascent.limited,
-            Flag.THINNED: thinned != 0,
+            Flag.THINNED: is_thinned,
         }
         found = {
             "number": job.number,
