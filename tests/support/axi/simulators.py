@@ -1,6 +1,7 @@
 """Builds the emitted AXI top for a simulator and runs modules of cocotb tests on it."""
 
 import contextlib
+import importlib.metadata
 import json
 import shutil
 from xml.etree import ElementTree
@@ -43,7 +44,8 @@ def _verilated(verilog, ports):
         links = f"-L{cocotb.libs_dir}", f"-Wl,-rpath,{cocotb.libs_dir}", "-lcocotbvpi_verilator"
         compile._compile(compiler, version, scratch, made, *links, runtime=RUNTIME)
 
-    return compile._kept(f"cocotb-{sha256(verilog + main + public + version)[:24]}.exe", build)
+    tools = [version, *(importlib.metadata.version(package) for package in ("verilator", "cocotb"))]
+    return compile._kept(f"cocotb-{sha256(' '.join([verilog, main, public, *tools]))[:24]}.exe", build)
 
 
 class Simulation:
