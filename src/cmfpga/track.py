@@ -21,7 +21,7 @@ from .engines.regions import RegionEngine
 from .errors import ConfigError, needs
 from .events import LiveSource, generate, open_source
 from .events.live import FORMATS as STREAM_FORMATS
-from .imaging.gallery import check_suffix
+from .imaging.gallery import picture_path
 from .tracking import api
 from .tracking.fit import FittedCutter, batch_cutter
 from .tracking.loop import OneRoi, follow
@@ -96,7 +96,7 @@ def _parser():
     pictures = made.add_mutually_exclusive_group()
     pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
     cli.files(pictures.add_argument(
-        "--picture", type=_picture, action="append", metavar="FILE",
+        "--picture", type=cli.checked(picture_path), action="append", metavar="FILE",
         help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
     ))  # fmt: skip
     made.add_argument(
@@ -114,16 +114,6 @@ def _parser():
     )
     cli.add_config_options(made)
     return made
-
-
-def _picture(text):
-    try:
-        path = check_suffix(text)
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    if not path.parent.is_dir():  # before the work
-        raise argparse.ArgumentTypeError(f"{text!r}: no such folder")
-    return path
 
 
 def _roi_option(text):

@@ -14,7 +14,6 @@ from cmfpga.engines.regions import RegionEngine
 from cmfpga.flow.demo import scene
 from cmfpga.flow.tiles import grid
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.verilog.compiler import find_compiler
 
 pytest.importorskip("torch")
 
@@ -61,7 +60,7 @@ def test_threads_have_limits(program, window, threads):
         program.load_window(CONFIG, tiles.regions, events, settings, threads)()
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C++ compiler")
+@pytest.mark.usefixtures("compiler")
 def test_the_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(flow, "EVENTS", 6000)
     path = tmp_path / "flow.json"

@@ -11,7 +11,6 @@ from cmfpga import cli, generate, info, track
 from cmfpga.camera import Camera, read_calibration
 from cmfpga.errors import ConfigError
 from cmfpga.events import generate as generate_events
-from cmfpga.verilog.compiler import find_compiler
 
 NUMBERS = "200,200,120,90,-0.35,0.12,0.001,-0.0005,0"
 CAMERA = Camera(*map(float, NUMBERS.split(",")))
@@ -57,7 +56,7 @@ def test_the_undistorted_track_is_right_and_the_distorted_one_is_not(lens, tmp_p
     assert np.abs(trace[0].raw["v_next"]).any()
 
 
-@pytest.mark.skipif(not find_compiler(), reason="no C++ compiler for the emitted Verilog")
+@pytest.mark.usefixtures("compiler")
 def test_the_hardware_finds_the_same(lens):
     fields = {"roi": ROI, "batch_us": 60_000, "batches": 2, "camera": lens}
     hardware, model = (cmfpga.track(lens, **fields, engine=engine) for engine in ("rtl", "model"))

@@ -14,7 +14,6 @@ from cmfpga.config import PRESETS
 from cmfpga.events import Events, write_hdf5
 from cmfpga.events import generate as synthetic
 from cmfpga.rtl.core import Core
-from cmfpga.verilog.compiler import find_compiler
 
 OMEGA = (0.5, -1.0, 0.4)
 ZOOM, ROLL, VELOCITY = 0.9, -1.2, (30.0, 15.0)
@@ -76,7 +75,7 @@ def test_a_rotation_needs_no_option(turn, tmp_path, capsys):
     assert (summary["config"]["roi_width"], summary["config"]["roi_height"]) == (240, 180)
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C++ compiler to compile the Verilog with: install g++")
+@pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("preset", ["similarity", "rotation"])
 def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):
     """All rows of the model, but for the cycles, which the core's formula gives."""

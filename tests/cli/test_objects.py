@@ -92,10 +92,8 @@ def test_a_stride_is_told(command, tmp_path, two):
     assert (table["roi_events"] > 400).all()
 
 
-def test_cycles_are_the_accelerators(command, tmp_path, two):
+def test_cycles_are_the_accelerators(command, compiler, tmp_path, two):
     """More than those of either object in its unit, for events are taken in first; fewer than twice as many."""
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
     path, places = two
     options = ["--preset", "objects", "--no-picture", "--batch-events", 4000, "--batches", 2, "--out", tmp_path]
     done = command(track, path, *(roi(place) for place in places), *options, "--json")

@@ -18,10 +18,8 @@ from support.tracks import but_cycles, flags, floats, looks_like_a_track
 
 
 @pytest.fixture(scope="module")
-def star(data_dir, tmp_path_factory, command, rows):
+def star(compiler, data_dir, tmp_path_factory, command, rows):
     """The recording in which a star moves to the right, its track by the Verilog, and the folder."""
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
     folder = tmp_path_factory.mktemp("star")
     recording = data_dir / "davis240c_shapes_rotation_0.0s.h5"
     options = ["--start-event", 15000, "--roi", "100,30", "--batches", 20, "--batch-events", 5000]

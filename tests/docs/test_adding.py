@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 import cmfpga
-from cmfpga.verilog.compiler import find_compiler
 
 ROOT = Path(__file__).parents[2]
 EDIT = re.compile(r'^```diff title="([^"]+)"\n(.*?)^```\n', re.MULTILINE | re.DOTALL)
@@ -88,7 +87,7 @@ def run(source, preset, engine, change="{}"):
     return json.loads(done.stdout) if done.returncode == 0 else done.stderr.strip().splitlines()[-1]
 
 
-@pytest.mark.skipif(not find_compiler(), reason="no C++ compiler for the emitted Verilog")
+@pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("preset, engine", [("paper", "rtl"), ("fast", "axi")])
 def test_examples(preset, engine, tmp_path):
     """Both at once: a setting and a result field, each at most three files, nothing else edited."""

@@ -1,5 +1,5 @@
 """The simulated hardware, compiled once."""
 
-from support.driving import accelerator, backend, compiler, top
+from support.driving import accelerator, backend, top
 
-__all__ = ["accelerator", "backend", "compiler", "top"]
+__all__ = ["accelerator", "backend", "top"]

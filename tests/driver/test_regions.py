@@ -24,12 +24,9 @@ from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import follow
 from cmfpga.tracking.rows import Rows
 from support.board import uio_tree
-from support.driving import compiler
 from support.region_driving import CONFIG, TABLE, clouds, events_of, same
 from support.regions import model_of, random_regions, random_settings, random_window, some_changed
 from support.uio import BUFFERS, Linux
-
-__all__ = ["compiler"]
 
 REGISTERS = register_map(CONFIG)
 

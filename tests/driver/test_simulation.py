@@ -19,7 +19,7 @@ from cmfpga.protocol.words import encode, read_raw, swap_halves
 from cmfpga.reference.wire import BatchEnds, to_beats
 from cmfpga.tracking.loop import track
 from support.axi.expected import Expected
-from support.driving import CONFIG, SMALL, batch, differences, model_run
+from support.driving import CONFIG, SMALL, batch, differences, model_run, streamed
 
 
 @pytest.mark.parametrize("form", FORMATS)
@@ -201,9 +201,7 @@ def test_stream_of_batches(accelerator, rng):
     assert accelerator.status()["taking_in"]
     results += accelerator.stop()  # the last one has what is left
     assert [result.events for result in results] == [130] * 7 + [90]
-    for number, result in enumerate(results):
-        part = events[130 * number : 130 * (number + 1)]
-        assert differences(result, model_run(model, part, None if number else (8, 4))) == []
+    streamed(model, results, events)
     again = batch(rng, 200)  # more than what ended the batches of the stream
     assert differences(accelerator.run(again), model_run(model, again)) == []  # v and the ROI stayed
 
@@ -216,13 +214,9 @@ def test_stream_by_time_with_halves_exchanged(accelerator, top, rng):
     accelerator.backend.wait_sent(5)
     top.run(2000)
     results = accelerator.stop()
-    begin = 0
-    for number, result in enumerate(results):
-        part = events[begin : begin + result.events]
-        begin += result.events
-        assert part.t[-1] - part.t[0] < 250
-        assert differences(result, model_run(model, part, None if number else (8, 4))) == []
-    assert begin == 400 and len(results) >= 4
+    assert (
+        streamed(model, results, events) == 400 and len(results) >= 4 and all(result.span < 250 for result in results)
+    )
     again = batch(rng, 200, begin=2000)  # of 1000 µs: more than what ended the batches of the stream
     assert differences(accelerator.run(again), model_run(model, again)) == []
 

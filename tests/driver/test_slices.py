@@ -6,11 +6,8 @@ from cmfpga.driver import Accelerator
 from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.words import encode
-from support.driving import compiler
 from support.region_driving import CONFIG, TABLE, clouds, events_of, same
 from support.regions import model_of, random_settings, random_window
-
-__all__ = ["compiler"]
 
 
 def test_windows_that_overlap(compiler, rng):

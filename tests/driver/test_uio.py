@@ -11,7 +11,7 @@ from cmfpga.driver.uio import Mapping, UdmaBuffer, UioBackend, UioDevice
 from cmfpga.engines.model import ModelEngine
 from cmfpga.protocol.words import encode
 from support.board import descriptors, uio_tree
-from support.driving import CONFIG, REGISTERS, batch, differences, model_run, within, works
+from support.driving import CONFIG, REGISTERS, batch, streamed, within, works
 from support.uio import BUFFERS, Linux
 
 
@@ -31,12 +31,7 @@ def linux(tree, top, monkeypatch):
 def test_batches_equal_the_model(linux, rng):
     before = descriptors()
     with Accelerator(linux.backend(), CONFIG) as accelerator:
-        model = ModelEngine(CONFIG)
-        for number in range(4):
-            events = batch(rng, int(rng.integers(2, 300)), begin=1000 * number)
-            roi = None if number else (8, 4)
-            result = accelerator.run(events, roi=roi)
-            assert differences(result, model_run(model, events, roi)) == []
+        works(accelerator, rng, rng.integers(2, 300, 4))
         assert accelerator.self_test()["interrupt"].startswith("came")
     accelerator.backend.close()
     assert descriptors() == before
@@ -78,9 +73,7 @@ def test_stream_larger_than_a_buffer(linux, rng):
         accelerator.backend.wait_sent(5)
         results += accelerator.stop()
         assert [result.events for result in results] == [700, 700, 700, 400]
-        for number, result in enumerate(results):
-            part = events[700 * number : 700 * (number + 1)]
-            assert differences(result, model_run(model, part, None if number else (8, 4))) == []
+        streamed(model, results, events)
         with pytest.raises(DeviceError, match="a batch of 2500 words: one transfer of UIO has at most 2048"):
             accelerator.run(events)
         works(accelerator, rng)

@@ -17,11 +17,10 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.kept import Kept
 from cmfpga.verilog import compiler
-from cmfpga.verilog.compiler import find_compiler
 from support.driving import CONFIG
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C++ compiler to compile the Verilog with: install g++")
+@pytest.mark.usefixtures("compiler")
 def test_track_by_the_axi_top(tmp_path, capsys):
     """The same file as from the model, but for the cycles, which the core's formula gives."""
     from cmfpga.rtl.core import Core
@@ -42,7 +41,7 @@ def test_track_by_the_axi_top(tmp_path, capsys):
     assert len(rows["axi"]) == 4 and "axi engine" in capsys.readouterr().out
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C++ compiler to compile the Verilog with: install g++")
+@pytest.mark.usefixtures("compiler")
 def test_what_a_result_without_a_trace_shows(tmp_path, capsys):
     """The arrays and the report, but for the path of v; what is nothing without a trace is refused."""
     scene, options = generate(**track.DEMO_SCENE), {"preset": "fast", "batch_events": 1640, "batches": 3}
@@ -68,7 +67,7 @@ def test_what_a_result_without_a_trace_shows(tmp_path, capsys):
     )
 
 
-@pytest.mark.skipif(find_compiler() is None, reason="no C++ compiler to compile the Verilog with: install g++")
+@pytest.mark.usefixtures("compiler")
 def test_an_empty_batch_has_no_trace_either():
     with contextlib.closing(make_engine("axi", preset("fast"))) as engine:
         result = engine.run(Events.empty(), BatchSettings.from_config(engine.config, (3, 4)))

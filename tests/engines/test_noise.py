@@ -15,7 +15,6 @@ from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import counts_of
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.verilog.compiler import find_compiler
 
 SMALL = {
     "sensor_width": 45, "sensor_height": 40, "roi_width": 16, "roi_height": 12, "buffer_events": 128, "span_bits": 12,
@@ -26,7 +25,7 @@ CONFIGS = {
     "background": Config(**SMALL, background=1, background_cell=3),
 }
 
-pytestmark = pytest.mark.skipif(not find_compiler(), reason="no C++ compiler for the emitted Verilog")
+pytestmark = pytest.mark.usefixtures("compiler")
 
 
 @pytest.fixture(scope="module", params=CONFIGS)

@@ -16,7 +16,6 @@ from cmfpga.protocol.results import counts_of, fields_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.image import dither, warp
 from cmfpga.rtl.ingest import roi_filter
-from cmfpga.verilog.compiler import find_compiler
 from support.mutation import break_blocks
 
 SMALL = {
@@ -33,7 +32,7 @@ CONFIGS = {
 }
 LENS = (44.0, 43.0, 21.0, 20.5, -0.3, 0.08, 0.002, -0.001, 0.01)
 
-pytestmark = pytest.mark.skipif(not find_compiler(), reason="no C++ compiler for the emitted Verilog")
+pytestmark = pytest.mark.usefixtures("compiler")
 
 
 @pytest.fixture(scope="module", params=CONFIGS)

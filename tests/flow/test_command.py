@@ -12,7 +12,6 @@ from cmfpga.events import Events, MemoryRecording, write_hdf5
 from cmfpga.flow import demo
 from cmfpga.flow.api import configure
 from cmfpga.flow.result import DOCS
-from cmfpga.verilog.compiler import find_compiler
 from support.flowing import CAMERA, OMEGA
 
 MODEL = ("--engine", "model", "--window-events", 9000)
@@ -97,9 +96,7 @@ def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_pa
 @pytest.mark.parametrize(
     ("verilog", "slices"), [("rtl", 1), ("rtl", 2), pytest.param("axi", 2, marks=pytest.mark.slow)]
 )
-def test_the_verilog_finds_the_same_as_the_model(command, slide, tmp_path, verilog, slices):
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
+def test_the_verilog_finds_the_same_as_the_model(command, compiler, slide, tmp_path, verilog, slices):
     files, length = [], ("--window-events", 4000, "--windows", 2, "--slices", slices)
     for engine in (verilog, "model"):
         folder = ("--out", tmp_path / engine, "--no-picture")

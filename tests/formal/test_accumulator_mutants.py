@@ -36,16 +36,16 @@ CASES = [
 
 @needs_solver
 @pytest.mark.parametrize("harness, mutant", CASES)
-def test_proof_finds(harness, mutant, tmp_path):
-    outcome = solve(harness(mutant.module()), "bmc", CYCLES, tmp_path)
+def test_proof_finds(harness, mutant):
+    outcome = solve(harness(mutant.module()), "bmc", CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log
 
 
 @needs_solver
 @pytest.mark.parametrize("mutant", SLICED_MEMORY, ids=str)
-def test_proof_finds_in_deep_banks(mutant, monkeypatch, tmp_path):
+def test_proof_finds_in_deep_banks(mutant, monkeypatch):
     monkeypatch.setattr(tagged_accumulator, "SHALLOW", 4)
     monkeypatch.setattr(tagged_accumulator, "SlicedMemory", mutant.module().SlicedMemory)
     harness = TaggedBankHarness(tagged_accumulator.TaggedBank(tiny(6, 4)))
-    outcome = solve(harness, "bmc", CYCLES, tmp_path)
+    outcome = solve(harness, "bmc", CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -64,19 +64,19 @@ PROVED = {
 
 
 @pytest.mark.parametrize("name", PROVED)
-def test_right_for_any_number_of_cycles(name, tmp_path):
+def test_right_for_any_number_of_cycles(name):
     harness, cycles = PROVED[name]
-    outcome = solve(harness(), "prove", cycles, tmp_path)
+    outcome = solve(harness(), "prove", cycles)
     assert outcome.by_induction, outcome.log
 
 
 @pytest.mark.parametrize("name", ["bank", "accumulator", "tagged bank", "lane bank", "its last bank"])
-def test_hazards_can_happen_in_the_proof(name, tmp_path):
+def test_hazards_can_happen_in_the_proof(name):
     harness = PROVED[name][0]()
-    outcome = solve(harness, "cover", LONG, tmp_path)
+    outcome = solve(harness, "cover", LONG)
     assert (outcome.status, outcome.covered) == ("PASS", harness.COVERS), outcome.log
 
 
-def test_with_one_idle_cycle_fewer_a_stale_word_is_seen(tmp_path):
-    outcome = solve(swept("4 words", 3, fewer=1), "bmc", LONG, tmp_path)
+def test_with_one_idle_cycle_fewer_a_stale_word_is_seen():
+    outcome = solve(swept("4 words", 3, fewer=1), "bmc", LONG)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -19,13 +19,13 @@ CYCLES = 10
 REACHED = 18
 
 
-def test_the_rules_are_kept(tmp_path):
-    outcome = solve(AxiHarness(), "bmc", CYCLES, tmp_path, search=())
+def test_the_rules_are_kept():
+    outcome = solve(AxiHarness(), "bmc", CYCLES, search=())
     assert outcome.status == "PASS", outcome.log
 
 
-def test_everything_can_happen_in_the_proof(tmp_path):
-    outcome = solve(AxiHarness(), "cover", REACHED, tmp_path, search=())
+def test_everything_can_happen_in_the_proof():
+    outcome = solve(AxiHarness(), "cover", REACHED, search=())
     assert (outcome.status, outcome.covered) == ("PASS", AxiHarness.COVERS), outcome.log
 
 
@@ -56,6 +56,6 @@ def broken_top(name):
 
 
 @pytest.mark.parametrize("name", MUTANTS)
-def test_the_proof_finds(name, tmp_path):
-    outcome = solve(AxiHarness(broken_top(name)), "bmc", CYCLES, tmp_path)
+def test_the_proof_finds(name):
+    outcome = solve(AxiHarness(broken_top(name)), "bmc", CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -26,20 +26,20 @@ def routing(module, lanes=4):
 
 
 @pytest.mark.parametrize("lanes", [2, 4, 8])
-def test_the_router_for_any_number_of_cycles(lanes, tmp_path):
-    outcome = solve(routing(router, lanes), "prove", Router.latency + 2, tmp_path)
+def test_the_router_for_any_number_of_cycles(lanes):
+    outcome = solve(routing(router, lanes), "prove", Router.latency + 2)
     assert outcome.by_induction, outcome.log
 
 
 @pytest.mark.parametrize("lanes", [2, 4])
-def test_the_queue(lanes, tmp_path):
-    outcome = solve(queue(vote_queue, lanes), "bmc", CYCLES, tmp_path)
+def test_the_queue(lanes):
+    outcome = solve(queue(vote_queue, lanes), "bmc", CYCLES)
     assert outcome.status == "PASS", outcome.log
 
 
 @pytest.mark.parametrize("harness", [queue(vote_queue), routing(router)], ids=["queue", "router"])
-def test_what_is_proved_can_happen(harness, tmp_path):
-    outcome = solve(harness, "cover", CYCLES, tmp_path)
+def test_what_is_proved_can_happen(harness):
+    outcome = solve(harness, "cover", CYCLES)
     assert (outcome.status, outcome.covered) == ("PASS", harness.COVERS), outcome.log
 
 
@@ -60,7 +60,7 @@ MUTANTS = [
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
-def test_the_proof_finds(mutant, tmp_path):
+def test_the_proof_finds(mutant):
     harness = routing if mutant.original is router else queue
-    outcome = solve(harness(mutant.module()), "bmc", CYCLES, tmp_path)
+    outcome = solve(harness(mutant.module()), "bmc", CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -16,13 +16,13 @@ pytestmark = needs_solver
 CYCLES = 26
 
 
-def test_the_results(tmp_path):
-    outcome = solve(CollectorHarness(collector), "bmc", CYCLES, tmp_path)
+def test_the_results():
+    outcome = solve(CollectorHarness(collector), "bmc", CYCLES)
     assert outcome.status == "PASS", outcome.log
 
 
-def test_what_is_proved_can_happen(tmp_path):
-    outcome = solve(CollectorHarness(collector), "cover", CYCLES, tmp_path)
+def test_what_is_proved_can_happen():
+    outcome = solve(CollectorHarness(collector), "cover", CYCLES)
     assert (outcome.status, outcome.covered) == ("PASS", CollectorHarness.COVERS), outcome.log
 
 
@@ -44,6 +44,6 @@ MUTANTS = [
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
-def test_the_proof_finds(mutant, tmp_path):
-    outcome = solve(CollectorHarness(mutant.module()), "bmc", CYCLES, tmp_path)
+def test_the_proof_finds(mutant):
+    outcome = solve(CollectorHarness(mutant.module()), "bmc", CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

@@ -20,13 +20,13 @@ def harness(module=None):
     return StoreHarness(half_of(module or mutated(store, "SLOT_BITS = ", "SLOT_BITS = ")))
 
 
-def test_the_store(tmp_path):
-    outcome = solve(harness(), "bmc", CYCLES, tmp_path)
+def test_the_store():
+    outcome = solve(harness(), "bmc", CYCLES)
     assert outcome.status == "PASS", outcome.log
 
 
-def test_what_is_proved_can_happen(tmp_path):
-    outcome = solve(harness(), "cover", CYCLES, tmp_path)
+def test_what_is_proved_can_happen():
+    outcome = solve(harness(), "cover", CYCLES)
     assert (outcome.status, outcome.covered) == ("PASS", StoreHarness.COVERS), outcome.log
 
 
@@ -43,6 +43,6 @@ MUTANTS = [
 
 
 @pytest.mark.parametrize("mutant", MUTANTS, ids=str)
-def test_the_proof_finds(mutant, tmp_path):
-    outcome = solve(harness(mutant.module()), "bmc", CYCLES, tmp_path)
+def test_the_proof_finds(mutant):
+    outcome = solve(harness(mutant.module()), "bmc", CYCLES)
     assert outcome.status == "FAIL" and outcome.step is not None, outcome.log

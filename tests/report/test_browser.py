@@ -12,15 +12,12 @@ from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.report.story import Story
 from cmfpga.tracking.columns import COLUMNS
-from cmfpga.verilog.compiler import find_compiler
 from support.reporting import keep
 
 
 @pytest.fixture(scope="module")
-def star(data_dir):
+def star(compiler, data_dir):
     """The star of `shapes_rotation` that moves to the right and turns, by the Verilog with preset ``fast``."""
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
     with open_recording(data_dir / "davis240c_shapes_rotation_0.0s.h5") as recording:
         return keep(preset("fast"), recording, roi=(100, 30), size=5000, start_event=15000, batches=20, engine="rtl")
 

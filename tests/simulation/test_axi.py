@@ -22,8 +22,6 @@ CONFIGS = {
         camera="70,70,31,22,-0.2,0,0,0",
     ),
 }  # fmt: skip
-#: Which configuration each simulator runs.
-RUNS = {"verilator": "small fast", "icarus": "tiny paper"}
 REGISTERS, BATCHES = "cocotb_registers", "cocotb_batches"
 CONTROL, BAD_INPUT = "cocotb_control", "cocotb_bad_input"
 #: Of the batches; all of them would take many minutes.
@@ -36,38 +34,35 @@ def names_in(module):
     return re.findall(r"^@cocotb\.test\(.*\)\nasync def (\w+)", text, re.MULTILINE)
 
 
-def check(simulation, module, tests):
+def check(simulator, config, tests, folder):
     """All of ``tests`` ran and passed. One pytest item runs many, because each process would compile anew."""
-    known = names_in(module)
-    assert len(known) >= 3 and tests and set(tests) <= set(known)
-    found, said = simulation.run(module, tests)
-    wrong = {test: found.get(test, "did not run") for test in tests if found.get(test, "did not run") is not None}
+    require(simulator)
+    for module, names in tests.items():
+        known = names_in(module)
+        assert len(known) >= 3 and names and set(names) <= set(known)
+    found, said = Simulation(simulator, CONFIGS[config], folder).run(tests)
+    asked = [test for names in tests.values() for test in names]
+    assert len({*asked}) == len(asked)
+    wrong = {test: found.get(test, "did not run") for test in asked if found.get(test, "did not run") is not None}
     assert not wrong, f"{', '.join(wrong)}\n{said[-20000:]}"
 
 
 def test_in_verilator(tmp_path):
-    require("verilator")
-    simulation = Simulation("verilator", CONFIGS[RUNS["verilator"]], tmp_path)
-    for module in (REGISTERS, BATCHES, CONTROL, BAD_INPUT):
-        check(simulation, module, names_in(module))
+    modules = (REGISTERS, BATCHES, CONTROL, BAD_INPUT)
+    check("verilator", "small fast", {module: names_in(module) for module in modules}, tmp_path)
 
 
 @pytest.mark.parametrize("motion", [pytest.param("similarity", marks=pytest.mark.slow), "rotation"])
 def test_motions_in_verilator(motion, tmp_path):
     """Stalls on every channel, batches back to back, a reset in the middle of a packet."""
-    require("verilator")
-    simulation = Simulation("verilator", CONFIGS[f"small {motion}"], tmp_path)
-    check(simulation, BATCHES, ["all_formats_under_back_pressure", "ten_batches_back_to_back"])
-    check(simulation, CONTROL, ["reset_in_traffic"])
+    tests = {BATCHES: ["all_formats_under_back_pressure", "ten_batches_back_to_back"], CONTROL: ["reset_in_traffic"]}
+    check("verilator", f"small {motion}", tests, tmp_path)
 
 
 @pytest.mark.parametrize(
-    "runs",
+    "tests",
     [{REGISTERS: names_in(REGISTERS)}, pytest.param(ON_ICARUS, marks=pytest.mark.slow)],
     ids=[REGISTERS, BATCHES],
 )
-def test_in_icarus(runs, tmp_path):
-    require("icarus")
-    simulation = Simulation("icarus", CONFIGS[RUNS["icarus"]], tmp_path)
-    for module, tests in runs.items():
-        check(simulation, module, tests)
+def test_in_icarus(tests, tmp_path):
+    check("icarus", "tiny paper", tests, tmp_path)

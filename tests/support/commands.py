@@ -13,17 +13,12 @@ import pytest
 
 from cmfpga import cli
 from cmfpga.events import Events, write_hdf5
+from support.small_core import PAPER, options
 
 HEADER = (
     "batch,t_ref_us,events,roi_events,roi_x,roi_y,vx,vy,vx_px_per_s,vy_px_per_s,iterations,cycles,contrast,"
     "confidence,flags"
 )
-
-# The hardware of tests/engines too, so that one compilation serves both.
-HARDWARE = {
-    "sensor_width": 32, "sensor_height": 24, "roi_width": 8, "roi_height": 8, "buffer_events": 96,
-    "max_batch_events": 100, "time_bits": 16, "span_bits": 10, "max_iterations": 15, "v_int": 3,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -92,9 +87,7 @@ def process(tmp_path):
 @pytest.fixture(scope="session")
 def small():
     """Options that choose the small hardware, for recordings that say how large their sensor is."""
-    fields = {**HARDWARE, "iterations": 15, "eta": 0.1, "min_roi_events": 3}
-    del fields["sensor_width"], fields["sensor_height"]
-    return ["--preset", "paper", *(part for name, value in fields.items() for part in ("--set", f"{name}={value}"))]
+    return options(PAPER)
 
 
 def _dot_events():

@@ -14,17 +14,10 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.simulation.axi_top import SimulatedTop
-from cmfpga.verilog.compiler import find_compiler
 
 SMALL = {"sensor_width": 48, "sensor_height": 32, "roi_width": 16, "roi_height": 16, "buffer_events": 64}
 CONFIG = preset("fast").replace(**SMALL)
 REGISTERS = register_map(CONFIG)
-
-
-@pytest.fixture
-def compiler():
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler to compile the Verilog with: install g++")
 
 
 @pytest.fixture
@@ -69,13 +62,25 @@ def within(seconds):
     return Timer()
 
 
-def works(accelerator, rng):
-    """As after a reset."""
-    model = ModelEngine(CONFIG)
-    for number in range(2):
-        events = batch(rng, 120, begin=1000 * number)
+def works(accelerator, rng, sizes=(120, 120)):
+    """As after a reset: results of batches of these sizes, each of which is the model's."""
+    model, results = ModelEngine(CONFIG), []
+    for number, size in enumerate(sizes):
+        events = batch(rng, int(size), begin=1000 * number)
         roi = None if number else (8, 4)
-        assert differences(accelerator.run(events, roi=roi), model_run(model, events, roi)) == []
+        results.append(accelerator.run(events, roi=roi))
+        assert differences(results[-1], model_run(model, events, roi)) == []
+    return results
+
+
+def streamed(model, results, events):
+    """Each result of a stream is the model's of the events that it took; how many all took."""
+    taken = 0
+    for number, result in enumerate(results):
+        part = events[taken : taken + result.events]
+        taken += result.events
+        assert differences(result, model_run(model, part, None if number else (8, 4))) == []
+    return taken
 
 
 class Wrapped(SimulationBackend):

@@ -28,10 +28,16 @@ FAST = {
 }  # fmt: skip
 
 
+def options(config):
+    """A configuration as command-line options; a field that is None is left out."""
+    fields = [f"{name}={value}" for name, value in config.items() if name != "preset" and value is not None]
+    return ["--preset", config["preset"], *(part for field in fields for part in ("--set", field))]
+
+
 @pytest.fixture(scope="session")
 def compiler():
     if find_compiler() is None:
-        pytest.skip("no C++ compiler")
+        pytest.skip("no C++ compiler to compile the Verilog with: install g++")
 
 
 @pytest.fixture(scope="session")

@@ -12,12 +12,7 @@ import h5py
 from cmfpga import sweep
 from cmfpga.events import generate, write_hdf5
 from support.commands import Done, run
-
-# The hardware of tests/engines and tests/cli too, so that one compilation serves all.
-HARDWARE = {
-    "roi_width": 8, "roi_height": 8, "buffer_events": 96, "max_batch_events": 100, "time_bits": 16, "span_bits": 10,
-    "max_iterations": 15, "v_int": 3, "iterations": 15, "eta": 0.1, "min_roi_events": 3,
-}  # fmt: skip
+from support.small_core import PAPER, options
 
 #: Eight configurations of one hardware.
 VARY = ("iterations=4,15", "roi_gain=1,2", "eta=0.1,0.5")
@@ -27,9 +22,7 @@ FILES = ("results.csv", "results.parquet", "batches.csv", "batches.parquet")
 
 def small(**changes):
     """Options for the small hardware, without the fields that are None."""
-    fields = {**HARDWARE, **changes}
-    chosen = (f"{name}={value}" for name, value in fields.items() if value is not None)
-    return ["--preset", "paper", "--batch-events", "60", *(part for text in chosen for part in ("--set", text))]
+    return ["--batch-events", "60", *options(PAPER | changes)]
 
 
 #: The options of the sweep of four recordings by eight configurations, but the recordings and where to write to.

@@ -63,9 +63,7 @@ def test_two_workers_equal_the_serial_result(recordings, serial, tmp_path):
     assert (tmp_path / "sweep.html").read_text() == (serial(engine) / "sweep.html").read_text()
 
 
-def test_the_verilog_equals_the_model(serial):
-    if not find_compiler():
-        pytest.skip("no C++ compiler")
+def test_the_verilog_equals_the_model(compiler, serial):
     rtl, model = (pandas.read_csv(serial(engine) / "batches.csv") for engine in ("rtl", "model"))
     assert (rtl["cycles"] > 0).all() and model["cycles"].isna().all()
     pandas.testing.assert_frame_equal(rtl.drop(columns="cycles"), model.drop(columns="cycles"))

@@ -17,7 +17,6 @@ from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.fit import FittedCutter, batch_cutter
 from cmfpga.tracking.loop import follow
 from cmfpga.tracking.rows import Rows, with_rows
-from cmfpga.verilog.compiler import find_compiler
 from support.regions import CONFIGS, without_clock
 
 CONFIG = CONFIGS["two units"].replace(max_level=2, min_roi_events=3, confidence_limit=1.0)
@@ -56,10 +55,8 @@ def followed(name, config, recording, rois, batches=None, **size):
 
 
 @pytest.mark.parametrize("size", [{"events": 130}, {"duration_us": 10_000}, {}, {"first": 60}])
-def test_verilog_and_model_find_the_same(size):
+def test_verilog_and_model_find_the_same(compiler, size):
     """Batches of one length; of one duration, some of them empty; of lengths that change, so that rows begin anew."""
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
     both = [followed(name, CONFIG, scenes(), ROIS, **size)[0] for name in ("rtl", "model")]
     assert len(both[0]) == len(both[1]) >= 5
     for rtl, model in zip(*both, strict=True):
@@ -224,10 +221,8 @@ def test_where_v_starts():
         assert table.written == [{0: (3, 4)}, {}, {}]
 
 
-def test_rows_that_are_written_anew_forget():
+def test_rows_that_are_written_anew_forget(compiler):
     """Not the others: in Verilog as in the model."""
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
     regions = [Region(x=x, y=y, width=16, height=12, start="last", moves=True) for x, y in ROIS]
     results, settings = [], BatchSettings.from_config(CONFIG, (0, 0))
     for name in ("rtl", "model"):

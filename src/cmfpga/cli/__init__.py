@@ -231,15 +231,19 @@ def pair(what):
     return parse
 
 
-def positive(text):
-    """A parser of an integer of 1 or more for argparse."""
+def _whole(text, least):
     try:
         number = int(text)
     except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of 1 or more is needed")
+        number = least - 1
+    if number < least:
+        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of {least} or more is needed")
     return number
+
+
+def positive(text):
+    """A parser of an integer of 1 or more for argparse."""
+    return _whole(text, 1)
 
 
 def few(text):
@@ -252,13 +256,7 @@ def few(text):
 
 def natural(text):
     """A parser of an integer of 0 or more for argparse."""
-    try:
-        number = int(text)
-    except ValueError:
-        number = -1
-    if number < 0:
-        raise argparse.ArgumentTypeError(f"{text!r}: a whole number of 0 or more is needed")
-    return number
+    return _whole(text, 0)
 
 
 def output_folder(path):

@@ -1,6 +1,5 @@
 """The command ``python -m cmfpga.flow``."""
 
-import argparse
 import contextlib
 import json
 import sys
@@ -13,12 +12,13 @@ from ..cli.ingest import add_ingest_options, ingest_fields
 from ..engines.regions import ENGINES, RegionEngine
 from ..errors import ConfigError, naming
 from ..events import open_recording
+from ..imaging.gallery import picture_path
 from .api import ENGINE, PRESET, configure
 from .demo import CAMERA, scene
 from .demo import errors as demo_errors
 from .fields import MODELS, check
 from .page import Page
-from .pictures import check_suffix, save
+from .pictures import SUFFIXES, save
 from .result import ARRAYS, CSV, FITS, Flow, csv_writer, fit_writer
 from .run import Run
 from .tiles import TILE
@@ -67,7 +67,7 @@ def _parser():
     pictures = made.add_mutually_exclusive_group()
     pictures.add_argument("--no-picture", action="store_true", help=f"write neither {PICTURE} nor {PAGE}")
     cli.files(pictures.add_argument(
-        "--picture", type=_picture, metavar="FILE",
+        "--picture", type=cli.checked(lambda text: picture_path(text, SUFFIXES)), metavar="FILE",
         help=f"write the picture, of the window with most trusted tiles, there, not to {PICTURE}: .png, .pdf, .svg",
     ))  # fmt: skip
     made.add_argument("--every-picture", action="store_true", help="write flow-0.png, flow-1.png …, of each window")
@@ -75,16 +75,6 @@ def _parser():
     made.add_argument("--json", action="store_true", help="print a summary as JSON")
     cli.add_config_options(made, PRESET)
     return made
-
-
-def _picture(text):
-    try:
-        path = check_suffix(text)
-    except ConfigError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-    if not path.parent.is_dir():  # before the work
-        raise argparse.ArgumentTypeError(f"{text!r}: no such folder")
-    return path
 
 
 def main(arguments=None):

@@ -76,11 +76,13 @@ class Page:
             "title": html.escape(f"Flow of {shown_name(flow.recording)}"),
             "lead": html.escape(lead),
             "notes": "".join(f"<li>{html.escape(note)}</li>" for note in notes),
-            "style": asset("page.css", "cmfpga.report"),
+            "style": asset("page.css", "cmfpga.report") + asset("page.css", __package__),
+            "state": '<p class="value" id="fit"></p>',
+            "library": "",
             "script": asset("page.js", __package__),
         }
         blob = b"".join(image.tobytes() for _, images, _ in self._kept for image in images)
-        return fill(asset("page.html", __package__), parts, head, zlib.compress(blob, 6))
+        return fill(asset("page.html", __package__), parts, head, zlib.compress(blob, 6), one="window")
 
 
 def _binned(image):

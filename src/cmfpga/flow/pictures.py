@@ -1,23 +1,14 @@
 """The picture of a window: events with arrows, flow in colours, the events moved back by it, confidence."""
 
-from pathlib import Path
-
 import numpy as np
 
-from ..errors import ConfigError, naming
-from ..imaging.gallery import DPI
+from ..errors import naming
+from ..imaging.gallery import DPI, check_suffix
 
 #: What a picture can be written as.
 SUFFIXES = (".png", ".pdf", ".svg")
 #: Colours of tiles without a colour of the wheel.
 DOUBTFUL, EMPTY = (0.62, 0.62, 0.62), (0.28, 0.28, 0.28)
-
-
-def check_suffix(text):
-    """``text`` as a :class:`Path`; :exc:`ConfigError` unless it has one of :data:`SUFFIXES`."""
-    if Path(text).suffix.lower() not in SUFFIXES:
-        raise ConfigError(f"picture {text}: a name that ends in {', '.join(SUFFIXES)} is needed")
-    return Path(text)
 
 
 def colours(v, most):
@@ -58,7 +49,7 @@ def field(window, most):
 
 def save(window, path, title):
     """Write the picture of a :class:`~.window.Window` as what the suffix says: one of :data:`SUFFIXES`."""
-    with naming(check_suffix(path)):
+    with naming(check_suffix(path, SUFFIXES)):
         figure(window, title).savefig(path, dpi=DPI)
 
 

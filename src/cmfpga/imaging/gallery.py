@@ -225,11 +225,19 @@ class Gallery:
         axis.axhline(0, color="gray", linewidth=0.5)
 
 
-def check_suffix(path):
-    """``path`` as a :class:`Path`; :exc:`ConfigError` unless it has one of :data:`SUFFIXES`."""
+def check_suffix(path, suffixes=SUFFIXES):
+    """``path`` as a :class:`Path`; :exc:`ConfigError` unless it has one of ``suffixes``."""
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise ConfigError(f"picture {path}: a name that ends in {', '.join(SUFFIXES)} is needed")
+    if path.suffix.lower() not in suffixes:
+        raise ConfigError(f"picture {path}: a name that ends in {', '.join(suffixes)} is needed")
+    return path
+
+
+def picture_path(text, suffixes=SUFFIXES):
+    """The same of a picture that is to be written later: its folder must be there now."""
+    path = check_suffix(text, suffixes)
+    if not path.parent.is_dir():
+        raise ConfigError(f"{text!r}: no such folder")
     return path
 
 

@@ -27,6 +27,13 @@ class TakenIn:
         return self.counts["roi_events"] >= max(1, settings.min_roi_events) and self.counts["span"] > 0
 
 
+def thinned_to_room(config, found, factor):
+    """``factor``, or a larger one by which ``found`` events fit into a buffer that thins out."""
+    while thins(config) and -(-found // factor) > config.buffer_events:
+        factor *= 2
+    return factor
+
+
 def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, False)):
     """Undistort, crop, thin out and store a batch: :class:`TakenIn`.
 
@@ -46,13 +53,9 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, Fa
     inside = roi_filter(config, t, x, y, roi=roi, hot=dropped[0], noise=dropped[1])
     found = len(inside.t)
     factor = last_thinning if settings.thin_target and last_thinning else settings.thinning
+    factor = thinned_to_room(config, found, factor)
     kept = thinner((inside.t, inside.x, inside.y), factor)
-    used = {}
-    if thins(config):
-        times = 1
-        while -(-len(kept[0]) // times) > config.buffer_events:
-            times *= 2
-        kept, used = thinner(kept, times), {"thinning_used": factor * times if len(t) else None}
+    used = {"thinning_used": factor if len(t) else None} if thins(config) else {}
     n = min(len(kept[0]), config.buffer_events)
     counts = {
         "t_first": int(t[0]) & ((1 << config.time_bits) - 1) if len(t) else None,

@@ -9,7 +9,7 @@ from ..camera import undistort
 from ..protocol.flags import Flag
 from ..protocol.results import BatchResult, RegionOutcome, fields_of, not_judged, thins
 from ..protocol.trace import Trace
-from .ingest import TakenIn
+from .ingest import TakenIn, thinned_to_room
 from .integer.noise_filter import NoiseFilter
 from .integer.roi_filter import roi_filter
 from .roi_follower import move_within
@@ -120,12 +120,9 @@ class RegionSequence:
             nearest = (axis + half) >> frac
             inside &= (nearest >= at) & (nearest < at + side)
         events = tuple(axis[inside] for axis in (stored.t, x, y))
-        found, factor = len(events[0]), region.stride
-        kept, used = -(-found // factor), {}
-        if thins(config):
-            while -(-found // factor) > config.buffer_events:
-                factor *= 2
-            kept, used = -(-found // factor), {"thinning_used": factor}
+        found = len(events[0])
+        factor = thinned_to_room(config, found, region.stride)
+        kept, used = -(-found // factor), {"thinning_used": factor} if thins(config) else {}
         n = min(kept, config.buffer_events)
         counts = {
             "roi_events": n,

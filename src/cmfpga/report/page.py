@@ -73,10 +73,11 @@ def render(kept, clock_mhz):
         "configuration": _configuration(kept),
         "versions": _versions(kept, clock_mhz),
         "style": asset("page.css"),
-        "plotly": plotly_script(),
+        "state": '<div id="strip" aria-hidden="true"></div>\n<p id="flags" role="status"></p>',
+        "library": f"<script>{plotly_script()}</script>\n",
         "script": "\n".join(map(asset, SCRIPTS)),
     }
-    return fill(asset("page.html"), parts, head, blob)
+    return fill(asset("page.html"), parts, head, blob, one="batch")
 
 
 def plotly_script():

