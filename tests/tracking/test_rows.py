@@ -69,10 +69,8 @@ def test_verilog_and_model_find_the_same(compiler, size):
     assert (0 in lengths, len(lengths) > 1) == ("duration_us" in size, "duration_us" in size or "first" in size)
 
 
-def test_objects_that_grow_and_turn_are_the_same_by_all_engines():
+def test_objects_that_grow_and_turn_are_the_same_by_all_engines(compiler):
     """In batches that suit the one that moves farthest, at its edge or in its middle."""
-    if find_compiler() is None:
-        pytest.skip("no C++ compiler")
     config = CONFIG.replace(motion="similarity")
     rtl, axi, model = (followed(name, config, scenes(), ROIS, batches=6)[0] for name in ("rtl", "axi", "model"))
     assert len(rtl) == len(axi) == len(model) == 6
