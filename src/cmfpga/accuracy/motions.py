@@ -185,21 +185,39 @@ def _real(options, config, report):
 
 
 def _gyroscope(options, config, report):
+    from ..reference.global_search import rotation, search  # torch
+
     path = Path(options.data) / PANNED
     fields = {name: getattr(config, name) for name in config.to_dict() if name not in ("camera", "motion")}
     base = preset("rotation").to_dict()
     changed = {name: value for name, value in fields.items() if base[name] != value}
     found = track(path, preset="rotation", engine=options.engine, **(changed | {"camera": PANNED_CAMERA}))
-    with h5py.File(path) as file:
+    with open_recording(path) as recording, h5py.File(path) as file:
+        events = Events.concatenate(recording.chunks())
         t, gyro = file["imu/t"][:], file["imu/gyro_raw"][:, 1] * GYRO_SCALE
     spans = np.array([result.span for result in found.results])
+    ends = [found.t_ref_us + way * spans / 2 for way in (-1, 1)]
     sums = np.concatenate([[0], np.cumsum(gyro)])
-    first, last = (np.searchsorted(t, found.t_ref_us + way * spans / 2) for way in (-1, 1))
+    first, last = (np.searchsorted(t, end) for end in ends)
     mean = (sums[last] - sums[first]) / np.maximum(last - first, 1)
-    correlation = float(np.corrcoef(found.wy_rad_per_s, mean)[0, 1])
-    scale, bias = np.polyfit(mean, found.wy_rad_per_s, 1)
-    scores = {"correlation": correlation, "scale": float(scale), "bias_rad_per_s": float(bias)}
-    report.keep(PANNED, found.wy_rad_per_s, scores)
-    row = (PANNED, str(len(found)), f"{correlation:.3f}", f"{scale:.3f}", f"{bias:.4f}")
-    heads = ("recording", "batches", "correlation", "ωy found / gyroscope's", "bias, rad/s")
-    report.table("ωy against the gyroscope, averaged over each batch", heads, [row])
+    camera = Camera(*map(float, PANNED_CAMERA.split(",")))
+    parts = [slice(*np.searchsorted(events.t, pair)) for pair in zip(*ends, strict=True)]
+    best = [search(rotation(camera, events.x[part], events.y[part]), events.t[part]).at_middle[1] for part in parts]
+    rows = []
+    for who, omega in ((options.engine, found.wy_rad_per_s), ("global search", np.array(best))):
+        correlation = float(np.corrcoef(omega, mean)[0, 1])
+        scale, bias = np.polyfit(mean, omega, 1)
+        apart = float(np.degrees(np.abs(omega - best)).max())
+        scores = {"correlation": correlation, "scale": float(scale), "bias_rad_per_s": float(bias)}
+        report.keep(f"{PANNED}, {who}", omega, scores | {"deg_per_s": apart})
+        rows.append((PANNED, who, str(len(found)), f"{correlation:.3f}", f"{scale:.3f}", f"{bias:.4f}", f"{apart:.2f}"))
+    heads = (
+        "recording",
+        "by",
+        "batches",
+        "correlation",
+        "ωy found / gyroscope's",
+        "bias, rad/s",
+        "from the search, deg/s",
+    )
+    report.table("ωy against the gyroscope, averaged over each batch, and a global search over its events", heads, rows)
