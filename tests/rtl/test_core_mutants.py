@@ -34,7 +34,7 @@ MUTANTS = {  # module, old, new, configuration
     "the near products": (one_pass_gradient, "Mux(odd_s1, *products_s1)", "Mux(~odd_s1, *products_s1)", "similarity"),
     "the near derivative": (one_pass_gradient, "Mux(odd_s1, d_s1, -d_s1)", "d_s1", "similarity"),
     "pixels of the finest level": (moments, "each + motion.place_frac", "motion.place_frac", "similarity"),
-    "the corner of coarse pixels": (voter, "(1 << (level + unit)) // 2", "(1 << unit) // 2", "similarity"),
+    "the corner of coarse pixels": (voter, "((1 << (level + unit)) // 2 -", "((1 << unit) // 2 -", "similarity"),
     "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
     "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
     "zoom without a limit": (sign, "saturate(target, fmt.min, fmt.max)", "target", "similarity"),
