@@ -11,9 +11,8 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.rtl.top import verilog_top
-from cmfpga.verilog import compile
 from cmfpga.verilog.compile import kept_verilog, verilator_root
-from cmfpga.verilog.emit import TOP, sha256
+from cmfpga.verilog.emit import TOP
 
 CONFIGS = {
     "default": Config(),
@@ -80,18 +79,6 @@ def icarus_run(folder, timeout=300):
     status, output = run(["vvp", "-n", "bench.vvp"], cwd=folder, timeout=timeout)
     assert status == 0, output
     return output.splitlines()
-
-
-def icarus(folder):
-    """Lines that the bench prints of the core in ``folder``, kept by all files there, and by Icarus's version."""
-
-    def build(_, made):
-        assert icarus_compile(folder) == ""
-        made.write_text("\n".join(icarus_run(folder)))
-
-    texts = [path.name + path.read_text() for path in sorted(folder.iterdir()) if path.suffix != ".vvp"]
-    follows = "\0".join([run(["iverilog", "-V"])[1], *texts])
-    return compile._kept(f"icarus-{sha256(follows)[:24]}.txt", build).read_text().splitlines()
 
 
 def yosys(folder, script):

@@ -15,7 +15,7 @@ from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.compile import kept_verilog
 from cmfpga.verilog.emit import TOP
 from support.verilog_mutants import MUTANTS
-from support.verilog_tools import CONFIGS, emitted, icarus, icarus_compile, icarus_run, require_icarus, run
+from support.verilog_tools import CONFIGS, emitted, icarus_compile, icarus_run, require_icarus, run
 
 SIZE = {"sensor_width": 64, "sensor_height": 48, "roi_width": 16, "roi_height": 10, "buffer_events": 64}
 SMALL = Config(**SIZE)
@@ -48,10 +48,15 @@ def small(folders):
     return folders["paper"]
 
 
+def simulate(folder):
+    assert icarus_compile(folder) == ""
+    return icarus_run(folder)
+
+
 def simulate_other_core(small, folder, text):
     shutil.copytree(small, folder, dirs_exist_ok=True)
     (folder / f"{TOP}.v").write_text(text)
-    return icarus(folder)
+    return simulate(folder)
 
 
 # ---------------------------------------------------------------- the core passes
@@ -74,7 +79,7 @@ OTHERS = {name: config for name, config in CONFIGS.items() if name not in FULL} 
 def test_passes(name, tmp_path):
     vectors = make_vectors.make_vectors((FULL | OTHERS)[name], batches=KINDS, seed=2)
     vectors.write(tmp_path)
-    lines = icarus(tmp_path)
+    lines = simulate(tmp_path)
     rows = vectors.rows
     expected = f"PASS: {KINDS} batches, {len(rows['events'])} events, {len(rows['trace'])} iterations, "
     assert len(lines) == 1 and lines[0].startswith(expected), lines
@@ -139,7 +144,7 @@ def test_every_field_is_checked(config, tmp_path):
             row[name] = value
             wanted.add(name)
     vectors.write(tmp_path)
-    lines = icarus(tmp_path)
+    lines = simulate(tmp_path)
     wrong = {match[1] for line in lines if (match := re.search(r": (\w+) is \w+, \w+ is right$", line))}
     assert wrong == wanted >= set(vectors.core.outputs) & {"result_v_x", "result_flags", "trace_sums_sx"}
     # With a sweep twice: ΣI, ΣDx and ΣDy are also compared with the images.
@@ -159,7 +164,7 @@ def raw_verilog(config):
 def test_clean_up_changes_nothing(small, tmp_path):
     raw, (_, clean) = raw_verilog(SMALL), emitted(SMALL)
     assert raw != clean
-    assert simulate_other_core(small, tmp_path, raw) == icarus(small)
+    assert simulate_other_core(small, tmp_path, raw) == simulate(small)
     # A reset hides this: the values that registers have before it.
     values = re.findall(r"^  reg (?:\[\d+:0\] )?(\S+ ?) = (\S+);$", raw, re.MULTILINE)
     assert values and values == re.findall(r"^  initial (\S+ ?) = (\S+);$", clean, re.MULTILINE)
