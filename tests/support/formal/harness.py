@@ -211,7 +211,7 @@ def solve(harness, mode, depth, *, search=("--unroll", "--noincr")):
         made.write_text(json.dumps({"status": status, "log": log}))
 
     follows = json.dumps([design, prepare, asked, tools])
-    return Outcome(**json.loads(compile._kept(f"proof-{sha256(follows)[:24]}.json", build).read_text()))
+    return Outcome(**json.loads(compile.kept_file(f"proof-{sha256(follows)[:24]}.json", build).read_text()))
 
 
 def _run(command, folder):
