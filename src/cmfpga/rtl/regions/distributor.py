@@ -119,6 +119,7 @@ class Distributor(wiring.Component):
         corner, last_bin, place, column, line = self._geometry(m, row, state)
         # Registers, for much hangs on them: the store looks a bin up for longer than they take.
         within, last_column, last_of_all, compared, last_row = Signal(), Signal(), Signal(), Signal(), Signal()
+        was_last = Signal()  # of the row that is given out, while the next one is looked up
         m.d.sync += [
             last_row.eq(current + 1 >= settings.rows),
             within.eq((column <= last_bin["x"]) & (line <= last_bin["y"])),
@@ -137,6 +138,15 @@ class Distributor(wiring.Component):
                 m.d.sync += [column.eq(place["x"][config.bin_bits :]), line.eq(line + 1)]
         m.d.comb += self.number.eq(Mux(of_parent, row.parent, current))
         m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
+        there = source.turn != self.turn
+
+        def look():
+            """While the number is the current one: twice, because what a RAM returns while it is written is not said."""
+            with m.If(measured & there):
+                m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(2)]
+                m.d.sync += of_parent.eq(self.row.start == STARTS.index("parent"))
+                m.next = "START"
+
         with m.FSM(name="distribute"):
             with m.State("IDLE"):
                 m.d.comb += self.free.eq(1)
@@ -151,18 +161,13 @@ class Distributor(wiring.Component):
                 m.d.sync += timer.eq(2)
                 with m.If(self.divided):
                     m.next = "ROW"
-            with m.State("ROW"):  # ``of_parent`` is 0, so that the number is the current one
-                there = source.turn != self.turn
-                m.d.sync += measured.eq((timer == 0) & there)  # twice, as below
-                with m.If(measured & there):
-                    m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(2)]
-                    m.d.sync += of_parent.eq(self.row.start == STARTS.index("parent"))
-                    m.next = "START"
+            with m.State("ROW"):
+                m.d.sync += measured.eq((timer == 0) & there)
+                look()
             with m.State("START"):
-                # Twice, because what a RAM returns while it is written is not said.
-                m.d.sync += measured.eq((timer == 0) & (source.turn == self.turn))
+                m.d.sync += measured.eq((timer == 0) & ~there)  # twice, too
                 m.d.sync += [first.eq(place[axis][config.bin_bits :]) for axis, first in (("x", column), ("y", line))]
-                with m.If((timer == 0) & (~of_parent | (measured & (source.turn == self.turn)))):
+                with m.If((timer == 0) & (~of_parent | (measured & ~there))):
                     m.d.sync += [warm.eq(wanted & ~doubtful), restarted.eq(wanted & doubtful)]
                     m.next = "UNIT"
             with m.State("UNIT"):
@@ -187,18 +192,20 @@ class Distributor(wiring.Component):
             with m.State("BINS"):
                 m.d.sync += timer.eq(4)
                 with m.If(steps & last_of_all):
-                    m.d.sync += reading.eq(0)
+                    m.d.sync += [reading.eq(0), was_last.eq(last_row), current.eq(current + 1), of_parent.eq(0)]
                     m.next = "DRAIN"
-            with m.State("DRAIN"):
+            with m.State("DRAIN"):  # long enough for the next row to be looked up
+                m.d.sync += measured.eq(there)
                 with m.If(self.busy):
                     m.d.sync += timer.eq(3)
                 with m.Elif(timer == 0):
                     m.d.comb += self.commit.eq(unit)
-                    m.d.sync += [current.eq(current + 1), of_parent.eq(0), timer.eq(2)]
                     m.next = "ROW"
-                    with m.If(last_row):
+                    with m.If(was_last):
                         m.d.comb += self.clear.eq(1)
                         m.next = "CLEAR"
+                    with m.Else():
+                        look()
             with m.State("CLEAR"):
                 with m.If(self.cleared):
                     m.next = "REST"
@@ -233,22 +240,24 @@ class Distributor(wiring.Component):
         return corner, last_bin, place, column, line
 
     def _crop(self, m, row, corner):
-        """Events of the bins that lie in the region, by its stride."""
+        """Events of the bins that lie in the region, by its stride: where it lies in the image, then whether inside."""
         frac = self.config.formats.event_frac
         event, inside = self.events.payload, Const(1, 1)
-        stage_1 = Signal(self.o.payload.shape(), reset_less=True)
+        stage_2 = Signal(self.o.payload.shape(), reset_less=True)
         for axis in ("x", "y"):
             moved = (event[axis] - Cat(Const(0, frac), corner[axis]).as_signed()).as_signed()
-            whole = moved[frac:].as_signed()
+            moved_s1 = delay(m, moved, 1, name=f"moved_{axis}").as_signed()
+            whole = moved_s1[frac:].as_signed()
             inside &= (whole >= row.begin[axis]) & (whole < row.end[axis])
-            m.d.sync += stage_1[axis].eq(moved[: len(stage_1[axis])])
-        m.d.sync += stage_1.t.eq(event.t)
-        valid_s1 = delay(m, self.events.valid & inside, 1, name="inside", valid=True)
+            m.d.sync += stage_2[axis].eq(moved_s1[: len(stage_2[axis])])
+        m.d.sync += stage_2.t.eq(delay(m, event.t, 1, name="time"))
+        valid_s1 = delay(m, self.events.valid, 1, name="event", valid=True)
+        valid_s2 = delay(m, valid_s1 & inside, 1, name="inside", valid=True)
         found = self.job.found
         skipped = Signal(1 << len(row.stride))
         m.d.sync += skipped.eq((1 << row.stride) - 1)
         with m.If(self.begin.any()):
             m.d.sync += found.eq(0)
-        with m.Elif(valid_s1):
+        with m.Elif(valid_s2):
             m.d.sync += found.eq(found + 1)
-        m.d.sync += [self.o.valid.eq(valid_s1 & ((found & skipped) == 0)), self.o.payload.eq(stage_1)]
+        m.d.sync += [self.o.valid.eq(valid_s2 & ((found & skipped) == 0)), self.o.payload.eq(stage_2)]
