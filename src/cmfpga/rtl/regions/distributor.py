@@ -37,8 +37,8 @@ class Distributor(wiring.Component):
     REST
         Wait until the outcomes are those of this batch, so that no more than two are under way.
 
-    A region of n events in b bins takes n' + b + 16 cycles or less, n' being the events in all its bins and an empty
-    bin counting as five, and more only while it waits for a unit, for its parent, or for its own outcome in the batch
+    A region of n events in b bins takes n' + b + 16 cycles or less, two more with a parent, n' being the events in all
+    its bins and an empty bin counting as five, and more only while it waits for a unit, for its parent, or for its own outcome in the batch
     before.
 
     Parameters
@@ -138,12 +138,14 @@ class Distributor(wiring.Component):
                 m.d.sync += [column.eq(place["x"][config.bin_bits :]), line.eq(line + 1)]
         m.d.comb += self.number.eq(Mux(of_parent, row.parent, current))
         m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
-        there = source.turn != self.turn
+        # Of the number three cycles ago. What counts is seen twice, for what a RAM returns while it is written is not said.
+        there = Signal()
+        m.d.sync += there.eq(source.turn != self.turn)
 
         def look():
-            """While the number is the current one: twice, because what a RAM returns while it is written is not said."""
+            """While the number is the current one."""
             with m.If(measured & there):
-                m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(2)]
+                m.d.sync += [row.eq(self.row), state.eq(self.state), timer.eq(3)]
                 m.d.sync += of_parent.eq(self.row.start == STARTS.index("parent"))
                 m.next = "START"
 
@@ -158,16 +160,16 @@ class Distributor(wiring.Component):
                 m.d.comb += self.divide.eq(1)
                 m.next = "DIVIDE"
             with m.State("DIVIDE"):
-                m.d.sync += timer.eq(2)
+                m.d.sync += [timer.eq(3), measured.eq(0)]
                 with m.If(self.divided):
                     m.next = "ROW"
             with m.State("ROW"):
                 m.d.sync += measured.eq((timer == 0) & there)
                 look()
             with m.State("START"):
-                m.d.sync += measured.eq((timer == 0) & ~there)  # twice, too
+                m.d.sync += measured.eq((timer == 0) & ~there)
                 m.d.sync += [first.eq(place[axis][config.bin_bits :]) for axis, first in (("x", column), ("y", line))]
-                with m.If((timer == 0) & (~of_parent | (measured & ~there))):
+                with m.If(Mux(of_parent, measured & ~there, timer <= 1)):
                     m.d.sync += [warm.eq(wanted & ~doubtful), restarted.eq(wanted & doubtful)]
                     m.next = "UNIT"
             with m.State("UNIT"):
@@ -197,7 +199,7 @@ class Distributor(wiring.Component):
             with m.State("DRAIN"):  # long enough for the next row to be looked up
                 m.d.sync += measured.eq(there)
                 with m.If(self.busy):
-                    m.d.sync += timer.eq(3)
+                    m.d.sync += timer.eq(4)
                 with m.Elif(timer == 0):
                     m.d.comb += self.commit.eq(unit)
                     m.next = "ROW"

@@ -1,6 +1,6 @@
 """Regions: events in, the motion of many regions of each batch out."""
 
-from amaranth.hdl import Module, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -181,15 +181,16 @@ class Regions(wiring.Component):
             row_port.data.eq(write.payload.row),
             fresh.turn.eq(self.distributor.turn),
             *(fresh.position[axis].eq(write.payload.row.place[axis] << frac) for axis in ("x", "y")),
-            state_port.en.eq((write.valid & write.payload.fresh) | kept.valid),
-            state_port.addr.eq(write.payload.number),
-            state_port.data.eq(fresh),
         ]
         for axis, most in (("x", config.roi_width), ("y", config.roi_height)):
             with m.If(write.payload.row.end[axis] > most):
                 m.d.comb += row_port.data.end[axis].eq(most)
-        with m.If(kept.valid):
-            m.d.comb += [state_port.addr.eq(kept.payload.number), state_port.data.eq(kept.payload.state)]
+        # A register, for the wires to the memory.
+        m.d.sync += [
+            state_port.en.eq((write.valid & write.payload.fresh) | kept.valid),
+            state_port.addr.eq(Mux(kept.valid, kept.payload.number, write.payload.number)),
+            state_port.data.eq(Mux(kept.valid, kept.payload.state.as_value(), fresh.as_value())),
+        ]
         for block in (self.distributor, self.collector):
             row, state = rows.read_port(), states.read_port()
             name = "distributor" if block is self.distributor else "collector"

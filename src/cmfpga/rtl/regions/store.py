@@ -205,7 +205,7 @@ class Store(wiring.Component):
     Members
     -------
     i, o, read, busy
-        As those of the half that is filled, and of the one that is read; ``busy`` a cycle later.
+        As those of the half that is filled, and of the one that is read; ``o`` and ``busy`` a cycle later.
     open : ``In(1)``
         Begin to fill the other half, which is clear. No event in this cycle.
     take : ``In(1)``
@@ -250,8 +250,11 @@ class Store(wiring.Component):
         m.d.comb += [
             self.cleared.eq(first.cleared & second.cleared),
             self.read.ready.eq(Mux(reading, second.read.ready, first.read.ready)),
+        ]
+        # Registers, for the wires from memories that lie far apart.
+        m.d.sync += [
             self.o.valid.eq(Mux(reading, second.o.valid, first.o.valid)),
             self.o.payload.eq(Mux(reading, second.o.payload.as_value(), first.o.payload.as_value())),
+            self.busy.eq(Mux(reading, second.busy, first.busy)),
         ]
-        m.d.sync += self.busy.eq(Mux(reading, second.busy, first.busy))
         return m
