@@ -24,14 +24,14 @@ def add_up(m, values, name):
 def add_products(m, factors, name):
     """Σ a·b of the pairs ``factors``, as many cycles later: one behind the other, as DSPs add without a LUT.
 
-    Or Σ (a + c)·b of triples (a, c, b), a cycle later: a DSP has that adder as well.
+    Or Σ (a + c)·b of triples (a, c, b), two cycles later: the sum waits, as :class:`LaneSums` lets all factors wait.
     """
     total = 0
     for number, each in enumerate(factors):
         *terms, b = (delay(m, part, max(0, number - 1), name=f"{name}_{number}_{k}") for k, part in enumerate(each))
         if len(terms) == 2:
-            terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}")]
-            b = delay(m, b, 1, name=f"{name}_factor_{number}")
+            terms = [delay(m, terms[0] + terms[1], 2, name=f"{name}_sum_{number}")]
+            b = delay(m, b, 2, name=f"{name}_factor_{number}")
         product = delay(m, terms[0] * b, 1, name=f"{name}_product_{number}")
         total = delay(m, total + product, 1, name=f"{name}_{number}") if number else product
     return total
@@ -45,7 +45,8 @@ class LaneSums(wiring.Component):
     """ΣI, ΣDx, ΣDy, Σ I·Dx and Σ I·Dy, and Σ I² where v's confidence is measured, in one pass.
 
     As :class:`~cmfpga.rtl.image.one_pass_gradient.OnePassGradient`, but a cycle's steps belong to different events, so
-    that each bank has two products for each axis. A step that adds nothing makes them 0. With ``border = whole``, ΣDx
+    that each bank has two products for each axis. Their factors wait for a cycle in registers that DSPs have, for their
+    wires are long. A step that adds nothing makes them 0. With ``border = whole``, ΣDx
     and ΣDy are 0: the four votes of an event are opposite, or all of them change no derivative.
 
     Parameters
@@ -72,7 +73,7 @@ class LaneSums(wiring.Component):
     def __init__(self, config, *, ahead):
         self.config, self._ahead = config, ahead
         lanes = config.lanes
-        self.latency = 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
+        self.latency = 1 + 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
         #: From the last votes until ΣI, ΣDx and ΣDy are final.
         self.plain_latency = 1 + stages(2 * lanes) + 1
         super().__init__(
@@ -95,11 +96,13 @@ class LaneSums(wiring.Component):
             self._total(m, self.sums[name], add_up(m, grown, name), begin)
         begin = delay(m, self.begin, self._ahead + self.latency - 1, name="begin_products", valid=True)
         totals = {f"d{axis}": self.sums[f"s{axis}"] for axis in self.config.motion_model.names}
+        waiting = [delay(m, step, 1, name=f"step_{number}") for number, step in enumerate(self.steps)]
         for name, total in totals.items():
-            products = [pair for step in self.steps for pair in self._products(step, name)]
+            products = [pair for step in waiting for pair in self._products(step, name)]
             self._total_of_products(m, total, products, name, begin)
         if self.config.confidence:
-            # w·(I + (I + w)): with a product each there are half as many chains, so they end in the same cycle.
+            # w·(I + (I + w)): with a product each there are half as many chains, so they end in the same cycle, though
+            # the sum takes one.
             squares = [(step.i, step.total.i, step.add.i) for step in self.steps]
             self._total_of_products(m, self.squares, squares, "i", begin)
         return m
