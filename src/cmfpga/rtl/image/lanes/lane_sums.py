@@ -22,16 +22,17 @@ def add_up(m, values, name):
 
 
 def add_products(m, factors, name):
-    """Σ a·b of the pairs ``factors``, as many cycles later: one behind the other, as DSPs add without a LUT.
+    """Σ a·b of the pairs ``factors``, one cycle more than there are of them later: one behind the other.
 
-    Or Σ (a + c)·b of triples (a, c, b), two cycles later: the sum waits, as :class:`LaneSums` lets all factors wait.
+    Or Σ (a + c)·b of triples (a, c, b), a cycle later. DSPs have the registers in which factors wait, and both adders.
     """
     total = 0
     for number, each in enumerate(factors):
-        *terms, b = (delay(m, part, max(0, number - 1), name=f"{name}_{number}_{k}") for k, part in enumerate(each))
+        early = [delay(m, part, max(0, number - 1), name=f"{name}_{number}_{k}") for k, part in enumerate(each)]
+        *terms, b = (delay(m, part, 1, name=f"{name}_waiting_{number}_{k}") for k, part in enumerate(early))
         if len(terms) == 2:
-            terms = [delay(m, terms[0] + terms[1], 2, name=f"{name}_sum_{number}")]
-            b = delay(m, b, 2, name=f"{name}_factor_{number}")
+            terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}")]
+            b = delay(m, b, 1, name=f"{name}_factor_{number}")
         product = delay(m, terms[0] * b, 1, name=f"{name}_product_{number}")
         total = delay(m, total + product, 1, name=f"{name}_{number}") if number else product
     return total
@@ -96,13 +97,11 @@ class LaneSums(wiring.Component):
             self._total(m, self.sums[name], add_up(m, grown, name), begin)
         begin = delay(m, self.begin, self._ahead + self.latency - 1, name="begin_products", valid=True)
         totals = {f"d{axis}": self.sums[f"s{axis}"] for axis in self.config.motion_model.names}
-        waiting = [delay(m, step, 1, name=f"step_{number}") for number, step in enumerate(self.steps)]
         for name, total in totals.items():
-            products = [pair for step in waiting for pair in self._products(step, name)]
+            products = [pair for step in self.steps for pair in self._products(step, name)]
             self._total_of_products(m, total, products, name, begin)
         if self.config.confidence:
-            # w·(I + (I + w)): with a product each there are half as many chains, so they end in the same cycle, though
-            # the sum takes one.
+            # w·(I + (I + w)): with a product each there are half as many chains, so they end in the same cycle.
             squares = [(step.i, step.total.i, step.add.i) for step in self.steps]
             self._total_of_products(m, self.squares, squares, "i", begin)
         return m
