@@ -1,6 +1,5 @@
 """What the core takes, in clock cycles counted in the simulated Verilog."""
 
-import warnings
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -106,9 +105,6 @@ def simulated(config):
 
 
 def _unsimulated(config):
-    from amaranth.hdl import UnusedElaboratable
-
     from ..rtl.core import Core
 
-    warnings.filterwarnings("ignore", category=UnusedElaboratable)  # it is only asked for numbers
     return Core(config)

@@ -1,11 +1,8 @@
 """Clock cycles of each batch, and with lanes what they go to."""
 
-import gc
-import warnings
 from types import SimpleNamespace
 
 import numpy as np
-from amaranth.hdl import UnusedElaboratable
 
 from ..config.schedule import used_events
 from ..protocol.flags import Flag
@@ -41,17 +38,13 @@ def hardware_cycles(kept):
     if not by_formula and lanes == 1:
         return counted, False, {}
     cycles, parts = [], []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UnusedElaboratable)  # the core is only asked for numbers
-        core = (Regions if kept.config.regions else Core)(kept.config)
-        for total, (size, plan) in zip(counted, _batches(kept), strict=True):
-            if by_formula:
-                total = core.cycles(**size, iterations=plan, most=True) if plan else np.nan
-            cycles.append(total)
-            if not by_formula:
-                parts.append(_parts(core, size, plan, total) if plan else [np.nan] * len(PARTS))
-        del core
-        gc.collect()  # it would warn when it is freed
+    core = (Regions if kept.config.regions else Core)(kept.config)
+    for total, (size, plan) in zip(counted, _batches(kept), strict=True):
+        if by_formula:
+            total = core.cycles(**size, iterations=plan, most=True) if plan else np.nan
+        cycles.append(total)
+        if not by_formula:
+            parts.append(_parts(core, size, plan, total) if plan else [np.nan] * len(PARTS))
     found = {} if by_formula else dict(zip(PARTS, np.array(parts, np.float64).T, strict=True))
     return np.array(cycles), by_formula, found
 

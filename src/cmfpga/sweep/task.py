@@ -7,7 +7,6 @@ import importlib.resources
 import json
 import math
 import traceback
-import warnings
 from dataclasses import asdict, dataclass
 
 from .. import __version__
@@ -113,14 +112,10 @@ def guarded(function, argument, needed):
 
 def _track(task):
     # Here and not above: where a sweep is only looked up, none of this is needed.
-    from amaranth.hdl import UnusedElaboratable
-
     from ..engines import open_engine
     from ..events import BatchCutter, open_recording
     from ..tracking.loop import track
 
-    # A core whose library is in the cache is asked for its ports, and not elaborated again.
-    warnings.filterwarnings("ignore", category=UnusedElaboratable)
     motion = task.truth.motion if task.truth else None
     with contextlib.ExitStack() as stack:
         recording = stack.enter_context(open_recording(task.path, sensor=task.sensor, time_unit=task.time_unit))

@@ -38,8 +38,8 @@ class Distributor(wiring.Component):
         Wait until the outcomes are those of this batch, so that no more than two are under way.
 
     A region of n events in b bins takes n' + b + 16 cycles or less, two more with a parent, n' being the events in all
-    its bins and an empty bin counting as five, and more only while it waits for a unit, for its parent, or for its own outcome in the batch
-    before.
+    its bins and an empty bin counting as five, and more only while it waits for a unit, for its parent, or for its own
+    outcome in the batch before.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class Distributor(wiring.Component):
                 m.d.sync += [column.eq(place["x"][config.bin_bits :]), line.eq(line + 1)]
         m.d.comb += self.number.eq(Mux(of_parent, row.parent, current))
         m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
-        # Of the number three cycles ago. What counts is seen twice, for what a RAM returns while it is written is not said.
+        # Of the number three cycles ago. It has to be seen twice: what a RAM returns while it is written is not said.
         there = Signal()
         m.d.sync += there.eq(source.turn != self.turn)
 
