@@ -41,7 +41,7 @@ def test_refusals(text, message):
 def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
     best = Config(ascent="sign", max_level=2)
     assert (best.cold, best.warm) == ("auto", "auto")
-    assert best.schedules.cold == parse_schedule(MEASURED["translation"]["cold"], **LIMITS | {"entries": 32})
+    assert best.schedules.cold == parse_schedule(MEASURED["translation"]["cold"], **LIMITS)
     flat = preset("paper").replace(ascent="sign")
     assert flat.schedules.cold == tuple((0, step, stride) for _, step, stride in best.schedules.cold)
     narrow = best.replace(max_level=1, v_int=1, v_frac=2)
@@ -50,8 +50,8 @@ def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
     )
 
 
-def test_the_fast_preset_has_seventeen_cold_and_seven_warm_iterations():
+def test_the_fast_preset_has_fifteen_cold_and_six_warm_iterations():
     config = preset("fast")
-    assert (len(config.schedules.cold), len(config.schedules.warm)) == (17, 7)
+    assert (len(config.schedules.cold), len(config.schedules.warm)) == (15, 6)
     with pytest.raises(ConfigError, match=r"^warm: "):
         config.replace(warm="0:9")

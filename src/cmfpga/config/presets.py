@@ -58,8 +58,7 @@ PRESETS = {
         undistortion="on",
         max_batch_events=32767,
         min_roi_events=30,
-        # A coarse tile's; from its v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
-        cold="2:2/4 2:1/4*2 2:0/4*2 2:-1/4 1:0/2 1:-1/2*2 1:-2/2 1:-2 1:-3*3 0:-4",
+        # From the coarse tile's v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
         warm="1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5",
         confidence_limit=12.0,
     ),

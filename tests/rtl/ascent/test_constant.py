@@ -52,7 +52,7 @@ def check(config, batches, *, spacing=None, seed=0):
         settings = random_value(block.run.settings.shape(), rng) | {"eta": eta, "start_last": int(start is None)}
         settings |= {} if start is None else {"v_start": xy(start)}
         saturated = False
-        timeline[len(script) + 1] = v, saturated  # a cycle later
+        timeline[len(script)] = v, saturated
         planned[len(script)] = settings["iterations"]
         cycle(**{"run.start": 1})
         if start is not None:

@@ -59,7 +59,7 @@ def check(config, batches, *, spacing=0, seed=0):
         settings |= {"warm" if warm else "cold": part(first, len(steps))}
         settings |= {} if start is None else {"v_start": xy(start)}
         saturated = False
-        timeline[len(script) + 1] = v, saturated  # a cycle later
+        timeline[len(script)] = v, saturated
         planned[len(script) + 1] = len(steps)
         for _ in range(3):
             cycle()

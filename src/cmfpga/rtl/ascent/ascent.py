@@ -6,7 +6,6 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import delay
 from .velocity import Velocity
 
 
@@ -105,8 +104,7 @@ class Ascent(wiring.Component):
         m = Module()
         m.submodules.velocity = velocity = self.velocity
         m.d.comb += [
-            # A cycle later, for it may come from far away, and flags are not in a hurry.
-            velocity.new_batch.eq(delay(m, self.run.take, 1, name="take", valid=True)),
+            velocity.new_batch.eq(self.run.take),
             velocity.load.eq(self.run.start & ~warm),
             velocity.start.eq(self.run.settings.v_start),
             self.v.eq(velocity.v),
