@@ -1,8 +1,6 @@
 """What a report says in words."""
 
-import gc
 import re
-import warnings
 
 import numpy as np
 import pytest
@@ -141,14 +139,6 @@ def test_an_object_that_is_lost(config):
     for k in (3, 4):
         kept.rows[k] = (*kept.rows[k][:at], "", "", *kept.rows[k][at + 2 :])
     assert "within 0.06 s, at about 500 px/s, until it was lost after batch 2; the hardware" in Story(kept, 210.0).lead
-
-
-def test_no_warning_of_unused_hardware(turning):
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        Story(turning, 210.0)
-        gc.collect()
-    assert not caught
 
 
 @pytest.mark.parametrize(

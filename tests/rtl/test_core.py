@@ -1,16 +1,20 @@
 """The core against its model: everything that leaves it, in every iteration of batches that follow one another."""
 
 import functools
+import importlib
 import itertools
+import warnings
 
 import numpy as np
 import pytest
-from amaranth.hdl import Module, ResetInserter, Signal
+from amaranth.hdl import Module, ResetInserter, Signal, UnusedElaboratable
 
+from cmfpga import rtl
 from cmfpga.config import ASCENTS, Config
 from cmfpga.config.schedule import parse_schedule
 from cmfpga.protocol.flags import Flag
 from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.rtl import core
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.iteration_control import IterationControl
 from support.bench import Repeated
@@ -403,3 +407,12 @@ def test_power_up_state(rng):
     points = moving_points(config, rng, 40, span=900, around=(8, 6))
     results, outcomes = run(config, [Batch(events=points, settings=settings(config))], rng, eager=False, gap=0.9)
     assert outcomes[0].trace[0]["v"] == {"x": 0, "y": 0} and results[0].roi == (0, 0)
+
+
+def test_only_our_own_blocks_may_be_asked_for_numbers_without_a_warning():
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        importlib.reload(rtl)
+        for path in (core.__file__, __file__):
+            warnings.warn_explicit("created but never used", UnusedElaboratable, path, 1)
+    assert [one.filename for one in caught] == [__file__]
