@@ -22,14 +22,13 @@ def add_up(m, values, name):
 
 
 def add_products(m, factors, name):
-    """Σ a·b of the pairs ``factors``, one cycle more than there are of them later: one behind the other.
+    """Σ a·b of the pairs ``factors``, as many cycles later: one behind the other, as DSPs add without a LUT.
 
-    Or Σ (a + c)·b of triples (a, c, b), a cycle later. DSPs have the registers in which factors wait, and both adders.
+    Or Σ (a + c)·b of triples (a, c, b), a cycle later: a DSP has that adder as well.
     """
     total = 0
     for number, each in enumerate(factors):
-        early = [delay(m, part, max(0, number - 1), name=f"{name}_{number}_{k}") for k, part in enumerate(each)]
-        *terms, b = (delay(m, part, 1, name=f"{name}_waiting_{number}_{k}") for k, part in enumerate(early))
+        *terms, b = (delay(m, part, max(0, number - 1), name=f"{name}_{number}_{k}") for k, part in enumerate(each))
         if len(terms) == 2:
             terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}")]
             b = delay(m, b, 1, name=f"{name}_factor_{number}")
@@ -46,8 +45,7 @@ class LaneSums(wiring.Component):
     """ΣI, ΣDx, ΣDy, Σ I·Dx and Σ I·Dy, and Σ I² where v's confidence is measured, in one pass.
 
     As :class:`~cmfpga.rtl.image.one_pass_gradient.OnePassGradient`, but a cycle's steps belong to different events, so
-    that each bank has two products for each axis. Their factors wait for a cycle in registers that DSPs have, for their
-    wires are long. A step that adds nothing makes them 0. With ``border = whole``, ΣDx
+    that each bank has two products for each axis. A step that adds nothing makes them 0. With ``border = whole``, ΣDx
     and ΣDy are 0: the four votes of an event are opposite, or all of them change no derivative.
 
     Parameters
@@ -74,7 +72,7 @@ class LaneSums(wiring.Component):
     def __init__(self, config, *, ahead):
         self.config, self._ahead = config, ahead
         lanes = config.lanes
-        self.latency = 1 + 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
+        self.latency = 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
         #: From the last votes until ΣI, ΣDx and ΣDy are final.
         self.plain_latency = 1 + stages(2 * lanes) + 1
         super().__init__(
