@@ -17,16 +17,15 @@ import h5py
 import numpy as np
 
 from ..camera import Camera, calibration_of, flow, rates
-from ..config import preset
 from ..config.defaults import CLOCK_MHZ
 from ..engines import make_engine
 from ..errors import ConfigError
 from ..events import Events, generate, open_recording
 from ..protocol.confidence import confidence, is_sure
 from ..protocol.settings import BatchSettings
-from ..tracking.api import track
 from .foreign import FOREIGN, find_rotation
 from .judged import WRONG, separation
+from .panned import run_panned
 from .table import percent
 
 MOTIONS = ("rotation", "similarity")
@@ -47,9 +46,6 @@ LIMITS = (0.3, 0.6)
 
 #: Of a turning camera, one batch each.
 ROTATIONS = ("davis240c_poster_rotation_0.6s.h5", "davis240c_shapes_rotation_2.1s_gtflow.h5")
-#: Of a camera that pans; no calibration, so what its speed beside the gyroscope tells: f, the sensor's centre.
-PANNED, PANNED_CAMERA = "davis240c_translboxes_imu.h5", "245,245,119.5,89.5"
-GYRO_SCALE = np.pi / 180 / 32.8  # rad/s per count
 
 
 def motion_config(kind, options_config):
@@ -181,43 +177,4 @@ def _real(options, config, report):
     heads = ("recording", "by", "events", "ω, rad/s", "global search", "apart, deg/s", "allowed, 2 deg/s + 3 %", "ms")
     title = f"(ms: cycles at {CLOCK_MHZ:g} MHz, assumed; of {FOREIGN} on this machine, all its threads)"
     report.table(f"Real batches against a global search over all events {title}", heads, rows)
-    _gyroscope(options, config, report)
-
-
-def _gyroscope(options, config, report):
-    from ..reference.global_search import rotation, search  # torch
-
-    path = Path(options.data) / PANNED
-    fields = {name: getattr(config, name) for name in config.to_dict() if name not in ("camera", "motion")}
-    base = preset("rotation").to_dict()
-    changed = {name: value for name, value in fields.items() if base[name] != value}
-    found = track(path, preset="rotation", engine=options.engine, **(changed | {"camera": PANNED_CAMERA}))
-    with open_recording(path) as recording, h5py.File(path) as file:
-        events = Events.concatenate(recording.chunks())
-        t, gyro = file["imu/t"][:], file["imu/gyro_raw"][:, 1] * GYRO_SCALE
-    spans = np.array([result.span for result in found.results])
-    ends = [found.t_ref_us + way * spans / 2 for way in (-1, 1)]
-    sums = np.concatenate([[0], np.cumsum(gyro)])
-    first, last = (np.searchsorted(t, end) for end in ends)
-    mean = (sums[last] - sums[first]) / np.maximum(last - first, 1)
-    camera = Camera(*map(float, PANNED_CAMERA.split(",")))
-    parts = [slice(*np.searchsorted(events.t, pair)) for pair in zip(*ends, strict=True)]
-    best = [search(rotation(camera, events.x[part], events.y[part]), events.t[part]).at_middle[1] for part in parts]
-    rows = []
-    for who, omega in ((options.engine, found.wy_rad_per_s), ("global search", np.array(best))):
-        correlation = float(np.corrcoef(omega, mean)[0, 1])
-        scale, bias = np.polyfit(mean, omega, 1)
-        apart = float(np.degrees(np.abs(omega - best)).max())
-        scores = {"correlation": correlation, "scale": float(scale), "bias_rad_per_s": float(bias)}
-        report.keep(f"{PANNED}, {who}", omega, scores | {"deg_per_s": apart})
-        rows.append((PANNED, who, str(len(found)), f"{correlation:.3f}", f"{scale:.3f}", f"{bias:.4f}", f"{apart:.2f}"))
-    heads = (
-        "recording",
-        "by",
-        "batches",
-        "correlation",
-        "ωy found / gyroscope's",
-        "bias, rad/s",
-        "from the search, deg/s",
-    )
-    report.table("ωy against the gyroscope, averaged over each batch, and a global search over its events", heads, rows)
+    run_panned(options, config, report)

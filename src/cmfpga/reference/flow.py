@@ -120,7 +120,7 @@ class Ascent:
 
 
 def ascend(x, y, dt, b, *, v_start, schedule, limits, at_pixels=lambda level: None, **size):
-    """v ← v + step·sign(S), each parameter by itself, within ±``limits``: an :class:`Ascent`.
+    """v ← v + step·sign(S), half of it where |S| is less than half of the largest, within ±``limits``: :class:`Ascent`.
 
     ``at_pixels(level)`` is what :func:`sums` takes.
     """
@@ -130,6 +130,8 @@ def ascend(x, y, dt, b, *, v_start, schedule, limits, at_pixels=lambda level: No
         part = used(entry, k, len(dt))
         size |= {"level": entry.level, "at_pixels": at_pixels(entry.level)}
         found.append(sums(x[part], y[part], dt[part], v[-1], b[:, :, part], **size))
-        target = v[-1] + 2.0**entry.log2_step * found[-1][1].sign()
+        s = found[-1][1]
+        step = 2.0**entry.log2_step * torch.where(2 * s.abs() < s.abs().max(), 0.5, 1.0)
+        target = v[-1] + step * s.sign()
         v.append(torch.minimum(torch.maximum(target, -limits), limits))
     return Ascent(torch.stack(v), torch.stack([i for i, _ in found]), torch.stack([s for _, s in found]))

@@ -65,6 +65,12 @@ def rotation(camera, x, y):
     return Flow(rays * focus[:, None] + centre[:, None], camera.rotation(*rays) * focus[:, None, None])
 
 
+def rotation_as_seen(camera, x, y):
+    """The same in the image as the lens makes it: for lenses to be compared by the contrast that they allow."""
+    at = _dithered(x, y)
+    return Flow(at, np.stack([camera.speeds(axis, *at) for axis in np.eye(3)], axis=1))
+
+
 @dataclass(frozen=True)
 class Found:
     """The motion found.

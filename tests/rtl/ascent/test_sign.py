@@ -1,9 +1,10 @@
-"""Sign ascent against its model: a step of the schedule by the sign of G, each axis by itself."""
+"""Sign ascent against its model: a step of the schedule by the sign of G; beyond translation half of it for small G."""
 
 import numpy as np
 import pytest
 
-from cmfpga.reference.integer.sign import sign_updater
+from cmfpga.config import preset
+from cmfpga.reference.integer.sign import lesser, sign_updater
 from cmfpga.rtl.ascent.sign import SignAscent
 from support.bench import held, play
 from support.configs import LEVELS
@@ -16,10 +17,12 @@ SHAPES = {
     # G wider than 64 bits would be refused; this is as wide as it gets here.
     "full-frame": LEVELS["fast"].replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10),
 }
+#: Lesser slopes move by half a step; zoom and roll have formats of their own.
+MOTIONS = {"similarity": preset("similarity"), "rotation": preset("rotation")}
 
 
 def check(config, batches, *, spacing=0, seed=0):
-    """Batches of (start or None to keep v, list of (shift, Gx, Gy)); compares everything in every cycle.
+    """Batches of (start or None to keep v, list of (shift, Gx, Gy, …)); compares everything in every cycle.
 
     The table is written before each of them: what counts anywhere in it, cold or warm, and anything in all other words.
     A batch that keeps v is warm, so the one before it was not degenerate; one that does not is cold for one reason of
@@ -27,7 +30,9 @@ def check(config, batches, *, spacing=0, seed=0):
     """
     rng = np.random.default_rng(seed)
     block = SignAscent(config)
-    script, entered, v, saturated, tracking = [], [], (0, 0), False, False
+    parameters = config.motion_model.parameters
+    names = [parameter.name for parameter in parameters]
+    script, entered, v, saturated, tracking = [], [], (0,) * len(names), False, False
     timeline, planned = {0: (v, saturated)}, {}
     settings = random_value(block.run.settings.shape(), rng)
     entries = config.schedule_entries
@@ -37,8 +42,8 @@ def check(config, batches, *, spacing=0, seed=0):
         noise = {"i.payload": random_value(block.i.payload.shape(), rng)}
         script.append(noise | {"run.settings": settings} | values)
 
-    def xy(pair):
-        return dict(zip("xy", pair, strict=True))
+    def xy(numbers):
+        return dict(zip(names, numbers, strict=True))
 
     def part(first, count):
         return {"first": first, "count": count}
@@ -73,12 +78,15 @@ def check(config, batches, *, spacing=0, seed=0):
             cycle(**{"i.valid": 1, "i.payload": xy(g)})
             for _ in range(2):
                 cycle()
-            moved = [
-                sign_updater(config.formats.v, axis_v, axis_g, log2_step=shift - config.formats.v.f)
-                for axis_v, axis_g in zip(v, g, strict=True)
-            ]
-            v = moved[0][0], moved[1][0]
-            saturated |= moved[0][1] or moved[1][1]
+            halved = lesser(config, g) if config.motion_model.halves_lesser else [False] * len(g)
+            v, limited = zip(
+                *(
+                    sign_updater(one.fmt, axis_v, axis_g, log2_step=shift - config.formats.v.f, halved=half)
+                    for one, axis_v, axis_g, half in zip(parameters, v, g, halved, strict=True)
+                ),
+                strict=True,
+            )
+            saturated |= any(limited)
             timeline[entered[-1] + block.latency] = v, saturated
             for _ in range(spacing):
                 cycle()
@@ -90,7 +98,7 @@ def check(config, batches, *, spacing=0, seed=0):
     recording = play(block, script, flows=(), watch=("v", "saturated", "run.updated", "run.planned", "limited")).watch
     for number, wanted in enumerate(held(timeline, len(script))):
         velocity = recording["v"][number]
-        got = (velocity["x"], velocity["y"]), bool(recording["saturated"][number])
+        got = tuple(velocity[name] for name in names), bool(recording["saturated"][number])
         assert got == wanted, f"cycle {number}"
     assert [n for n, value in enumerate(recording["run.updated"]) if value] == [n + block.latency for n in entered]
     assert {cycle: recording["run.planned"][cycle] for cycle in planned} == planned
@@ -117,6 +125,38 @@ def random_batches(config, rng, count, iterations=15):
         ]
         batches.append((start, steps))
     return batches
+
+
+def slopes(config, rng):
+    """One near the bound or not, and others about half of it or anything; of either sign."""
+    bound = config.widths.g_max
+    steepest = min(bound, int(2.0 ** rng.uniform(config.widths.s_frac, config.widths.g_bits - 1)))
+    near = steepest // 2 + int(rng.integers(-2, 3)) * (1 << config.widths.s_frac - 1) + int(rng.integers(-1, 2))
+    sizes = [steepest, *(int(rng.choice([near, random_g(config, rng)])) for _ in config.motion_model.names[1:])]
+    signed = [max(-bound, min(bound, size * int(rng.choice([-1, 1])))) for size in sizes]
+    return [signed[k] for k in rng.permutation(len(signed))]
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_lesser_slopes_move_by_half_a_step(name, rng):
+    config = MOTIONS[name]
+    parameters = config.motion_model.parameters
+    batches = []
+    for number in range(12):
+        start = tuple(int(rng.integers(one.fmt.min, one.fmt.max + 1)) for one in parameters) if number % 3 else None
+        steps = [(int(rng.integers(config.formats.v.width - 1)), *slopes(config, rng)) for _ in range(15)]
+        batches.append((start, steps))
+    told = [lesser(config, g) for _, steps in batches for _, *g in steps]
+    assert {sum(each) for each in told} == set(range(len(parameters)))
+    timeline = check(config, batches)
+    assert {flag for _, flag in timeline} == {False, True}
+    # Exactly half is not less; one whole part less is. Of a negative number the whole part is one further.
+    unit = 1 << config.widths.s_frac
+    rest = [0] * (len(parameters) - 2)
+    zero, shift = (0,) * len(parameters), 4
+    for g, moved in (((8, 4), 16), ((8, 4 - 1 / unit), 8), ((-8, 4), 16), ((-8, 3), 8), ((8, -5), -16), ((8, -4), -8)):
+        timeline = check(config, [(zero, [(shift, *(int(each * unit) for each in g), *rest)])])
+        assert timeline[-1][0][1] == moved
 
 
 @pytest.mark.parametrize("spacing", [0, 3])

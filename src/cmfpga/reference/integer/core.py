@@ -15,7 +15,7 @@ from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
 from .lanes import waits
 from .motion import basis, flow, moments
-from .sign import sign_updater
+from .sign import lesser, sign_updater
 from .time_scaler import time_scaler
 from .voter import voter
 from .warp import warp
@@ -34,8 +34,10 @@ class IntegerIteration:
 
 #: By the value of ``ascent``: the step of one parameter from raw v, ``(next v, saturated)``.
 STEPS = {
-    "constant": lambda config, fmt, v, g, eta, entry: updater(config, v, g, gain=gain(config, eta)),
-    "sign": lambda config, fmt, v, g, eta, entry: sign_updater(fmt, v, g, log2_step=entry.log2_step),
+    "constant": lambda config, fmt, v, g, halved, eta, entry: updater(config, v, g, gain=gain(config, eta)),
+    "sign": lambda config, fmt, v, g, halved, eta, entry: sign_updater(
+        fmt, v, g, log2_step=entry.log2_step, halved=halved
+    ),
 }
 
 
@@ -119,7 +121,8 @@ class IntegerCore(Sequence):
         if b:
             sums = sums._replace(s=tuple(moments(config, votes, images, b, level, middle)))
         g = gradient(config, sums)
-        step = STEPS[config.ascent]
-        each = zip((parameter.fmt for parameter in config.motion_model.parameters), v, g, strict=True)
+        step, motion = STEPS[config.ascent], config.motion_model
+        halved = lesser(config, g) if motion.halves_lesser else [False] * len(g)
+        each = zip((parameter.fmt for parameter in motion.parameters), v, g, halved, strict=True)
         found, saturated = zip(*(step(config, *parameter, eta, entry) for parameter in each), strict=True)
         return IntegerIteration(tuple(v), images, sums, g, found), any(saturated)

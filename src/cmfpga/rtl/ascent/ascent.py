@@ -46,8 +46,8 @@ class Ascent(wiring.Component):
     Parameters
     ----------
     config : Config
-    target_bits : int
-        Width of what v would be if it were not limited.
+    target_bits : int or None
+        Width of what v would be if it were not limited; None where it has been.
     members : dict
         Of its own, beside those of the signature.
 

@@ -1,6 +1,6 @@
 """The fast ascent: a step of the schedule up the gradient, by its sign alone."""
 
-from amaranth.hdl import Cat, Mux, Signal
+from amaranth.hdl import Cat, Const, Mux, Signal
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .. import payloads
@@ -11,6 +11,9 @@ from .schedule import Schedule
 
 class SignAscent(Ascent):
     """v ← v + 2^shift · sign(G), each parameter by itself; v saturates. No multiplier, no normalisation.
+
+    In a motion beyond translation half of that step, rounded down, where |G| is less than half of the steepest
+    parameter's, so that steps do not go to and fro across a ridge.
 
     The schedule says level, shift and stride of each iteration; it has a part for batches that begin with the last v,
     and one for all others. A gradient every three cycles. See :class:`Ascent` for the other members and attributes.
@@ -32,7 +35,7 @@ class SignAscent(Ascent):
             "schedule_write": In(payloads.flow(payloads.schedule_write(config))),
             "stride": Out(payloads.STRIDE_BITS),
         }
-        super().__init__(config, target_bits=config.formats.v.width, members=members)
+        super().__init__(config, target_bits=None, members=members)
 
     @property
     def blocks(self):
@@ -61,11 +64,30 @@ class SignAscent(Ascent):
             self.stride.eq(schedule.stride),
             self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
         ]
-        clipped = [self._target(m, parameter.name, parameter.fmt) for parameter in self.config.motion_model.parameters]
+        lesser, parameters = self._lesser(m), self.config.motion_model.parameters
+        clipped = [self._target(m, one.name, one.fmt, lesser[one.name]) for one in parameters]
         m.d.comb += self.velocity.clipped.eq(Cat(*clipped).any())
         return m
 
-    def _target(self, m, name, fmt):
+    def _lesser(self, m):
+        """Which parameters' slopes are less than half of the steepest one's, a cycle after the gradient: by name."""
+        config, names = self.config, self.config.motion_model.names
+        if not config.motion_model.halves_lesser:
+            return dict.fromkeys(names)
+        sizes = {}
+        for name in names:
+            whole = self.i.payload[name][config.widths.s_frac :]
+            sizes[name] = whole[:-1] ^ whole[-1].replicate(len(whole) - 1)
+        lesser = {}
+        for name in names:
+            others = Signal(len(names) - 1, name=f"lesser_{name}", reset_less=True)
+            double = Cat(Const(0, 1), sizes[name])
+            # The sign of a difference: a carry chain, where Yosys makes LUTs in a row of a comparison.
+            m.d.sync += others.eq(Cat((double - sizes[other])[-1] for other in names if other != name))
+            lesser[name] = others.any()
+        return lesser
+
+    def _target(self, m, name, fmt, lesser):
         """Where one parameter is to go; returns whether that was limited."""
         v, g = self.v[name], self.i.payload[name]
 
@@ -75,22 +97,30 @@ class SignAscent(Ascent):
         # Long before the gradient: v up and down, because v and the step stand.
         step = register(self.config.formats.v.width - 1, "step")
         m.d.sync += step.eq(1 << self.schedule.shift)
-        ways = []
-        for way, target in (("up", v + step), ("down", v - step)):
-            limited, beyond = register(v.shape(), way), register(1, f"beyond_{way}")
-            m.d.sync += [
-                limited.eq(saturate(target, fmt.min, fmt.max)),
-                beyond.eq((target > fmt.max) | (target < fmt.min)),
-            ]
-            ways.append(Cat(limited, beyond))
+
+        def ways(step, size):
+            found = []
+            for way, target in (("up", v + step), ("down", v - step)):
+                limited, beyond = register(v.shape(), way + size), register(1, f"beyond_{way}{size}")
+                m.d.sync += [
+                    limited.eq(saturate(target, fmt.min, fmt.max)),
+                    beyond.eq((target > fmt.max) | (target < fmt.min)),
+                ]
+                found.append(Cat(limited, beyond))
+            return found
+
         # Stage 1: sign, and which parts of G are zero. Stage 2: choose.
+        up, down = ways(step, "")
         parts, negative_s1 = -(-len(g) // 4), register(1, "negative_s1")
         some_s1 = register(4, "some_s1")
         m.d.sync += [
             negative_s1.eq(g[-1]),
             some_s1.eq(Cat(g[k * parts : (k + 1) * parts].any() for k in range(4))),
         ]
-        chosen = Mux(some_s1.any(), Mux(negative_s1, ways[1], ways[0]), Cat(v, 0))
+        chosen = Mux(some_s1.any(), Mux(negative_s1, down, up), Cat(v, 0))
+        if lesser is not None:
+            up, down = ways(step >> 1, "_halved")
+            chosen = Mux(lesser, Mux(some_s1.any(), Mux(negative_s1, down, up), Cat(v, 0)), chosen)
         m.d.comb += self.velocity.target[name].eq(chosen[:-1].as_signed())
         return chosen[-1]
 

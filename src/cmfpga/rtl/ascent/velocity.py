@@ -17,8 +17,8 @@ class Velocity(wiring.Component):
     ----------
     layout : StructLayout
         Of v: a member for each parameter, a :class:`~cmfpga.rtl.payloads.Fixed`, which saturates.
-    target_bits : int
-        Width of a target, two's complement.
+    target_bits : int or None
+        Width of a target, two's complement; None: that of v.
     probes : bool
         Whether events can be warped by another velocity than v.
 
@@ -47,11 +47,12 @@ class Velocity(wiring.Component):
     latency = 1
 
     def __init__(self, layout, *, target_bits, probes=False):
+        targets = {name: signed(target_bits or shape.q.width) for name, shape in layout.members.items()}
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "load", "move", "clipped"), In(1)),
                 "start": In(layout),
-                "target": In(data.StructLayout(dict.fromkeys(layout.members, signed(target_bits)))),
+                "target": In(data.StructLayout(targets)),
                 "v": Out(layout),
                 "moved": Out(1),
                 "saturated": Out(1),

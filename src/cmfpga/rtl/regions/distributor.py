@@ -119,7 +119,8 @@ class Distributor(wiring.Component):
         corner, last_bin, place, column, line = self._geometry(m, row, state)
         # Registers, for much hangs on them: the store looks a bin up for longer than they take.
         within, last_column, last_of_all, compared, last_row = Signal(), Signal(), Signal(), Signal(), Signal()
-        was_last = Signal()  # of the row that is given out, while the next one is looked up
+        # Of the row that is given out, while the next one is looked up: that it was the last, that it is past.
+        was_last, given_out = Signal(), Signal()
         m.d.sync += [
             last_row.eq(current + 1 >= settings.rows),
             within.eq((column <= last_bin["x"]) & (line <= last_bin["y"])),
@@ -192,12 +193,14 @@ class Distributor(wiring.Component):
                     m.d.sync += [unit.eq(chosen), reading.eq(1)]
                     m.next = "BINS"
             with m.State("BINS"):
-                m.d.sync += timer.eq(4)
+                m.d.sync += [timer.eq(5), given_out.eq(0)]
                 with m.If(steps & last_of_all):
-                    m.d.sync += [reading.eq(0), was_last.eq(last_row), current.eq(current + 1), of_parent.eq(0)]
+                    m.d.sync += reading.eq(0)
                     m.next = "DRAIN"
             with m.State("DRAIN"):  # long enough for the next row to be looked up
-                m.d.sync += measured.eq(there)
+                m.d.sync += [measured.eq(there), given_out.eq(1)]
+                with m.If(~given_out):
+                    m.d.sync += [was_last.eq(last_row), current.eq(current + 1), of_parent.eq(0)]
                 with m.If(self.busy):
                     m.d.sync += timer.eq(4)
                 with m.Elif(timer == 0):
