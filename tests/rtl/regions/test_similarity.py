@@ -90,11 +90,11 @@ def test_the_middle_is_the_regions_own():
         model.write([Region(x=77, y=67, width=48, height=48, margin=m) for m in (None, (0, 0), (16, 4))])
         middle, *others = model.run(events.t, events.x, events.y, BatchSettings.from_config(config)).regions
         v = parameters(config, (20.0, 10.0, 1.0, 3.0), 50_000)
-        assert np.abs(np.array(middle.v) - v).max() < 0.35 and v[3] > 2
+        assert np.abs(np.array(middle.v) - v).max() < 0.4 and v[3] > 2
         for other in others:
             if isinstance(core, IntegerCore):
                 assert (other.v, other.sums, other.curvature) == (middle.v, middle.sums, middle.curvature)
-            assert np.abs(np.array(other.v) - v).max() < 0.35
+            assert np.abs(np.array(other.v) - v).max() < 0.4
 
 
 # ---------------------------------------------------------------- mutants
