@@ -62,6 +62,7 @@ def test_threads_have_limits(program, window, threads):
 
 @pytest.mark.usefixtures("compiler")
 def test_the_command(tmp_path, monkeypatch, capsys):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
     monkeypatch.setattr(flow, "EVENTS", 6000)
     path = tmp_path / "flow.json"
     assert main(["--flow", "--quick", "--runs", "1", "--clock", "100", "--json", str(path)]) == 0
