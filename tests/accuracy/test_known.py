@@ -97,6 +97,18 @@ def test_truth_of_turning_cameras(make, data_dir):
     assert np.abs(np.array(found).T - camera.speeds(omega, *places)).max() < 5 and 0 < one.doubt < 10
 
 
+def test_the_calibration_does_not_hold_at_the_left_border(data_dir):
+    """When an object's last edge leaves a column: a straight line, slower than the truth, which is not used there."""
+    one = known._shapes(data_dir)
+    events = one.events[(one.events.y >= 39) & (one.events.y <= 53)]
+    left_at = np.array([events.t[events.x == column].max() for column in range(10)]) / 1e6
+    speed, _ = np.polyfit(left_at, range(10), 1)
+    columns, rows = np.arange(10.0), np.full(10, 46.0)
+    assert speed == pytest.approx(-112, abs=5)
+    assert one.truth(*one.events.t[[0, -1]].tolist(), columns, rows)[0] == pytest.approx(-131, abs=5)
+    assert one.left == min(x for x, _ in one.rois) > 20 and len(one.rois) == 45
+
+
 def test_truth_of_the_spinner(data_dir):
     one = known._spinner(data_dir)
     first = int(one.events.t[0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmfpga.camera import Camera
-from cmfpga.reference.global_search import affine, rotation, search, translation
+from cmfpga.reference.global_search import affine, rotation, rotation_as_seen, search, translation
 
 CAMERA = Camera(199.1, 198.8, 120.2, 90.7, -0.3, 0.1)
 CENTRE, SCALE = (120.0, 90.0), 80.0
@@ -56,6 +56,22 @@ def test_affine(rng):
 def test_rotation(omega, rng):
     t, x, y = events_of(rng, turned_by(omega))
     assert np.allclose(search(rotation(CAMERA, x, y), t).at_middle, omega, atol=0.03)
+
+
+def test_a_rotation_as_the_lens_shows_it(rng):
+    """Where nothing is distorted both are the same; else events move as a turning camera moves them."""
+    x, y = rng.uniform(0, 239, 50), rng.uniform(0, 179, 50)
+    plain = Camera(245.0, 240.0, 119.5, 89.5)
+    for one, other in zip(
+        vars(rotation(plain, x, y)).values(), vars(rotation_as_seen(plain, x, y)).values(), strict=True
+    ):
+        assert one == pytest.approx(other, abs=1e-4)
+    bent = Camera(245.0, 240.0, 119.5, 89.5, -0.3)
+    seen = rotation_as_seen(bent, x, y)
+    assert np.einsum("akn,k->an", seen.basis, (0.1, -0.2, 0.3)) == pytest.approx(
+        bent.speeds((0.1, -0.2, 0.3), *seen.position), abs=1e-4
+    )
+    assert np.abs(seen.basis - rotation(bent, x, y).basis).max() > 20  # px/s per rad/s
 
 
 def test_a_rate_that_changes(rng):

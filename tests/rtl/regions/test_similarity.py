@@ -84,17 +84,17 @@ def test_the_middle_is_the_regions_own():
     config = preset("objects").replace(motion="similarity", schedule_entries=64)
     scene = {"position": (100.0, 90.0), "size": (44, 44), "bars": 8, "contrast": 2.0, "duration_us": 50_000}
     moved = {"velocity": (20.0, 10.0), "roll": 3.0, "zoom": 1.0}
-    events = generate(seed=2, **scene, **moved).events
+    events = generate(seed=1, **scene, **moved).events
     for core in (IntegerCore(config), FloatCore(config)):
         model = RegionSequence(core)
         model.write([Region(x=77, y=67, width=48, height=48, margin=m) for m in (None, (0, 0), (16, 4))])
         middle, *others = model.run(events.t, events.x, events.y, BatchSettings.from_config(config)).regions
         v = parameters(config, (20.0, 10.0, 1.0, 3.0), 50_000)
-        assert np.abs(np.array(middle.v) - v).max() < 0.4 and v[3] > 2
+        assert np.abs(np.array(middle.v) - v).max() < 0.35 and v[3] > 2
         for other in others:
             if isinstance(core, IntegerCore):
                 assert (other.v, other.sums, other.curvature) == (middle.v, middle.sums, middle.curvature)
-            assert np.abs(np.array(other.v) - v).max() < 0.4
+            assert np.abs(np.array(other.v) - v).max() < 0.35
 
 
 # ---------------------------------------------------------------- mutants

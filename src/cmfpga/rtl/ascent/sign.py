@@ -110,17 +110,20 @@ class SignAscent(Ascent):
             return found
 
         # Stage 1: sign, and which parts of G are zero. Stage 2: choose.
-        up, down = ways(step, "")
+        whole = ways(step, "")
         parts, negative_s1 = -(-len(g) // 4), register(1, "negative_s1")
         some_s1 = register(4, "some_s1")
         m.d.sync += [
             negative_s1.eq(g[-1]),
             some_s1.eq(Cat(g[k * parts : (k + 1) * parts].any() for k in range(4))),
         ]
-        chosen = Mux(some_s1.any(), Mux(negative_s1, down, up), Cat(v, 0))
+
+        def choose(up, down):
+            return Mux(some_s1.any(), Mux(negative_s1, down, up), Cat(v, 0))
+
+        chosen = choose(*whole)
         if lesser is not None:
-            up, down = ways(step >> 1, "_halved")
-            chosen = Mux(lesser, Mux(some_s1.any(), Mux(negative_s1, down, up), Cat(v, 0)), chosen)
+            chosen = Mux(lesser, choose(*ways(step >> 1, "_halved")), chosen)
         m.d.comb += self.velocity.target[name].eq(chosen[:-1].as_signed())
         return chosen[-1]
 
