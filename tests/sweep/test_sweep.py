@@ -1,11 +1,13 @@
 """Sweeps as users run them: on two workers, with a worker killed, stopped and started again, on a scheduler."""
 
+import contextlib
 import html
 import json
 import os
 import re
 import shlex
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -248,6 +250,27 @@ def test_a_task_that_kills_its_worker_each_time(tmp_path):
         [sys.executable, tmp_path / "crash.py"], capture_output=True, text=True, timeout=120, env=os.environ
     )
     assert done.stdout == "the worker died each time that it was tried: out of memory, or a crash\n", done.stderr
+
+
+BESIDE = """
+from cmfpga.sweep import workers
+
+if __name__ == "__main__":
+    with workers.pool(1):
+        print("here")
+"""
+
+
+def test_beside_another_that_has_the_usual_port(tmp_path):
+    """Two sweeps at once: dask's server of the first has port 8787, of which the second says nothing."""
+    with contextlib.ExitStack() as stack:
+        taken = stack.enter_context(socket.socket())
+        with contextlib.suppress(OSError):  # someone else has it: so much the better
+            taken.bind(("", 8787))
+            taken.listen()
+        (tmp_path / "beside.py").write_text(BESIDE)
+        done = subprocess.run([sys.executable, tmp_path / "beside.py"], capture_output=True, text=True, timeout=120)
+    assert (done.stdout, done.stderr) == ("here\n", "")
 
 
 def test_without_dask(recordings, tmp_path, monkeypatch):

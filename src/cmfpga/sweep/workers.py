@@ -94,7 +94,12 @@ def pool(count, scheduler=None):
             yield Dask(client, f"the scheduler at {scheduler}")
         return
     with contextlib.ExitStack() as stack:
-        cluster = distributed.LocalCluster(n_workers=count, threads_per_worker=1, dashboard_address=None)
+        # No dashboard, and any free port for what is left of its server: of a second sweep beside this one, whose
+        # server has the usual port, dask would warn.
+        anywhere = {"dashboard_address": "127.0.0.1:0"}
+        cluster = distributed.LocalCluster(
+            n_workers=count, threads_per_worker=1, dashboard_address=None, scheduler_kwargs=anywhere
+        )
         stack.callback(_close, cluster)
         client = distributed.Client(cluster)
         stack.callback(_close, client)
