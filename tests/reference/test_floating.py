@@ -9,7 +9,8 @@ import pytest
 import torch
 
 from cmfpga.reference import floating
-from cmfpga.reference.floating import ascend, contrast, derivative_images, evaluate, gradient, iwe, scaled_times, warp
+from cmfpga.reference.float_ascent import ascend
+from cmfpga.reference.floating import contrast, derivative_images, evaluate, gradient, iwe, scaled_times, warp
 from support.equations import transcription
 
 SIZES = [(2, 2), (8, 8), (16, 6), (6, 16), (30, 22), (7, 5), (1, 9)]

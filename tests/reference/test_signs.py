@@ -9,9 +9,9 @@ import torch
 from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.config.schedule import ScheduleEntry, parse_schedule
+from cmfpga.reference.float_ascent import ascend_by_signs
 from cmfpga.reference.floating import (
     R2,
-    ascend_by_signs,
     at_level,
     contrast,
     dither,
@@ -148,7 +148,9 @@ def loop_signs(x, y, dt, v, schedule, width, height):
         chosen = loop_used(k, stride, len(x))
         image, *derivatives = transcription(x[chosen], y[chosen], dt[chosen], trace[-1], width, height, level)[:3]
         g = [pixels * (image * d).sum() - image.sum() * d.sum() for d in derivatives]
-        trace.append(tuple(a + 2.0**log2_step * np.sign(b) for a, b in zip(trace[-1], g, strict=True)))
+        half = [abs(g[0]) < abs(g[1]) / 2, abs(g[1]) < abs(g[0]) / 2]
+        steps = [2.0**log2_step * np.sign(b) / (1 + less) for b, less in zip(g, half, strict=True)]
+        trace.append(tuple(a + step for a, step in zip(trace[-1], steps, strict=True)))
     return np.array(trace)
 
 

@@ -320,7 +320,9 @@ def test_objects_that_cross_leave_and_stop(four):
             first, last = int(batch.events.t[0]), int(batch.events.t[-1])
             assert last <= scene.scene.duration_us
             true = np.array(batch.true_px_per_s(scene.motion))
-            assert np.hypot(*(np.array(batch.v_px_per_s) - true)) < 0.12 * np.hypot(*true), (name, first)
+            least = 0.4 / ((last - first) / 2 / SECOND)  # px/s: what 0.4 px per half batch are, of one that is slow
+            off = np.hypot(*(np.array(batch.v_px_per_s) - true))
+            assert off < max(0.12 * np.hypot(*true), least), (name, first)
     for name in ("right", "left"):
         times = np.array(trusted[name])
         assert not ((times > 0.4) & (times < 0.6)).any()  # they are one on top of the other
@@ -343,7 +345,7 @@ def test_objects_that_cross_at_a_right_angle_may_change_places():
         for batch, whose in zip(window, found, strict=True):
             if not batch.flags & (Flag.DOUBTFUL | Flag.DEGENERATE):
                 whose.append(int(np.argmin([np.hypot(*(np.array(batch.v_px_per_s) - way)) for way in ways])))
-    assert found[0][:4] == [0] * 4 and found[0][-4:] == [1] * 4 and {*found[1]} == {1}
+    assert {*found[0]} == {0} and found[1][:2] == [1] * 2 and found[1][-4:] == [0] * 4
 
 
 def test_no_event_is_lost_uncounted(four):

@@ -76,14 +76,6 @@ class MotionModel:
         return "zoom" in self.names
 
     @property
-    def halves_lesser(self):
-        """A parameter whose slope is less than half of the steepest one's moves by half a step.
-
-        Steps of one size for all go to and fro across a ridge, where parameters balance each other.
-        """
-        return bool(self.basis)
-
-    @property
     def frac(self):
         """Fraction bits of the basis."""
         return self.lever + self.place_frac

@@ -99,15 +99,28 @@ class Widths(Derived):
 
     @property
     def g_max(self):
-        """Bound of |G| = |P·S − ΣI·ΣD|, or of another motion than translation |S|."""
+        """Bound of |G| = |P·S − ΣI·ΣD|, or of another motion than translation |S|; ΣD = 0 where border is whole."""
         if self._c.motion_model.basis:
             return self.moment_max
-        return self._c.geometry.pixels * self.s_max + self.sum_i_max * self.sum_d_max
+        means = self.sum_i_max * self.sum_d_max if self._c.border != "whole" else 0
+        return self._c.geometry.pixels * self.s_max + means
 
     @property
     def g_bits(self):
         """Width of Gx and Gy (two's complement)."""
         return signed_bits_for(self.g_max)
+
+    @property
+    def g_zeros(self):
+        """Lowest bits of G that are always 0: those of P, where G = P·S (``border = whole``)."""
+        pixels = self._c.geometry.pixels
+        plain = self._c.border != "whole" or self._c.motion_model.basis
+        return 0 if plain else (pixels & -pixels).bit_length() - 1
+
+    @property
+    def slope_frac(self):
+        """Bits of G below a whole one of S, in whose units the sizes of slopes are compared; of P its log2."""
+        return self.s_frac + (0 if self._c.motion_model.basis else self._c.geometry.pixels.bit_length() - 1)
 
     @property
     def squares_max(self):

@@ -8,7 +8,8 @@ from ..protocol.flags import Flag
 from ..protocol.trace import Trace
 from . import flow
 from .confidence import is_doubtful, probe, probe_flow
-from .floating import ascend, ascend_by_signs, dither, float64, scaled_times
+from .float_ascent import ascend, ascend_by_signs
+from .floating import dither, float64, scaled_times
 from .sequence import Sequence
 
 

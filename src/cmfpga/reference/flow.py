@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import torch
 
 from ..config.schedule import used
+from .float_ascent import by_signs
 from .floating import accumulate, at_level, bilinear_votes, float64, level_size
 
 
@@ -112,7 +113,7 @@ def sums(x, y, dt, v, b, *, width, height, level=0, at_pixels=None):
 
 @dataclass(frozen=True)
 class Ascent:
-    """As :class:`cmfpga.reference.floating.Ascent`: ``v`` [T + 1, parameters], ``sum_i`` [T], ``s`` [T, parameters]."""
+    """As :class:`.float_ascent.Ascent`: ``v`` [T + 1, parameters], ``sum_i`` [T], ``s`` [T, parameters]."""
 
     v: torch.Tensor
     sum_i: torch.Tensor
@@ -120,7 +121,7 @@ class Ascent:
 
 
 def ascend(x, y, dt, b, *, v_start, schedule, limits, at_pixels=lambda level: None, **size):
-    """v ← v + step·sign(S), half of it where |S| is less than half of the largest, within ±``limits``: :class:`Ascent`.
+    """v ← v + :func:`~.float_ascent.by_signs` of S, within ±``limits``: :class:`Ascent`.
 
     ``at_pixels(level)`` is what :func:`sums` takes.
     """
@@ -131,7 +132,6 @@ def ascend(x, y, dt, b, *, v_start, schedule, limits, at_pixels=lambda level: No
         size |= {"level": entry.level, "at_pixels": at_pixels(entry.level)}
         found.append(sums(x[part], y[part], dt[part], v[-1], b[:, :, part], **size))
         s = found[-1][1]
-        step = 2.0**entry.log2_step * torch.where(2 * s.abs() < s.abs().max(), 0.5, 1.0)
-        target = v[-1] + step * s.sign()
+        target = v[-1] + by_signs(s, entry.log2_step)
         v.append(torch.minimum(torch.maximum(target, -limits), limits))
     return Ascent(torch.stack(v), torch.stack([i for i, _ in found]), torch.stack([s for _, s in found]))

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from cmfpga.config import Config
+from cmfpga.config import Config, preset
 from cmfpga.reference.integer.gradient import Sums, gradient
 from cmfpga.rtl.ascent.gradient import Gradient
 from support.bench import play
@@ -14,6 +14,9 @@ from support.values import edge_integers, random_value
 
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
+    # Of whole cells ΣD = 0, and takes nothing; P a power of two, and not.
+    "whole": preset("fast"),
+    "whole, 60×40": preset("fast").replace(roi_width=60, roi_height=40),
     # As wide as the exact model allows.
     "widest": Config(roi_width=64, roi_height=64, buffer_events=1 << 14, weight_frac=8, derivative_frac=8),
 }
@@ -21,9 +24,10 @@ SHAPES = {
 
 def bounds(config):
     """(low, high) of each member of :class:`Sums`."""
+    sum_d_max = config.widths.sum_d_max if config.border != "whole" else 0
     return [
         (0, config.widths.sum_i_max),
-        *[(-config.widths.sum_d_max, config.widths.sum_d_max)] * 2,
+        *[(-sum_d_max, sum_d_max)] * 2,
         *[(-config.widths.s_max, config.widths.s_max)] * 2,
     ]
 

@@ -1,4 +1,4 @@
-"""Sign ascent against its model: a step of the schedule by the sign of G; beyond translation half of it for small G."""
+"""Sign ascent against its model: a step of the schedule by the sign of G, half of it for small G."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ SHAPES = {
     # G wider than 64 bits would be refused; this is as wide as it gets here.
     "full-frame": LEVELS["fast"].replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10),
 }
-#: Lesser slopes move by half a step; zoom and roll have formats of their own.
-MOTIONS = {"similarity": preset("similarity"), "rotation": preset("rotation")}
+#: Two, three and four parameters, of which zoom and roll have formats of their own.
+MOTIONS = {"translation": SHAPES["fast"], "similarity": preset("similarity"), "rotation": preset("rotation")}
 
 
 def check(config, batches, *, spacing=0, seed=0):
@@ -78,7 +78,7 @@ def check(config, batches, *, spacing=0, seed=0):
             cycle(**{"i.valid": 1, "i.payload": xy(g)})
             for _ in range(2):
                 cycle()
-            halved = lesser(config, g) if config.motion_model.halves_lesser else [False] * len(g)
+            halved = lesser(config, g)
             v, limited = zip(
                 *(
                     sign_updater(one.fmt, axis_v, axis_g, log2_step=shift - config.formats.v.f, halved=half)
@@ -130,8 +130,8 @@ def random_batches(config, rng, count, iterations=15):
 def slopes(config, rng):
     """One near the bound or not, and others about half of it or anything; of either sign."""
     bound = config.widths.g_max
-    steepest = min(bound, int(2.0 ** rng.uniform(config.widths.s_frac, config.widths.g_bits - 1)))
-    near = steepest // 2 + int(rng.integers(-2, 3)) * (1 << config.widths.s_frac - 1) + int(rng.integers(-1, 2))
+    steepest = min(bound, int(2.0 ** rng.uniform(config.widths.slope_frac, config.widths.g_bits - 1)))
+    near = steepest // 2 + int(rng.integers(-2, 3)) * (1 << config.widths.slope_frac - 1) + int(rng.integers(-1, 2))
     sizes = [steepest, *(int(rng.choice([near, random_g(config, rng)])) for _ in config.motion_model.names[1:])]
     signed = [max(-bound, min(bound, size * int(rng.choice([-1, 1])))) for size in sizes]
     return [signed[k] for k in rng.permutation(len(signed))]
@@ -151,7 +151,7 @@ def test_lesser_slopes_move_by_half_a_step(name, rng):
     timeline = check(config, batches)
     assert {flag for _, flag in timeline} == {False, True}
     # Exactly half is not less; one whole part less is. Of a negative number the whole part is one further.
-    unit = 1 << config.widths.s_frac
+    unit = 1 << config.widths.slope_frac
     rest = [0] * (len(parameters) - 2)
     zero, shift = (0,) * len(parameters), 4
     for g, moved in (((8, 4), 16), ((8, 4 - 1 / unit), 8), ((-8, 4), 16), ((-8, 3), 8), ((8, -5), -16), ((8, -4), -8)):

@@ -131,7 +131,8 @@ def _compiled(form):
                         used += 1
                 g = gradient(used, width, height, v[0], v[1], level, events_used, fractions, address, images)
                 for axis in range(2):
-                    v[axis] += steps[k] * np.sign(g[axis]) if len(levels) else rate * g[axis]
+                    share = 0.5 if 2 * abs(g[axis]) < abs(g[1 - axis]) else 1.0
+                    v[axis] += steps[k] * share * np.sign(g[axis]) if len(levels) else rate * g[axis]
 
     return run, gradient
 

@@ -131,8 +131,10 @@ static void ascend(Work *work, Job *job) {
         use(work, job, order[k % 4] * stride / 4, stride);
         double g[2];
         gradient(work, job, job->v, job->levels ? job->levels[k] : 0, g);
-        for (int axis = 0; axis < 2; ++axis)
-            job->v[axis] += job->levels ? job->steps[k] * ((g[axis] > 0) - (g[axis] < 0)) : rate * g[axis];
+        for (int axis = 0; axis < 2; ++axis) {
+            const double share = 2 * fabs(g[axis]) < fabs(g[1 - axis]) ? 0.5 : 1.0;
+            job->v[axis] += job->levels ? job->steps[k] * share * ((g[axis] > 0) - (g[axis] < 0)) : rate * g[axis];
+        }
     }
 }
 

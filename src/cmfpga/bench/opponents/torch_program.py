@@ -110,7 +110,7 @@ class _LoadedTorch(Loaded):
 
     def _ascend(self):
         """v as numbers: on a GPU this waits for the result."""
-        from ...reference.floating import ascend, ascend_by_signs
+        from ...reference.float_ascent import ascend, ascend_by_signs
 
         job = self._job
         t = self._events[0]

@@ -121,8 +121,7 @@ class IntegerCore(Sequence):
         if b:
             sums = sums._replace(s=tuple(moments(config, votes, images, b, level, middle)))
         g = gradient(config, sums)
-        step, motion = STEPS[config.ascent], config.motion_model
-        halved = lesser(config, g) if motion.halves_lesser else [False] * len(g)
-        each = zip((parameter.fmt for parameter in motion.parameters), v, g, halved, strict=True)
+        step, formats = STEPS[config.ascent], (parameter.fmt for parameter in config.motion_model.parameters)
+        each = zip(formats, v, g, lesser(config, g), strict=True)
         found, saturated = zip(*(step(config, *parameter, eta, entry) for parameter in each), strict=True)
         return IntegerIteration(tuple(v), images, sums, g, found), any(saturated)

@@ -1,6 +1,6 @@
 """Gradient: joins the sums into G, whose sign and size are those of the contrast's slope."""
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -14,7 +14,8 @@ class Gradient(wiring.Component):
     Every gradient architecture ends here. ΣI·ΣD is ready when S arrives, because its factors are final ``lead``
     cycles earlier. P is a constant; where it is a power of two, P·S is a shift and costs no cycle.
 
-    In a motion beyond translation only whole cells have derivatives, so that ΣD = 0: G is S, at once.
+    Where only whole cells have derivatives (``border = whole``), an event's are opposite, ΣD = 0, and G is P·S. In a
+    motion beyond translation, which has that border, it is S itself, at once.
 
     One item per ``lead`` cycles; latency :attr:`latency` cycles.
 
@@ -51,12 +52,13 @@ class Gradient(wiring.Component):
             m.d.comb += self.o.valid.eq(self.i.valid)
             m.d.comb += [self.o.payload[name].eq(self.i.payload[f"s{name}"]) for name in config.motion_model.names]
             return m
-        for name, means in self._means(m).items():
-            means = delay(m, means, self.latency - 1, name=f"means_{name}")
+        means = self._means(m) if config.border != "whole" else {}
+        for name in config.motion_model.names:
+            mean = delay(m, means.get(name, Const(0)), self.latency - 1, name=f"means_{name}")
             scaled = self.i.payload[f"s{name}"] * config.geometry.pixels
             if not self._is_shift(config.geometry.pixels):
                 scaled = delay(m, scaled, self.lead, name=f"scaled_{name}")
-            m.d.sync += self.o.payload[name].eq(scaled - means)
+            m.d.sync += self.o.payload[name].eq(scaled - mean)
         m.d.sync += self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True))
         return m
 

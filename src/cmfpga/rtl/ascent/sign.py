@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Const, Mux, Signal
 from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .. import payloads
-from ..arithmetic import delay, saturate
+from ..arithmetic import delay
 from .ascent import Ascent
 from .schedule import Schedule
 
@@ -12,8 +12,8 @@ from .schedule import Schedule
 class SignAscent(Ascent):
     """v ← v + 2^shift · sign(G), each parameter by itself; v saturates. No multiplier, no normalisation.
 
-    In a motion beyond translation half of that step, rounded down, where |G| is less than half of the steepest
-    parameter's, so that steps do not go to and fro across a ridge.
+    Half of that step, rounded down, where |G| is less than half of the steepest parameter's: steps of one size go to
+    and fro across a ridge, on which parameters balance each other.
 
     The schedule says level, shift and stride of each iteration; it has a part for batches that begin with the last v,
     and one for all others. A gradient every three cycles. See :class:`Ascent` for the other members and attributes.
@@ -71,20 +71,16 @@ class SignAscent(Ascent):
 
     def _lesser(self, m):
         """Which parameters' slopes are less than half of the steepest one's, a cycle after the gradient: by name."""
-        config, names = self.config, self.config.motion_model.names
-        if not config.motion_model.halves_lesser:
-            return dict.fromkeys(names)
-        sizes = {}
+        names, sizes = self.config.motion_model.names, {}
         for name in names:
-            whole = self.i.payload[name][config.widths.s_frac :]
+            whole = self.i.payload[name][self.config.widths.slope_frac :]
             sizes[name] = whole[:-1] ^ whole[-1].replicate(len(whole) - 1)
         lesser = {}
         for name in names:
-            others = Signal(len(names) - 1, name=f"lesser_{name}", reset_less=True)
-            double = Cat(Const(0, 1), sizes[name])
+            lesser[name], double = Signal(name=f"lesser_{name}", reset_less=True), Cat(Const(0, 1), sizes[name])
             # The sign of a difference: a carry chain, where Yosys makes LUTs in a row of a comparison.
-            m.d.sync += others.eq(Cat((double - sizes[other])[-1] for other in names if other != name))
-            lesser[name] = others.any()
+            others = Cat((double - sizes[other])[-1] for other in names if other != name)
+            m.d.sync += lesser[name].eq(others.any())
         return lesser
 
     def _target(self, m, name, fmt, lesser):
@@ -99,18 +95,16 @@ class SignAscent(Ascent):
         m.d.sync += step.eq(1 << self.schedule.shift)
 
         def ways(step, size):
+            """Both, and whether they are beyond the format."""
             found = []
             for way, target in (("up", v + step), ("down", v - step)):
-                limited, beyond = register(v.shape(), way + size), register(1, f"beyond_{way}{size}")
-                m.d.sync += [
-                    limited.eq(saturate(target, fmt.min, fmt.max)),
-                    beyond.eq((target > fmt.max) | (target < fmt.min)),
-                ]
-                found.append(Cat(limited, beyond))
+                found.append(Cat(register(v.shape(), way + size), register(1, f"beyond_{way}{size}")))
+                over = target[fmt.width - 1 :]
+                m.d.sync += found[-1].eq(Cat(target[: fmt.width], over.any() & ~over.all()))
             return found
 
-        # Stage 1: sign, and which parts of G are zero. Stage 2: choose.
-        whole = ways(step, "")
+        # Stage 1: sign, and which parts of G are zero. Stage 2: choose, and limit.
+        whole, half = ways(step, ""), ways(step >> 1, "_halved")
         parts, negative_s1 = -(-len(g) // 4), register(1, "negative_s1")
         some_s1 = register(4, "some_s1")
         m.d.sync += [
@@ -118,14 +112,11 @@ class SignAscent(Ascent):
             some_s1.eq(Cat(g[k * parts : (k + 1) * parts].any() for k in range(4))),
         ]
 
-        def choose(up, down):
-            return Mux(some_s1.any(), Mux(negative_s1, down, up), Cat(v, 0))
-
-        chosen = choose(*whole)
-        if lesser is not None:
-            chosen = Mux(lesser, choose(*ways(step >> 1, "_halved")), chosen)
-        m.d.comb += self.velocity.target[name].eq(chosen[:-1].as_signed())
-        return chosen[-1]
+        whole, half = (Mux(negative_s1, down, up) for up, down in (whole, half))
+        chosen, moves = Mux(lesser, half, whole), some_s1.any()
+        limited = Mux(chosen[-1], Mux(negative_s1, fmt.min, fmt.max), chosen[:-1].as_signed())
+        m.d.comb += self.velocity.target[name].eq(Mux(moves, limited, v))
+        return moves & chosen[-1]
 
     def _unless_in_doubt(self, m, warm):
         """``warm``, but not after a doubtful batch, if the settings say so."""

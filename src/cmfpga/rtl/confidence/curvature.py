@@ -1,6 +1,6 @@
 """Curvature: how far the gradient falls between the probes."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -31,6 +31,7 @@ class Curvature(wiring.Component):
     latency = 1
 
     def __init__(self, config):
+        self._zeros = config.widths.g_zeros
         super().__init__(
             {
                 "new_batch": In(1),
@@ -42,22 +43,28 @@ class Curvature(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.d.comb += self.done.eq(subtract(m, self))
+        m.d.comb += self.done.eq(subtract(m, self, self._zeros))
         return m
 
 
-def subtract(m, block):
-    """What :class:`Curvature` does, in a module of a ``block`` with its members; returns ``done``."""
+def subtract(m, block, zeros):
+    """What :class:`Curvature` does, in a module of a ``block`` with its members; returns ``done``.
+
+    ``zeros``: so many lowest bits of G are always 0, and take no adder.
+    """
     came = Signal(2)  # bit 0: from above v; bit 1: along y
     g, last = block.i.payload, block.i.valid & came.all()
+    x, y = g.x[zeros:].as_signed(), g.y[zeros:].as_signed()
+    own, other = (Mux(came[1], *pair) ^ came[0].replicate(len(x)).as_signed() for pair in ((y, x), (x, y)))
+    for name, grows, addend in (("xx", ~came[1], own), ("yy", came[1], own), ("cross", 1, other)):
+        found = Signal(signed(len(block.curvature[name]) - zeros), name=f"found_{name}")
+        m.d.comb += block.curvature[name].eq(found << zeros)
+        with m.If(block.new_batch):
+            m.d.sync += found.eq(0)
+        with m.Elif(block.i.valid & grows):
+            m.d.sync += found.eq(found + addend + came[0])
     with m.If(block.new_batch):
-        m.d.sync += [block.curvature.eq(0), came.eq(0)]
+        m.d.sync += came.eq(0)
     with m.Elif(block.i.valid):
         m.d.sync += came.eq(came + 1)
-        own, other = (
-            Mux(came[1], *pair) ^ came[0].replicate(len(g.x)).as_signed() for pair in ((g.y, g.x), (g.x, g.y))
-        )
-        for name, grows, addend in (("xx", ~came[1], own), ("yy", came[1], own), ("cross", 1, other)):
-            with m.If(grows):
-                m.d.sync += block.curvature[name].eq(block.curvature[name] + addend + came[0])
     return delay(m, last, 1, name="last", valid=True)

@@ -52,7 +52,7 @@ class Judge(Deciding):
 
     def elaborate(self, platform):
         m = Module()
-        self._decide(m, subtract(m, self))
+        self._decide(m, subtract(m, self, self.config.widths.g_zeros))
         with m.If(self.new_batch):
             m.d.sync += self.doubtful.eq(0)
         return m
