@@ -20,7 +20,7 @@ from support.verilog_tools import CONFIGS, emitted, icarus_compile, icarus_run, 
 SIZE = {"sensor_width": 64, "sensor_height": 48, "roi_width": 16, "roi_height": 10, "buffer_events": 64}
 SMALL = Config(**SIZE)
 FAST = preset("fast").replace(**SIZE, tag_bits=2)  # so few tags that they come back soon
-SEED = 4  # with which either meets every flag that it can
+SEED = 5  # with which either meets every flag that it can, and every mutant is seen
 KINDS = len(make_vectors.KINDS)
 
 
