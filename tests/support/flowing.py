@@ -14,7 +14,7 @@ from cmfpga.flow.run import Run
 #: What slides, px/s; the camera, and how it turns, rad/s; what all scenes share.
 VELOCITY = (90.0, -60.0)
 CAMERA = Camera(100.0, 100.0, 63.5, 47.5)
-OMEGA = (0.4, -0.7, 0.5)
+OMEGA = (0.4, -0.7, 1.0)
 FIELDS = {"seed": 3, "width": 128, "height": 96, "duration_us": 100_000}
 
 
