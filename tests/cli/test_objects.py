@@ -80,7 +80,7 @@ def test_summary_and_pictures(command, tmp_path, two):
 def test_a_stride_is_told(command, tmp_path, two):
     """Object 1 has twice as many events as object 0; all are counted."""
     path, places = two
-    options = ["--set", "when_full=drop", "--set", "buffer_events=900", "--batch-events", 6000, "--batches", 3]
+    options = ["--set", "when_full=drop", "--set", "buffer_events=900", "--batch-events", 6600, "--batches", 3]
     done = command(track, path, *(roi(place) for place in places), *OPTIONS, *options, "--out", tmp_path)
     told = [line for line in done.err.splitlines() if "stored" in line]
     assert told == [
