@@ -31,9 +31,6 @@ class SignAscent(Ascent):
 
     def __init__(self, config):
         self.schedule = Schedule(config)
-        # With several lanes v is far from where it is used: what it is to be waits for a cycle first.
-        self._waiting = 1 if config.lanes > 1 else 0
-        self.latency = SignAscent.latency + self._waiting
         members = {
             "schedule_write": In(payloads.flow(payloads.schedule_write(config))),
             "stride": Out(payloads.STRIDE_BITS),
@@ -65,7 +62,7 @@ class SignAscent(Ascent):
             self.level.eq(schedule.level),
             self.limited.eq(schedule.limited),
             self.stride.eq(schedule.stride),
-            self.velocity.move.eq(delay(m, self.i.valid, 1 + self._waiting, name="valid", valid=True)),
+            self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
         ]
         lesser, parameters = self._lesser(m), self.config.motion_model.parameters
         clipped = [self._target(m, one.name, one.fmt, lesser[one.name]) for one in parameters]
@@ -118,9 +115,8 @@ class SignAscent(Ascent):
         whole, half = (Mux(negative_s1, down, up) for up, down in (whole, half))
         chosen, moves = Mux(lesser, half, whole), some_s1.any()
         limited = Mux(chosen[-1], Mux(negative_s1, fmt.min, fmt.max), chosen[:-1].as_signed())
-        target = delay(m, Mux(moves, limited, v), self._waiting, name=f"target_{name}")
-        m.d.comb += self.velocity.target[name].eq(target)
-        return delay(m, moves & chosen[-1], self._waiting, name=f"clipped_{name}")
+        m.d.comb += self.velocity.target[name].eq(Mux(moves, limited, v))
+        return moves & chosen[-1]
 
     def _unless_in_doubt(self, m, warm):
         """``warm``, but not after a doubtful batch, if the settings say so."""

@@ -8,6 +8,7 @@ from ..one_pass_image import OnePassImage
 from .lane_bank import LaneBank
 from .lane_sums import LaneSums
 from .parity_class import ParityClass
+from .router import Router
 from .vote_queue import VoteQueue
 
 
@@ -86,7 +87,7 @@ class LaneImage(OnePassImage):
         tag = Signal(config.tag_bits, init=1)
         with m.If(self.next):
             m.d.sync += tag.eq(Mux(tag == tags, 1, tag + 1))
-        used = Mux(idle, 0, tag)
+        used = delay(m, Mux(idle, 0, tag), Router.latency - 1, name="used", valid=True)
         sums = self.lane_sums
         for number, each in enumerate(self.classes):
             turn = Signal(range(config.lanes), name=f"turn_{number}")

@@ -46,33 +46,28 @@ class VoteQueue(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.operations = operations = memory.Memory(
-            shape=payloads.lane_operation(self.config), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
+        m.submodules.votes = votes = memory.Memory(
+            shape=payloads.lane_vote(self.config), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
         )
-        write, head = operations.write_port(), operations.read_port(domain="comb")
-        waiting = Signal.like(head.addr)
-        # Which bank each is for, the youngest first: of the oldest, the number of those behind it tells the place.
-        size = self.depth * max(1, self.config.geometry.lane_bits - 1)
-        banks = Signal(size, reset_less=True)
+        write, read = votes.write_port(), votes.read_port(domain="comb")
         # Without the head: is there a vote, and how many behind it? Of none, as many as there are of the most.
         waits, load, behind = Signal(), Signal(), Signal(range(self.depth), init=self.depth - 1)
         m.d.comb += [
             load.eq(waits & (self.taken | ~self.wants.any())),
-            self.full.eq(waits & behind[2:].all()),
+            self.full.eq(waits & behind[1:].all()),  # the depth less two, or more
             self.empty.eq(~waits & ~self.wants.any()),
-            self.head.eq(head.data),
+            write.data.eq(self.i.payload),
+            write.en.eq(self.i.valid),
         ]
-        m.d.comb += [write.data.eq(self.i.payload.operation), write.en.eq(self.i.valid)]
-        bank = self.i.payload.bank
         with m.If(self.i.valid):
-            m.d.sync += [write.addr.eq(self._next(write.addr)), banks.eq(Cat(bank, banks))]
+            m.d.sync += write.addr.eq(self._next(write.addr))
         with m.If(self.i.valid ^ load):
             m.d.sync += [behind.eq(behind + Mux(load, -1, 1)), waits.eq(~load | (behind != 0))]
         with m.If(load):
             m.d.sync += [
-                waiting.eq(self._next(waiting)),
-                head.addr.eq(waiting),
-                self.wants.eq(1 << banks.word_select(behind, len(bank)) if self.config.lanes > 2 else 1),
+                read.addr.eq(self._next(read.addr)),
+                self.head.eq(read.data.operation),
+                self.wants.eq(1 << read.data.bank if self.config.lanes > 2 else 1),
             ]
         with m.Elif(self.taken):
             m.d.sync += self.wants.eq(0)
