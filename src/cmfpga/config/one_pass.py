@@ -18,11 +18,13 @@ class OnePass(Derived):
         if self._c.lanes > 1:
             warp, voter = warp + 1, voter + 1
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
-        sums = 4 + 4 if self._c.lanes == 1 else 10 + self._c.geometry.lane_bits
+        sums = 4 + 4 if self._c.lanes == 1 else 11 + self._c.geometry.lane_bits
         feed = 10 + (self._c.dither_frac > 0) * (1 if self._c.lanes == 1 else 2)
         if self._c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2
-        return warp + voter + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
+        rule = self._c.ascent_rule
+        ascent = rule.latency if self._c.lanes == 1 else rule.lanes_latency
+        return warp + voter + max(sums + gradient + ascent, feed) - 1
 
     @property
     def fewest_idle_cycles(self):

@@ -30,6 +30,8 @@ class Iterating:
         ``judge`` is a :class:`Judge`, or the :class:`~.confidence.curvature.Curvature` for one who decides elsewhere.
         """
         config = self.config
+        # Several lanes push apart what is there once: then what it says of itself waits for a cycle.
+        self._far = 1 if config.lanes > 1 else 0
         self.event_buffer = EventBuffer(config)
         self.lanes = [Lane(config, number) for number in range(config.lanes)]
         self.warp, self.voter = (self.lanes[0].blocks[name] for name in ("warp", "voter"))
@@ -48,7 +50,7 @@ class Iterating:
             replay_delay=max(0, self._evaluate - self._feed),
             move=move,
             settle=settle,
-            probe_delay=Probe.latency,
+            probe_delay=Probe.latency + self._far,
         )
 
     @property
@@ -74,7 +76,7 @@ class Iterating:
     @property
     def judge_latency(self):
         """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
-        return self.probe.latency + self.judge.latency - self.ascent.latency
+        return self.probe.latency + self.judge.latency - self.ascent.latency + 2 * self._far
 
     def iterated_cycles(self, roi_events, iterations, judge=None, most=False):
         """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`CycleFormula.cycles`."""
@@ -127,7 +129,8 @@ class Iterating:
         """The gradient of the sums moves v."""
         connect(m, self.image.sums, self.gradient.i)
         connect(m, self.iteration_control.run, self.ascent.run)
-        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & self.iteration_control.iterating)
+        iterating = delay(m, self.iteration_control.iterating, self._far, name="iterating", valid=True)
+        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & iterating)
         m.d.comb += self.ascent.i.payload.eq(self.gradient.o.payload)
         if hasattr(self, "schedule_write"):
             connect(m, flipped(self.schedule_write), self.ascent.schedule_write)
@@ -135,6 +138,7 @@ class Iterating:
     def _confide(self, m, events):
         """Behind the last iteration: more replays beside v; the gradients tell. ``events`` is n."""
         control, probe, judge = self.iteration_control, self.probe, self.judge
+        probing = delay(m, control.probing, self._far, name="probing", valid=True)
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [
             *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
@@ -145,10 +149,10 @@ class Iterating:
             probe.sums.valid.eq(self.image.sums.valid),
             probe.sums.payload.eq(self.image.sums.payload),
             probe.squares.eq(self.image.squares),
-            judge.i.valid.eq(self.gradient.o.valid & control.probing),
+            judge.i.valid.eq(self.gradient.o.valid & probing),
             judge.i.payload.eq(self.gradient.o.payload),
             control.more.eq(probe.more),
-            control.judged.eq(judge.done),
+            control.judged.eq(delay(m, judge.done, self._far, name="judged", valid=True)),
         ]
         if isinstance(judge, LeastJudge):
             m.d.comb += [judge.v.eq(self.ascent.v), judge.last.eq(probe.last)]

@@ -1,6 +1,6 @@
 """Model of :mod:`cmfpga.rtl.image.lanes`: how long votes wait for each other. Sums do not depend on it."""
 
-DEPTH = 16  # of a queue, without its head
+DEPTH = 16  # of a queue, its head among them
 
 
 def waits(config, votes):
@@ -23,7 +23,7 @@ def waits(config, votes):
     queues, heads = {name: [] for name in names}, dict.fromkeys(names)
     sent, last, room, cycle = 0, None, True, 0
     while last is None or cycle < last + 3 or any(queues.values()) or any(head is not None for head in heads.values()):
-        full = any(len(queue) >= DEPTH - 1 for queue in queues.values())
+        full = any(len(queue) >= DEPTH - 2 for queue in queues.values())
         # Every bank takes the head of the lane whose turn it is, or of the next that wants it.
         taken = set()
         for number in range(4):

@@ -33,7 +33,7 @@ class ConstantAscent(Ascent):
         m.d.sync += gain.eq(round_half_up(run.settings.eta * mantissa, 8))
         clipped = [self._target(m, name, gain) for name in config.motion_model.names]
         m.d.comb += [
-            self.velocity.move.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
+            self.velocity.move.eq(delay(m, self.i.valid, ConstantAscent.latency - 1, name="valid", valid=True)),
             self.velocity.clipped.eq(Cat(*clipped).any()),
         ]
         return m

@@ -36,6 +36,7 @@ class SignAscent(Ascent):
             "stride": Out(payloads.STRIDE_BITS),
         }
         super().__init__(config, target_bits=None, members=members)
+        self.latency += self._far  # what v is to be waits for a cycle as well
 
     @property
     def blocks(self):
@@ -62,7 +63,7 @@ class SignAscent(Ascent):
             self.level.eq(schedule.level),
             self.limited.eq(schedule.limited),
             self.stride.eq(schedule.stride),
-            self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
+            self.velocity.move.eq(delay(m, self.i.valid, 1 + self._far, name="valid", valid=True)),
         ]
         lesser, parameters = self._lesser(m), self.config.motion_model.parameters
         clipped = [self._target(m, one.name, one.fmt, lesser[one.name]) for one in parameters]
@@ -115,8 +116,9 @@ class SignAscent(Ascent):
         whole, half = (Mux(negative_s1, down, up) for up, down in (whole, half))
         chosen, moves = Mux(lesser, half, whole), some_s1.any()
         limited = Mux(chosen[-1], Mux(negative_s1, fmt.min, fmt.max), chosen[:-1].as_signed())
-        m.d.comb += self.velocity.target[name].eq(Mux(moves, limited, v))
-        return moves & chosen[-1]
+        target = delay(m, Mux(moves, limited, v), self._far, name=f"target_{name}")
+        m.d.comb += self.velocity.target[name].eq(target)
+        return delay(m, moves & chosen[-1], self._far, name=f"clipped_{name}")
 
     def _unless_in_doubt(self, m, warm):
         """``warm``, but not after a doubtful batch, if the settings say so."""

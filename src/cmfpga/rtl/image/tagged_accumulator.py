@@ -63,12 +63,13 @@ class TaggedBank(wiring.Component):
             m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.words, init=[], attrs=style)
             write, read = ram.write_port(), ram.read_port()
 
-        valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]
+        first = self._entered(m)
+        valid = [first.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]
         operation = payloads.tagged_operation(config)
-        address = [self.i.payload.address] + [
+        address = [first.payload.address] + [
             Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 5)
         ]
-        tag = [self.i.payload.tag] + [
+        tag = [first.payload.tag] + [
             Signal(config.tag_bits, name=f"tag_s{stage}", reset_less=True) for stage in range(1, 5)
         ]
         for stage in range(1, 5):
@@ -77,7 +78,7 @@ class TaggedBank(wiring.Component):
                 address[stage].eq(address[stage - 1]),
                 tag[stage].eq(tag[stage - 1]),
             ]
-        add = [self.i.payload.add] + [
+        add = [first.payload.add] + [
             # With lanes there are so many that they are to stay registers: with a reset, they become no LUTs.
             Signal(operation["add"].shape, name=f"add_s{stage}", reset_less=config.lanes == 1 or stage != 2)
             for stage in range(1, 4)
@@ -92,17 +93,18 @@ class TaggedBank(wiring.Component):
                 match[stage].eq(valid[stage - 1] & (address[stage - 1] == address[0])),
                 same[stage].eq(tag[stage - 1] == tag[0]),
             ]
-        base = self._base(m, read.data, tag[2], (match, same), add, total)
+        base = self._base(m, read.data, (valid, address, tag), (match, same), add, total)
 
         # Stage 3: add. Stage 4: write. Stages 5, 6 only remember.
         m.d.comb += [
             read.addr.eq(address[0]),
             write.addr.eq(address[4]),
-            write.data.tag.eq(tag[4]),
             write.en.eq(valid[4]),
             self.o.valid.eq(valid[4]),
             self.o.payload.total.eq(total[4]),
         ]
+        if "tag" in self.word.members:
+            m.d.comb += write.data.tag.eq(tag[4])
         m.d.sync += [
             total[5].eq(total[4]),
             total[6].eq(total[5]),
@@ -116,13 +118,18 @@ class TaggedBank(wiring.Component):
             m.d.sync += self.o.payload.i.eq(0)
         return m
 
-    def _base(self, m, word, tag, known, add, total):
+    def _entered(self, m):
+        """Stage 0."""
+        return self.i
+
+    def _base(self, m, word, pipeline, known, add, total):
         """Stages 1 to 3: what stage 3 adds to, a pixel.
 
         ``tag`` of stage 2. ``known``: does stage 1 match an older operation, by its stage, and is its tag the same?
         ``add``, ``total``: the pipeline's, by stage.
         """
         match, same = known
+        tag = pipeline[2][2]
         pixel = payloads.pixel(self.config)
         read_s2 = Signal(self.word, reset_less=True)
         base_s3 = Signal(pixel, reset_less=True)

@@ -57,7 +57,7 @@ class Warp(wiring.Component):
             v = flow.o
         else:
             event = {name: delay(m, event[name], self._waiting, name=f"{name}_s0") for name in ("dt", "x", "y")}
-            v = {axis: delay(m, v[axis], self._waiting, name=f"v_{axis}_s0") for axis in ("x", "y")}
+            v = {axis: delay(m, v[axis], 2 * self._waiting, name=f"v_{axis}_s0") for axis in ("x", "y")}
         frac = config.dt_frac + config.v_frac
         # Without coarse levels the halves cancel; undistorted positions come with theirs.
         half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)

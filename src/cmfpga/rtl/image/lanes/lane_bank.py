@@ -1,9 +1,11 @@
 """Lane bank: a tagged bank of few LUTs, as there are four for each lane."""
 
+from collections import namedtuple
 from functools import reduce
 from operator import or_
 
 from amaranth.hdl import Cat, Mux, Signal
+from amaranth.lib import memory
 
 from ... import payloads
 from ..tagged_accumulator import TaggedBank
@@ -16,8 +18,33 @@ class LaneBank(TaggedBank):
     0, by a reset, or all of them, so the adder takes what any of them has: six inputs a bit.
     """
 
-    def _base(self, m, word, tag, known, add, total):
+    latency = TaggedBank.latency + 1
+
+    def __init__(self, config):
+        super().__init__(config)
+        self.word = payloads.pixel(config)
+
+    def _entered(self, m):
+        first = Signal.like(self.i.payload, name="operation_s0")
+        valid = Signal(name="valid_s0")
+        m.d.sync += [first.eq(self.i.payload), valid.eq(self.i.valid)]
+        return namedtuple("F", "valid payload")(valid, first)
+
+    def _base(self, m, word, pipeline, known, add, total):
+        valid, address, tag = pipeline
         match, same = known
+        m.submodules.tags = tags = memory.Memory(
+            shape=self.config.tag_bits, depth=self.config.geometry.words, init=[], attrs={"ram_style": "block"}
+        )
+        write, read = tags.write_port(), tags.read_port()
+        m.d.comb += [
+            read.addr.eq(self.i.payload.address),
+            write.addr.eq(address[3]),
+            write.data.eq(tag[3]),
+            write.en.eq(valid[3]),
+        ]
+        tag_s1 = Signal(self.config.tag_bits, reset_less=True)
+        m.d.sync += tag_s1.eq(read.data)
         pixel = payloads.pixel(self.config)
         read_s2 = Signal(self.word, reset_less=True)
         base = Signal(pixel)
@@ -34,12 +61,12 @@ class LaneBank(TaggedBank):
             drops[stage] = Signal(name=f"drop_s{stage}", reset_less=True)
             m.d.sync += drops[stage].eq(~(none & match[stage] & same[stage]))
             none &= ~match[stage]
-        none_s2 = Signal(reset_less=True)
-        m.d.sync += none_s2.eq(none)
+        drop_word_s2 = Signal(reset_less=True)
+        m.d.sync += drop_word_s2.eq(~(none & (tag_s1 == tag[1])))
 
         # Stage 2: the word, where its tag is right, or a sum, that of stage 3, 4, 5 or 6.
         grown = Cat((add[3][name] + base[name])[: len(base[name])] for name in pixel.members)
-        bases = [kept(read_s2.as_value()[: pixel.size], ~(none_s2 & (read_s2.tag == tag)), "word_s3")]
+        bases = [kept(read_s2.as_value(), drop_word_s2, "word_s3")]
         bases += [kept(total[stage + 1].as_value(), drops[stage], f"sum_s{stage}") for stage in (3, 4, 5)]
         bases.append(kept(grown, drops[2], "sum_s2"))
         m.d.comb += base.as_value().eq(reduce(or_, bases))

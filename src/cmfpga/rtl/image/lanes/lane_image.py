@@ -8,7 +8,6 @@ from ..one_pass_image import OnePassImage
 from .lane_bank import LaneBank
 from .lane_sums import LaneSums
 from .parity_class import ParityClass
-from .router import Router
 from .vote_queue import VoteQueue
 
 
@@ -43,10 +42,10 @@ class LaneImage(OnePassImage):
     def most_cycles(self, cycles):
         """Of a queue that is full two votes go in 2·K cycles, a cycle later there is room, and then for two.
 
-        In the end, a queue and its head are left.
+        In the end, a queue is left.
         """
         lanes = self.config.lanes
-        return (cycles + 1) // 2 * (2 * lanes + 3) + (VoteQueue.depth + 1) * lanes
+        return (cycles + 1) // 2 * (2 * lanes + 3) + VoteQueue.depth * lanes
 
     def elaborate(self, platform):
         config = self.config
@@ -87,7 +86,7 @@ class LaneImage(OnePassImage):
         tag = Signal(config.tag_bits, init=1)
         with m.If(self.next):
             m.d.sync += tag.eq(Mux(tag == tags, 1, tag + 1))
-        used = delay(m, Mux(idle, 0, tag), Router.latency - 1, name="used", valid=True)
+        used = Mux(idle, 0, tag)
         sums = self.lane_sums
         for number, each in enumerate(self.classes):
             turn = Signal(range(config.lanes), name=f"turn_{number}")

@@ -28,11 +28,13 @@ def add_products(m, factors, name):
     """
     total = 0
     for number, each in enumerate(factors):
-        *terms, b = (delay(m, part, max(0, number - 1), name=f"{name}_{number}_{k}") for k, part in enumerate(each))
+        *terms, b = (
+            delay(m, part, max(1, number), name=f"{name}_{number}_{k}", valid=True) for k, part in enumerate(each)
+        )
         if len(terms) == 2:
-            terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}")]
-            b = delay(m, b, 1, name=f"{name}_factor_{number}")
-        product = delay(m, terms[0] * b, 1, name=f"{name}_product_{number}")
+            terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}", valid=True)]
+            b = delay(m, b, 1, name=f"{name}_factor_{number}", valid=True)
+        product = delay(m, terms[0] * b, 1, name=f"{name}_product_{number}", valid=True)
         total = delay(m, total + product, 1, name=f"{name}_{number}") if number else product
     return total
 
@@ -72,7 +74,7 @@ class LaneSums(wiring.Component):
     def __init__(self, config, *, ahead):
         self.config, self._ahead = config, ahead
         lanes = config.lanes
-        self.latency = 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
+        self.latency = 1 + 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
         #: From the last votes until ΣI, ΣDx and ΣDy are final.
         self.plain_latency = 1 + stages(2 * lanes) + 1
         super().__init__(

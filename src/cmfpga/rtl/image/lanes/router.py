@@ -29,7 +29,7 @@ class Router(wiring.Component):
         For each bank. Where nothing is given, nothing is added: where ``sweep`` says, or else anywhere.
     """
 
-    latency = 2
+    latency = 1
 
     def __init__(self, config):
         self.config = config
@@ -68,9 +68,9 @@ class Router(wiring.Component):
             chosen = Cat(Cat(grant[lane] for lane in lanes if lane >> bit & 1).any() for bit in bits)
             chosen = delay(m, chosen, 1, name=f"chosen_{bank}")
             found = delay(m, wanted.any(), 1, name=f"found_{bank}", valid=True)
-            m.d.sync += o.eq(select(chosen, [heads[lane][half] for lane in lanes]))
+            m.d.comb += o.eq(select(chosen, [heads[lane][half] for lane in lanes]))
             with m.If(~found):
-                m.d.sync += o.add.eq(0)
+                m.d.comb += o.add.eq(0)
         for lane in lanes:
             m.d.comb += self.taken[lane].eq(Cat(Cat(given[lane][half::2]).any() for half in range(2)))
         return m

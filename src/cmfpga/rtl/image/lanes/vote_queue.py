@@ -46,18 +46,30 @@ class VoteQueue(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.votes = votes = memory.Memory(
-            shape=payloads.lane_vote(self.config), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
+        m.submodules.operations = operations = memory.Memory(
+            shape=payloads.lane_operation(self.config), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
         )
-        write, read = votes.write_port(), votes.read_port(domain="comb")
+        write, head = operations.write_port(), operations.read_port(domain="comb")
+        waiting = Signal.like(head.addr)
+        # Which bank of the half each is for: read of the one that comes next, where all else is read of the head.
+        m.submodules.banks = banks = memory.Memory(
+            shape=max(1, self.config.geometry.lane_bits - 1), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
+        )
+        bank_write, bank = banks.write_port(), banks.read_port(domain="comb")
         # Without the head: is there a vote, and how many behind it? Of none, as many as there are of the most.
         waits, load, behind = Signal(), Signal(), Signal(range(self.depth), init=self.depth - 1)
         m.d.comb += [
             load.eq(waits & (self.taken | ~self.wants.any())),
-            self.full.eq(waits & behind[1:].all()),  # the depth less two, or more
+            self.full.eq(waits & behind[2:].all() & behind[:2].any()),  # the depth less three, or more
             self.empty.eq(~waits & ~self.wants.any()),
-            write.data.eq(self.i.payload),
-            write.en.eq(self.i.valid),
+            self.head.eq(head.data),
+        ]
+        m.d.comb += [
+            *(port.en.eq(self.i.valid) for port in (write, bank_write)),
+            write.data.eq(self.i.payload.operation),
+            bank_write.data.eq(self.i.payload.bank),
+            bank_write.addr.eq(write.addr),
+            bank.addr.eq(waiting),
         ]
         with m.If(self.i.valid):
             m.d.sync += write.addr.eq(self._next(write.addr))
@@ -65,9 +77,9 @@ class VoteQueue(wiring.Component):
             m.d.sync += [behind.eq(behind + Mux(load, -1, 1)), waits.eq(~load | (behind != 0))]
         with m.If(load):
             m.d.sync += [
-                read.addr.eq(self._next(read.addr)),
-                self.head.eq(read.data.operation),
-                self.wants.eq(1 << read.data.bank if self.config.lanes > 2 else 1),
+                waiting.eq(self._next(waiting)),
+                head.addr.eq(waiting),
+                self.wants.eq(1 << bank.data if self.config.lanes > 2 else 1),
             ]
         with m.Elif(self.taken):
             m.d.sync += self.wants.eq(0)
