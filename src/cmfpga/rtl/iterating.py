@@ -39,7 +39,7 @@ class Iterating:
         self.image = image_of(config)(config, in_flight=in_flight)
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
-        self.probe = Probe(config) if config.confidence else None
+        self.probe = Probe(config, squares_late=self.image.squares_late) if config.confidence else None
         judge = LeastJudge if config.motion_model.basis else judge
         self.judge = judge(config) if config.confidence else None
         # From a replay to the warp; from the last vote to the next v.
@@ -138,10 +138,11 @@ class Iterating:
     def _confide(self, m, events):
         """Behind the last iteration: more replays beside v; the gradients tell. ``events`` is n."""
         control, probe, judge = self.iteration_control, self.probe, self.judge
+        taken = delay(m, control.run.take, self._far, name="taken", valid=True)
         probing = delay(m, control.probing, self._far, name="probing", valid=True)
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [
-            *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
+            *(block.new_batch.eq(taken) for block in (probe, judge)),
             probe.begin.eq(control.begin),
             probe.iterating.eq(control.iterating),
             probe.complete.eq(control.complete),

@@ -21,9 +21,9 @@ def waits(config, votes):
     # A queue of each class, lane and half of the banks, the head first; what is wanted, or None for no head.
     names = [(number, lane, half) for number in range(4) for lane in range(lanes) for half in range(2)]
     queues, heads = {name: [] for name in names}, dict.fromkeys(names)
-    sent, last, room, cycle = 0, None, True, 0
+    sent, last, room, soon, cycle = 0, None, True, True, 0  # room now, and in the next cycle
     while last is None or cycle < last + 3 or any(queues.values()) or any(head is not None for head in heads.values()):
-        full = any(len(queue) >= DEPTH - 2 for queue in queues.values())
+        full = any(len(queue) >= DEPTH - 3 for queue in queues.values())
         # Every bank takes the head of the lane whose turn it is, or of the next that wants it.
         taken = set()
         for number in range(4):
@@ -45,5 +45,5 @@ def waits(config, votes):
                         queues[number, lane, bank & 1].append(bank)
             sent += 1
             last = cycle if sent == groups else None
-        room, cycle = not full, cycle + 1
+        room, soon, cycle = soon, not full, cycle + 1
     return cycle - (groups + 2)

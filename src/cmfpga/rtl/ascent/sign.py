@@ -130,7 +130,7 @@ class SignAscent(Ascent):
         m.d.comb += restart.eq(warm & doubtful & run.settings.cold_after_doubtful)
         with m.If(run.done):
             m.d.sync += doubtful.eq(run.doubtful)
-        with m.If(run.take):
+        with m.If(self._taken):
             m.d.sync += self.restarted.eq(0)
         with m.Elif(run.start):
             m.d.sync += self.restarted.eq(restart)

@@ -63,13 +63,13 @@ class TaggedBank(wiring.Component):
             m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.words, init=[], attrs=style)
             write, read = ram.write_port(), ram.read_port()
 
-        first = self._entered(m)
-        valid = [first.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]
+        entered, first = self._entered(m)
+        valid = [entered] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]
         operation = payloads.tagged_operation(config)
-        address = [first.payload.address] + [
+        address = [first.address] + [
             Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 5)
         ]
-        tag = [first.payload.tag] + [
+        tag = [first.tag] + [
             Signal(config.tag_bits, name=f"tag_s{stage}", reset_less=True) for stage in range(1, 5)
         ]
         for stage in range(1, 5):
@@ -78,7 +78,7 @@ class TaggedBank(wiring.Component):
                 address[stage].eq(address[stage - 1]),
                 tag[stage].eq(tag[stage - 1]),
             ]
-        add = [first.payload.add] + [
+        add = [first.add] + [
             # With lanes there are so many that they are to stay registers: with a reset, they become no LUTs.
             Signal(operation["add"].shape, name=f"add_s{stage}", reset_less=config.lanes == 1 or stage != 2)
             for stage in range(1, 4)
@@ -119,14 +119,14 @@ class TaggedBank(wiring.Component):
         return m
 
     def _entered(self, m):
-        """Stage 0."""
-        return self.i
+        """Stage 0: whether an operation is there, and which."""
+        return self.i.valid, self.i.payload
 
     def _base(self, m, word, pipeline, known, add, total):
         """Stages 1 to 3: what stage 3 adds to, a pixel.
 
-        ``tag`` of stage 2. ``known``: does stage 1 match an older operation, by its stage, and is its tag the same?
-        ``add``, ``total``: the pipeline's, by stage.
+        ``pipeline``: valid, address and tag, by stage, as ``add`` and ``total``. ``known``: does stage 1 match an older
+        operation, by its stage, and is its tag the same?
         """
         match, same = known
         tag = pipeline[2][2]

@@ -1,6 +1,5 @@
-"""Lane bank: a tagged bank of few LUTs, as there are four for each lane."""
+"""Lane bank: a tagged bank of few LUTs and short paths, as there are four for each lane."""
 
-from collections import namedtuple
 from functools import reduce
 from operator import or_
 
@@ -8,14 +7,19 @@ from amaranth.hdl import Cat, Mux, Signal
 from amaranth.lib import memory
 
 from ... import payloads
+from ...arithmetic import delay
 from ..tagged_accumulator import TaggedBank
 
 
 class LaneBank(TaggedBank):
-    """A :class:`TaggedBank` that takes registers in place of LUTs; what it does is the same.
+    """A :class:`TaggedBank` that takes registers in place of LUTs, and a cycle more, for :class:`LaneImage`.
 
     What stage 3 may add to stands in five registers: the word out of the RAM, and the last four sums. All but one are
-    0, by a reset, or all of them, so the adder takes what any of them has: six inputs a bit.
+    0, by a reset, or all of them, so the adder takes what any of them has: six inputs a bit. Tags have a memory of
+    their own, which is read and written a cycle before the words, so that a word meets its verdict.
+
+    Tags of sums are not compared. So between operations of two tags, four or more must sweep: have tag 0 and add 0. A
+    swept word is 0, whatever it was, and so is the sum that the operation behind it may take.
     """
 
     latency = TaggedBank.latency + 1
@@ -25,14 +29,13 @@ class LaneBank(TaggedBank):
         self.word = payloads.pixel(config)
 
     def _entered(self, m):
-        first = Signal.like(self.i.payload, name="operation_s0")
-        valid = Signal(name="valid_s0")
-        m.d.sync += [first.eq(self.i.payload), valid.eq(self.i.valid)]
-        return namedtuple("F", "valid payload")(valid, first)
+        """Stage 0: operations wait for a cycle, in which their tags are read."""
+        entered = Signal(self.i.payload.shape(), name="operation_s0")
+        m.d.sync += entered.eq(self.i.payload)
+        return delay(m, self.i.valid, 1, name="entered", valid=True), entered
 
     def _base(self, m, word, pipeline, known, add, total):
-        valid, address, tag = pipeline
-        match, same = known
+        (valid, address, tag), (match, _) = pipeline, known
         m.submodules.tags = tags = memory.Memory(
             shape=self.config.tag_bits, depth=self.config.geometry.words, init=[], attrs={"ram_style": "block"}
         )
@@ -43,8 +46,8 @@ class LaneBank(TaggedBank):
             write.data.eq(tag[3]),
             write.en.eq(valid[3]),
         ]
-        tag_s1 = Signal(self.config.tag_bits, reset_less=True)
-        m.d.sync += tag_s1.eq(read.data)
+        tag_s1, votes_s1 = Signal(self.config.tag_bits, reset_less=True), Signal(reset_less=True)
+        m.d.sync += [tag_s1.eq(read.data), votes_s1.eq(tag[0].any())]
         pixel = payloads.pixel(self.config)
         read_s2 = Signal(self.word, reset_less=True)
         base = Signal(pixel)
@@ -56,10 +59,10 @@ class LaneBank(TaggedBank):
 
         # Stage 1: the RAM reads. Which of the four older operations was the last one for this word, if any?
         m.d.sync += read_s2.eq(word)
-        none, drops = 1, {}
+        none, drops = votes_s1, {}
         for stage in (2, 3, 4, 5):
             drops[stage] = Signal(name=f"drop_s{stage}", reset_less=True)
-            m.d.sync += drops[stage].eq(~(none & match[stage] & same[stage]))
+            m.d.sync += drops[stage].eq(~(none & match[stage]))
             none &= ~match[stage]
         drop_word_s2 = Signal(reset_less=True)
         m.d.sync += drop_word_s2.eq(~(none & (tag_s1 == tag[1])))

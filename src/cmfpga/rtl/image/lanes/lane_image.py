@@ -32,6 +32,7 @@ class LaneImage(OnePassImage):
         # From the last votes to the sums, less those to ``complete``.
         last = ParityClass.latency + LaneBank.latency + self.lane_sums.latency
         self.latency = last - self.sweep_cycles
+        self.squares_late = self.lane_sums.squares_late
         self.lead = last - self.lane_sums.plain_latency
         ImageSums.__init__(self, config, in_flight=in_flight)
 
@@ -40,12 +41,12 @@ class LaneImage(OnePassImage):
         return {**{f"parity_class_{k}": each for k, each in enumerate(self.classes)}, "lane_sums": self.lane_sums}
 
     def most_cycles(self, cycles):
-        """Of a queue that is full two votes go in 2·K cycles, a cycle later there is room, and then for two.
+        """Of a queue that is full three votes go in 3·K cycles, two cycles later there is room, and then for three.
 
         In the end, a queue is left.
         """
         lanes = self.config.lanes
-        return (cycles + 1) // 2 * (2 * lanes + 3) + VoteQueue.depth * lanes
+        return -(-cycles // 3) * (3 * lanes + 5) + VoteQueue.depth * lanes
 
     def elaborate(self, platform):
         config = self.config
@@ -78,7 +79,7 @@ class LaneImage(OnePassImage):
         last = address == config.geometry.words - 1
         with m.If(idle):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
-        m.d.comb += self.cleared.eq(idle & last)
+        m.d.sync += self.cleared.eq(idle & last)
 
         # The number of an iteration is not 0, which all swept words have. Each class has its own register of it, and
         # its own turn; they begin at other values, so that no tool makes one of them, whose wires would be long.

@@ -34,7 +34,7 @@ class ParityClass(wiring.Component):
     sweep : ``In``, flow of an address
         Where all banks take on ``tag``; not before the cycle after the first in which all were ``empty``.
     full, empty : ``Out(1)``
-        A queue has room for one vote more; none has a vote.
+        A queue had room for few votes more, a cycle ago; none has a vote.
     o : ``Out``, array of K :func:`payloads.tagged_step`
         What each bank did, :attr:`LaneBank.latency` cycles after its operation; where that was no vote's, it added 0.
     """
@@ -93,8 +93,8 @@ class ParityClass(wiring.Component):
                 self.o[number].eq(bank.o.payload),
                 self.o[number].valid.eq(bank.o.valid),
             ]
+        m.d.sync += self.full.eq(Cat(queue.full for queue in queues).any())
         m.d.comb += [
-            self.full.eq(Cat(queue.full for queue in queues).any()),
             self.empty.eq(Cat(queue.empty for queue in queues).all()),
         ]
         return m

@@ -20,7 +20,7 @@ class VoteQueue(wiring.Component):
     Members
     -------
     i : ``In``, flow of :func:`payloads.lane_vote`
-        Whether there is room, ``full`` says one vote early: the one that comes with it still fits.
+        Whether there is room, ``full`` says early: a vote that comes with it still fits, and those of two more cycles.
     wants : ``Out``
         A bit for each bank of the half: the head's. None where there is no head.
     head : ``Out``, :func:`payloads.lane_operation`
@@ -50,36 +50,35 @@ class VoteQueue(wiring.Component):
             shape=payloads.lane_operation(self.config), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
         )
         write, head = operations.write_port(), operations.read_port(domain="comb")
-        waiting = Signal.like(head.addr)
-        # Which bank of the half each is for: read of the one that comes next, where all else is read of the head.
-        m.submodules.banks = banks = memory.Memory(
-            shape=max(1, self.config.geometry.lane_bits - 1), depth=self.depth, init=[], attrs={"ram_style": "distributed"}
-        )
-        bank_write, bank = banks.write_port(), banks.read_port(domain="comb")
+        following = Signal.like(head.addr)
         # Without the head: is there a vote, and how many behind it? Of none, as many as there are of the most.
         waits, load, behind = Signal(), Signal(), Signal(range(self.depth), init=self.depth - 1)
         m.d.comb += [
             load.eq(waits & (self.taken | ~self.wants.any())),
-            self.full.eq(waits & behind[2:].all() & behind[:2].any()),  # the depth less three, or more
+            self.full.eq(waits & behind[2:].all()),  # the depth less four, or more
             self.empty.eq(~waits & ~self.wants.any()),
+            write.data.eq(self.i.payload.operation),
+            write.en.eq(self.i.valid),
             self.head.eq(head.data),
         ]
-        m.d.comb += [
-            *(port.en.eq(self.i.valid) for port in (write, bank_write)),
-            write.data.eq(self.i.payload.operation),
-            bank_write.data.eq(self.i.payload.bank),
-            bank_write.addr.eq(write.addr),
-            bank.addr.eq(waiting),
-        ]
+        # Which bank each is for, the youngest first. Of the oldest, the number of those behind it tells the place: as
+        # cases, which tools make a shift register of that can be read anywhere.
+        banks = [Signal.like(self.i.payload.bank, name=f"bank_{place}", reset_less=True) for place in range(self.depth)]
+        bank = Signal.like(self.i.payload.bank)
+        with m.Switch(behind):
+            for place, one in enumerate(banks):
+                with m.Case(place):
+                    m.d.comb += bank.eq(one)
         with m.If(self.i.valid):
             m.d.sync += write.addr.eq(self._next(write.addr))
+            m.d.sync += [one.eq(before) for one, before in zip(banks, [self.i.payload.bank, *banks], strict=False)]
         with m.If(self.i.valid ^ load):
             m.d.sync += [behind.eq(behind + Mux(load, -1, 1)), waits.eq(~load | (behind != 0))]
         with m.If(load):
             m.d.sync += [
-                waiting.eq(self._next(waiting)),
-                head.addr.eq(waiting),
-                self.wants.eq(1 << bank.data if self.config.lanes > 2 else 1),
+                following.eq(self._next(following)),
+                head.addr.eq(following),
+                self.wants.eq(1 << bank if self.config.lanes > 2 else 1),
             ]
         with m.Elif(self.taken):
             m.d.sync += self.wants.eq(0)
