@@ -83,10 +83,11 @@ class Probe(wiring.Component):
             probed = v + Mux(below, -distance, Mux(above, distance, 0))
             m.d.sync += self.o.payload[name].eq(saturate(probed, fmt.min, fmt.max))
         found = self.sums.valid & self.iterating
-        later = delay(m, found, self._squares_late, name="found", valid=True)
-        for comes, last, now in ((found, self.last, self.sums.payload), (later, self.last_squares, self.squares)):
-            with m.If(self.new_batch):
-                m.d.sync += last.eq(0)
-            with m.Elif(comes):
-                m.d.sync += last.eq(now)
+        with m.If(self.new_batch):
+            m.d.sync += [self.last.eq(0), self.last_squares.eq(0)]
+        with m.Elif(found):
+            m.d.sync += [self.last.eq(self.sums.payload), self.last_squares.eq(self.squares)]
+        if self._squares_late:
+            with m.If(delay(m, found, self._squares_late, name="found", valid=True)):
+                m.d.sync += self.last_squares.eq(self.squares)
         return m
