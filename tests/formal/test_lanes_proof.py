@@ -1,7 +1,7 @@
 """Between lanes and banks no vote is lost or doubled, and none waits for ever.
 
 The router is proved by k-induction, so for any number of cycles: every bank that is wanted gets exactly one head, what
-is taken is given, and a head waits for fewer cycles than there are lanes. A queue, of two words in place of sixteen, is
+is taken is given, and a head waits for fewer cycles than there are lanes. A queue, of four words in place of sixteen, is
 checked for any votes and stalls of the first cycles: enough to fill it, to empty it and to go round.
 """
 
@@ -18,7 +18,7 @@ CYCLES = 9
 
 
 def queue(module, lanes=4):
-    return QueueHarness(type("ShortQueue", (module.VoteQueue,), {"depth": 2})(tiny(lanes)))
+    return QueueHarness(type("ShortQueue", (module.VoteQueue,), {"depth": 4})(tiny(lanes)))
 
 
 def routing(module, lanes=4):
@@ -48,7 +48,7 @@ MUTANTS = [
     Mutant("turn ignored", "select(self.turn, [", "select(0 * self.turn, [", router),
     Mutant("taken, not given", "Cat(given[lane][half::2]).any()", "Cat(given[lane]).any()", router),
     Mutant("head of another lane", "if lane >> bit & 1", "if lane >> bit & 1 or lane == 1", router),
-    Mutant("a vote too many", "behind[1:].all()", "behind.all()", vote_queue),
+    Mutant("a vote too many", "behind[2:].all()", "behind[2:].all() & behind[1]", vote_queue),
     Mutant("head lost", "load.eq(waits & (self.taken | ~self.wants.any()))", "load.eq(waits)", vote_queue),
     Mutant("head again", "with m.Elif(self.taken):", "with m.Elif(self.taken & self.full):", vote_queue),
     Mutant("empty early", "self.empty.eq(~waits & ~self.wants.any())", "self.empty.eq(~waits)", vote_queue),

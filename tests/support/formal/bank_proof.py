@@ -1,7 +1,7 @@
 """The properties of a bank of either accumulator: a shadow of one row, and what must agree with it."""
 
 from amaranth.asserts import AnySeq
-from amaranth.hdl import Assert, Cat, Cover, Mux, Signal, Value
+from amaranth.hdl import Assert, Assume, Cat, Cover, Mux, Signal, Value
 from amaranth.lib import data
 
 from cmfpga.rtl import payloads
@@ -57,25 +57,24 @@ class RowShadow:
         with m.If(self.hit[0]):
             m.d.sync += difference.eq(first ^ self.after[0].as_value())
 
-    def check_memory(self, m, memories):
+    def check_memory(self, m, memories, members=None, write=None):
         """Every word of the row is written, is right, and nothing else is written: in one RAM or several, side by side.
 
-        Each holds a member, or so many bits of the word.
+        Each holds a member, or so many bits of the word. ``members``: only these; ``write``: at another time.
         """
-        content, written = (
-            Signal(self.word, name=f"{self.name}_content"),
-            Signal(self.word, name=f"{self.name}_written"),
-        )
+        word = data.StructLayout({name: self.word.members[name] for name in members or self.word.members})
+        write, name = self.write if write is None else write, "_".join([self.name, *(members or ())])
+        content, written = Signal(word, name=f"{name}_content"), Signal(word, name=f"{name}_written")
         m.d.comb += [
             content.as_value().eq(Cat(memory.content for memory in memories)),
             written.as_value().eq(Cat(memory.write.data for memory in memories)),
-            *(Assert(memory.written == self.hit[self.write]) for memory in memories),
+            *(Assert(memory.written == self.hit[write]) for memory in memories),
         ]
-        for name in self.word.members:
+        for name in word.members:
             # The induction stands on this: what is not under way any more is in the RAM.
-            m.d.comb += Assert(content[name] == self.before[self.write][name])
-            with m.If(self.hit[self.write]):
-                m.d.comb += Assert(written[name] == self.after[self.write][name])
+            m.d.comb += Assert(content[name] == self.before[write][name])
+            with m.If(self.hit[write]):
+                m.d.comb += Assert(written[name] == self.after[write][name])
 
 
 def tagged_word(config):
@@ -93,7 +92,7 @@ class BankHarness(Harness):
         self.shadow = shadow = RowShadow(word, "expected", dut.latency)
         hit = dut.i.valid & (dut.i.payload.address == row)
         shadow.follow(m, hit=hit, after=after(shadow.shadow))
-        shadow.check_memory(m, memories)
+        self.check_memories(m, memories)
         self.valid = shadow.line(m, "valid", dut.i.valid)
         m.d.comb += Assert(dut.o.valid == self.valid[dut.latency])
         for number, (got, wanted) in enumerate(answers(shadow.shadow)):
@@ -107,6 +106,10 @@ class BankHarness(Harness):
         cases = self.cases(m)
         assert len(cases) == self.COVERS
         m.d.comb += [Cover(case) for case in cases]
+
+    def check_memories(self, m, memories):
+        """That they hold the row."""
+        self.shadow.check_memory(m, memories)
 
     def operation(self):
         """Layout of the row; of a word: what it becomes, by member; of a word: pairs (what is answered, the same)."""
@@ -165,7 +168,7 @@ class TaggedBankHarness(BankHarness):
         pixel, operation, answer = payloads.pixel(self.dut.config), self.dut.i.payload, self.dut.o.payload
 
         def base(word):
-            return {name: Mux(word.tag == operation.tag, word[name], 0) for name in pixel.members}
+            return {name: Mux(self.counts(word, operation), word[name], 0) for name in pixel.members}
 
         def after(word):
             return {name: value + operation.add[name] for name, value in base(word).items()} | {"tag": operation.tag}
@@ -178,6 +181,10 @@ class TaggedBankHarness(BankHarness):
             ]  # fmt: skip
 
         return tagged_word(self.dut.config), after, answers
+
+    def counts(self, word, operation):
+        """Whether an operation adds to what a word holds, and not to 0."""
+        return word.tag == operation.tag
 
     def cases(self, m):
         hit, valid, elsewhere, collided = self.shadow.hit, self.valid, self.elsewhere, self.collided
@@ -200,4 +207,50 @@ class TaggedBankHarness(BankHarness):
             hit[4] & collided[3] & (before[4].i != 0),  # an answer whose read collided
             grows[4] & alone,  # a word of this tag out of the RAM
             anew[4] & alone,  # a word of another tag out of the RAM
+        ]
+
+
+class LaneBankHarness(TaggedBankHarness):
+    """Of :class:`LaneBank`: operations of one tag and sweeps, and no other tag less than five operations later."""
+
+    COVERS = 13
+
+    def check_memories(self, m, memories):
+        *words, tags = memories
+        self.shadow.check_memory(m, words, tuple(self.dut.word.members))
+        self.shadow.check_memory(m, [tags], ("tag",), self.shadow.write - 1)
+        operation = self.dut.i.payload
+        valid, tag = (
+            self.shadow.line(m, f"offered_{name}", now, len(now))
+            for name, now in (("valid", self.dut.i.valid), ("tag", operation.tag))
+        )
+        m.d.comb += Assume((operation.tag != 0) | (operation.add.as_value() == 0))
+        for n in range(1, 5):
+            m.d.comb += Assume(~(valid[0] & valid[n]) | (tag[0] == 0) | (tag[n] == 0) | (tag[0] == tag[n]))
+
+    def counts(self, word, operation):
+        return (word.tag == operation.tag) & (operation.tag != 0)
+
+    def cases(self, m):
+        hit, valid, elsewhere, collided = self.shadow.hit, self.valid, self.elsewhere, self.collided
+        before, after, stages = self.shadow.before, self.shadow.after, self.shadow.stages
+        tag = self.shadow.line(m, "tag", self.dut.i.payload.tag, self.dut.config.tag_bits)
+        votes = [hit[n] & (tag[n] != 0) & (before[n].i != after[n].i) for n in stages]
+        grows = [votes[n] & (before[n].tag == tag[n]) & (before[n].i != 0) for n in stages]
+        swept = [hit[n] & (tag[n] == 0) & (before[n].i != 0) for n in stages]
+        alone = ~hit[0] & ~hit[1] & ~hit[2] & ~hit[3] & ~collided[3]
+        return [
+            grows[0] & grows[1] & grows[2] & grows[3] & grows[4],  # five in a row
+            grows[0] & elsewhere[1] & grows[2],  # two apart, another row between
+            grows[0] & elsewhere[1] & ~valid[2] & grows[3],  # three apart
+            grows[0] & elsewhere[1] & elsewhere[2] & ~valid[3] & grows[4],  # four apart
+            swept[0] & votes[1],  # a sweep right behind a vote
+            votes[0] & swept[1],  # a vote right behind a sweep
+            votes[0] & elsewhere[1] & swept[2],  # two behind
+            votes[0] & elsewhere[1] & elsewhere[2] & swept[3],  # three behind
+            votes[0] & elsewhere[1] & elsewhere[2] & elsewhere[3] & swept[4],  # four behind
+            grows[0] & (after[0].i < before[0].i),  # a total that wraps
+            hit[4] & collided[3] & (before[4].i != 0),  # an answer whose read collided
+            grows[5] & alone & ~hit[4] & ~collided[4],  # a word of this tag out of the RAM
+            votes[5] & (before[5].tag != tag[5]) & (before[5].i != 0) & alone & ~hit[4] & ~collided[4],  # of another tag
         ]

@@ -85,23 +85,23 @@ class RouterHarness(Harness):
 
 
 class QueueHarness(Harness):
-    """Any votes, as long as it was not full a cycle ago, taken whenever; one that the solver chooses is followed."""
+    """Any votes, as long as it was not full two cycles ago, taken whenever; one that the solver chooses is followed."""
 
     COVERS = 2
 
     def properties(self, m):
         dut = self.dut
-        room, inside = Signal(init=1), Signal(range(dut.depth + 3))
+        soon, room, inside = Signal(init=1), Signal(init=1), Signal(range(dut.depth + 3))
         present = dut.wants.any()
         vote = dut.i.payload
-        m.d.sync += [room.eq(~dut.full), inside.eq(inside + dut.i.valid - dut.taken)]
+        m.d.sync += [soon.eq(~dut.full), room.eq(soon), inside.eq(inside + dut.i.valid - dut.taken)]
         m.d.comb += [
             anything(dut.i.valid),
             anything(vote.as_value()),
             anything(dut.taken),
             Assume(~dut.i.valid | room),
             Assume(~dut.taken | present),
-            Assert(inside <= dut.depth + 1),
+            Assert(inside <= dut.depth),
             Assert(dut.empty == (inside == 0)),
         ]
         # Where a vote is, there is a head a cycle later.
@@ -122,4 +122,4 @@ class QueueHarness(Harness):
         bank = wanted.bank if len(Value.cast(wanted.bank)) else Const(0, 1)
         with m.If(present & chosen & ~gone & (ahead == 0)):
             m.d.comb += Assert((dut.head == wanted.operation) & (dut.wants == (1 << bank)[: len(dut.wants)]))
-        m.d.comb += [Cover(inside == dut.depth + 1), Cover(gone & (inside == 0) & (followed != 0))]
+        m.d.comb += [Cover(inside == dut.depth), Cover(gone & (inside == 0) & (followed != 0))]

@@ -40,7 +40,7 @@ def test_heads_go_where_they_are_wanted(lanes, rng):
 
 
 def outputs(block, script):
-    """(taken, what each bank gets) in every cycle of the script, and in two more."""
+    """(taken, what each bank gets) in every cycle of the script, and in :attr:`Router.latency` more."""
     names = ("turn", "wants", "heads", "taken")
     ports = {name: Port(getattr(block, name)) for name in names}
     ports |= {"valid": Port(block.sweep.valid), "address": Port(block.sweep.payload)}
@@ -48,7 +48,7 @@ def outputs(block, script):
     found = []
 
     async def bench(ctx):
-        for line in [*script, {}, {}]:
+        for line in [*script, *[{}] * block.latency]:
             for name, value in {"valid": 0, **line}.items():
                 ports[name].set(ctx, value)
             found.append((ports["taken"].get(ctx), out.get(ctx)))
