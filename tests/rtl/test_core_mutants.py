@@ -85,7 +85,6 @@ MUTANTS_OF_LANES = {  # module, old, new
     "first votes not summed": (lane_sums, "self.plain_latency - 1", "self.plain_latency"),
     "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),
     "product of another vote": (lane_sums, "max(1, number)", "number + 1"),
-    "squares found too early": (probe, "self._squares_late, name", "1, name"),
     "v of an iteration before": (warp, "2 * self._waiting", "3 * self._waiting"),
     "both rows of a bank": (parity_class, "Cat(column[geometry.lane_bits :], row)", "column[geometry.lane_bits :]"),
     "an event too many": (event_buffer, "reading_s2 & exists", "reading_s2"),

@@ -42,7 +42,7 @@ class SignAscent:
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
     has_table = True
-    latency, lanes_latency = 2, 4
+    latency, lanes_latency = 2, 5
 
     def warm(self, settings, followed):
         return settings.start_last and followed

@@ -39,7 +39,7 @@ class Iterating:
         self.image = image_of(config)(config, in_flight=in_flight)
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
-        self.probe = Probe(config, squares_late=self.image.squares_late) if config.confidence else None
+        self.probe = Probe(config) if config.confidence else None
         judge = LeastJudge if config.motion_model.basis else judge
         self.judge = judge(config) if config.confidence else None
         # From a replay to the warp; from the last vote to the next v.
@@ -76,7 +76,7 @@ class Iterating:
     @property
     def judge_latency(self):
         """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
-        return self.probe.latency + self.judge.latency - self.ascent.latency + 2 * self._far
+        return self.probe.latency + self.judge.latency - self.ascent.latency + 3 * self._far
 
     def iterated_cycles(self, roi_events, iterations, judge=None, most=False):
         """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`CycleFormula.cycles`."""
@@ -129,8 +129,8 @@ class Iterating:
         """The gradient of the sums moves v."""
         connect(m, self.image.sums, self.gradient.i)
         connect(m, self.iteration_control.run, self.ascent.run)
-        iterating = delay(m, self.iteration_control.iterating, self._far, name="iterating", valid=True)
-        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & iterating)
+        self._iterating = self._late(m, "iterating")
+        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & self._iterating)
         m.d.comb += self.ascent.i.payload.eq(self.gradient.o.payload)
         if hasattr(self, "schedule_write"):
             connect(m, flipped(self.schedule_write), self.ascent.schedule_write)
@@ -138,19 +138,19 @@ class Iterating:
     def _confide(self, m, events):
         """Behind the last iteration: more replays beside v; the gradients tell. ``events`` is n."""
         control, probe, judge = self.iteration_control, self.probe, self.judge
-        taken = delay(m, control.run.take, self._far, name="taken", valid=True)
-        probing = delay(m, control.probing, self._far, name="probing", valid=True)
+        taken = delay(m, control.run.take, 2 * self._far, name="taken")
+        came = self.gradient.o.valid & self._late(m, "probing")
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [
             *(block.new_batch.eq(taken) for block in (probe, judge)),
             probe.begin.eq(control.begin),
-            probe.iterating.eq(control.iterating),
+            probe.iterating.eq(self._iterating),
             probe.complete.eq(control.complete),
             probe.v.eq(self.ascent.v),
             probe.sums.valid.eq(self.image.sums.valid),
             probe.sums.payload.eq(self.image.sums.payload),
             probe.squares.eq(self.image.squares),
-            judge.i.valid.eq(self.gradient.o.valid & probing),
+            judge.i.valid.eq(delay(m, came, self._far, name="gradient_came", valid=True)),  # and stays
             judge.i.payload.eq(self.gradient.o.payload),
             control.more.eq(probe.more),
             control.judged.eq(delay(m, judge.done, self._far, name="judged", valid=True)),
@@ -169,6 +169,10 @@ class Iterating:
             control.run.doubtful.eq(judge.doubtful),
         ]
 
+    def _late(self, m, name):
+        """What iteration control says that it does, a cycle later with several lanes: no gradient comes in between."""
+        return delay(m, getattr(self.iteration_control, name), self._far, name=name, valid=True)
+
     def _probed(self, m):
         """A pulse: a probe is over, as ``updated`` says of an iteration."""
-        return delay(m, self.judge.i.valid, self.ascent.latency, name="probed", valid=True)
+        return delay(m, self.judge.i.valid, self.ascent.latency - self._far, name="probed", valid=True)

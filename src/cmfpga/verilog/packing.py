@@ -27,7 +27,8 @@ def pack_registers(module):
     A cell's output register is used where every output in use goes to a register and nowhere else, all have the cell's
     clock, one enable or none, start at zero, and have no reset or, behind a multiplier, one synchronous reset.
     A multiplier's input register is used where every bit of the factor comes from such a register, which has it from
-    another one: a factor that waits for a cycle. Where others read it as well, it stays beside.
+    another one: a factor that waits for a cycle. Or from an adder, if the other factor waits in its register already.
+    Where others read it as well, it stays beside.
     """
     cells, before = module["cells"], len(module["cells"])
     _, sinks = _wires(module)
@@ -35,10 +36,14 @@ def pack_registers(module):
         _pack_output(cells, cell, sinks)
     drivers, _ = _wires(module)
     packed = set()
-    for cell in cells.values():
-        if cell["type"] == "MULT18X18D":
-            for factor in "AB":
-                packed |= _pack_input(cells, cell, factor, drivers)
+    multipliers = [cell for cell in cells.values() if cell["type"] == "MULT18X18D"]
+    for cell in multipliers:
+        for factor in "AB":
+            packed |= _pack_input(cells, cell, factor, drivers, {"TRELLIS_FF"})
+    for cell in multipliers:
+        for factor, other in ("AB", "BA"):
+            if _waits(cell, other) and not _waits(cell, factor):
+                packed |= _pack_input(cells, cell, factor, drivers, {"TRELLIS_FF", "CCU2C"})
     _, sinks = _wires(module)
     for name in packed:
         if not sinks[cells[name]["connections"]["Q"][0]]:
@@ -93,8 +98,11 @@ def _pack_output(cells, cell, sinks):
         wires[pin] = cells.pop(name)["connections"]["Q"]
 
 
-def _pack_input(cells, cell, factor, drivers):
-    """Returns the names of the registers that the factor no longer needs."""
+def _pack_input(cells, cell, factor, drivers, kinds_before):
+    """Returns the names of the registers that the factor no longer needs.
+
+    ``kinds_before``: what a register may have a bit from.
+    """
     wires = cell["connections"]
     pins = {f"{factor}{bit}": wires[f"{factor}{bit}"][0] for bit in range(18) if wires.get(f"{factor}{bit}")}
     registers = {pin: drivers.get(bit) for pin, bit in pins.items() if bit not in ("0", "x")}
@@ -106,11 +114,16 @@ def _pack_input(cells, cell, factor, drivers):
     if wires.get("CLK0", ["0"]) != ["0"] and _Kind(*(wires[pin][0] for pin in ("CLK0", "RST0", "CE0"))) != kind:
         return set()
     before = {pin: cells[name]["connections"]["DI"][0] for pin, name in registers.items()}
-    if any(cells.get(drivers.get(bit), {"type": None})["type"] != "TRELLIS_FF" for bit in before.values()):
+    if any(cells.get(drivers.get(bit), {"type": None})["type"] not in kinds_before for bit in before.values()):
         return set()
     _set(cell, f"INPUT{factor}", kind)
     wires |= {pin: [bit] for pin, bit in before.items()}
     return set(registers.values())
+
+
+def _waits(multiplier, factor):
+    """Whether it uses its register of a factor."""
+    return multiplier["parameters"].get(f"REG_INPUT{factor}_CLK", "NONE").strip() != "NONE"
 
 
 def _set(multiplier, name, kind):

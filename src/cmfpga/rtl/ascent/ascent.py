@@ -107,7 +107,7 @@ class Ascent(wiring.Component):
         """A module with the velocity in it, which begins with the batch's start unless it is ``warm``."""
         m = Module()
         m.submodules.velocity = velocity = self.velocity
-        self._taken = delay(m, self.run.take, self._far, name="taken", valid=True)
+        self._taken = delay(m, self.run.take, self._far, name="taken")
         m.d.comb += [
             velocity.new_batch.eq(self._taken),
             velocity.load.eq(self.run.start & ~warm),

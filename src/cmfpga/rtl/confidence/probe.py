@@ -38,7 +38,7 @@ class Probe(wiring.Component):
     v : ``In``, :func:`payloads.velocity`
     sums : ``In``, flow of :func:`payloads.sums`
     squares : ``In``, :func:`payloads.squares`
-        With ``sums``, or ``squares_late`` cycles later.
+        With ``sums``.
     o : ``Out``, flow of :func:`payloads.velocity`
         By what to warp from now on.
     more : ``Out(1)``
@@ -50,8 +50,8 @@ class Probe(wiring.Component):
 
     latency = 3
 
-    def __init__(self, config, *, squares_late=0):
-        self.config, self._squares_late = config, squares_late
+    def __init__(self, config):
+        self.config = config
         self.count = len(config.motion_model.names) if config.motion_model.basis else 4
         super().__init__(
             {
@@ -82,12 +82,8 @@ class Probe(wiring.Component):
             below, above = turn[2 * k], turn[2 * k + 1]
             probed = v + Mux(below, -distance, Mux(above, distance, 0))
             m.d.sync += self.o.payload[name].eq(saturate(probed, fmt.min, fmt.max))
-        found = self.sums.valid & self.iterating
         with m.If(self.new_batch):
             m.d.sync += [self.last.eq(0), self.last_squares.eq(0)]
-        with m.Elif(found):
+        with m.Elif(self.sums.valid & self.iterating):
             m.d.sync += [self.last.eq(self.sums.payload), self.last_squares.eq(self.squares)]
-        if self._squares_late:
-            with m.If(delay(m, found, self._squares_late, name="found", valid=True)):
-                m.d.sync += self.last_squares.eq(self.squares)
         return m

@@ -30,7 +30,7 @@ class ImageSums(wiring.Component):
     sums : ``Out``, flow of :func:`payloads.sums`
         One item an iteration; the payload stays until the next iteration's first vote.
     squares : ``Out``, :func:`payloads.squares`
-        Σ I², :attr:`squares_late` cycles after ``sums``. Only where v's confidence is measured.
+        Σ I², with ``sums``. Only where v's confidence is measured.
     next : ``In(1)``
         v has been updated: what comes now is another iteration.
     clear, cleared : ``In(1)``, ``Out(1)``
@@ -42,8 +42,6 @@ class ImageSums(wiring.Component):
     ----------
     latency : int
         Cycles from ``complete`` to ``sums``.
-    squares_late : int
-        Cycles from ``sums`` to ``squares``.
     lead : int
         ΣI and ΣD are final so many cycles before ``sums``, :attr:`Gradient.lead` or more.
     sweep_cycles : int
@@ -54,7 +52,6 @@ class ImageSums(wiring.Component):
         The parts by name, in the order of data flow.
     """
 
-    squares_late = 0
     lead = 3
     sweep_cycles = 0
     exact_cycles = True

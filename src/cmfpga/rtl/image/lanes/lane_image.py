@@ -32,7 +32,6 @@ class LaneImage(OnePassImage):
         # From the last votes to the sums, less those to ``complete``.
         last = ParityClass.latency + LaneBank.latency + self.lane_sums.latency
         self.latency = last - self.sweep_cycles
-        self.squares_late = self.lane_sums.squares_late
         self.lead = last - self.lane_sums.plain_latency
         ImageSums.__init__(self, config, in_flight=in_flight)
 

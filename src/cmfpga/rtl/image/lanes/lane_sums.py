@@ -24,18 +24,24 @@ def add_up(m, values, name):
 def add_products(m, factors, name):
     """Σ a·b of the pairs ``factors``, one cycle more later: one behind the other, as DSPs add without a LUT.
 
-    All registers around a multiplier have the same reset, so that tools find them in the multiplier.
+    Or Σ (a + c)·b of triples (a, c, b), another cycle later: a DSP has that adder as well. All registers around a
+    multiplier have the same reset, so that tools find them in it.
     """
     total = 0
-    for number, pair in enumerate(factors):
-        a, b = (delay(m, one, max(1, number), name=f"{name}_{number}_{k}", valid=True) for k, one in enumerate(pair))
-        product = delay(m, a * b, 1, name=f"{name}_product_{number}", valid=True)
+    for number, each in enumerate(factors):
+        *terms, b = (
+            delay(m, part, max(1, number), name=f"{name}_{number}_{k}", valid=True) for k, part in enumerate(each)
+        )
+        if len(terms) == 2:
+            terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}", valid=True)]
+            b = delay(m, b, 1, name=f"{name}_factor_{number}", valid=True)
+        product = delay(m, terms[0] * b, 1, name=f"{name}_product_{number}", valid=True)
         total = delay(m, total + product, 1, name=f"{name}_{number}") if number else product
     return total
 
 
-#: Products of banks that a chain of DSPs adds: for an axis; for Σ I², which may come later, and so takes fewer adders.
-CHAINED, LONGER = 4, 8
+#: Banks whose products for one axis a chain of DSPs adds.
+CHAINED = 2
 
 
 class LaneSums(wiring.Component):
@@ -60,7 +66,7 @@ class LaneSums(wiring.Component):
     begin : ``In(1)``
         With an iteration's first votes.
     steps : ``In``, array of 4·K :func:`payloads.tagged_step`
-        From the banks. The sums are final :attr:`latency` cycles after the last one, Σ I² :attr:`squares_late` later.
+        From the banks. The sums are final :attr:`latency` cycles after the last one.
     sums : ``Out``, :func:`payloads.sums`
     squares : ``Out``, :func:`payloads.squares`
         Only where v's confidence is measured.
@@ -69,11 +75,9 @@ class LaneSums(wiring.Component):
     def __init__(self, config, *, ahead):
         self.config, self._ahead = config, ahead
         lanes = config.lanes
-        self.latency = self._latency(CHAINED)
+        self.latency = 1 + 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
         #: From the last votes until ΣI, ΣDx and ΣDy are final.
         self.plain_latency = 1 + stages(2 * lanes) + 1
-        #: Cycles by which Σ I² is final later than the other sums of products.
-        self.squares_late = self._latency(LONGER) - self.latency
         super().__init__(
             {
                 "votes": In(data.ArrayLayout(payloads.votes(config)["banks"].shape, lanes)),
@@ -84,10 +88,6 @@ class LaneSums(wiring.Component):
             }
         )
 
-    def _latency(self, chained):
-        """From the last steps until sums are final whose products so long chains add."""
-        return 1 + chained + stages(8 * self.config.lanes // chained) + 1
-
     def elaborate(self, platform):
         m = Module()
         begin = delay(m, self.begin, self.plain_latency - 1, name="begin", valid=True)
@@ -97,17 +97,18 @@ class LaneSums(wiring.Component):
             grown = [self._pair(m, lane, name, *pair) for lane in range(self.config.lanes) for pair in pairs]
             self._total(m, self.sums[name], add_up(m, grown, name), begin)
         begin = delay(m, self.begin, self._ahead + self.latency - 1, name="begin_products", valid=True)
-        for axis in self.config.motion_model.names:
-            self._total_of_products(m, self.sums[f"s{axis}"], f"d{axis}", CHAINED, begin)
+        totals = {f"d{axis}": self.sums[f"s{axis}"] for axis in self.config.motion_model.names}
+        for name, total in totals.items():
+            products = [pair for step in self.steps for pair in self._products(step, name)]
+            self._total_of_products(m, total, products, name, begin)
         if self.config.confidence:
-            begin = delay(m, begin, self.squares_late, name="begin_squares", valid=True)
-            self._total_of_products(m, self.squares, "i", LONGER, begin)
+            # w·(I + (I + w)): with a product each there are half as many chains, so they end in the same cycle.
+            squares = [(step.i, step.total.i, step.add.i) for step in self.steps]
+            self._total_of_products(m, self.squares, squares, "i", begin)
         return m
 
-    def _total_of_products(self, m, total, name, chained, begin):
-        """Σ I·D, or Σ I² where ``name`` is "i": what a bank adds to it is I·d + w·(D + d)."""
-        products = [pair for step in self.steps for pair in ((step.i, step.add[name]), (step.total[name], step.add.i))]
-        chains = zip(*[iter(products)] * chained, strict=True)
+    def _total_of_products(self, m, total, products, name, begin):
+        chains = zip(*[iter(products)] * 2 * CHAINED, strict=True)
         grown = [add_products(m, chain, f"{name}_{number}") for number, chain in enumerate(chains)]
         self._total(m, total, add_up(m, grown, f"products_{name}"), begin)
 
@@ -123,3 +124,8 @@ class LaneSums(wiring.Component):
         else:
             value = Mux(first.valid ^ second.valid, Mux(first.valid, first[name], second[name]), 0)
         return delay(m, Mux(self.room, value, 0), 1, name=f"pair_{name}_{lane}_{a}")
+
+    @staticmethod
+    def _products(step, name):
+        """What a bank adds to Σ I·D: I·d + w·(D + d)."""
+        return (step.i, step.add[name]), (step.total[name], step.add.i)

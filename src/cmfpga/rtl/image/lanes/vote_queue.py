@@ -73,7 +73,7 @@ class VoteQueue(wiring.Component):
             m.d.sync += write.addr.eq(self._next(write.addr))
             m.d.sync += [one.eq(before) for one, before in zip(banks, [self.i.payload.bank, *banks], strict=False)]
         with m.If(self.i.valid ^ load):
-            m.d.sync += [behind.eq(behind + Mux(load, -1, 1)), waits.eq(~load | (behind != 0))]
+            m.d.sync += [behind.eq(self._counted(behind, load)), waits.eq(~load | (behind != 0))]
         with m.If(load):
             m.d.sync += [
                 following.eq(self._next(following)),
@@ -88,3 +88,8 @@ class VoteQueue(wiring.Component):
     def _next(address):
         """The address after ``address``, of up to four bits: all of them in turn, by a LUT in place of an adder."""
         return Cat(address[-1:-3:-1].xor() ^ ~address[:-1].any(), address[:-1])
+
+    @staticmethod
+    def _counted(number, down):
+        """``number`` + 1, or − 1 where ``down``: a LUT for each bit, where an adder would wait for ``down`` longer."""
+        return Cat(bit ^ (number[:k] ^ down.replicate(k)).all() for k, bit in enumerate(number))
