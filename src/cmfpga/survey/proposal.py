@@ -224,7 +224,10 @@ def _confirmed(window, place, duration, measured, config):
     scale = TARGET_PX / math.hypot(*v)
     exact = all_events * scale
     unit = 10 ** max(math.floor(math.log10(max(exact, 1))) - 1, 0)
-    batch_events = max(round(exact / unit) * unit, 2)
+    batch_events = round(exact / unit) * unit
+    if (there := window.count(batch_events)) < batch_events:  # no batch is longer than the recording
+        batch_events = there // unit * unit
+    batch_events = max(batch_events, 2)
     share = batch_events / all_events
     roi_events = round(roi_events * share)
     fields = {}
@@ -260,5 +263,8 @@ def require(proposals, count, recording):
     """``proposals``, if there are ``count``; otherwise :exc:`ConfigError`, in one line."""
     if len(proposals) < count:
         what = "nothing moves" if not proposals else f"only {len(proposals)} of {count} objects move"
-        raise ConfigError(f"{recording.name}: --roi auto: {what} clearly enough; --roi X,Y is needed")
+        raise ConfigError(
+            f"{recording.name}: --roi auto: {what} clearly and far enough ({TARGET_PX:g} px in half of a batch); "
+            "--roi X,Y is needed"
+        )
     return proposals
