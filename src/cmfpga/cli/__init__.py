@@ -217,18 +217,24 @@ def checked(parse):
     return parsed
 
 
-def pair(what):
-    """A parser of ``A,B`` (two integers) for argparse."""
+def numbers(kind, count, needed):
+    """A parser of ``count`` numbers with commas between them for argparse; ``needed`` says so to who gives others."""
 
     def parse(text):
-        parts = text.split(",")
         try:
-            first, second = (int(part) for part in parts)
+            found = tuple(kind(part) for part in text.split(","))
         except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r}: {what}, two whole numbers, is needed") from None
-        return first, second
+            found = ()
+        if len(found) != count:
+            raise argparse.ArgumentTypeError(f"{text!r}: {needed} needed")
+        return found
 
     return parse
+
+
+def pair(what):
+    """A parser of ``A,B`` (two integers) for argparse."""
+    return numbers(int, 2, f"{what}, two whole numbers, is")
 
 
 def _whole(text, least):
