@@ -237,7 +237,8 @@ def pair(what):
     return numbers(int, 2, f"{what}, two whole numbers, is")
 
 
-def _whole(text, least):
+def positive(text, least=1):
+    """A parser of an integer of 1 or more for argparse."""
     try:
         number = int(text)
     except ValueError:
@@ -245,11 +246,6 @@ def _whole(text, least):
     if number < least:
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number of {least} or more is needed")
     return number
-
-
-def positive(text):
-    """A parser of an integer of 1 or more for argparse."""
-    return _whole(text, 1)
 
 
 def few(text):
@@ -262,7 +258,7 @@ def few(text):
 
 def natural(text):
     """A parser of an integer of 0 or more for argparse."""
-    return _whole(text, 0)
+    return positive(text, 0)
 
 
 def output_folder(path):
