@@ -22,6 +22,7 @@ from cmfpga.simulation.uart_top import SimulatedLine
 from support import region_driving
 from support.driving import CONFIG, SMALL, batch, differences, model_run, works
 from support.genx320 import levels, to_bytes
+from support.regions import model_of
 from support.small_core import sets
 
 
@@ -54,7 +55,7 @@ def test_batches_equal_the_model(line, rng, form):
 @pytest.mark.slow
 def test_many_regions(compiler, rng):
     """Rows go there, and packets of all regions come back."""
-    line, model = SimulatedLine(region_driving.CONFIG), region_driving.model_of(region_driving.CONFIG)
+    line, model = SimulatedLine(region_driving.CONFIG), model_of(region_driving.CONFIG)
     accelerator = Accelerator(UartBackend(line), region_driving.CONFIG)
     chosen = BatchSettings.from_config(region_driving.CONFIG)
     for table in (region_driving.TABLE, region_driving.TABLE[:1]):
