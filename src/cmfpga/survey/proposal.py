@@ -10,7 +10,7 @@ from ..errors import ConfigError
 from ..imaging.iwe import events_in_roi
 from .motion import REACH_PX, estimate
 from .places import Window, busy_places
-from .statistics import Survey, survey_all
+from .statistics import surveyed
 
 #: Motion that the proposal aims at, px per half batch, and what is accepted.
 TARGET_PX = 4.0
@@ -252,10 +252,7 @@ def survey_and_propose(recording, config, *, count=1, start_event=None):
 
     Raises :exc:`ConfigError` where there are fewer, or the events cannot be read twice.
     """
-    if not recording.seekable:
-        raise ConfigError(f"{recording.name}: --roi auto: its events come only once; --roi X,Y is needed")
-    survey = Survey(recording.width, recording.height)
-    survey_all(recording, survey)
+    survey = surveyed(recording, "--roi auto", "--roi X,Y is needed")
     return require(propose(recording, survey, config, count=count, start_event=start_event), count, recording)
 
 
