@@ -1,6 +1,5 @@
 """``python -m cmfpga.generate``: write a synthetic recording with known motion."""
 
-import argparse
 import json
 import sys
 from dataclasses import asdict, astuple
@@ -29,27 +28,12 @@ EXAMPLES = (
 )
 
 
-def _numbers(text):
-    try:
-        first, second = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: two numbers, as in 120,-40, are needed") from None
-    return first, second
-
-
-def _three(text):
-    try:
-        first, second, third = (float(part) for part in text.split(","))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: three numbers, as in 0,0.6,-0.1, are needed") from None
-    return first, second, third
+_two = cli.numbers(float, 2, "two numbers, as in 120,-40, are")
+_three = cli.numbers(float, 3, "three numbers, as in 0,0.6,-0.1, are")
 
 
 def _number(text):
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: a number is needed") from None
+    return cli.numbers(float, 1, "a number is")(text)[0]
 
 
 def _parser():
@@ -65,9 +49,9 @@ def _parser():
         help="size of the object, px (default: 40,40; with --rotation one and a half times the sensor's)",
     )  # fmt: skip
     made.add_argument(
-        "--position", type=_numbers, metavar="X,Y", help="centre of the object at the start, px (default: the middle)"
+        "--position", type=_two, metavar="X,Y", help="centre of the object at the start, px (default: the middle)"
     )
-    made.add_argument("--velocity", type=_numbers, metavar="VX,VY", help="px/s (default: 100,0)")
+    made.add_argument("--velocity", type=_two, metavar="VX,VY", help="px/s (default: 100,0)")
     made.add_argument("--zoom", type=_number, default=0.0, metavar="Z", help="growth of the object, 1/s (default: 0)")
     made.add_argument(
         "--roll", type=_number, default=0.0, metavar="R", help="turn of the object, rad/s, clockwise (default: 0)"

@@ -246,7 +246,7 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
         return
     yield ""
     if not proposals:
-        yield f"No proposal: nothing moves clearly in any {config.roi_width}×{config.roi_height} px."
+        yield f"No proposal: nothing moves clearly and far enough in any {config.roi_width}×{config.roi_height} px."
         return
     for k, found in enumerate(proposals):
         name = "Proposal" if options.objects == 1 else f"Proposal {k}"

@@ -13,8 +13,9 @@ from cmfpga import __version__, build
 from cmfpga.config import Config
 from cmfpga.config.schedule import used_events
 from cmfpga.verilog import emit
+from support.building import TINY, TINY_SETS
+from support.small_core import sets
 
-TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 REGIONS = {
     "gradient": "one_pass", "ascent": "sign", "buffers": 2, "regions": 2, "schedule_entries": 32,
     "max_batch_events": 64,
@@ -36,10 +37,6 @@ def blocks_of(config):
 
 
 FILES = ("build-info.json", "build-info.md", "cmfpga_core.v")
-
-
-def sets(fields):
-    return [part for name, value in fields.items() for part in ("--set", f"{name}={value}")]
 
 
 def contents(folder):
@@ -84,7 +81,7 @@ def test_two_processes_write_the_same_bytes(process, emitted, tmp_path):
     here = emitted(**TINY)
     for seed, without in (("0", ()), ("12345", ("torch",))):
         done = process(
-            "build", "--preset", "paper", *sets(TINY), "--out", f"new/{seed}", without=without, PYTHONHASHSEED=seed
+            "build", "--preset", "paper", *TINY_SETS, "--out", f"new/{seed}", without=without, PYTHONHASHSEED=seed
         )
         assert (done.status, done.err) == (0, ""), without
         assert contents(tmp_path / "new" / seed) == here
@@ -152,7 +149,7 @@ def test_a_system_yosys_is_not_asked(emitted, command, tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", f"{fake.parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv("AMARANTH_USE_YOSYS", "system")
     assert shutil.which("yosys") == str(fake)
-    done = command(build, "--preset", "paper", *sets(TINY), "--out", tmp_path / "out")
+    done = command(build, "--preset", "paper", *TINY_SETS, "--out", tmp_path / "out")
     assert done.status == 0 and contents(tmp_path / "out") == emitted(**TINY)
 
 
@@ -290,7 +287,7 @@ def test_the_summary_says_the_same(files):
 
 
 def test_paths_as_json(command, tmp_path):
-    done = command(build, *sets(TINY), "--json", "--out", tmp_path / "für €")
+    done = command(build, *TINY_SETS, "--json", "--out", tmp_path / "für €")
     files = json.loads(done.out)["files"]
     assert done.status == 0 and done.err == ""
     assert files == [str(tmp_path / "für €" / name) for name in ("cmfpga_core.v", "build-info.json", "build-info.md")]
@@ -301,7 +298,7 @@ def test_the_default_folder(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "build").mkdir()
     (tmp_path / "build" / "cmfpga_core.v").write_text("old")
-    assert command(build, *sets(TINY)).out.startswith(f"wrote build{os.sep}cmfpga_core.v\n")
+    assert command(build, *TINY_SETS).out.startswith(f"wrote build{os.sep}cmfpga_core.v\n")
     assert (tmp_path / "build" / "cmfpga_core.v").stat().st_size > 100_000
 
 

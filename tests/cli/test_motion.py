@@ -32,20 +32,8 @@ def turn(tmp_path_factory):
 def grow(tmp_path_factory):
     """A recording of an object that grows and turns."""
     path = tmp_path_factory.mktemp("grow") / "grow.h5"
-    told = [
-        "--velocity",
-        "30,15",
-        "--zoom",
-        "0.9",
-        "--roll=-1.2",
-        "--size",
-        "150,150",
-        "--bars",
-        "15",
-        "--contrast",
-        "1.5",
-    ]
-    assert generate.main([str(path), "--duration-us", "120000", *told]) == 0
+    told = "--velocity 30,15 --zoom 0.9 --roll=-1.2 --size 150,150 --bars 15 --contrast 1.5 --duration-us 120000"
+    assert generate.main([str(path), *told.split()]) == 0
     return path
 
 

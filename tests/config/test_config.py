@@ -17,21 +17,7 @@ from cmfpga.errors import ConfigError, UserError
 FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 BOUNDED = [name for name, field in FIELDS.items() if field.type is int and not field.metadata["choices"]]
 REAL = [name for name, field in FIELDS.items() if field.type is float and name != "confidence_limit"]
-TEXT = {
-    "gradient",
-    "ascent",
-    "start",
-    "ram_style",
-    "store_style",
-    "cold",
-    "warm",
-    "when_full",
-    "border",
-    "hot_mask",
-    "camera",
-    "undistortion",
-    "motion",
-}
+TEXT = {name for name, field in FIELDS.items() if field.type is str}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
     "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful", "hot_mask", "background_us", "camera",

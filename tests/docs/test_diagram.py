@@ -1,6 +1,5 @@
 """The drawing of the blocks: up to date, complete, and drawn without anything from elsewhere."""
 
-import importlib.util
 import re
 from pathlib import Path
 from xml.etree import ElementTree
@@ -10,16 +9,14 @@ import pytest
 import cmfpga
 from cmfpga.config import PRESETS, preset
 from cmfpga.rtl.top import verilog_top
+from support.board_files import load
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture(scope="module")
 def diagram():
-    spec = importlib.util.spec_from_file_location("docs_diagram", DOCS / "diagram.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("diagram", DOCS)
 
 
 def test_running_it_changes_nothing(diagram, monkeypatch):

@@ -1,12 +1,12 @@
 """Tables in the documentation equal what the code says."""
 
-import importlib.util
 import re
 from pathlib import Path
 
 import pytest
 
 from cmfpga.cli import command as tool
+from support.board_files import load
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -14,12 +14,9 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 @pytest.fixture(scope="module")
 def maker():
-    spec = importlib.util.spec_from_file_location("docs_tables", ROOT / "docs" / "tables.py")
-    module = importlib.util.module_from_spec(spec)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(ROOT / "docs")  # where its parts are
-        spec.loader.exec_module(module)
-    return module
+        return load("tables", ROOT / "docs")
 
 
 @pytest.fixture(scope="module")

@@ -1,22 +1,16 @@
 """The KV260 platform: what Amaranth makes of it, as far as that goes without Vivado."""
 
-import importlib.util
-from pathlib import Path
-
 import pytest
 from amaranth.hdl import ClockDomain, Module
 from amaranth.lib import io, wiring
 from amaranth.lib.wiring import In
 
-FOLDER = Path(__file__).parents[2] / "boards" / "kv260"
+from support.board_files import BOARD, load
 
 
 @pytest.fixture(scope="module")
 def platform_class():
-    spec = importlib.util.spec_from_file_location("kv260_platform", FOLDER / "platform.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.KV260Platform
+    return load("platform").KV260Platform
 
 
 class Driver(wiring.Component):
@@ -68,6 +62,6 @@ def test_there_is_no_clock_without_the_processing_system(platform_class):
 
 
 def test_the_readme_names_the_same_part(platform_class):
-    text = (FOLDER / "README.md").read_text(encoding="utf-8")
+    text = (BOARD / "README.md").read_text(encoding="utf-8")
     assert platform_class.part in text
     assert platform_class.board_part in text

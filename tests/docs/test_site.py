@@ -1,6 +1,5 @@
 """The site of mkdocs.yml builds without a warning, and holds every page and every public name."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -8,6 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from support.board_files import load
 
 ROOT = Path(__file__).parents[2]
 for package in ("mkdocs", "material", "mkdocstrings"):
@@ -37,10 +38,7 @@ def site(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def hooks():
-    spec = importlib.util.spec_from_file_location("docs_hooks", ROOT / "docs" / "hooks.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return load("hooks", ROOT / "docs")
 
 
 def html(site, page):

@@ -9,9 +9,10 @@ from cmfpga.driver import __main__ as command
 from cmfpga.driver import uio
 from support.board import uio_tree
 from support.driving import CONFIG, SMALL
+from support.small_core import options
 from support.uio import BUFFERS, Linux
 
-OPTIONS = ["--preset", "fast", *(word for name, value in SMALL.items() for word in ("--set", f"{name}={value}"))]
+OPTIONS = options({"preset": "fast", **SMALL})
 
 
 def run(capsys, *arguments):

@@ -22,6 +22,8 @@ from cmfpga.simulation.uart_top import SimulatedLine
 from support import region_driving
 from support.driving import CONFIG, SMALL, batch, differences, model_run, works
 from support.genx320 import levels, to_bytes
+from support.regions import model_of
+from support.small_core import sets
 
 
 @pytest.fixture
@@ -53,7 +55,7 @@ def test_batches_equal_the_model(line, rng, form):
 @pytest.mark.slow
 def test_many_regions(compiler, rng):
     """Rows go there, and packets of all regions come back."""
-    line, model = SimulatedLine(region_driving.CONFIG), region_driving.model_of(region_driving.CONFIG)
+    line, model = SimulatedLine(region_driving.CONFIG), model_of(region_driving.CONFIG)
     accelerator = Accelerator(UartBackend(line), region_driving.CONFIG)
     chosen = BatchSettings.from_config(region_driving.CONFIG)
     for table in (region_driving.TABLE, region_driving.TABLE[:1]):
@@ -156,12 +158,10 @@ def test_a_recording_is_tracked(command, compiler, monkeypatch, rng, rows, tmp_p
     """By the command, batch after batch; the same as by the integer model."""
     monkeypatch.setattr("cmfpga.driver.uart.SerialLine", lambda port: SimulatedLine(CONFIG))
     write_hdf5(tmp_path / "rec.h5", batch(rng, 900), CONFIG.sensor_width, CONFIG.sensor_height)
-    sizes = [f"{name}={value}" for name, value in SMALL.items() if not name.startswith("sensor")]
-    sets = [part for size in sizes for part in ("--set", size)]
-    found = []
+    size, found = sets({name: SMALL[name] for name in SMALL if not name.startswith("sensor")}), []
     for engine in ("serial:/dev/ttyUSB0", "model"):
         options = ("--roi", "8,4", "--batch-events", 300, "--engine", engine, "--out", tmp_path / engine[:5])
-        assert command(track, tmp_path / "rec.h5", *sets, *options).status == 0
+        assert command(track, tmp_path / "rec.h5", *size, *options).status == 0
         found.append([{**row, "cycles": None} for row in rows(tmp_path / engine[:5])])
     assert found[0] == found[1] and len(found[0]) == 3
 

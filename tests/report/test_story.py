@@ -104,8 +104,9 @@ def test_of_a_synthetic_track(turning):
     assert " px up and to the right within 0.48 s, at about 1" in story.lead
     assert "keep up" in story.lead and "not keep up" not in story.lead
     assert story.notes[0] == f"{len(turning.rows) - 1} of {len(turning.rows)} batches are to be trusted."
-    assert story.notes[1].endswith("the velocities fit.") and "px/s off in the median" in story.notes[2]
-    assert story.notes[3] == f"1 of {len(turning.rows)} batches have warnings: doubtful in 1."
+    assert story.notes[1].startswith("Velocity 1") and " px/s in the median, " in story.notes[1]
+    assert story.notes[2].endswith("the velocities fit.") and "px/s off in the median" in story.notes[3]
+    assert story.notes[4] == f"1 of {len(turning.rows)} batches have warnings: doubtful in 1."
 
 
 def test_cycles_by_the_formula(turning):
@@ -129,7 +130,7 @@ def test_velocities_that_do_not_fit(turning):
     wrong.__dict__.update(turning.__dict__)
     wrong.details = [dataclasses.replace(detail, v=-detail.v) for detail in turning.details]
     story = Story(wrong, 210.0)
-    assert "do not trust the velocities" in story.notes[1]
+    assert "do not trust the velocities" in story.notes[2]
     assert story.lead.startswith("Doubtful, see the remarks: the object in the orange frame moved")
 
 
@@ -139,6 +140,15 @@ def test_an_object_that_is_lost(config):
     for k in (3, 4):
         kept.rows[k] = (*kept.rows[k][:at], "", "", *kept.rows[k][at + 2 :])
     assert "within 0.06 s, at about 500 px/s, until it was lost after batch 2; the hardware" in Story(kept, 210.0).lead
+
+
+def test_what_the_command_was_told_is_not_known(config):
+    """So nothing is said of its batch options, not of slow batches either."""
+    kept = made_up(config, roi=[(10 * k, 30) for k in range(6)], speed=(100, 0))
+    assert kept.numbers("vx").max() < 1.5
+    story = Story(kept, 210.0)
+    assert any("px per half batch in the median; below 1.5 px" in note for note in story.notes)
+    assert not any("batch option" in note for note in story.notes)
 
 
 @pytest.mark.parametrize(

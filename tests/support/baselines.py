@@ -85,11 +85,6 @@ def core_alone(kind, name, changes):
     return current(name, BASELINES[kind].get(name), text, lambda: resources.core(text, **top)), text
 
 
-def lanes_of(name):
-    """Row of a preset with lanes; and the text."""
-    return core_alone("lanes", name, LANES[name])
-
-
 def placed_of(name, seeds=SEEDS):
     """Clock and area of a preset, and the text."""
     text = emitted(preset(name))[1]

@@ -4,6 +4,8 @@ In each cycle the inputs are set, the outputs of this cycle are read, then the c
 recorded in the cycle in which it is visible, and a latency is the difference of two cycle numbers.
 """
 
+import functools
+import inspect
 from dataclasses import dataclass, field
 
 from amaranth.sim import Simulator
@@ -37,6 +39,23 @@ def simulate(top, *benches):
     for bench in benches:
         simulator.add_testbench(bench)
     simulator.run()
+
+
+def played_by(play):
+    """Makes a test of ``async def test(driver, …)``: ``play(script)`` simulates it, and gives the script the driver."""
+
+    def made(script):
+        signature = inspect.signature(script)
+        _, *fixtures = signature.parameters.values()
+
+        @functools.wraps(script)
+        def test(**given):
+            play(functools.partial(script, **given))
+
+        test.__signature__ = signature.replace(parameters=fixtures)
+        return test
+
+    return made
 
 
 class Repeated:

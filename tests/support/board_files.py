@@ -12,9 +12,9 @@ KV260 = BOARDS["kv260"]
 BOARD = ROOT / "boards" / KV260.name
 
 
-def load(name):
-    """A Python file of ``boards/kv260`` as a module."""
-    spec = importlib.util.spec_from_file_location(f"kv260_{name}", BOARD / f"{name}.py")
+def load(name, folder=BOARD):
+    """A Python file of ``boards/kv260``, or of another folder, as a module."""
+    spec = importlib.util.spec_from_file_location(f"{folder.name}_{name}", folder / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)

@@ -7,9 +7,7 @@ import numpy as np
 from cmfpga.events import Events
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import counts_of
-from support.regions import CONFIGS, model_of
-
-__all__ = ["CONFIG", "TABLE", "clouds", "events_of", "model_of", "on_the_wire", "same"]
+from support.regions import CONFIGS
 
 CONFIG = CONFIGS["two units"].replace(regions=5, undistortion="on", camera="36,35,18.3,16.8,-0.3,0.1,0,0,0")
 TABLE = [
@@ -34,15 +32,10 @@ def clouds(rng, count=120, t0=0):
     return t, np.round(x).clip(0, 39).astype(int), y.clip(0, 29)
 
 
-def on_the_wire(result):
-    """A result of the model as a packet carries it."""
-    return [dataclasses.replace(region, trace=None) for region in result.regions]
-
-
 def same(result, wanted):
     """All outcomes and all that is known of the batch are equal; each event is counted once in every region."""
     found = [dataclasses.replace(region, cycles=None) for region in result.regions]
-    assert found == on_the_wire(wanted)
+    assert found == [dataclasses.replace(region, trace=None) for region in wanted.regions]  # a packet has no trace
     for name in ("t_first", "span", "events", "time_back", "time_span"):
         assert getattr(result, name) == getattr(wanted, name), name
     for region in result.regions:

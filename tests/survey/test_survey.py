@@ -199,8 +199,17 @@ def test_nothing_is_made_up(make):
     recording = MemoryRecording(make(), 240, 180, name="mine")
     proposals = propose(recording, surveyed(recording), FAST)
     assert proposals == []
-    with pytest.raises(ConfigError, match=r"^mine: --roi auto: nothing moves clearly enough; --roi X,Y is needed$"):
+    far = r"clearly and far enough \(4 px in half of a batch\)"
+    with pytest.raises(ConfigError, match=rf"^mine: --roi auto: nothing moves {far}; --roi X,Y is needed$"):
         require(proposals, 1, recording)
+
+
+def test_no_batch_is_longer_than_the_recording(data_dir):
+    """It ends after 3.5 px per half batch: enough for one batch."""
+    with open_recording(data_dir / "davis240c_dynamic_translation_32.9s.h5") as recording:
+        (found,) = propose(recording, surveyed(recording), FAST)
+    assert found.batch_events == 30_000 and 3.3 < found.px < 3.7
+    assert abs(found.px - math.hypot(*found.px_per_s) * found.batch_us / 2e6) < 0.1
 
 
 def test_large_batches_say_what_the_hardware_needs():

@@ -1,5 +1,6 @@
 """How long batches are: the rule, the survey, the loop that follows them, and the verdict on the whole."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -12,7 +13,7 @@ from cmfpga.events.columns import MemoryRecording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
 from cmfpga.tracking.fit import FittedCutter, batch_cutter, fit
-from cmfpga.tracking.loop import track
+from cmfpga.tracking.loop import _Course, track
 from cmfpga.tracking.verdict import Verdict
 
 CONFIG = preset("fast").replace(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8)
@@ -143,7 +144,32 @@ def test_a_lost_object():
     assert set(rois[lost[0] + 3 :]) == {(4 + 2 * moved, 5)}
     verdict = Verdict.of([batch.values for batch in batches])
     assert verdict.lost == [(lost[0], lost[-1])] and verdict.trusted.sum() == lost[0]
-    assert "was lost in batches" in verdict.warnings()[0]
+    assert "was lost in batches" in verdict.warnings()[0] and "after 3 of them the ROI stayed" in verdict.warnings()[0]
+    assert verdict.title.splitlines()[0] == verdict.share and verdict.title.splitlines()[1] == verdict.velocity
+    assert verdict.title.splitlines()[2].startswith(f"lost in batches {lost[0]} to {lost[-1]} (")
+    following = Verdict.of([batch.values for batch in batches], stays=0)
+    assert following.warnings()[0].endswith("the ROI followed them all the same")
+
+
+def test_a_lost_object_with_empty_batches_between():
+    """They are not to be trusted either: after three of both kinds the ROI stays."""
+    (batch,), *_ = followed(lambda t: 200, count=4000, events=4000)
+    course, result = _Course(CONFIG, (4, 5)), batch.result
+    found = []
+    for flags in (0, Flag.DOUBTFUL, Flag.DEGENERATE, Flag.DOUBTFUL, Flag.DEGENERATE, Flag.DOUBTFUL):
+        result = dataclasses.replace(result, flags=Flag(flags), roi=course.start or result.roi)
+        found.append(course.go_on(result))
+    assert found[1] is not None and found[1] != (4, 5)
+    assert found == [None, found[1], None, found[1], None, found[1]]
+
+
+def test_what_stands_still_is_told():
+    """It may be hot pixels: they are sharp at v = 0, and trusted."""
+    batches, *_ = followed(lambda t: 20, events=4000)
+    (slow, still, option) = Verdict.of([batch.values for batch in batches]).notes()
+    assert "moves by 0.4 px" in slow and "--hot-pixels auto" in still and "without a batch option" in option
+    batches, *_ = followed(lambda t: 30, events=4000)
+    assert len(Verdict.of([batch.values for batch in batches]).notes()) == 2
 
 
 @pytest.mark.parametrize("motion, follows", [("similarity", True), ("rotation", False)])

@@ -109,5 +109,5 @@ def test_roi_auto_finds_what_moves():
     assert np.abs(np.median(tracking.vx_px_per_s) - 90) < 10 and np.abs(np.median(tracking.vy_px_per_s) - 20) < 10
     assert 3 <= np.median(np.hypot(tracking.vx, tracking.vy)) <= 5
     assert cmfpga.track(scene, roi="auto", engine="model", batches=1, batch_events=800).events.tolist() == [800]
-    with pytest.raises(ConfigError, match="nothing moves clearly enough"):
+    with pytest.raises(ConfigError, match="nothing moves clearly and far enough"):
         cmfpga.track(Events(range(100), [3] * 100, [4] * 100, [0] * 100), roi="auto", sensor=(64, 64))

@@ -1,6 +1,5 @@
 """The command ``python -m cmfpga.bench``."""
 
-import argparse
 import json
 import os
 import time
@@ -10,7 +9,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from .. import __version__, cli
-from ..config.defaults import CLOCK_MHZ
 from ..errors import ConfigError, MissingPackage, needs, write_text
 from ..verilog import article
 from ..verilog.compiler import find_compiler
@@ -39,10 +37,7 @@ def _parser():
     made.add_argument(
         "--runs", type=cli.positive, metavar="R", help="timed runs of each program (default: 15; quick: 5)"
     )
-    made.add_argument(
-        "--clock", type=_megahertz, default=CLOCK_MHZ, metavar="MHZ",
-        help=f"clock assumed for the core, MHz (default: {CLOCK_MHZ:g}, the article's)",
-    )  # fmt: skip
+    cli.add_clock_option(made)
     made.add_argument("--flow", action="store_true", help="dense flow instead, of 1, 2, 4 and 8 units (quick: 4)")
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(
@@ -50,16 +45,6 @@ def _parser():
         help="folder of real recordings, for accuracy and --flow (default: $CMFPGA_DATA); none: only synthetic ones",
     )  # fmt: skip
     return made
-
-
-def _megahertz(text):
-    try:
-        clock = float(text)
-    except ValueError:
-        clock = 0.0
-    if not 1 <= clock <= 10000:
-        raise argparse.ArgumentTypeError(f"{text!r}: 1 to 10000 MHz is needed")
-    return clock
 
 
 def main(arguments=None):

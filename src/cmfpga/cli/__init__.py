@@ -217,21 +217,28 @@ def checked(parse):
     return parsed
 
 
-def pair(what):
-    """A parser of ``A,B`` (two integers) for argparse."""
+def numbers(kind, count, needed):
+    """A parser of ``count`` numbers with commas between them for argparse; ``needed`` says so to who gives others."""
 
     def parse(text):
-        parts = text.split(",")
         try:
-            first, second = (int(part) for part in parts)
+            found = tuple(kind(part) for part in text.split(","))
         except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r}: {what}, two whole numbers, is needed") from None
-        return first, second
+            found = ()
+        if len(found) != count:
+            raise argparse.ArgumentTypeError(f"{text!r}: {needed} needed")
+        return found
 
     return parse
 
 
-def _whole(text, least):
+def pair(what):
+    """A parser of ``A,B`` (two integers) for argparse."""
+    return numbers(int, 2, f"{what}, two whole numbers, is")
+
+
+def positive(text, least=1):
+    """A parser of an integer of 1 or more for argparse."""
     try:
         number = int(text)
     except ValueError:
@@ -239,11 +246,6 @@ def _whole(text, least):
     if number < least:
         raise argparse.ArgumentTypeError(f"{text!r}: a whole number of {least} or more is needed")
     return number
-
-
-def positive(text):
-    """A parser of an integer of 1 or more for argparse."""
-    return _whole(text, 1)
 
 
 def few(text):
@@ -256,7 +258,7 @@ def few(text):
 
 def natural(text):
     """A parser of an integer of 0 or more for argparse."""
-    return _whole(text, 0)
+    return positive(text, 0)
 
 
 def output_folder(path):

@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import tempfile
 import time
 import traceback
@@ -106,13 +105,7 @@ def _text(outcome):
 @contextlib.contextmanager
 def _own_cache():
     """A folder for what is compiled, which goes with it: the user's cache is for what is used again."""
-    before = os.environ.get("CMFPGA_CACHE")
-    with tempfile.TemporaryDirectory(prefix="cmfpga-crosscheck-") as folder:
-        os.environ["CMFPGA_CACHE"] = folder
-        try:
-            yield Path(folder)
-        finally:
-            if before is None:
-                del os.environ["CMFPGA_CACHE"]
-            else:
-                os.environ["CMFPGA_CACHE"] = before
+    from ..verilog.emit import environment
+
+    with tempfile.TemporaryDirectory(prefix="cmfpga-crosscheck-") as folder, environment({"CMFPGA_CACHE": folder}):
+        yield Path(folder)

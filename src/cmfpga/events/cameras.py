@@ -153,7 +153,7 @@ def evt_version(fields):
 
 
 def _is_prophesee(head):
-    return head.startswith(b"% ") or head.startswith(b"%\n")
+    return head.startswith((b"% ", b"%\n"))
 
 
 def _is_dat(head, path):
@@ -169,16 +169,11 @@ def _is_raw(head, path):
 
 def raw_sensor(fields):
     """``(width, height)`` in pixels that a Prophesee header's fields or its plugin tell; None if neither does."""
-    sizes = (
-        re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", "")),
-        re.search(r";height=(?P<height>\d+);width=(?P<width>\d+)", fields.get("format", "")),
-        re.search(r";width=(?P<width>\d+);height=(?P<height>\d+)", fields.get("format", "")),
-    )
-    for size in sizes:
-        if size:
-            named = size.groupdict()
-            width, height = (named["width"], named["height"]) if named else size.groups()
-            return int(width), int(height)
+    size = re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", ""))
+    told = dict(re.findall(r";(width|height)=(\d+)", fields.get("format", "")))
+    if size or len(told) == 2:
+        width, height = size.groups() if size else (told["width"], told["height"])
+        return int(width), int(height)
     plugin = fields.get("plugin_name", fields.get("camera_integrator_name", "")).lower()
     return next((sensor for name, sensor in _PLUGINS if name in plugin), None)
 

@@ -75,7 +75,7 @@ class LiveSource(Feed):
         self._waiting, self._closed, self._error = 0, False, None
         self._changed = threading.Condition()
         name = os.fspath(path)
-        self._fd, self._socket, self._bytes = None, None, 0
+        self._fd, self._socket = None, None
         try:
             self._open(name)
             fields, first = self._header(name, form)
@@ -112,9 +112,7 @@ class LiveSource(Feed):
         """The next bytes; none at the end, or once it is closed."""
         while not self._closed:
             if select.select([self._fd], [], [], _POLL_S)[0]:
-                data = os.read(self._fd, _READ_BYTES)
-                self._bytes += len(data)
-                return data
+                return os.read(self._fd, _READ_BYTES)
         return b""
 
     def _header(self, name, form):

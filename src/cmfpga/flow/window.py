@@ -10,6 +10,7 @@ from ..camera import nearest, seen
 from ..imaging.iwe import dithered, image_of_warped_events
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
+from ..survey.places import box_sums
 
 #: Columns of ``flow.csv``: format and meaning.
 COLUMNS = {
@@ -128,13 +129,11 @@ class Window:
         at = seen(self.config, self.events)
         column, row, inside = nearest(self.config, at.x, at.y)
         pixel, x, y = (row * size[1] + column)[inside], at.x[inside], at.y[inside]
+        left, top = np.array(self.tiles.corners).T
         sums = []
         for weight in (None, x, y):
             pixels = np.bincount(pixel, weight, size[0] * size[1]).reshape(size)
-            total = np.pad(pixels.cumsum(0).cumsum(1), ((1, 0), (1, 0)))
-            (left, top), (width, height) = np.array(self.tiles.corners).T, (self.tiles.width, self.tiles.height)
-            right, bottom = left + width, top + height
-            sums.append(total[bottom, right] - total[top, right] - total[bottom, left] + total[top, left])
+            sums.append(box_sums(pixels, self.tiles.width, self.tiles.height)[top, left])
         middle = np.array(self.tiles.corners) + (np.array([self.tiles.width, self.tiles.height]) - 1) / 2
         count, *sums = sums
         return np.where(count[:, None] > 0.5, np.transpose(sums) / np.maximum(count, 1)[:, None], middle)

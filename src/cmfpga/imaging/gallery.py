@@ -149,7 +149,7 @@ class Gallery:
                 writer.grab_frame()
 
     def figure(self, verdict=""):
-        """The picture as a Matplotlib ``Figure``; ``verdict`` stands in its title."""
+        """The picture as a Matplotlib ``Figure``; ``verdict`` stands in its title, in three lines at most."""
         from matplotlib.figure import Figure  # Matplotlib takes a second to import; no window, so no pyplot
 
         figure = Figure(figsize=(14, 8.4), layout="constrained", dpi=DPI)
@@ -163,7 +163,8 @@ class Gallery:
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_motion(right)
-        figure.suptitle(f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'}")
+        title = f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'}"
+        figure.suptitle(title, fontsize=12 - title.count("\n"))
         return figure
 
     def _handles(self, trail):

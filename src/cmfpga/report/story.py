@@ -88,7 +88,8 @@ class Story:
     @functools.cached_property
     def verdict(self):
         """How far the batches are to be trusted."""
-        return Verdict(self.kept.numbers, self.flags, self.kept.config.motion)
+        config = self.kept.config
+        return Verdict(self.kept.numbers, self.flags, config.motion, config.cold_after_doubtful)
 
     @property
     def lead(self):
@@ -164,7 +165,7 @@ class Story:
     def notes(self):
         """Further sentences, each by itself: how far to trust the first."""
         verdict, sharper = self.verdict, self.gain
-        sentences = filter(None, (verdict.share, *verdict.warnings(), *verdict.notes()))
+        sentences = filter(None, (verdict.share, verdict.velocity, *verdict.warnings(), *verdict.notes(fitted=True)))
         found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
         if motion := verdict.motion_text:
             found.insert(0, f"{motion[0].upper()}{motion[1:]}." if motion[0] != "ω" else f"{motion}.")

@@ -3,6 +3,7 @@
 import base64
 import importlib.resources
 import json
+import re
 
 
 def fill(body, parts, head, blob, *, one):
@@ -15,9 +16,7 @@ def fill(body, parts, head, blob, *, one):
     # In a script element only "</" and "<!--" have a meaning.
     text = json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     parts = {**parts, "one": one, "One": one.capitalize(), "head": text, "blob": base64.b64encode(blob).decode()}
-    names = [piece.partition("}}")[0] for piece in page.split("{{")[1:]]
-    pieces = [page.partition("{{")[0]] + [piece.partition("}}")[2] for piece in page.split("{{")[1:]]
-    return pieces[0] + "".join(parts[name] + piece for name, piece in zip(names, pieces[1:], strict=True))
+    return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], page)
 
 
 def asset(name, package=__package__):

@@ -39,6 +39,11 @@ class Fixed(ShapeCastable):
         return value if value.shape().signed == self.q.signed else value.as_signed()
 
 
+def layout(**members):
+    """A layout of members by their names."""
+    return data.StructLayout(members)
+
+
 def shaped(shape):
     """The layout, or the shape, of a :mod:`cmfpga.protocol.shapes` shape."""
     if isinstance(shape, Q):
@@ -58,15 +63,13 @@ def of_lanes(config, member):
 
 def event(config):
     """An event as the camera sends it; ``last`` ends the batch. Polarity is not used."""
-    return data.StructLayout(
-        {"t": config.time_bits, "x": config.geometry.x_bits, "y": config.geometry.y_bits, "last": 1}
-    )
+    return layout(t=config.time_bits, x=config.geometry.x_bits, y=config.geometry.y_bits, last=1)
 
 
 def marked_event(config, *marks):
     """An event, and what it is dropped for: ``hot``, ``noise``; by default all that the hardware has."""
     marks = marks or [name for name, there in (("hot", config.hot_pixels), ("noise", config.background)) if there]
-    return data.StructLayout({**event(config).members, **dict.fromkeys(marks, 1)})
+    return layout(**event(config).members, **dict.fromkeys(marks, 1))
 
 
 def undistorted_event(config):
@@ -83,15 +86,13 @@ def node_write(config):
     """A node of the table that undistorts: how far it moves what lies on it."""
     geometry, formats = config.geometry, config.formats
     place = {"column": range(geometry.node_columns), "row": range(geometry.node_rows)}
-    return data.StructLayout({**place, "x": Fixed(formats.node_x), "y": Fixed(formats.node_y)})
+    return layout(**place, x=Fixed(formats.node_x), y=Fixed(formats.node_y))
 
 
 def mask_write(config):
     """A word of the mask of hot pixels: bit k is the pixel 32·column + k."""
     geometry = config.geometry
-    return data.StructLayout(
-        {"column": geometry.mask_column_bits, "row": geometry.y_bits, "bits": geometry.mask_pixels}
-    )
+    return layout(column=geometry.mask_column_bits, row=geometry.y_bits, bits=geometry.mask_pixels)
 
 
 def roi_event(config, width=None, height=None):
@@ -102,12 +103,12 @@ def roi_event(config, width=None, height=None):
     columns, rows = bits_for((width or config.roi_width) - 1), bits_for((height or config.roi_height) - 1)
     frac = config.formats.event_frac
     x, y = (Fixed(Q(bits, frac, signed=False)) if frac else bits for bits in (columns, rows))
-    return data.StructLayout({"t": config.span_bits, "x": x, "y": y})
+    return layout(t=config.span_bits, x=x, y=y)
 
 
 def replayed_event(config):
     """An event out of the buffer; ``last`` is the iteration's last."""
-    return data.StructLayout({**roi_event(config).members, "last": 1})
+    return layout(**roi_event(config).members, last=1)
 
 
 def dithered_event(config):
@@ -127,9 +128,7 @@ def dithered_event(config):
 def scaled_event(config):
     """An event with its scaled time."""
     members = dithered_event(config).members
-    return data.StructLayout(
-        {"dt": Fixed(config.formats.dt), "x": members["x"], "y": members["y"], "last": 1, **with_basis(config)}
-    )
+    return layout(dt=Fixed(config.formats.dt), x=members["x"], y=members["y"], last=1, **with_basis(config))
 
 
 def basis(config):
@@ -140,7 +139,7 @@ def basis(config):
 def middle(config):
     """Column and row of a region's middle in the image, in half pixels."""
     x, y = config.geometry.middle
-    return data.StructLayout({"x": bits_for(2 * x), "y": bits_for(2 * y)})
+    return layout(x=bits_for(2 * x), y=bits_for(2 * y))
 
 
 def with_middle(config, member=lambda layout: layout):
@@ -162,7 +161,7 @@ def with_moments(config):
     if not config.motion_model.of_pixels:
         return with_basis(config)
     more = {"odd_column": 1, "odd_row": 1, "level": bits_for(config.max_level)}
-    return {"cell": data.StructLayout({**basis(config).members, **more})}
+    return {"cell": layout(**basis(config).members, **more)}
 
 
 def displacement(config):
@@ -182,42 +181,36 @@ def moments(config):
 
 def warped_event(config):
     """An event moved to t_ref."""
-    return data.StructLayout(
-        {
-            "dt": Fixed(config.formats.dt),
-            "x": Fixed(config.formats.position_x),
-            "y": Fixed(config.formats.position_y),
-            "last": 1,
-            **({} if config.motion_model.of_pixels else with_basis(config)),
-        }
+    return layout(
+        dt=Fixed(config.formats.dt),
+        x=Fixed(config.formats.position_x),
+        y=Fixed(config.formats.position_y),
+        last=1,
+        **({} if config.motion_model.of_pixels else with_basis(config)),
     )
 
 
 def votes(config):
     """One event's votes, sorted by parity bank: bank 2·(row % 2) + (column % 2)."""
-    vote = data.StructLayout(
-        {
-            "valid": 1,
-            "address": config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
-            "i": Fixed(Q(1, config.weight_frac, signed=False)),
-            **dict.fromkeys(("dx", "dy"), Fixed(Q(1, config.derivative_frac))),
-        }
+    vote = layout(
+        valid=1,
+        address=config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
+        i=Fixed(Q(1, config.weight_frac, signed=False)),
+        **dict.fromkeys(("dx", "dy"), Fixed(Q(1, config.derivative_frac))),
     )
-    return data.StructLayout({"banks": data.ArrayLayout(vote, 4), "last": 1, **with_moments(config)})
+    return layout(banks=data.ArrayLayout(vote, 4), last=1, **with_moments(config))
 
 
 def pixel(config):
     """One pixel of the three images."""
     derivative = of_width(config.widths.derivative_image_bits, config.derivative_frac)
     i = of_width(config.widths.image_bits, config.weight_frac, signed=False)
-    return data.StructLayout({"i": i, "dx": derivative, "dy": derivative})
+    return layout(i=i, dx=derivative, dy=derivative)
 
 
 def sweep_address(config):
     """One address of all banks, for the reader that clears behind itself."""
-    return data.StructLayout(
-        {"address": votes(config)["banks"].shape.elem_shape["address"].shape, "first": 1, "last": 1}
-    )
+    return layout(address=votes(config)["banks"].shape.elem_shape["address"].shape, first=1, last=1)
 
 
 def tagged_operation(config):
@@ -225,7 +218,7 @@ def tagged_operation(config):
     vote = votes(config)["banks"].shape.elem_shape
     add = {name: vote[name].shape for name in pixel(config).members}
     address = config.geometry.word_bits
-    return data.StructLayout({"address": address, "tag": config.tag_bits, "add": data.StructLayout(add)})
+    return layout(address=address, tag=config.tag_bits, add=data.StructLayout(add))
 
 
 def lane_operation(config):
@@ -236,18 +229,16 @@ def lane_operation(config):
 
 def lane_vote(config):
     """A vote in a queue, which is for every second bank of its parity class: which of them."""
-    return data.StructLayout({"operation": lane_operation(config), "bank": config.geometry.lane_bits - 1})
+    return layout(operation=lane_operation(config), bank=config.geometry.lane_bits - 1)
 
 
 def tagged_step(config):
     """What a tagged bank did: I before, what was added, and the pixel after."""
-    return data.StructLayout(
-        {
-            "valid": 1,
-            "i": pixel(config)["i"].shape,
-            "add": tagged_operation(config)["add"].shape,
-            "total": pixel(config),
-        }
+    return layout(
+        valid=1,
+        i=pixel(config)["i"].shape,
+        add=tagged_operation(config)["add"].shape,
+        total=pixel(config),
     )
 
 
@@ -288,7 +279,7 @@ def velocity(config):
 
 def roi_corner(config):
     """Left column and top row of the ROI in whole pixels."""
-    return data.StructLayout({"x": bits_for(config.geometry.roi_x_max), "y": bits_for(config.geometry.roi_y_max)})
+    return layout(x=bits_for(config.geometry.roi_x_max), y=bits_for(config.geometry.roi_y_max))
 
 
 def settings(config):
@@ -305,12 +296,12 @@ def schedule_entry(config):
 
 def subset(config):
     """The stored events that a replay uses: one in 2^stride, from the one with the number ``first`` on."""
-    return data.StructLayout({"stride": STRIDE_BITS, "first": bits_for(STRIDES[-1] - 1)})
+    return layout(stride=STRIDE_BITS, first=bits_for(STRIDES[-1] - 1))
 
 
 def schedule_write(config):
     """An entry for the table; only while no batch is under way."""
-    return data.StructLayout({"address": range(config.schedule_entries), "entry": schedule_entry(config)})
+    return layout(address=range(config.schedule_entries), entry=schedule_entry(config))
 
 
 def thinning_used(config):
@@ -321,7 +312,7 @@ def thinning_used(config):
 def batch(config):
     """All that is known of a batch when it has been taken in; the names are those of :func:`result`."""
     members = {f.name: shaped(f.shape(config)) for f in fields_of("batch", "region", config=config) if f.taken_in}
-    return data.StructLayout({"settings": settings(config), "cut": 1, "clamped": 1, **members})
+    return layout(settings=settings(config), cut=1, clamped=1, **members)
 
 
 def result(config):

@@ -42,6 +42,12 @@ class Window:
             pass
         return self._events
 
+    def count(self, most):
+        """How many of the first ``most`` events there are."""
+        while len(self._events) < most and self._grow():
+            pass
+        return min(len(self._events), most)
+
     def during(self, begin_us, duration_us):
         """Events of ``begin_us … begin_us + duration_us`` (µs from the first), or None where they are not all there."""
         while not len(self._events) or self._events.t[-1] - self._events.t[0] < begin_us + duration_us:

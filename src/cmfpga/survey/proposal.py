@@ -10,7 +10,7 @@ from ..errors import ConfigError
 from ..imaging.iwe import events_in_roi
 from .motion import REACH_PX, estimate
 from .places import Window, busy_places
-from .statistics import Survey, survey_all
+from .statistics import surveyed
 
 #: Motion that the proposal aims at, px per half batch, and what is accepted.
 TARGET_PX = 4.0
@@ -224,7 +224,10 @@ def _confirmed(window, place, duration, measured, config):
     scale = TARGET_PX / math.hypot(*v)
     exact = all_events * scale
     unit = 10 ** max(math.floor(math.log10(max(exact, 1))) - 1, 0)
-    batch_events = max(round(exact / unit) * unit, 2)
+    batch_events = round(exact / unit) * unit
+    if (there := window.count(batch_events)) < batch_events:  # no batch is longer than the recording
+        batch_events = there // unit * unit
+    batch_events = max(batch_events, 2)
     share = batch_events / all_events
     roi_events = round(roi_events * share)
     fields = {}
@@ -249,10 +252,7 @@ def survey_and_propose(recording, config, *, count=1, start_event=None):
 
     Raises :exc:`ConfigError` where there are fewer, or the events cannot be read twice.
     """
-    if not recording.seekable:
-        raise ConfigError(f"{recording.name}: --roi auto: its events come only once; --roi X,Y is needed")
-    survey = Survey(recording.width, recording.height)
-    survey_all(recording, survey)
+    survey = surveyed(recording, "--roi auto", "--roi X,Y is needed")
     return require(propose(recording, survey, config, count=count, start_event=start_event), count, recording)
 
 
@@ -260,5 +260,8 @@ def require(proposals, count, recording):
     """``proposals``, if there are ``count``; otherwise :exc:`ConfigError`, in one line."""
     if len(proposals) < count:
         what = "nothing moves" if not proposals else f"only {len(proposals)} of {count} objects move"
-        raise ConfigError(f"{recording.name}: --roi auto: {what} clearly enough; --roi X,Y is needed")
+        raise ConfigError(
+            f"{recording.name}: --roi auto: {what} clearly and far enough ({TARGET_PX:g} px in half of a batch); "
+            "--roi X,Y is needed"
+        )
     return proposals

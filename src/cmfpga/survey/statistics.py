@@ -93,11 +93,16 @@ def hot_mask(recording):
 
     Raises :exc:`ConfigError` where the events cannot be read twice.
     """
+    return pixels_text(surveyed(recording, "hot pixels: auto", "say which pixels are hot").hot_pixels())
+
+
+def surveyed(recording, what, instead):
+    """A :class:`Survey` of all events. Where they come only once, :exc:`ConfigError` says that ``what`` cannot be."""
     if not recording.seekable:
-        raise ConfigError(f"{recording.name}: hot pixels: auto: its events come only once; say which pixels are hot")
+        raise ConfigError(f"{recording.name}: {what}: its events come only once; {instead}")
     survey = Survey(recording.width, recording.height)
     survey_all(recording, survey)
-    return pixels_text(survey.hot_pixels())
+    return survey
 
 
 def pixels_text(pixels):

@@ -265,7 +265,7 @@ class _Course:
 
     def __init__(self, config, roi):
         self._config, self.start, self.replay = config, roi, Replay(config)
-        self._doubtful, self._speed = 0, (0.0, 0.0)  # batches in a row; px per half µs
+        self._doubtful, self._speed = 0, (0.0, 0.0)  # batches not trusted in a row; px per half µs
 
     def settings(self, cold):
         """Those of the next batch."""
@@ -275,6 +275,9 @@ class _Course:
     def go_on(self, result):
         """Choose ``start`` by the last batch's result, and return it."""
         self.start = None
+        if Flag.DEGENERATE in result.flags:  # not to be trusted either, but nothing moves
+            self._doubtful += 1
+            return None
         if Flag.DOUBTFUL not in result.flags or not self._config.cold_after_doubtful:
             self._doubtful = 0
             if is_sure(result):

@@ -95,7 +95,7 @@ class TrackedObject:
 
             def write(one):
                 for path in pictures:
-                    gallery.save(one._file(path.parent, path.stem, path.suffix), verdict=one.verdict.share)
+                    gallery.save(one._file(path.parent, path.stem, path.suffix), verdict=one.verdict.title)
 
             self._writers.append(write)
         if report_mhz is not None:
@@ -144,7 +144,7 @@ class TrackedObject:
     @property
     def verdict(self):
         """Of the batches so far."""
-        return Verdict.of(self.values, self.config.motion)
+        return Verdict.of(self.values, self.config.motion, self.config.cold_after_doubtful)
 
     @property
     def dropped_text(self):

@@ -79,7 +79,7 @@ class Tracking:
     @property
     def verdict(self):
         """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
-        return Verdict.of(self._values, self.config.motion)
+        return Verdict.of(self._values, self.config.motion, self.config.cold_after_doubtful)
 
     @property
     def covariance(self):
@@ -132,7 +132,7 @@ class Tracking:
         path : str or Path, optional
             Write it there as well: ``.png``, ``.pdf``, ``.svg``; or ``.gif``, which shows the object as it moves.
         """
-        figure = self._gallery.figure(self.verdict.share)
+        figure = self._gallery.figure(self.verdict.title)
         if path is not None:
             self._gallery.save(path, figure)
         return figure

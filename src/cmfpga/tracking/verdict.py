@@ -13,6 +13,9 @@ from .fit import LOST_BATCHES
 #: Where the image moves less, velocities are measured too large, px per half batch.
 BIASED_PX = 1.5
 
+#: Where it moves less, it stands still, or hot pixels are all that is seen to be sharp.
+STILL_PX = 0.5
+
 #: What is told of motions beyond translation: columns, their names for people, and units.
 _TOLD = {
     "translation": (),
@@ -37,8 +40,8 @@ class Verdict:
         ``numbers(name)``: a column of ``track.csv``, float64 [batches]; NaN where it is empty.
     flags : list of Flag
         Of each batch.
-    motion : str
-        As of ``Config``.
+    motion, stays
+        ``motion`` and ``cold_after_doubtful`` of ``Config``: whether the ROI of a lost object stays.
 
     Attributes
     ----------
@@ -56,14 +59,14 @@ class Verdict:
         trusted; empty where the confidence was not measured.
     """
 
-    def __init__(self, numbers, flags, motion="translation"):
+    def __init__(self, numbers, flags, motion="translation", stays=1):
         self.judged = ~np.isnan(numbers("confidence"))
         measured = ~np.isnan(numbers("vx_px_per_s"))
         sure = np.array([not flag & (Flag.DOUBTFUL | Flag.DEGENERATE) for flag in flags], bool)
         self.trusted = self.judged & measured & sure
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
-        self.motion = motion
+        self.motion, self._stays = motion, stays
         self.rates = {name: numbers(name)[used] for name in RATES[motion]}
         moved = np.hypot(numbers("vx"), numbers("vy"))[used if used.any() else measured]
         self.px = float(np.median(moved)) if len(moved) else None
@@ -71,7 +74,7 @@ class Verdict:
         self._times = numbers("t_ref_us")
 
     @classmethod
-    def of(cls, values, motion="translation"):
+    def of(cls, values, motion="translation", stays=1):
         """Of a list of :attr:`TrackedBatch.values <cmfpga.tracking.loop.TrackedBatch.values>`."""
 
         declared = columns(motion)
@@ -79,7 +82,7 @@ class Verdict:
         def numbers(name):
             return declared[name].array([batch[name] for batch in values]).astype(np.float64)
 
-        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion)
+        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays)
 
     def _lost(self):
         runs = itertools.groupby(range(len(self.trusted)), key=lambda k: bool(self.trusted[k]))
@@ -113,6 +116,12 @@ class Verdict:
         )
 
     @property
+    def title(self):
+        """What stands above the picture: all of this, in lines; empty where the confidence was not measured."""
+        lost = f"lost in {self._when_lost}" if self.lost else ""
+        return "\n".join(filter(None, (self.share, self.velocity, lost))) if self.share else ""
+
+    @property
     def motion_text(self):
         """The motion beside the velocity, in physical units, in words; empty where there is none."""
         shown = [f"{title} {found}" for name, title, unit in _TOLD[self.motion] if (found := self._told(name, unit))]
@@ -138,12 +147,16 @@ class Verdict:
         """Sentences about what went wrong."""
         if not self.lost:
             return []
+        then = "the ROI followed them all the same"
+        if self._stays:
+            then = f"each next batch started cold, and after {LOST_BATCHES} of them the ROI stayed"
+        return [f"the object was lost in {self._when_lost}: none of these is to be trusted; {then}"]
+
+    @property
+    def _when_lost(self):
         told = [f"{first} to {last}{self._when(first, last)}" for first, last in self.lost[:_RUNS]]
         more = f", and {len(self.lost) - _RUNS} times more" if len(self.lost) > _RUNS else ""
-        return [
-            f"the object was lost in batches {', '.join(told)}{more}: none of these is to be trusted; the ROI stayed, "
-            "and each next batch started cold"
-        ]
+        return f"batches {', '.join(told)}{more}"
 
     def _when(self, first, last):
         times = self._times[first : last + 1] / 1e6
@@ -159,6 +172,11 @@ class Verdict:
             found.append(
                 f"the image moves by {self.px:.1f} px per half batch in the median; below {BIASED_PX:g} px velocities "
                 "may be measured too large, by up to 15 %"
+            )
+        if self.px is not None and self.px < STILL_PX:
+            found.append(
+                f"what moves by less than {STILL_PX:g} px stands still, or it is hot pixels that are seen to stand "
+                "still: info tells where there are some, --hot-pixels auto drops them"
             )
         if not fitted and (found or self.trusted.mean() < 0.5):
             found.append("without a batch option, batches are as long as suits the motion: 3 to 5 px per half batch")

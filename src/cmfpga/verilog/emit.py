@@ -41,7 +41,7 @@ def emit_verilog(core, name=TOP):
     """
     ports = [*core.inputs.values(), *core.outputs.values()]
     # The Yosys that comes with Amaranth: another one orders and names things differently.
-    with _environment({"AMARANTH_USE_YOSYS": "builtin", **cache_environment("wasmtime")}), _rare_collection():
+    with environment({"AMARANTH_USE_YOSYS": "builtin", **cache_environment("wasmtime")}), _rare_collection():
         text = verilog.convert(core, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
     text = re.sub(r" *\(\* init = .*? \*\)\n", "", text)
@@ -123,7 +123,8 @@ def _rare_collection():
 
 
 @contextlib.contextmanager
-def _environment(changes):
+def environment(changes):
+    """The process's environment with these variables."""
     before = {name: os.environ[name] for name in changes if name in os.environ}
     os.environ.update(changes)
     try:

@@ -8,7 +8,7 @@ from cmfpga.config import preset
 from cmfpga.protocol.registers import Field, Register, RegisterMap, register_map
 from cmfpga.rtl.shell.register_bank import RegisterBank, fields_of, in_memory, member
 from cmfpga.rtl.shell.settings import WORDS
-from support.bench import simulate
+from support.bench import played_by, simulate
 from support.values import Port
 
 
@@ -66,54 +66,45 @@ def run(check):
     simulate(bank, bench)
 
 
-def test_reset_values_constants_and_nothing_elsewhere():
-    async def check(access):
-        assert await access.read(0) == (-3 & 31) << 8
-        assert await access.read(0x44 // 4) == 7
-        assert await access.read(0xFFC // 4) == 0xA50
-        for address in (1, 16, 18, 1022, 512):
-            assert await access.read(address) == 0
-
-    run(check)
+@played_by(run)
+async def test_reset_values_constants_and_nothing_elsewhere(access):
+    assert await access.read(0) == (-3 & 31) << 8
+    assert await access.read(0x44 // 4) == 7
+    assert await access.read(0xFFC // 4) == 0xA50
+    for address in (1, 16, 18, 1022, 512):
+        assert await access.read(address) == 0
 
 
-def test_commands_last_one_cycle():
-    async def check(access):
-        assert (await access.cycle(write=(0, 4)))["a_now"] == 1
-        assert (await access.cycle())["a_now"] == 0
-        assert (await access.cycle(write=(0, 4), strobe=0b1110))["a_now"] == 0
-        assert (await access.cycle(write=(17, 4)))["a_now"] == 0
-
-    run(check)
+@played_by(run)
+async def test_commands_last_one_cycle(access):
+    assert (await access.cycle(write=(0, 4)))["a_now"] == 1
+    assert (await access.cycle())["a_now"] == 0
+    assert (await access.cycle(write=(0, 4), strobe=0b1110))["a_now"] == 0
+    assert (await access.cycle(write=(17, 4)))["a_now"] == 0
 
 
-def test_flags_and_sticky_bits_in_every_collision():
+@played_by(run)
+async def test_flags_and_sticky_bits_in_every_collision(access):
     """All combinations of what was, what software writes and what hardware does in one cycle."""
-
-    async def check(access):
-        for go, happened, new, strobe, set_, clear in itertools.product(
-            (0, 1), (0, 1), (None, 0, 1, 2, 3), (15, 14), (0, 1), (0, 1)
-        ):
-            await access.cycle(write=(0, 2 | go), clear=0)
-            await access.cycle(set=happened)
-            before = await access.read(0)
-            assert before & 3 == go | happened << 1
-            await access.cycle(write=None if new is None else (0, new), strobe=strobe, set=set_, clear=clear)
-            written = new if new is not None and strobe & 1 else None
-            wanted_go = (0 if clear else go) if written is None else written & 1
-            wanted = (0 if written is not None and written & 2 else happened) | set_
-            assert (await access.read(0)) & 3 == wanted_go | wanted << 1, (go, happened, new, strobe, set_, clear)
-
-    run(check)
+    for go, happened, new, strobe, set_, clear in itertools.product(
+        (0, 1), (0, 1), (None, 0, 1, 2, 3), (15, 14), (0, 1), (0, 1)
+    ):
+        await access.cycle(write=(0, 2 | go), clear=0)
+        await access.cycle(set=happened)
+        before = await access.read(0)
+        assert before & 3 == go | happened << 1
+        await access.cycle(write=None if new is None else (0, new), strobe=strobe, set=set_, clear=clear)
+        written = new if new is not None and strobe & 1 else None
+        wanted_go = (0 if clear else go) if written is None else written & 1
+        wanted = (0 if written is not None and written & 2 else happened) | set_
+        assert (await access.read(0)) & 3 == wanted_go | wanted << 1, (go, happened, new, strobe, set_, clear)
 
 
-def test_status_is_shown_and_not_written():
-    async def check(access):
-        access.status = {"a_seen": 0x155}
-        await access.cycle(write=(0, 0xFFFFFFFF))
-        assert (await access.read(0)) >> 16 == 0x155
-
-    run(check)
+@played_by(run)
+async def test_status_is_shown_and_not_written(access):
+    access.status = {"a_seen": 0x155}
+    await access.cycle(write=(0, 0xFFFFFFFF))
+    assert (await access.read(0)) >> 16 == 0x155
 
 
 @pytest.mark.parametrize("name", ["paper", "fast"])

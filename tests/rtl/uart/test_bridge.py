@@ -5,7 +5,7 @@ import pytest
 
 from cmfpga.protocol import link
 from cmfpga.rtl.uart.bridge import Bridge
-from support.bench import simulate
+from support.bench import played_by, simulate
 
 BUFFER_WORDS = 64
 
@@ -131,157 +131,137 @@ def as_beats(words, last):
     return [tuple(beat) for beat in found]
 
 
-def test_registers():
-    async def script(host):
-        assert await host.request(link.HELLO) == (link.DONE, 0)
-        assert await host.read(0x010) == 0xAB000004
-        assert await host.write(0x204, 0xC0DBDCDD) == (link.DONE, 0)
-        assert await host.read(0x204) == 0xC0DBDCDD
-        assert host.written == [(0x81, 0xC0DBDCDD)]
-        assert await host.read(link.BASE) == link.ID
-        assert await host.read(0x5000) == 0  # nobody's
-        await host.write(0x5000, 1)
-        await host.write(link.BASE + 4, 0b1011)
-        assert await host.read(link.BASE + 4) == 0b1011
-        assert host.written == [(0x81, 0xC0DBDCDD)] and await host.counters() == {}
-
-    Host(script)
+@played_by(Host)
+async def test_registers(host):
+    assert await host.request(link.HELLO) == (link.DONE, 0)
+    assert await host.read(0x010) == 0xAB000004
+    assert await host.write(0x204, 0xC0DBDCDD) == (link.DONE, 0)
+    assert await host.read(0x204) == 0xC0DBDCDD
+    assert host.written == [(0x81, 0xC0DBDCDD)]
+    assert await host.read(link.BASE) == link.ID
+    assert await host.read(0x5000) == 0  # nobody's
+    await host.write(0x5000, 1)
+    await host.write(link.BASE + 4, 0b1011)
+    assert await host.read(link.BASE + 4) == 0b1011
+    assert host.written == [(0x81, 0xC0DBDCDD)] and await host.counters() == {}
 
 
-def test_words_of_any_number_with_and_without_an_end(rng):
-    async def script(host):
-        expected = []
-        for size, last in (
-            (1, False),
-            (2, True),
-            (3, True),
-            (4, False),
-            (0, True),
-            (17, True),
-            (54, True),
-        ):
-            words = rng.integers(0, 1 << 32, size).tolist()
-            assert await host.events(words, last) == link.DONE
-            expected += as_beats(words, last)
-        await host.rest(300)
-        assert host.beats == expected
-        assert await host.counters() == {}
-
-    Host(script)
+@played_by(Host)
+async def test_words_of_any_number_with_and_without_an_end(host, rng):
+    expected = []
+    for size, last in (
+        (1, False),
+        (2, True),
+        (3, True),
+        (4, False),
+        (0, True),
+        (17, True),
+        (54, True),
+    ):
+        words = rng.integers(0, 1 << 32, size).tolist()
+        assert await host.events(words, last) == link.DONE
+        expected += as_beats(words, last)
+    await host.rest(300)
+    assert host.beats == expected
+    assert await host.counters() == {}
 
 
-def test_a_damaged_frame_leaves_no_word_and_no_reply(rng):
-    async def script(host):
-        good = link.frame(bytes([9, link.EVENTS_LAST]) + bytes(range(16)))
-        damaged = bytearray(good)
-        damaged[9] ^= 4
-        for wire, lost in ((damaged, ()), (good[:-4], ()), (b"garbage", ()), (good, {6})):
-            await host.wire(wire, lost)
-            await host.wire([link.END])
-            assert await host.reply() is None
-        assert await host.events([1, 2]) == link.DONE
-        assert await host.counters() == {"bad_frames": 4, "byte_errors": 1}
-        assert host.beats == as_beats([1, 2], False)
-
-    Host(script)
+@played_by(Host)
+async def test_a_damaged_frame_leaves_no_word_and_no_reply(host, rng):
+    good = link.frame(bytes([9, link.EVENTS_LAST]) + bytes(range(16)))
+    damaged = bytearray(good)
+    damaged[9] ^= 4
+    for wire, lost in ((damaged, ()), (good[:-4], ()), (b"garbage", ()), (good, {6})):
+        await host.wire(wire, lost)
+        await host.wire([link.END])
+        assert await host.reply() is None
+    assert await host.events([1, 2]) == link.DONE
+    assert await host.counters() == {"bad_frames": 4, "byte_errors": 1}
+    assert host.beats == as_beats([1, 2], False)
 
 
-def test_a_request_that_comes_again_is_answered_and_not_carried_out():
-    async def script(host):
-        for _ in range(2):
-            assert await host.write(0x40, 5, number=7) == (link.DONE, 0)
-            assert await host.events([1, 2], number=8) == link.DONE
-            assert await host.events([1, 2], number=8) == link.DONE
-        assert len(host.written) == 2 and host.beats == 2 * as_beats([1, 2], False)
-        # Another host may begin with any number.
-        assert await host.write(0x40, 6, number=8) == (link.DONE, 0)
-        assert await host.request(link.HELLO, number=8) == (link.DONE, 0)
-        assert await host.write(0x40, 7, number=8) == (link.DONE, 0)
-        assert [value for _, value in host.written] == [5, 5, 7]
-        assert (await host.counters())["repeats"] == 3
-
-    Host(script)
+@played_by(Host)
+async def test_a_request_that_comes_again_is_answered_and_not_carried_out(host):
+    for _ in range(2):
+        assert await host.write(0x40, 5, number=7) == (link.DONE, 0)
+        assert await host.events([1, 2], number=8) == link.DONE
+        assert await host.events([1, 2], number=8) == link.DONE
+    assert len(host.written) == 2 and host.beats == 2 * as_beats([1, 2], False)
+    # Another host may begin with any number.
+    assert await host.write(0x40, 6, number=8) == (link.DONE, 0)
+    assert await host.request(link.HELLO, number=8) == (link.DONE, 0)
+    assert await host.write(0x40, 7, number=8) == (link.DONE, 0)
+    assert [value for _, value in host.written] == [5, 5, 7]
+    assert (await host.counters())["repeats"] == 3
 
 
-def test_what_does_not_fit_is_refused_whole_and_fits_later(rng):
-    async def script(host):
-        host.taking = False
-        frames = [rng.integers(0, 1 << 32, 10).tolist() for _ in range(6)]
-        statuses = [await host.events(words, True) for words in frames]
-        assert statuses == [link.DONE] * 5 + [link.BUSY]
-        waiting = await host.read(link.BASE + link.REGISTERS["LINK_WAITING"].offset)
-        assert waiting & 0xFFFF == 5 * 12 - 2  # and a beat is on its way
-        host.taking = True
-        await host.rest(300)
-        assert await host.events(frames[-1], True) == link.DONE
-        await host.rest(100)
-        assert host.beats == [beat for words in frames for beat in as_beats(words, True)]
-        assert await host.counters() == {"busy": 1}
-
-    Host(script)
+@played_by(Host)
+async def test_what_does_not_fit_is_refused_whole_and_fits_later(host, rng):
+    host.taking = False
+    frames = [rng.integers(0, 1 << 32, 10).tolist() for _ in range(6)]
+    statuses = [await host.events(words, True) for words in frames]
+    assert statuses == [link.DONE] * 5 + [link.BUSY]
+    waiting = await host.read(link.BASE + link.REGISTERS["LINK_WAITING"].offset)
+    assert waiting & 0xFFFF == 5 * 12 - 2  # and a beat is on its way
+    host.taking = True
+    await host.rest(300)
+    assert await host.events(frames[-1], True) == link.DONE
+    await host.rest(100)
+    assert host.beats == [beat for words in frames for beat in as_beats(words, True)]
+    assert await host.counters() == {"busy": 1}
 
 
-def test_flush_forgets_what_waits():
-    async def script(host):
-        host.taking = False
-        await host.events(range(40), True)
-        await host.write(link.BASE + link.REGISTERS["LINK_FLUSH"].offset, 1)
-        assert (await host.read(link.BASE + link.REGISTERS["LINK_WAITING"].offset)) & 0xFFFF == 0
-        await host.events([7, 8], True)
-        host.taking = True
-        await host.rest(100)
-        assert host.beats == as_beats([0, 1], False) + as_beats([7, 8], True)  # one beat was offered already
-
-    Host(script)
+@played_by(Host)
+async def test_flush_forgets_what_waits(host):
+    host.taking = False
+    await host.events(range(40), True)
+    await host.write(link.BASE + link.REGISTERS["LINK_FLUSH"].offset, 1)
+    assert (await host.read(link.BASE + link.REGISTERS["LINK_WAITING"].offset)) & 0xFFFF == 0
+    await host.events([7, 8], True)
+    host.taking = True
+    await host.rest(100)
+    assert host.beats == as_beats([0, 1], False) + as_beats([7, 8], True)  # one beat was offered already
 
 
 @pytest.mark.parametrize("arguments", [(9, b""), (link.READ, b"\0"), (link.WRITE, b"\0" * 7), (link.EVENTS, b"\0" * 6)])
-def test_what_is_no_request_is_refused(arguments):
-    async def script(host):
-        assert await host.request(*arguments) == (link.REFUSED, 0)
-        assert await host.counters() == {"bad_frames": 1}
-        assert host.beats == [] and host.written == []
-
-    Host(script)
+@played_by(Host)
+async def test_what_is_no_request_is_refused(host, arguments):
+    assert await host.request(*arguments) == (link.REFUSED, 0)
+    assert await host.counters() == {"bad_frames": 1}
+    assert host.beats == [] and host.written == []
 
 
-def test_a_request_before_the_last_reply_has_gone_is_counted():
-    async def script(host):
-        host.reading = False
-        await host.write(0x40, 1, number=1)
-        await host.write(0x40, 2, number=2)
-        host.reading = True
-        host._number = 1
-        assert await host.reply() == (link.DONE, 0)
-        assert host.written == [(0x10, 1)] and await host.counters() == {"overruns": 1}
-
-    Host(script)
+@played_by(Host)
+async def test_a_request_before_the_last_reply_has_gone_is_counted(host):
+    host.reading = False
+    await host.write(0x40, 1, number=1)
+    await host.write(0x40, 2, number=2)
+    host.reading = True
+    host._number = 1
+    assert await host.reply() == (link.DONE, 0)
+    assert host.written == [(0x10, 1)] and await host.counters() == {"overruns": 1}
 
 
-def test_packets_and_replies_share_the_line(rng):
-    async def script(host):
-        beats = rng.integers(0, 1 << 63, 2 * link.FRAME_BEATS + 3).tolist()
-        host.offer(beats[:3])
-        host.offer(beats)
-        await host.rest(20)
-        assert await host.read(0x08) == 0xAB000002
-        await host.rest(3000)
-        sizes = [len(packet) // 8 for packet in host.packets]
-        assert sizes == [3, link.FRAME_BEATS, link.FRAME_BEATS, 3]
-        assert [packet[-1] for packet in host.packets] == [1, 0, 0, 1]
-        got = b"".join(packet[:-1] for packet in host.packets)
-        assert np.frombuffer(got, "<u8").tolist() == beats[:3] + beats
-
-    Host(script)
+@played_by(Host)
+async def test_packets_and_replies_share_the_line(host, rng):
+    beats = rng.integers(0, 1 << 63, 2 * link.FRAME_BEATS + 3).tolist()
+    host.offer(beats[:3])
+    host.offer(beats)
+    await host.rest(20)
+    assert await host.read(0x08) == 0xAB000002
+    await host.rest(3000)
+    sizes = [len(packet) // 8 for packet in host.packets]
+    assert sizes == [3, link.FRAME_BEATS, link.FRAME_BEATS, 3]
+    assert [packet[-1] for packet in host.packets] == [1, 0, 0, 1]
+    got = b"".join(packet[:-1] for packet in host.packets)
+    assert np.frombuffer(got, "<u8").tolist() == beats[:3] + beats
 
 
-def test_a_packet_without_its_rest_holds_up_no_reply():
-    async def script(host):
-        host._offer.append((1, 0))
-        await host.rest(200)
-        assert await host.read(0x08) == 0xAB000002
-        host._offer.append((2, 1))
-        await host.rest(200)
-        assert host.packets == [b"\1" + bytes(8), b"\2" + bytes(7) + b"\1"]
-
-    Host(script)
+@played_by(Host)
+async def test_a_packet_without_its_rest_holds_up_no_reply(host):
+    host._offer.append((1, 0))
+    await host.rest(200)
+    assert await host.read(0x08) == 0xAB000002
+    host._offer.append((2, 1))
+    await host.rest(200)
+    assert host.packets == [b"\1" + bytes(8), b"\2" + bytes(7) + b"\1"]

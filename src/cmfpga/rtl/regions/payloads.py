@@ -5,7 +5,7 @@ from amaranth.lib import data
 from ...fixed import Q, bits_for
 from ...protocol.regions import row_shape
 from ...protocol.results import fields_of
-from ..payloads import Fixed, roi_event, settings, shaped, trace, velocity, with_middle
+from ..payloads import Fixed, layout, roi_event, settings, shaped, trace, velocity, with_middle
 
 
 def stored_event(config):
@@ -15,7 +15,7 @@ def stored_event(config):
 
 def bin_entry(config):
     """What the store knows of a bin: how many events it has, and the page that the last one lies on."""
-    return data.StructLayout({"count": bits_for(config.max_batch_events), "page": bits_for(config.store.pages - 1)})
+    return layout(count=bits_for(config.max_batch_events), page=bits_for(config.store.pages - 1))
 
 
 def row(config):
@@ -25,12 +25,12 @@ def row(config):
 
 def row_write(config):
     """A row for the table; ``fresh``: forget what is kept of that region. Only while no batch is under way."""
-    return data.StructLayout({"number": config.store.number_bits, "fresh": 1, "row": row(config)})
+    return layout(number=config.store.number_bits, fresh=1, row=row(config))
 
 
 def region_trace(config):
     """An iteration of a region, for verification."""
-    return data.StructLayout({"region": config.store.number_bits, **trace(config).members})
+    return layout(region=config.store.number_bits, **trace(config).members)
 
 
 def position(config):
@@ -43,28 +43,24 @@ def position(config):
 def state(config):
     """What is kept of a region between batches; ``turn`` is that of the last batch that it was measured in."""
     flags = dict.fromkeys(("followed", "doubtful", "turn"), 1)
-    return data.StructLayout({"position": position(config), "v": velocity(config), **flags})
+    return layout(position=position(config), v=velocity(config), **flags)
 
 
 def times(config):
     """How the times of a batch are scaled."""
-    return data.StructLayout(
-        {"span": config.span_bits, "shift": bits_for(config.span_bits - 1), "mantissa": config.reciprocal_bits + 1}
-    )
+    return layout(span=config.span_bits, shift=bits_for(config.span_bits - 1), mantissa=config.reciprocal_bits + 1)
 
 
 def job(config):
     """What a unit has to do: in its settings, ``cold`` and ``v_start`` are those of this region and batch."""
-    return data.StructLayout(
-        {
-            "number": config.store.number_bits,
-            "found": bits_for(config.max_batch_events),  # events in the region
-            "stride": row(config)["stride"].shape,
-            "restarted": 1,
-            "turn": 1,  # of its batch
-            "settings": settings(config),
-            **with_middle(config),
-        }
+    return layout(
+        number=config.store.number_bits,
+        found=bits_for(config.max_batch_events),  # events in the region
+        stride=row(config)["stride"].shape,
+        restarted=1,
+        turn=1,  # of its batch
+        settings=settings(config),
+        **with_middle(config),
     )
 
 
@@ -76,10 +72,10 @@ def outcome(config):
     """What a unit says of a region."""
     known = [f for f in fields_of("region", config=config) if f.name not in _OUTSIDE_UNITS]
     found = {f.name: shaped(f.shape(config)) for f in known}
-    return data.StructLayout({"number": config.store.number_bits, "turn": 1, "degenerate": 1, **found})
+    return layout(number=config.store.number_bits, turn=1, degenerate=1, **found)
 
 
 def region_result(config):
     """One region's result, and what is known of its batch; ``last`` ends the batch."""
     fields = {f.name: shaped(f.shape(config)) for f in fields_of("batch", "region", config=config)}
-    return data.StructLayout({"region": config.store.number_bits, "last": 1, **fields})
+    return layout(region=config.store.number_bits, last=1, **fields)

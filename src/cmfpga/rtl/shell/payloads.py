@@ -5,6 +5,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...protocol.settings import settings_of
 from .. import payloads as core
+from ..payloads import layout
 
 DATA_BITS = 64
 KEEP_BITS = DATA_BITS // 8
@@ -12,7 +13,7 @@ KEEP_BITS = DATA_BITS // 8
 
 def beat():
     """A transfer on AXI4-Stream."""
-    return data.StructLayout({"data": DATA_BITS, "keep": KEEP_BITS, "last": 1, "user": 1})
+    return layout(data=DATA_BITS, keep=KEEP_BITS, last=1, user=1)
 
 
 def token(config):
@@ -20,19 +21,17 @@ def token(config):
 
     ``x`` and ``y`` are as in the word, perhaps outside the sensor; ``known`` says that ``t`` is.
     """
-    return data.StructLayout({"t": config.time_bits, "x": 16, "y": 16, "known": 1, "event": 1, "end": 1})
+    return layout(t=config.time_bits, x=16, y=16, known=1, event=1, end=1)
 
 
 def sensor_token(config):
     """A token whose event, if it has one, lies on the sensor."""
-    return data.StructLayout(
-        {"t": config.time_bits, "x": config.geometry.x_bits, "y": config.geometry.y_bits, "event": 1, "end": 1}
-    )
+    return layout(t=config.time_bits, x=config.geometry.x_bits, y=config.geometry.y_bits, event=1, end=1)
 
 
 def settings(config):
     """The core's settings, and where batches end."""
-    return data.StructLayout({"core": core.settings(config), "end": end_settings(config)})
+    return layout(core=core.settings(config), end=end_settings(config))
 
 
 def end_settings(config):
@@ -44,7 +43,7 @@ def end_settings(config):
 
 def write():
     """A write to a register: word address in the map, data, and which bytes count."""
-    return data.StructLayout({"address": 10, "data": 32, "strobe": 4})
+    return layout(address=10, data=32, strobe=4)
 
 
 def register_bus():

@@ -1,0 +1,17 @@
+"""Small hardware for the tests of ``cmfpga.build``, and what each top that it emits must pass."""
+
+from pathlib import Path
+
+from support.small_core import sets
+from support.verilog_tools import verilator_lint
+
+TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
+TINY_SETS = sets(TINY)
+WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
+
+
+def check_lint(folder, top):
+    """Verilator warns of nothing in a top's Verilog that it does not warn of in the core's."""
+    waivers = folder / "verilator.vlt"
+    waivers.write_text(WAIVERS.read_text().replace("cmfpga_core.v", f"{top}.v"))
+    assert verilator_lint((folder / f"{top}.v").read_text(), folder, "-Wall", waivers, top=top) == (0, set())
