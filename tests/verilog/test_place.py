@@ -222,6 +222,24 @@ def test_a_factor_that_cannot_wait_inside_stays():
         assert pack_registers(module) == 0 and json.dumps(module) == before
 
 
+@pytest.mark.parametrize(("before", "packed"), [("TRELLIS_FF", 2), ("LUT4", 0)])
+def test_a_factor_from_an_adder_is_packed_beside_one_that_waits(before, packed):
+    module = waiting()
+    cells = module["cells"]
+    cells["first"] |= {"type": "CCU2C", "connections": {"A0": [9], "S0": [10]}}
+    cells["first"]["port_directions"] = {"A0": "input", "S0": "output"}
+    cells["lut"] |= {part: dict(value) for part, value in cells["second"].items() if part != "type"}
+    cells["lut"]["type"] = "TRELLIS_FF"
+    cells["lut"]["connections"] |= {"DI": [13], "Q": [12]}
+    out = {"TRELLIS_FF": "Q", "LUT4": "Z"}[before]
+    cells["before"] = {
+        "type": before, "parameters": {}, "connections": {out: [13]}, "port_directions": {out: "output"}
+    }  # fmt: skip
+    assert pack_registers(module) == packed
+    if packed:
+        assert (cells["it"]["connections"]["A0"], cells["it"]["connections"]["B0"]) == ([10], [13])
+
+
 @pytest.mark.parametrize(
     "module",
     [

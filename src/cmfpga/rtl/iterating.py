@@ -158,7 +158,7 @@ class Iterating:
         if isinstance(judge, LeastJudge):
             m.d.comb += [judge.v.eq(self.ascent.v), judge.last.eq(probe.last)]
         elif isinstance(judge, Judge):
-            begin = delay(m, control.begin, 1, name="begin", valid=True)  # no hurry; many wait for it
+            begin = delay(m, control.begin, 1 + self._far, name="begin", valid=True)  # no hurry; many wait for it
             m.d.comb += [judge.begin.eq(begin), judge.sum_i.eq(probe.last.i)]
         else:
             return

@@ -1,6 +1,6 @@
 """Lane: the blocks from event buffer to image, of which there may be several side by side."""
 
-from amaranth.hdl import EnableInserter
+from amaranth.hdl import EnableInserter, Signal
 from amaranth.lib.wiring import connect
 
 from ...protocol.settings import by_signs
@@ -62,6 +62,11 @@ class Lane:
     def scale_and_warp(self, m, batch, reciprocal, v, level):
         """What is the same for all events of an iteration."""
         scaler, warp, voter = (self.blocks[name] for name in ("time_scaler", "warp", "voter"))
+        if self.config.lanes > 1:
+            # A register for each lane, for its wires; they begin at other values, so that no tool makes one of them.
+            here = Signal.like(level, name=f"level_{self.number}", init=self.number % (1 << len(level)))
+            m.d.sync += here.eq(level)
+            level = here
         m.d.comb += [
             scaler.span.eq(batch.span),
             scaler.shift.eq(reciprocal.shift),

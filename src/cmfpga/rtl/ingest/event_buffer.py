@@ -1,6 +1,6 @@
 """Event buffer: stores a batch's ROI events and replays them in every iteration."""
 
-from amaranth.hdl import Cat, Const, EnableInserter, Module, Mux, Signal
+from amaranth.hdl import Cat, Const, EnableInserter, Module, Mux, Signal, signed
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -153,19 +153,20 @@ class EventBuffer(wiring.Component):
         """As with one lane; each has a copy of all events, so that any stride and any place suits it."""
         lanes = self.config.lanes
         m.submodules.replay = EnableInserter(self.room)(r := Module())
-        first, step, _ = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1), 1)
+        first, step, next_step = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1), Const(1))
         base, reading = Signal(range(max(2, self.config.buffer_events)), name="base"), Signal(name="reading")
-        beyond = base + (step << bits_for(lanes - 1))
+        # As with one lane; below 0 where one cycle has them all.
+        final = Signal(signed(max(len(replayed), 6) + 1), name="final")
         last = Signal()
-        r.d.comb += last.eq(reading & (beyond >= replayed))
+        r.d.comb += last.eq(reading & (base >= final))
         with r.If(self.replay):
-            r.d.sync += [reading.eq(1), base.eq(first)]
+            r.d.sync += [reading.eq(1), base.eq(first), final.eq(replayed - (next_step << bits_for(lanes - 1)))]
         with r.Elif(reading):
-            r.d.sync += [reading.eq(~last), base.eq(beyond)]
+            r.d.sync += [reading.eq(~last), base.eq(base + (step << bits_for(lanes - 1)))]
         reading_s2 = delay(r, reading, 1, name="reading", valid=True)
         for lane, o in enumerate(self.o):
             # A register before the rotation, and one behind it. In the base these bits are 0.
-            number = Signal(len(beyond), name=f"number_{lane}", reset_less=True)
+            number = Signal(range(self.config.buffer_events + 4 * lanes), name=f"number_{lane}", reset_less=True)
             r.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
             _, read = ports[lane]
             half = len(read.addr) - (self.config.buffers - 1)
