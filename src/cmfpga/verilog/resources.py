@@ -58,6 +58,7 @@ _CELLS = {
         "URAM288_BASE": ("uram", 1),
         "DSP48E2": ("dsp", 1),
         **dict.fromkeys(("CARRY4", "INV", "RAM32M16", "RAM64M8", "RAM32X1D", "RAM64X1D", "$scopeinfo"), (None, 0)),
+        **dict.fromkeys(("SRL16E", "SRLC32E"), (None, 0)),
     },
 }
 # Gates and flip-flops before they are mapped, where a run stops before that; no latches.
