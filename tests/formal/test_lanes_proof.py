@@ -1,8 +1,8 @@
 """Between lanes and banks no vote is lost or doubled, and none waits for ever.
 
 The router is proved by k-induction, so for any number of cycles: every bank that is wanted gets exactly one head, what
-is taken is given, and a head waits for fewer cycles than there are lanes. A queue, of four words in place of sixteen, is
-checked for any votes and stalls of the first cycles: enough to fill it, to empty it and to go round.
+is taken is given, and a head waits for fewer cycles than there are lanes. A queue of four words, in place of sixteen,
+is checked for any votes and stalls of the first cycles: enough to fill it, to empty it and to go round.
 """
 
 import pytest

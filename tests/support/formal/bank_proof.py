@@ -238,7 +238,7 @@ class LaneBankHarness(TaggedBankHarness):
         votes = [hit[n] & (tag[n] != 0) & (before[n].i != after[n].i) for n in stages]
         grows = [votes[n] & (before[n].tag == tag[n]) & (before[n].i != 0) for n in stages]
         swept = [hit[n] & (tag[n] == 0) & (before[n].i != 0) for n in stages]
-        alone = ~hit[0] & ~hit[1] & ~hit[2] & ~hit[3] & ~collided[3]
+        alone = ~Cat(hit[:5]).any() & ~collided[3] & ~collided[4]
         return [
             grows[0] & grows[1] & grows[2] & grows[3] & grows[4],  # five in a row
             grows[0] & elsewhere[1] & grows[2],  # two apart, another row between
@@ -251,6 +251,6 @@ class LaneBankHarness(TaggedBankHarness):
             votes[0] & elsewhere[1] & elsewhere[2] & elsewhere[3] & swept[4],  # four behind
             grows[0] & (after[0].i < before[0].i),  # a total that wraps
             hit[4] & collided[3] & (before[4].i != 0),  # an answer whose read collided
-            grows[5] & alone & ~hit[4] & ~collided[4],  # a word of this tag out of the RAM
-            votes[5] & (before[5].tag != tag[5]) & (before[5].i != 0) & alone & ~hit[4] & ~collided[4],  # of another tag
+            grows[5] & alone,  # a word of this tag out of the RAM
+            votes[5] & (before[5].tag != tag[5]) & (before[5].i != 0) & alone,  # a word of another tag out of the RAM
         ]

@@ -59,7 +59,7 @@ class Ascent(wiring.Component):
     run : ``In``, :func:`ascent_run`
     v : ``Out``, :func:`payloads.velocity`
         Zero after a reset. It has changed, and ``run.updated`` is high, :attr:`latency` cycles after a gradient enters.
-        With several lanes it changes a cycle before that: they lie far apart, so it waits for a cycle on its way to them.
+        With several lanes it changes a cycle before that: they lie far apart, so it waits on its way to them.
     level : ``Out``
         Pixels of this iteration are 2^level px wide; changes with v.
     restarted : ``Out(1)``

@@ -69,9 +69,7 @@ class TaggedBank(wiring.Component):
         address = [first.address] + [
             Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 5)
         ]
-        tag = [first.tag] + [
-            Signal(config.tag_bits, name=f"tag_s{stage}", reset_less=True) for stage in range(1, 5)
-        ]
+        tag = [first.tag] + [Signal(config.tag_bits, name=f"tag_s{stage}", reset_less=True) for stage in range(1, 5)]
         for stage in range(1, 5):
             m.d.sync += [
                 valid[stage].eq(valid[stage - 1]),

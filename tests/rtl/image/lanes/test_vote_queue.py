@@ -11,7 +11,7 @@ from support.values import Port, random_values
 @pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize("stall", [0.0, 0.5, 0.9])
 def test_votes_come_out_in_order(lanes, stall, rng):
-    """Pushed as the lanes do: what comes with the first cycle in which it is full, and in two more, is taken as well."""
+    """Pushed as the lanes do: what comes when it is full first, and in two cycles more, is taken as well."""
     config = Config(gradient="one_pass", lanes=lanes)
     block = VoteQueue(config)
     noise = random_values(block.i.payload.shape(), rng)

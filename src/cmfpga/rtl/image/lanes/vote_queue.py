@@ -1,6 +1,6 @@
 """Vote queue: what one lane has for one half of a parity class's banks."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
