@@ -37,7 +37,7 @@ MUTANTS = {  # module, old, new, configuration
     "the corner of coarse pixels": (voter, "((1 << (level + unit)) // 2 -", "((1 << unit) // 2 -", "similarity"),
     "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
     "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
-    "zoom without a limit": (sign, "Mux(chosen[-1], Mux(negative_s1", "Mux(0, Mux(negative_s1", "similarity"),
+    "zoom without a limit": (sign, "Mux(chosen[-1], Mux(negative", "Mux(0, Mux(negative", "similarity"),
     "steps as long for lesser slopes": (sign, 'ways(step >> 1, "_halved")', 'ways(step, "_halved")', "similarity"),
     "lesser than the next slope": (sign, "others.any()", "others[-1]", "similarity"),
     "lesser by any size": (sign, "double - sizes[other]", "sizes[name] - sizes[other]", "rotation"),

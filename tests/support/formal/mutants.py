@@ -104,7 +104,7 @@ TAGGED_BANK = [
     tagged("words stay under a forwarded sum", "(forwarded == 0) & ~match[2]", "~match[2]"),
     tagged("words count with any tag", _RAM, "1"),
     tagged("words with any tag but zero count", _RAM, "read_s2.tag != 0"),
-    tagged("words compared with a younger tag", "read.data, tag[2],", "read.data, tag[1],"),
+    tagged("words compared with a younger tag", "tag = pipeline[2][2]", "tag = pipeline[2][1]"),
     tagged("tag not written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(0)"),
     tagged("tag of a younger operation written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(tag[3])"),
     tagged("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),

@@ -92,4 +92,4 @@ class VoteQueue(wiring.Component):
     @staticmethod
     def _counted(number, down):
         """``number`` + 1, or − 1 where ``down``: a LUT for each bit, where an adder would wait for ``down`` longer."""
-        return Cat(bit ^ (number[:k] ^ down.replicate(k)).all() for k, bit in enumerate(number))
+        return Cat(bit ^ (number[:k] ^ down.replicate(k)).all() if k else ~bit for k, bit in enumerate(number))
