@@ -13,6 +13,7 @@ import cmfpga
 from cmfpga import cli, track
 from cmfpga.config import Config
 from cmfpga.events import Events, write_hdf5
+from cmfpga.imaging.gallery import Gallery
 from cmfpga.verilog.compiler import find_compiler
 from support.recordings import text_lines
 from support.small_core import PAPER
@@ -55,6 +56,16 @@ def test_verilog_and_model_write_the_same(compiler, follow, rows, tmp_path, mode
         # N + T·(n + 16 + L) + constant, from a core of 8×8 px
         assert int(row["cycles"]) == int(row["events"]) + 15 * (int(row["roi_events"]) + 16 + 19) + 56
         assert row["iterations"] == "15"
+
+
+def test_the_verdict_stands_above_the_picture(command, monkeypatch, tmp_path):
+    titles, figure = [], Gallery.figure
+    monkeypatch.setattr(Gallery, "figure", lambda self, verdict="": titles.append(verdict) or figure(self, verdict))
+    done = command(track, "--batches", 2, "--engine", "model", "--out", tmp_path)
+    (title,) = titles
+    share, velocity = title.split("\n")
+    assert done.status == 0 and " batches are to be trusted" in share and velocity.startswith("velocity ")
+    assert share in done.out and velocity in done.out
 
 
 def test_the_float_engine(follow, rows, tmp_path):
