@@ -25,7 +25,7 @@ class ConstantAscent:
     settings = ("iterations", "eta")
     fields = (*settings, "eta_int", "eta_frac")
     has_table = False
-    latency, lanes_latency = 5, 6
+    latency, lanes_latency = 5, 5
 
     def warm(self, settings, followed):
         """Whether a batch starts from the last v; ``followed``: the last batch measured it, and the ROI was not set."""
@@ -42,7 +42,7 @@ class SignAscent:
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
     has_table = True
-    latency, lanes_latency = 2, 5
+    latency, lanes_latency = 2, 3
 
     def warm(self, settings, followed):
         return settings.start_last and followed

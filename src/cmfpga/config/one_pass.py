@@ -16,12 +16,14 @@ class OnePass(Derived):
         """
         warp, voter = 4 if self._c.max_level else 3, 3
         if self._c.lanes > 1:
-            warp, voter = warp + 1, voter + 1
+            warp, voter = warp + 2, voter + 2
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
-        sums = 4 + 4 if self._c.lanes == 1 else 11 + self._c.geometry.lane_bits
+        sums = 4 + 4 if self._c.lanes == 1 else 12 + self._c.geometry.lane_bits
         feed = 10 + (self._c.dither_frac > 0) * (1 if self._c.lanes == 1 else 2)
         if self._c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2
+        elif self._c.lanes > 1 and self._c.border == "whole" and gradient == 1:
+            gradient = 0
         rule = self._c.ascent_rule
         ascent = rule.latency if self._c.lanes == 1 else rule.lanes_latency
         return warp + voter + max(sums + gradient + ascent, feed) - 1

@@ -5,6 +5,7 @@ from amaranth.lib.wiring import connect, flipped
 
 from ..config.schedule import ScheduleEntry, used_events
 from ..protocol.settings import by_signs
+from . import payloads
 from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
@@ -31,7 +32,7 @@ class Iterating:
         """
         config = self.config
         # Several lanes push apart what is there once: then what it says of itself waits for a cycle.
-        self._far = 1 if config.lanes > 1 else 0
+        self._far = payloads.wire_cycles(config)
         self.event_buffer = EventBuffer(config)
         self.lanes = [Lane(config, number) for number in range(config.lanes)]
         self.warp, self.voter = (self.lanes[0].blocks[name] for name in ("warp", "voter"))
@@ -50,7 +51,7 @@ class Iterating:
             replay_delay=max(0, self._evaluate - self._feed),
             move=move,
             settle=settle,
-            probe_delay=Probe.latency + self._far,
+            probe_delay=Probe.latency,
         )
 
     @property
@@ -76,7 +77,7 @@ class Iterating:
     @property
     def judge_latency(self):
         """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
-        return self.probe.latency + self.judge.latency - self.ascent.latency + 3 * self._far
+        return self.probe.latency + self.judge.latency - self.ascent.latency + 2 * self._far
 
     def iterated_cycles(self, roi_events, iterations, judge=None, most=False):
         """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`CycleFormula.cycles`."""

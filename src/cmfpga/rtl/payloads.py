@@ -61,6 +61,11 @@ def of_lanes(config, member):
     return member.array(config.lanes) if config.lanes > 1 else member
 
 
+def wire_cycles(config):
+    """Clock cycles that a long wire between lanes, or between them and what they share, has for itself."""
+    return 1 if config.lanes > 1 else 0
+
+
 def event(config):
     """An event as the camera sends it; ``last`` ends the batch. Polarity is not used."""
     return layout(t=config.time_bits, x=config.geometry.x_bits, y=config.geometry.y_bits, last=1)

@@ -5,10 +5,13 @@ without it, the wires to a register outside and its set-up time add to the slowe
 """
 
 from collections import defaultdict
+from itertools import count
 from typing import NamedTuple
 
 #: How the names of a cell's outputs begin.
 _OUTPUTS = {"DP16KD": "DOB", "MULT18X18D": "P"}
+#: What a carry cell computes that adds A and B.
+_ADDS = "1001011010101010"
 #: A RAM of words so wide is read by both ports' outputs, with the clock and the enable of port B.
 _WIDE = 36
 
@@ -29,6 +32,9 @@ def pack_registers(module):
     A multiplier's input register is used where every bit of the factor comes from such a register, which has it from
     another one: a factor that waits for a cycle. Or from an adder, if the other factor waits in its register already.
     Where others read it as well, it stays beside.
+
+    Where both factors wait for a cycle more, in registers of the same kind, the product does that in their place, for
+    its wires are long as well; and where both terms of an adder before a multiplier do, their sum.
     """
     cells, before = module["cells"], len(module["cells"])
     _, sinks = _wires(module)
@@ -44,11 +50,22 @@ def pack_registers(module):
         for factor, other in ("AB", "BA"):
             if _waits(cell, other) and not _waits(cell, factor):
                 packed |= _pack_input(cells, cell, factor, drivers, {"TRELLIS_FF", "CCU2C"})
-    _, sinks = _wires(module)
-    for name in packed:
-        if not sinks[cells[name]["connections"]["Q"][0]]:
-            del cells[name]
+    _drop(module, packed)
+    drivers, sinks = _wires(module)
+    new = count(1 + max((bit for bit in [*drivers, *sinks] if isinstance(bit, int)), default=0))
+    multipliers = [name for name, cell in cells.items() if cell["type"] == "MULT18X18D"]
+    _drop(module, {register for name in multipliers for register in _move_behind(cells, name, sinks, drivers, new)})
     return before - len(cells)
+
+
+def _drop(module, registers):
+    """Delete those of the ``registers`` that nothing reads; one may have been the only reader of another."""
+    cells, dead = module["cells"], registers
+    while dead:
+        _, sinks = _wires(module)
+        dead = {name for name in registers & {*cells} if not sinks[cells[name]["connections"]["Q"][0]]}
+        for name in dead:
+            del cells[name]
 
 
 def _wires(module):
@@ -119,6 +136,82 @@ def _pack_input(cells, cell, factor, drivers, kinds_before):
     _set(cell, f"INPUT{factor}", kind)
     wires |= {pin: [bit] for pin, bit in before.items()}
     return set(registers.values())
+
+
+def _move_behind(cells, name, sinks, drivers, new):
+    """Registers of both factors to the product, or of an adder's terms to the sum, which is 0 as well at the start.
+
+    Returns the names of the registers that are no longer needed there; ``new`` are numbers for nets.
+    """
+    cell = cells[name]
+    wires = cell["connections"]
+    if not (_waits(cell, "A") and _waits(cell, "B")):
+        return set()
+    kind = _Kind(*(wires[pin][0] for pin in ("CLK0", "RST0", "CE0")))
+    factors = {
+        factor: [pin for pin in (f"{factor}{bit}" for bit in range(18)) if wires.get(pin, ["0"]) != ["0"]]
+        for factor in "AB"
+    }
+    for pins in factors.values():
+        adders = {drivers.get(wires[pin][0]) for pin in pins}
+        if any(cells.get(adder, {"type": None})["type"] != "CCU2C" for adder in adders):
+            continue
+        if any(len(sinks[wires[pin][0]]) != 1 for pin in pins) or not all(
+            _adds(cells, each, drivers) for each in adders
+        ):
+            return set()
+        terms = [(cells[adder]["connections"], f"{term}{k}") for adder in adders for term in "AB" for k in range(2)]
+        moved = _skipped(cells, terms, kind, drivers)
+        for pin in pins if moved else ():
+            before, wires[pin] = wires[pin][0], [next(new)]
+            _register(cells, f"{name}_{pin}", moved, before, wires[pin][0])
+        return moved
+    products = [pin for pin in (f"P{bit}" for bit in range(36)) if wires.get(pin) and sinks[wires[pin][0]]]
+    if "REG_OUTPUT_CLK" not in cell["parameters"]:
+        return set()
+    moved = _skipped(cells, [(wires, pin) for pins in factors.values() for pin in pins], kind, drivers)
+    for pin in products if moved else ():
+        behind, wires[pin] = wires[pin][0], [next(new)]
+        _register(cells, f"{name}_{pin}", moved, wires[pin][0], behind)
+    return moved
+
+
+def _adds(cells, name, drivers):
+    """Whether a carry cell is one of those that add two terms, and nothing else."""
+    found, wires = cells[name]["parameters"], cells[name]["connections"]
+    if any(found.get(f"INIT{k}") != _ADDS or wires[f"C{k}"] != ["0"] for k in range(2)):
+        return False
+    (carry,) = wires["CIN"]
+    return carry == "0" or cells.get(drivers.get(carry), {"type": None})["type"] == "CCU2C"
+
+
+def _skipped(cells, inputs, kind, drivers):
+    """Have ``inputs``, pairs of wires and pin, what registers of the ``kind`` before them have, if that is registers'.
+
+    Returns the names of those registers; nothing is changed where there are others.
+    """
+    before = []
+    for wires, pin in inputs:
+        if wires[pin] != ["0"]:
+            name = drivers.get(wires[pin][0])
+            if _kind(cells.get(name)) != kind:
+                return set()
+            data = cells[name]["connections"]["DI"]
+            if cells.get(drivers.get(data[0]), {"type": None})["type"] != "TRELLIS_FF":
+                return set()
+            before.append((name, wires, pin, data))
+    for _, wires, pin, data in before:
+        wires[pin] = data
+    return {name for name, *_ in before}
+
+
+def _register(cells, name, like, data, out):
+    """A register from net ``data`` to net ``out``, of the kind of those that are named in ``like``."""
+    found = cells[min(like)]
+    cells[f"{name}_behind"] = found | {
+        "connections": found["connections"] | {"DI": [data], "Q": [out]},
+        "attributes": {},
+    }
 
 
 def _waits(multiplier, factor):

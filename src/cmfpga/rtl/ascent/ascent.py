@@ -59,7 +59,6 @@ class Ascent(wiring.Component):
     run : ``In``, :func:`ascent_run`
     v : ``Out``, :func:`payloads.velocity`
         Zero after a reset. It has changed, and ``run.updated`` is high, :attr:`latency` cycles after a gradient enters.
-        With several lanes it changes a cycle before that: they lie far apart, so it waits on its way to them.
     level : ``Out``
         Pixels of this iteration are 2^level px wide; changes with v.
     restarted : ``Out(1)``
@@ -81,8 +80,7 @@ class Ascent(wiring.Component):
 
     def __init__(self, config, *, target_bits, members=None):
         self.config = config
-        self._far = 1 if config.lanes > 1 else 0
-        self.latency = type(self).latency + self._far
+        self._far = payloads.wire_cycles(config)
         layout, probes = payloads.velocity(config), bool(config.confidence)
         probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout), "restarted": Out(1)} if probes else {}
         self.velocity = Velocity(layout, target_bits=target_bits, probes=probes)
@@ -114,7 +112,7 @@ class Ascent(wiring.Component):
             velocity.start.eq(self.run.settings.v_start),
             self.v.eq(velocity.v),
             self.saturated.eq(velocity.saturated),
-            self.run.updated.eq(delay(m, velocity.moved, self._far, name="moved", valid=True)),
+            self.run.updated.eq(velocity.moved),
         ]
         if self.config.confidence:
             m.d.comb += [velocity.probe.valid.eq(self.probe.valid), velocity.probe.payload.eq(self.probe.payload)]

@@ -15,7 +15,7 @@ class Gradient(wiring.Component):
     cycles earlier. P is a constant; where it is a power of two, P·S is a shift and costs no cycle.
 
     Where only whole cells have derivatives (``border = whole``), an event's are opposite, ΣD = 0, and G is P·S. In a
-    motion beyond translation, which has that border, it is S itself, at once.
+    motion beyond translation, which has that border, it is S itself, at once; so is P·S with lanes, if it is a shift.
 
     One item per ``lead`` cycles; latency :attr:`latency` cycles.
 
@@ -38,8 +38,9 @@ class Gradient(wiring.Component):
     def __init__(self, config, *, lead=lead):
         self.config = config
         self._early = lead > self.lead
-        self.latency = 1 if self._is_shift(config.geometry.pixels) else 1 + self.lead
-        if config.motion_model.basis:
+        shifts = self._is_shift(config.geometry.pixels)
+        self.latency = 1 if shifts else 1 + self.lead
+        if config.motion_model.basis or (config.lanes > 1 and config.border == "whole" and shifts):
             self.latency = 0
         super().__init__(
             {"i": In(payloads.flow(payloads.sums(config))), "o": Out(payloads.flow(payloads.gradient(config)))}
@@ -50,7 +51,9 @@ class Gradient(wiring.Component):
         m = Module()
         if not self.latency:
             m.d.comb += self.o.valid.eq(self.i.valid)
-            m.d.comb += [self.o.payload[name].eq(self.i.payload[f"s{name}"]) for name in config.motion_model.names]
+            shift = 0 if config.motion_model.basis else config.geometry.pixels.bit_length() - 1
+            for name in config.motion_model.names:
+                m.d.comb += self.o.payload[name].eq(self.i.payload[f"s{name}"].shift_left(shift))
             return m
         means = self._means(m) if config.border != "whole" else {}
         for name in config.motion_model.names:

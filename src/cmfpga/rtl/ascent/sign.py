@@ -36,7 +36,7 @@ class SignAscent(Ascent):
             "stride": Out(payloads.STRIDE_BITS),
         }
         super().__init__(config, target_bits=None, members=members)
-        self.latency += 2 * self._far  # what v is to be waits for two cycles as well
+        self.latency = SignAscent.latency + self._far
 
     @property
     def blocks(self):
@@ -63,7 +63,7 @@ class SignAscent(Ascent):
             self.level.eq(schedule.level),
             self.limited.eq(schedule.limited),
             self.stride.eq(schedule.stride),
-            self.velocity.move.eq(delay(m, self.i.valid, 1 + 2 * self._far, name="valid", valid=True)),
+            self.velocity.move.eq(delay(m, self.i.valid, 1 + self._far, name="valid", valid=True)),
         ]
         lesser, parameters = self._lesser(m), self.config.motion_model.parameters
         clipped = [self._target(m, one.name, one.fmt, lesser[one.name]) for one in parameters]
@@ -119,9 +119,8 @@ class SignAscent(Ascent):
             for one, what in ((Mux(lesser, half, whole), "chosen"), (some_s1.any(), "moves"), (negative_s1, "negative"))
         )
         limited = Mux(chosen[-1], Mux(negative, fmt.min, fmt.max), chosen[:-1].as_signed())
-        target = delay(m, Mux(moves, limited, v), self._far, name=f"target_{name}")
-        m.d.comb += self.velocity.target[name].eq(target)
-        return delay(m, moves & chosen[-1], self._far, name=f"clipped_{name}")
+        m.d.comb += self.velocity.target[name].eq(Mux(moves, limited, v))
+        return moves & chosen[-1]
 
     def _unless_in_doubt(self, m, warm):
         """``warm``, but not after a doubtful batch, if the settings say so."""

@@ -38,6 +38,7 @@ class TaggedBank(wiring.Component):
     """
 
     latency = 4
+    always = False
 
     def __init__(self, config):
         self.config = config
@@ -64,7 +65,7 @@ class TaggedBank(wiring.Component):
             write, read = ram.write_port(), ram.read_port()
 
         entered, first = self._entered(m)
-        valid = [entered] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]
+        valid = [entered] + [Signal(name=f"valid_s{stage}", init=self.always) for stage in range(1, 5)]
         operation = payloads.tagged_operation(config)
         address = [first.address] + [
             Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 5)

@@ -31,8 +31,9 @@ class BilinearVoter(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        # With lanes all waits for a cycle before the multipliers, as in the warp.
-        self.latency = 3 if config.lanes == 1 else 4
+        # With lanes all waits for two cycles before the multipliers, as in the warp.
+        self._waiting = 2 * payloads.wire_cycles(config)
+        self.latency = 3 + self._waiting
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.warped_event(config))),
@@ -48,8 +49,8 @@ class BilinearVoter(wiring.Component):
         frac = config.position_frac
         one = 1 << frac
         event, valid = self.i.payload, self.i.valid
-        if config.lanes > 1:
-            event, valid = delay(m, event, 1, name="event"), delay(m, valid, 1, name="came", valid=True)
+        event = delay(m, event, self._waiting, name="event")
+        valid = delay(m, valid, self._waiting, name="came", valid=True)
         dt, fx, fy = event.dt, event.x[:frac], event.y[:frac]
 
         # Stage 1: products.

@@ -34,8 +34,9 @@ class Warp(wiring.Component):
         self.config = config
         self.flow = Flow(config) if config.motion_model.basis else None
         self._moving = 4 if config.max_level else 3
-        # Several lanes' multipliers lie far apart: with them all waits for a cycle first, so that a wire has one.
-        self._waiting = 1 if config.lanes > 1 else 0
+        # Several lanes' multipliers lie far apart: with them all waits for two cycles first, and v as well. A wire has
+        # one, and tools may move the other to the product, so that a wire from there has one.
+        self._waiting = 2 * payloads.wire_cycles(config)
         self.latency = self._waiting + self._moving + (Flow.latency if self.flow else 0)
         super().__init__(
             {
@@ -57,7 +58,7 @@ class Warp(wiring.Component):
             v = flow.o
         else:
             event = {name: delay(m, event[name], self._waiting, name=f"{name}_s0") for name in ("dt", "x", "y")}
-            v = {axis: delay(m, v[axis], 2 * self._waiting, name=f"v_{axis}_s0") for axis in ("x", "y")}
+            v = {axis: delay(m, v[axis], self._waiting, name=f"v_{axis}_s0") for axis in ("x", "y")}
         frac = config.dt_frac + config.v_frac
         # Without coarse levels the halves cancel; undistorted positions come with theirs.
         half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)

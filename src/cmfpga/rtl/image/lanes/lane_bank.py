@@ -7,7 +7,6 @@ from amaranth.hdl import Cat, Mux, Signal
 from amaranth.lib import memory
 
 from ... import payloads
-from ...arithmetic import delay
 from ..tagged_accumulator import TaggedBank
 
 
@@ -20,19 +19,30 @@ class LaneBank(TaggedBank):
 
     Tags of sums are not compared. So between operations of two tags, four or more must sweep: have tag 0 and add 0. A
     swept word is 0, whatever it was, and so is the sum that the operation behind it may take.
+
+    Parameters
+    ----------
+    config : Config
+        Of more than one lane.
+    always : bool
+        There is an operation in every cycle; so from a reset on, and nothing asks for it. The first ones then are what
+        the registers hold; who sweeps all words after a reset is not harmed.
     """
 
     latency = TaggedBank.latency + 1
 
-    def __init__(self, config):
+    def __init__(self, config, *, always=False):
         super().__init__(config)
+        self.always = always
         self.word = payloads.pixel(config)
 
     def _entered(self, m):
         """Stage 0: operations wait for a cycle, in which their tags are read."""
         entered = Signal(self.i.payload.shape(), name="operation_s0")
         m.d.sync += entered.eq(self.i.payload)
-        return delay(m, self.i.valid, 1, name="entered", valid=True), entered
+        valid = Signal(name="entered_s1", init=self.always)
+        m.d.sync += valid.eq(self.i.valid)
+        return valid, entered
 
     def _base(self, m, word, pipeline, known, add, total):
         (valid, address, tag), (match, _) = pipeline, known

@@ -22,15 +22,16 @@ def add_up(m, values, name):
 
 
 def add_products(m, factors, name):
-    """Σ a·b of the pairs ``factors``, one cycle more later: one behind the other, as DSPs add without a LUT.
+    """Σ a·b of the pairs ``factors``, two cycles more later: one behind the other, as DSPs add without a LUT.
 
     Or Σ (a + c)·b of triples (a, c, b), another cycle later: a DSP has that adder as well. All registers around a
-    multiplier have the same reset, so that tools find them in it.
+    multiplier have the same reset, so that tools find them in it; factors wait for two cycles or more, of which they
+    may move one to the product, for its wire.
     """
     total = 0
     for number, each in enumerate(factors):
         *terms, b = (
-            delay(m, part, max(1, number), name=f"{name}_{number}_{k}", valid=True) for k, part in enumerate(each)
+            delay(m, part, max(2, number + 1), name=f"{name}_{number}_{k}", valid=True) for k, part in enumerate(each)
         )
         if len(terms) == 2:
             terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}", valid=True)]
@@ -75,7 +76,7 @@ class LaneSums(wiring.Component):
     def __init__(self, config, *, ahead):
         self.config, self._ahead = config, ahead
         lanes = config.lanes
-        self.latency = 1 + 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
+        self.latency = 2 + 2 * CHAINED + stages(4 * lanes // CHAINED) + 1
         #: From the last votes until ΣI, ΣDx and ΣDy are final.
         self.plain_latency = 1 + stages(2 * lanes) + 1
         super().__init__(

@@ -84,7 +84,7 @@ class ParityClass(wiring.Component):
                     queue.taken.eq(router.taken[lane][half]),
                 ]
         for number, o in enumerate(router.o):
-            m.submodules[f"bank_{number}"] = bank = LaneBank(self.config)
+            m.submodules[f"bank_{number}"] = bank = LaneBank(self.config, always=True)
             m.d.comb += [
                 bank.i.valid.eq(1),  # who adds nothing does no harm
                 bank.i.payload.address.eq(o.address),
