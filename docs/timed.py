@@ -33,9 +33,11 @@ def placed_table():
     stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["placed"]
     rows = []
     for name, row in stored.items():
+        core = elaborated(preset(name))
+        least = "" if core.image.exact_cycles else "≥ "
         waits = [
-            f"{(cycles - article.BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
-            for count, cycles in article_cycles(elaborated(preset(name)), judge=0)
+            f"{least}{(cycles - article.BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
+            for count, cycles in article_cycles(core, judge=0)
         ]
         seeds, area = ", ".join(map(str, row["seeds"])), (f"{row[kind]:,}" for kind in place.RESOURCES)
         rows.append((f"`{name}`", row["fmax_mhz"], seeds, " / ".join(waits), *area))

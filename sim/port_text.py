@@ -1,5 +1,6 @@
 """Verilog of what tb_cmfpga_core.v does with every port of the core: lines, from the tables of ports and columns."""
 
+from cmfpga.rtl.image.lanes.vote_queue import VoteQueue
 from cmfpga.rtl.image.sliced_memory import slices
 from cmfpga.verilog.emit import TOP
 
@@ -15,14 +16,32 @@ def declarations(core):
 
 
 def fill_banks(core):
-    """Random words in tagged banks, as in a device. What they held is multiplied by 0, and 0·X is X in a simulator."""
+    """Words in tagged banks and in queues of votes, as in a device: 0·X, in a simulator, is X.
+
+    Random ones, but for votes, whose addresses may not be beyond the banks.
+    """
+    some, memories = "{$random, $random, $random}", []  # path, number of words, contents
     if "tagged_accumulator" in core.blocks:
-        yield "integer word;"
-        yield f"initial for (word = 0; word < {core.config.geometry.bank_depth}; word = word + 1) begin"
         bank = core.blocks["tagged_accumulator"].banks[0]
-        for memory in [f"ram.{name}" for name in slices(bank.word.size)] if bank.deep else ["ram"]:
-            for n in range(4):
-                yield f"  core.image.tagged_accumulator.bank_{n}.{memory}[word] = {{$random, $random, $random}};"
+        names = [f"ram.{name}" for name in slices(bank.word.size)] if bank.deep else ["ram"]
+        memories += [
+            (f"tagged_accumulator.bank_{n}.{name}", core.config.geometry.bank_depth, some)
+            for name in names
+            for n in range(4)
+        ]
+    if "lane_sums" in core.blocks:
+        lanes, words = range(core.config.lanes), core.config.geometry.words
+        for k in range(4):
+            memories += [(f"parity_class_{k}.bank_{n}.{name}", words, some) for n in lanes for name in ("ram", "tags")]
+            memories += [
+                (f"parity_class_{k}.queue_{lane}_{half}.operations", VoteQueue.depth, 0)
+                for lane in lanes for half in range(2)
+            ]  # fmt: skip
+    if memories:
+        yield "integer word;"
+        yield "initial begin"
+        for path, words, contents in memories:
+            yield f"  for (word = 0; word < {words}; word = word + 1) core.image.{path}[word] = {contents};"
         yield "end"
 
 

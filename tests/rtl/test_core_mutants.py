@@ -80,7 +80,7 @@ def test_a_broken_block_is_noticed(name, monkeypatch, rng):
 #: With lanes, of what stands around queues and routers, which have proofs of their own (``tests/formal``).
 MUTANTS_OF_LANES = {  # module, old, new
     "queues not waited for": (lane_image, "self.complete.eq(closing & ", "self.complete.eq(closing | closing & "),
-    "lanes go on without room": (lane_image, "self.room.eq(~Cat(", "self.room.eq(1 | Cat("),
+    "lanes go on without room": (lane_image, "room = ~Cat(", "room = 1 | Cat("),
     "banks not swept": (lane_image, "each.sweep.valid.eq(idle)", "each.sweep.valid.eq(0)"),
     "first votes not summed": (lane_sums, "self.plain_latency - 1", "self.plain_latency"),
     "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),

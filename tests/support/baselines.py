@@ -1,7 +1,7 @@
 """Measures again what ``baselines.json`` keeps, where its Verilog has changed. The tests compare with it, docs show it:
 
 PYTHONPATH=tests python -m support.baselines            # resources, minutes
-PYTHONPATH=tests python -m support.baselines placed     # clock and area by place and route, half an hour
+PYTHONPATH=tests python -m support.baselines placed     # clock and area by place and route, an hour
 python docs/tables.py
 """
 
@@ -27,7 +27,7 @@ MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similari
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
 #: Presets that fit the device, and seeds of each.
-PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
+PLACED, SEEDS = ("fast", "fast-4", "fast-128", "paper"), 5
 BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}, "motions": {}, "regions": {}} | json.loads(
     PATH.read_text(encoding="utf-8")
 )

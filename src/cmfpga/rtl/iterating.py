@@ -103,7 +103,7 @@ class Iterating:
         """Put the boxes into the module."""
         pausing = {name: lane for lane in self.lanes for name in lane.boxes}
         for name, block in self.boxes.items():
-            m.submodules[name] = pausing[name].pausing(block, self.image.room) if name in pausing else block
+            m.submodules[name] = pausing[name].pausing(block, self.image) if name in pausing else block
 
     def _iterate(self, m, batch, reciprocal):
         """Replay while there is room, scale, warp, vote, sum; ``batch`` and ``reciprocal`` say how times are scaled."""
@@ -112,7 +112,11 @@ class Iterating:
             lane.connect(m, self.event_buffer, image)
         for lane in self.lanes[1:]:
             lane.dither_as(m, self.lanes[0])
-        m.d.comb += [self.event_buffer.replay.eq(control.replay), self.event_buffer.room.eq(image.room)]
+        paused, room = (payloads.by_lane(self.config, block.room) for block in (self.event_buffer, image))
+        m.d.comb += [
+            self.event_buffer.replay.eq(control.replay),
+            *(to.eq(of) for to, of in zip(paused, room, strict=True)),
+        ]
         for lane in self.lanes:
             v = self.ascent.warped if self.config.confidence else self.ascent.v
             lane.scale_and_warp(m, batch, reciprocal, v, self.ascent.level)

@@ -61,6 +61,11 @@ def of_lanes(config, member):
     return member.array(config.lanes) if config.lanes > 1 else member
 
 
+def by_lane(config, member):
+    """What :func:`of_lanes` made, as a list of all lanes'."""
+    return member if config.lanes > 1 else [member]
+
+
 def wire_cycles(config):
     """Clock cycles that a long wire between lanes, or between them and what they share, has for itself."""
     return 1 if config.lanes > 1 else 0

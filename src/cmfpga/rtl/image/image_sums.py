@@ -24,7 +24,8 @@ class ImageSums(wiring.Component):
     votes : ``In``, flow of :func:`payloads.votes`
         The events of an iteration; ``last`` marks its last.
     room : ``Out(1)``
-        As many events as are in flight still fit: the event buffer issues the next one.
+        As many events as are in flight still fit: the event buffer issues the next one. With lanes, an array: for each
+        the same, of its own.
     complete : ``Out(1)``
         All of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later.
     sums : ``Out``, flow of :func:`payloads.sums`
@@ -60,7 +61,7 @@ class ImageSums(wiring.Component):
         self.config, self.in_flight = config, in_flight
         members = {
             "votes": payloads.of_lanes(config, In(payloads.flow(payloads.votes(config)))),
-            "room": Out(1, init=1),
+            "room": payloads.of_lanes(config, Out(1, init=1)),
             "complete": Out(1),
             "sums": Out(payloads.flow(payloads.sums(config))),
             **dict.fromkeys(("next", "clear"), In(1)),

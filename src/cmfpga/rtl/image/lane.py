@@ -4,6 +4,7 @@ from amaranth.hdl import EnableInserter, Signal
 from amaranth.lib.wiring import connect
 
 from ...protocol.settings import by_signs
+from .. import payloads
 from .basis import Basis
 from .dither import Dither
 from .time_scaler import TimeScaler
@@ -42,15 +43,13 @@ class Lane:
             f"{name}_{self.number}" if self.number else name: block for name, block in (basis | self.blocks).items()
         }
 
-    def pausing(self, block, room):
-        """What is to be elaborated of a block: with other lanes, all stand still where there is no room."""
-        return EnableInserter(room)(block) if self.config.lanes > 1 else block
+    def pausing(self, block, image):
+        """What is to be elaborated of a block: with other lanes, all stand still where the image has no room."""
+        return EnableInserter(image.room[self.number])(block) if self.config.lanes > 1 else block
 
     def connect(self, m, buffer, image):
         """Into the lane and out of it."""
-        replayed, votes = buffer.o, image.votes
-        if self.config.lanes > 1:
-            replayed, votes = replayed[self.number], votes[self.number]
+        replayed, votes = (payloads.by_lane(self.config, ends)[self.number] for ends in (buffer.o, image.votes))
         for name, block in self.blocks.items():
             if name == "time_scaler" and self.basis:
                 m.d.comb += [getattr(self.basis, axis).eq(replayed.payload[axis]) for axis in ("x", "y")]

@@ -77,7 +77,7 @@ class EventBuffer(wiring.Component):
                 "clear": In(1),
                 "take": In(1),
                 "replay": In(1),
-                "room": In(1, init=1),
+                "room": payloads.of_lanes(config, In(1, init=1)),
                 "stored": Out(stored(config)),
                 **(subset if by_signs(config) else {}),
             }
@@ -152,7 +152,7 @@ class EventBuffer(wiring.Component):
     def _replay_in_lanes(self, m, ports, replaying, replayed, placed):
         """As with one lane; each has a copy of all events, so that any stride and any place suits it."""
         lanes = self.config.lanes
-        m.submodules.replay = EnableInserter(self.room)(r := Module())
+        m.submodules.replay = EnableInserter(self.room[0])(r := Module())
         first, step, next_step = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1), Const(1))
         base, reading = Signal(range(max(2, self.config.buffer_events)), name="base"), Signal(name="reading")
         # As with one lane; below 0 where one cycle has them all.
@@ -166,17 +166,18 @@ class EventBuffer(wiring.Component):
         reading_s2 = delay(r, reading, 1, name="reading", valid=True)
         for lane, o in enumerate(self.o):
             # A register before the rotation, and one behind it. In the base these bits are 0.
+            m.submodules[f"replay_{lane}"] = EnableInserter(self.room[lane])(each := Module())
             number = Signal(range(self.config.buffer_events + 4 * lanes), name=f"number_{lane}", reset_less=True)
-            r.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
+            each.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
             _, read = ports[lane]
             half = len(read.addr) - (self.config.buffers - 1)
             exists = number < replayed if lane else Const(1)  # the first lane's always does
-            place = delay(r, placed(number)[:half], 1, name=f"place_{lane}")
-            m.d.comb += [read.addr.eq(Cat(place, replaying)), read.en.eq(self.room)]
-            r.d.comb += [
-                o.payload.eq(delay(r, read.data, 1, name=f"output_{lane}")),
-                o.payload.last.eq(delay(r, last, 4, name=f"last_{lane}", valid=True)),
-                o.valid.eq(delay(r, reading_s2 & exists, 3, name=f"reading_{lane}", valid=True)),
+            place = delay(each, placed(number)[:half], 1, name=f"place_{lane}")
+            m.d.comb += [read.addr.eq(Cat(place, replaying)), read.en.eq(self.room[lane])]
+            each.d.comb += [
+                o.payload.eq(delay(each, read.data, 1, name=f"output_{lane}")),
+                o.payload.last.eq(delay(each, last, 4, name=f"last_{lane}", valid=True)),
+                o.valid.eq(delay(each, reading_s2 & exists, 3, name=f"reading_{lane}", valid=True)),
             ]
 
     def _drop(self, m, full):

@@ -55,7 +55,7 @@ class LaneImage(OnePassImage):
         lead = self.votes[0]
         # Votes are taken; an iteration's first; between two.
         came, first, idle = Signal(), Signal(), Signal(init=1, name="idle")
-        m.d.comb += [came.eq(lead.valid & self.room), first.eq(came & idle)]
+        m.d.comb += [came.eq(lead.valid & self.room[0]), first.eq(came & idle)]
 
         # What is marked last closes the iteration, as late as its votes may have left the queues.
         closes = delay(m, came & lead.payload.last, ParityClass.queued, name="closes", valid=True)
@@ -72,7 +72,12 @@ class LaneImage(OnePassImage):
             m.d.sync += idle.eq(1)
 
         # Itself a register, and not the inverse of one: as it is, it enables those inside of multipliers and memories.
-        m.d.sync += self.room.eq(~Cat(each.full for each in self.classes).any())
+        # One for each lane, for its wires: with and without a reset, which begin with 0 or 1, up to four stay apart.
+        room = ~Cat(each.full for each in self.classes).any()
+        for lane, has_room in enumerate(self.room):
+            here = Signal(name=f"room_{lane}", init=~lane & 1, reset_less=bool(lane & 2))
+            m.d.sync += here.eq(room)
+            m.d.comb += [has_room.eq(here), self.lane_sums.room[lane].eq(here)]
 
         address = Signal(range(max(2, config.geometry.words)))
         last = address == config.geometry.words - 1
@@ -104,11 +109,10 @@ class LaneImage(OnePassImage):
                 m.d.comb += [
                     sums.votes[lane][number].eq(vote),
                     each.i[lane].eq(vote),
-                    each.i[lane].valid.eq(vote.valid & self.room),
+                    each.i[lane].valid.eq(vote.valid & self.room[lane]),
                 ]
             m.d.comb += [sums.steps[config.lanes * number + bank].eq(step) for bank, step in enumerate(each.o)]
         m.d.comb += [
-            sums.room.eq(self.room),
             sums.begin.eq(first),
             self.sums.payload.eq(sums.sums),
             self.sums.valid.eq(delay(m, self.complete, self.latency, name="complete", valid=True)),

@@ -62,8 +62,8 @@ class LaneSums(wiring.Component):
     Members
     -------
     votes : ``In``, array of K arrays of four votes, as in :func:`payloads.votes`
-    room : ``In(1)``
-        They enter the queues.
+    room : ``In``, array of K
+        Those of a lane enter the queues.
     begin : ``In(1)``
         With an iteration's first votes.
     steps : ``In``, array of 4·K :func:`payloads.tagged_step`
@@ -82,7 +82,8 @@ class LaneSums(wiring.Component):
         super().__init__(
             {
                 "votes": In(data.ArrayLayout(payloads.votes(config)["banks"].shape, lanes)),
-                **dict.fromkeys(("room", "begin"), In(1)),
+                "room": In(1).array(lanes),
+                "begin": In(1),
                 "steps": In(data.ArrayLayout(payloads.tagged_step(config), 4 * lanes)),
                 "sums": Out(payloads.sums(config)),
                 **({"squares": Out(payloads.squares(config))} if config.confidence else {}),
@@ -124,7 +125,7 @@ class LaneSums(wiring.Component):
             value = Mux(first.valid, first.i, 0) + Mux(second.valid, second.i, 0)
         else:
             value = Mux(first.valid ^ second.valid, Mux(first.valid, first[name], second[name]), 0)
-        return delay(m, Mux(self.room, value, 0), 1, name=f"pair_{name}_{lane}_{a}")
+        return delay(m, Mux(self.room[lane], value, 0), 1, name=f"pair_{name}_{lane}_{a}")
 
     @staticmethod
     def _products(step, name):
