@@ -160,6 +160,17 @@ def test_the_product_waits_in_place_of_its_factors():
     assert new["type"] == "TRELLIS_FF" and {*cells} == {"it", name, "register_10", "register_20"}
 
 
+def test_two_multipliers_along_one_row_of_registers():
+    """The last register has no reader but a multiplier, and the one before none but that and another multiplier."""
+    module = twice_waiting()
+    module["cells"]["other"] = cell("MULT18X18D", A0=12, B0=22, P0=40)
+    module["ports"]["o"]["bits"].append(40)
+    pack_registers(module)
+    wires = module["cells"]["other"]["connections"]
+    assert (wires["A0"], wires["B0"]) == ([11], [21])
+    assert {name for name in module["cells"] if name.startswith("register")} == {"register_10", "register_20"}
+
+
 @pytest.mark.parametrize("why", ["start at one", "logic before", "only one factor"])
 def test_factors_that_wait_otherwise_do_so_themselves(why):
     module = twice_waiting(**({"REGSET": "SET"} if why == "start at one" else {}))
