@@ -200,6 +200,26 @@ def test_a_sum_waits_in_place_of_its_terms(changes, moved):
     )
 
 
+@pytest.mark.parametrize("first, moved", [("TRELLIS_FF", True), ("LUT4", False)])
+def test_sum_and_product_wait_in_place_of_terms_that_have_registers_left(first, moved):
+    """Without another register before the terms, the one behind their adder stays there."""
+    module = twice_waiting()
+    cells, wires = module["cells"], {pin: "0" for pin in ("B0", "A1", "B1", "C0", "C1", "CIN")}
+    adds = dict.fromkeys(("INIT0", "INIT1"), "1001011010101010")
+    cells["adder"] = cell("CCU2C", adds, **wires | {"A0": 12, "S0": 33, "COUT": 34})
+    cells["register_12"]["connections"]["DI"] = [33]
+    for before in (9, 19):
+        cells[f"register_{before}"] = cell(first, cells["product"]["parameters"], CLK=2, CE=4, DI=before, Q=before + 1)
+    pack_registers(module)
+    it = cells["it"]["connections"]
+    new = sorted((each["connections"] for name, each in cells.items() if "behind" in name), key=lambda each: each["Q"])
+    assert cells["adder"]["connections"]["A0"] == ([10] if moved else [11])
+    assert it["B0"] == ([21] if moved else [22])
+    behind_sum = {"CLK": [2], "CE": [4], "DI": [33], "Q": it["A0"]}
+    behind_product = {"CLK": [2], "CE": [4], "DI": it["P0"], "Q": [31]}
+    assert it["A0"][0] > 34 and new == ([behind_product, behind_sum] if moved else [behind_sum])
+
+
 @pytest.mark.parametrize(
     "module",
     [

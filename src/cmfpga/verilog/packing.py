@@ -152,28 +152,53 @@ def _move_behind(cells, name, sinks, drivers, new):
         factor: [pin for pin in (f"{factor}{bit}" for bit in range(18)) if wires.get(pin, ["0"]) != ["0"]]
         for factor in "AB"
     }
-    for pins in factors.values():
-        adders = {drivers.get(wires[pin][0]) for pin in pins}
-        if any(cells.get(adder, {"type": None})["type"] != "CCU2C" for adder in adders):
-            continue
-        if any(len(sinks[wires[pin][0]]) != 1 for pin in pins) or not all(
-            _adds(cells, each, drivers) for each in adders
-        ):
-            return set()
-        terms = [(cells[adder]["connections"], f"{term}{k}") for adder in adders for term in "AB" for k in range(2)]
-        moved = _skipped(cells, terms, kind, drivers)
-        for pin in pins if moved else ():
-            before, wires[pin] = wires[pin][0], [next(new)]
-            _register(cells, f"{name}_{pin}", moved, before, wires[pin][0])
-        return moved
+
+    def sums():
+        """What the registers of the terms of a factor's adder are moved to: those behind the adder."""
+        for pins in factors.values():
+            terms = _terms(cells, [wires[pin][0] for pin in pins], sinks, drivers)
+            found = terms and _registers(cells, terms, kind, drivers)
+            if found:
+                moved = _skip(found)
+                for pin in pins:
+                    before, wires[pin] = wires[pin][0], [next(new)]
+                    _register(cells, f"{name}_{pin}", moved, before, wires[pin][0], drivers)
+                return moved
+        return set()
+
+    moved = sums()
     products = [pin for pin in (f"P{bit}" for bit in range(36)) if wires.get(pin) and sinks[wires[pin][0]]]
     if "REG_OUTPUT_CLK" not in cell["parameters"]:
-        return set()
-    moved = _skipped(cells, [(wires, pin) for pins in factors.values() for pin in pins], kind, drivers)
-    for pin in products if moved else ():
+        return moved
+    found = []
+    for pins in factors.values():
+        inputs = [(wires, pin) for pin in pins]
+        before = _registers(cells, inputs, kind, drivers)
+        if not before:  # those behind an adder only where its terms have others that take their place
+            behind = _registers(cells, inputs, kind, drivers, {"CCU2C"})
+            terms = behind and _terms(cells, [data[0] for *_, data in behind], sinks, drivers)
+            before = terms and _registers(cells, terms, kind, drivers) and behind
+        if not before:
+            return moved
+        found += before
+    skipped = _skip(found)
+    for pin in products:
         behind, wires[pin] = wires[pin][0], [next(new)]
-        _register(cells, f"{name}_{pin}", moved, wires[pin][0], behind)
-    return moved
+        _register(cells, f"{name}_{pin}", skipped, wires[pin][0], behind, drivers)
+    return moved | skipped | sums()
+
+
+def _terms(cells, bits, sinks, drivers):
+    """The terms' inputs, pairs of wires and pin, of the adders that the ``bits`` come from; None if there are others.
+
+    Nothing else may read a bit, and the adders may do nothing but add.
+    """
+    adders = {drivers.get(bit) for bit in bits}
+    if any(cells.get(adder, {"type": None})["type"] != "CCU2C" for adder in adders):
+        return None
+    if any(len(sinks[bit]) != 1 for bit in bits) or not all(_adds(cells, each, drivers) for each in adders):
+        return None
+    return [(cells[adder]["connections"], f"{term}{k}") for adder in adders for term in "AB" for k in range(2)]
 
 
 def _adds(cells, name, drivers):
@@ -185,33 +210,42 @@ def _adds(cells, name, drivers):
     return carry == "0" or cells.get(drivers.get(carry), {"type": None})["type"] == "CCU2C"
 
 
-def _skipped(cells, inputs, kind, drivers):
-    """Have ``inputs``, pairs of wires and pin, what registers of the ``kind`` before them have, if that is registers'.
+def _registers(cells, inputs, kind, drivers, sources=frozenset({"TRELLIS_FF"})):
+    """The registers of the ``kind`` before ``inputs``: name, the input's wires and pin, and what they have in turn.
 
-    Returns the names of those registers; nothing is changed where there are others.
+    None where there is another before one of them, or what it has is not from one of the ``sources``.
     """
-    before = []
+    found = []
     for wires, pin in inputs:
         if wires[pin] != ["0"]:
             name = drivers.get(wires[pin][0])
             if _kind(cells.get(name)) != kind:
-                return set()
+                return None
             data = cells[name]["connections"]["DI"]
-            if cells.get(drivers.get(data[0]), {"type": None})["type"] != "TRELLIS_FF":
-                return set()
-            before.append((name, wires, pin, data))
-    for _, wires, pin, data in before:
+            if cells.get(drivers.get(data[0]), {"type": None})["type"] not in sources:
+                return None
+            found.append((name, wires, pin, data))
+    return found
+
+
+def _skip(found):
+    """Have the inputs what :func:`_registers` of them have; returns the names of these."""
+    for _, wires, pin, data in found:
         wires[pin] = data
-    return {name for name, *_ in before}
+    return {name for name, *_ in found}
 
 
-def _register(cells, name, like, data, out):
+def _register(cells, name, like, data, out, drivers):
     """A register from net ``data`` to net ``out``, of the kind of those that are named in ``like``."""
     found = cells[min(like)]
-    cells[f"{name}_behind"] = found | {
+    name = f"{name}_behind"
+    while name in cells:
+        name += "_too"
+    cells[name] = found | {
         "connections": found["connections"] | {"DI": [data], "Q": [out]},
         "attributes": {},
     }
+    drivers[out] = name
 
 
 def _waits(multiplier, factor):
