@@ -19,7 +19,11 @@ module DP16KD (
   reg [35:0] words[0:4095];
   reg [35:0] read, read_s2;
   integer k;
-  initial for (k = 0; k < 4096; k = k + 1) words[k] = {$random, $random};
+  initial begin
+    for (k = 0; k < 4096; k = k + 1) words[k] = {$random, $random};
+    read = {$random, $random};
+    read_s2 = {$random, $random};
+  end
 
   // Wide words have an enable for each nine bits in the lowest bits of the address.
   wire [3:0] write = (DATA_WIDTH_A >= 18 ? ADA[3:0] : 4'b0001) & {4{CEA & WEA & ~|CSA}};
