@@ -45,7 +45,7 @@ def test_what_is_proved_can_happen(harness):
 
 MUTANTS = [
     Mutant("two heads given", "eq(wanted[lane] & ~taken)", "eq(wanted[lane])", router),
-    Mutant("turn ignored", "select(self.turn, [", "select(0 * self.turn, [", router),
+    Mutant("turn ignored", "select(self.turn[half], [", "select(0 * self.turn[half], [", router),
     Mutant("taken, not given", "Cat(given[lane][half::2]).any()", "Cat(given[lane]).any()", router),
     Mutant("head of another lane", "if lane >> bit & 1", "if lane >> bit & 1 or lane == 1", router),
     Mutant("a vote too many", "behind[2:].all()", "behind[2:].all() & behind[1]", vote_queue),

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmfpga.rtl import iteration_control
+from cmfpga.rtl import iterating, iteration_control
 from cmfpga.rtl.ascent import sign
 from cmfpga.rtl.confidence import least_judge, probe
 from cmfpga.rtl.core import Core
@@ -84,6 +84,7 @@ MUTANTS_OF_LANES = {  # module, old, new
     "banks not swept": (lane_image, "each.sweep.valid.eq(idle)", "each.sweep.valid.eq(0)"),
     "first votes not summed": (lane_sums, "self.plain_latency - 1", "self.plain_latency"),
     "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),
+    "squares not waited for": (iterating, "self.image.squares_late, name", "0, name"),
     "product of another vote": (lane_sums, "max(2, number + 1)", "number + 2"),
     "v of an iteration before": (warp, "v[axis], self._waiting,", "v[axis], self._waiting + 1,"),
     "both rows of a bank": (parity_class, "Cat(column[geometry.lane_bits :], row)", "column[geometry.lane_bits :]"),

@@ -152,7 +152,7 @@ class Iterating:
             probe.iterating.eq(self._iterating),
             probe.complete.eq(control.complete),
             probe.v.eq(self.ascent.v),
-            probe.sums.valid.eq(self.image.sums.valid),
+            probe.sums.valid.eq(delay(m, self.image.sums.valid, self.image.squares_late, name="summed", valid=True)),
             probe.sums.payload.eq(self.image.sums.payload),
             probe.squares.eq(self.image.squares),
             judge.i.valid.eq(delay(m, came, self._far, name="gradient_came", valid=True)),  # and stays

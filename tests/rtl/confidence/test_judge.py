@@ -87,7 +87,9 @@ def expected(config, many):
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, {"weight_frac": 3, "derivative_frac": 6}, {"weight_frac": 6}, {"border": "corners"}], ids=str
+    "changes",
+    [{}, {"weight_frac": 3, "derivative_frac": 6}, {"weight_frac": 6}, {"border": "corners"}, {"lanes": 4}],
+    ids=str,
 )
 def test_the_verdict_is_the_models(changes, rng):
     config = CONFIG.replace(**changes)

@@ -42,7 +42,7 @@ class RouterHarness(Harness):
         dut, lanes = self.dut, range(self.dut.config.lanes)
         turn = Signal(range(len(lanes)))
         m.d.sync += turn.eq(turn + 1)
-        m.d.comb += [dut.turn.eq(turn), anything(dut.wants.as_value()), anything(dut.heads.as_value())]
+        m.d.comb += [dut.turn.eq(Cat(turn, turn)), anything(dut.wants.as_value()), anything(dut.heads.as_value())]
         before, given_to = {}, []
         for lane in lanes:
             for half in range(2):

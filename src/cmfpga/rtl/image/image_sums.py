@@ -31,7 +31,7 @@ class ImageSums(wiring.Component):
     sums : ``Out``, flow of :func:`payloads.sums`
         One item an iteration; the payload stays until the next iteration's first vote.
     squares : ``Out``, :func:`payloads.squares`
-        Σ I², with ``sums``. Only where v's confidence is measured.
+        Σ I², :attr:`squares_late` cycles after ``sums``. Only where v's confidence is measured.
     next : ``In(1)``
         v has been updated: what comes now is another iteration.
     clear, cleared : ``In(1)``, ``Out(1)``
@@ -45,6 +45,8 @@ class ImageSums(wiring.Component):
         Cycles from ``complete`` to ``sums``.
     lead : int
         ΣI and ΣD are final so many cycles before ``sums``, :attr:`Gradient.lead` or more.
+    squares_late : int
+        Cycles from ``sums`` to ``squares``, for which nobody waits.
     sweep_cycles : int
         Cycles from an iteration's last vote to ``complete``, if there is always room.
     exact_cycles : bool
@@ -54,6 +56,7 @@ class ImageSums(wiring.Component):
     """
 
     lead = 3
+    squares_late = 0
     sweep_cycles = 0
     exact_cycles = True
 

@@ -51,7 +51,7 @@ def test_every_vote_is_added_once(pattern, lanes, rng):
                     sent[(column + line) % lanes, add] += 1
                     image[column, line] += vote["i"]
             votes.set(ctx, row)
-            turn.set(ctx, cycle % lanes)
+            turn.set(ctx, [cycle % lanes] * 2)
             for number, step in enumerate(steps.get(ctx)):
                 add = tuple(step["add"][name] for name in ("i", "dx", "dy"))
                 if any(add):

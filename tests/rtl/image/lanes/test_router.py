@@ -26,7 +26,7 @@ def test_heads_go_where_they_are_wanted(lanes, rng):
             if lane is not None:
                 given[lane][bank & 1] = 1
         wants = [[0 if bank is None else 1 << bank for bank in lane] for lane in banks]
-        script.append({"turn": turn, "wants": wants, "heads": heads})
+        script.append({"turn": [turn] * 2, "wants": wants, "heads": heads})
         taken.append([first | second << 1 for first, second in given])
         expected.append(out)
     for address in range(8):

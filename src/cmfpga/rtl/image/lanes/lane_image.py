@@ -24,6 +24,7 @@ class LaneImage(OnePassImage):
     """
 
     exact_cycles = False
+    squares_late = LaneSums.squares_late
     sweep_cycles = ParityClass.queued + 1
 
     def __init__(self, config, *, in_flight):
@@ -86,7 +87,8 @@ class LaneImage(OnePassImage):
         m.d.sync += self.cleared.eq(idle & last)
 
         # The number of an iteration is not 0, which all swept words have. Each class has its own register of it, and
-        # its own turn; they begin at other values, so that no tool makes one of them, whose wires would be long.
+        # each half of its banks its own turn; they begin at other values, or one has no reset, so that no tool makes
+        # one of them, whose wires would be long.
         tags = (1 << config.tag_bits) - 1
         tag = Signal(config.tag_bits, init=1)
         with m.If(self.next):
@@ -94,12 +96,13 @@ class LaneImage(OnePassImage):
         used = Mux(idle, 0, tag)
         sums = self.lane_sums
         for number, each in enumerate(self.classes):
-            turn = Signal(range(config.lanes), name=f"turn_{number}")
-            m.d.sync += turn.eq(Mux(first, number % config.lanes, turn + 1))
+            for half in range(2):
+                turn = Signal(range(config.lanes), name=f"turn_{number}_{half}", reset_less=bool(half))
+                m.d.sync += turn.eq(Mux(first, number % config.lanes, turn + 1))
+                m.d.comb += each.turn[half].eq(turn)
             used_here = Signal.like(tag, name=f"used_{number}", init=number % (tags + 1))
             m.d.sync += used_here.eq(used)
             m.d.comb += [
-                each.turn.eq(turn),
                 each.tag.eq(used_here),
                 each.sweep.valid.eq(idle),
                 each.sweep.payload.eq(address),

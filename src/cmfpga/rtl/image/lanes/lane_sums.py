@@ -24,15 +24,14 @@ def add_up(m, values, name):
 def add_products(m, factors, name):
     """Σ a·b of the pairs ``factors``, two cycles more later: one behind the other, as DSPs add without a LUT.
 
-    Or Σ (a + c)·b of triples (a, c, b), another cycle later: a DSP has that adder as well. All registers around a
+    Or Σ (a + c)·b of triples (a, c, b), another two cycles later: a DSP has that adder as well. All registers around a
     multiplier have the same reset, so that tools find them in it; factors wait for two cycles or more, of which they
-    may move one to the product, for its wire.
+    may move one to the product, for its wire, and terms for three, of which they may move another to the sum.
     """
     total = 0
     for number, each in enumerate(factors):
-        *terms, b = (
-            delay(m, part, max(2, number + 1), name=f"{name}_{number}_{k}", valid=True) for k, part in enumerate(each)
-        )
+        waits = max(2, number + 1) + len(each) - 2
+        *terms, b = (delay(m, part, waits, name=f"{name}_{number}_{k}", valid=True) for k, part in enumerate(each))
         if len(terms) == 2:
             terms = [delay(m, terms[0] + terms[1], 1, name=f"{name}_sum_{number}", valid=True)]
             b = delay(m, b, 1, name=f"{name}_factor_{number}", valid=True)
@@ -70,8 +69,10 @@ class LaneSums(wiring.Component):
         From the banks. The sums are final :attr:`latency` cycles after the last one.
     sums : ``Out``, :func:`payloads.sums`
     squares : ``Out``, :func:`payloads.squares`
-        Only where v's confidence is measured.
+        Final :attr:`squares_late` cycles after ``sums``. Only where v's confidence is measured.
     """
+
+    squares_late = 1
 
     def __init__(self, config, *, ahead):
         self.config, self._ahead = config, ahead
@@ -104,8 +105,9 @@ class LaneSums(wiring.Component):
             products = [pair for step in self.steps for pair in self._products(step, name)]
             self._total_of_products(m, total, products, name, begin)
         if self.config.confidence:
-            # w·(I + (I + w)): with a product each there are half as many chains, so they end in the same cycle.
+            # w·(I + (I + w)): with a product each there are half as many chains.
             squares = [(step.i, step.total.i, step.add.i) for step in self.steps]
+            begin = delay(m, begin, self.squares_late, name="begin_squares", valid=True)
             self._total_of_products(m, self.squares, squares, "i", begin)
         return m
 

@@ -27,8 +27,8 @@ class ParityClass(wiring.Component):
     -------
     i : ``In``, array of K members of ``banks`` of :func:`payloads.votes`
         A vote of each lane, or none.
-    turn : ``In``
-        The lane that is preferred.
+    turn : ``In``, array of two
+        The lane that is preferred; for each half of the banks the same, of its own.
     tag : ``In``
         Of what enters the banks: the number of the iteration, or 0 :attr:`Router.latency` cycles after ``sweep``.
     sweep : ``In``, flow of an address
@@ -50,7 +50,7 @@ class ParityClass(wiring.Component):
         super().__init__(
             {
                 "i": In(data.ArrayLayout(vote, lanes)),
-                "turn": In(range(lanes)),
+                "turn": In(data.ArrayLayout(range(lanes), 2)),
                 "tag": In(config.tag_bits),
                 "sweep": In(payloads.flow(config.geometry.word_bits)),
                 "full": Out(1),

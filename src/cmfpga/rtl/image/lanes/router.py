@@ -16,8 +16,8 @@ class Router(wiring.Component):
 
     Members
     -------
-    turn : ``In``
-        The lane that is preferred.
+    turn : ``In``, array of two
+        The lane that is preferred; for each half of the banks the same, of its own.
     wants : ``In``, array of K arrays of two
         Of the queues of each lane, by the lowest bit of the banks that they are for: a bit for each of these banks.
     heads : ``In``, array of K arrays of two :func:`payloads.lane_operation`
@@ -36,7 +36,7 @@ class Router(wiring.Component):
         lanes, operation = config.lanes, payloads.lane_operation(config)
         super().__init__(
             {
-                "turn": In(range(lanes)),
+                "turn": In(data.ArrayLayout(range(lanes), 2)),
                 "wants": In(data.ArrayLayout(data.ArrayLayout(lanes // 2, 2), lanes)),
                 "heads": In(data.ArrayLayout(data.ArrayLayout(operation, 2), lanes)),
                 "sweep": In(payloads.flow(config.geometry.word_bits)),
@@ -60,7 +60,7 @@ class Router(wiring.Component):
             grant = Signal(len(lanes), name=f"grant_{bank}")
             for lane in lanes:
                 before = [[(turn + k) % len(lanes) for k in range((lane - turn) % len(lanes))] for turn in lanes]
-                taken = select(self.turn, [Cat(wanted[other] for other in others).any() for others in before])
+                taken = select(self.turn[half], [Cat(wanted[other] for other in others).any() for others in before])
                 m.d.comb += grant[lane].eq(wanted[lane] & ~taken)
                 given[lane].append(grant[lane])
             # By number, so that a bit of four lanes is a LUT.
