@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmfpga.bench import opponents
+from cmfpga.bench import opponents, programs
 from cmfpga.bench.opponents import Job, Unavailable, c_program, make_programs, torch_program
 from cmfpga.bench.opponents.c_program import CProgram
 from cmfpga.bench.opponents.numba_program import NumbaProgram
@@ -248,3 +248,16 @@ def test_torch_keeps_its_threads(batch):
 def test_a_schedule_of_another_length_is_refused(batch):
     with pytest.raises(ValueError, match="1 entries of a schedule for 2 iterations"):
         of(batch, iterations=2, schedule=(ScheduleEntry(0, 0),))
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("cpu family\t: 26\nmodel\t\t: 2\nmodel name\t: AMD EPYC\n", "AMD EPYC, family 26, model 2"),
+        ("processor\t: 0\n\nModel\t\t: Raspberry Pi 4\n", "Raspberry Pi 4"),
+    ],
+)
+def test_the_processor_says_which_it_is(text, name, monkeypatch):
+    """Virtual machines on different processors have the same name."""
+    monkeypatch.setattr(programs.Path, "read_text", lambda *_, **__: text)
+    assert programs.processor() == name

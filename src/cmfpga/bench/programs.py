@@ -102,9 +102,16 @@ def _errors(case, programs, loaded):
 
 
 def processor():
-    """The processor's name, as far as the system tells."""
+    """The processor's name, as far as the system tells, and which one of the name: a virtual machine may hide it."""
     with contextlib.suppress(OSError):
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith(("model name", "Model")):
-                return line.partition(":")[2].strip()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        found = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
+        name = found.get("model name") or found.get("Model")
+        if name:
+            numbers = [
+                f"{key} {found[known]}"
+                for key, known in (("family", "cpu family"), ("model", "model"))
+                if known in found
+            ]
+            return ", ".join([name, *numbers])
     return platform.processor() or platform.machine() or "unknown processor"
