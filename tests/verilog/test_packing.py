@@ -5,6 +5,7 @@ import json
 import pytest
 
 from cmfpga.verilog.packing import pack_registers
+from support.ecp5_cells import cell, twice_waiting
 
 
 def packable(kind="MULT18X18D", sinks=(), **changes):
@@ -20,8 +21,8 @@ def packable(kind="MULT18X18D", sinks=(), **changes):
         cells["register_1"]["parameters" if name in found else "connections"][name] = value
     cells |= {pin: {"type": "LUT4", "parameters": {}, "connections": {"A": [bit]}} for pin, bit in sinks}
     outputs = ("Q", f"{output}0", f"{output}1")
-    for cell in cells.values():
-        cell["port_directions"] = {pin: "output" if pin in outputs else "input" for pin in cell["connections"]}
+    for each in cells.values():
+        each["port_directions"] = {pin: "output" if pin in outputs else "input" for pin in each["connections"]}
     return {"cells": cells, "ports": {"o": {"bits": [20, 21]}}}
 
 
@@ -124,28 +125,6 @@ def test_a_factor_from_an_adder_is_packed_beside_one_that_waits(before, packed):
         assert (cells["it"]["connections"]["A0"], cells["it"]["connections"]["B0"]) == ([10], [13])
 
 
-def cell(kind, parameters=None, **wires):
-    """Of a netlist; outputs are P0, Q, S0 and COUT."""
-    directions = {pin: "output" if pin in ("P0", "Q", "S0", "COUT") else "input" for pin in wires}
-    wires = {pin: [bit] for pin, bit in wires.items()}
-    return {"type": kind, "parameters": dict(parameters or {}), "connections": wires, "port_directions": directions}
-
-
-def twice_waiting(**changes):
-    """A multiplier, both factors of which come through three registers in a row, and its product through one.
-
-    ``changes``: parameters of the second before factor B.
-    """
-    register = {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"}
-    cells = {"it": cell("MULT18X18D", A0=13, A1="0", B0=23, P0=30)}
-    cells["product"] = cell("TRELLIS_FF", register, CLK=2, CE=4, DI=30, Q=31)
-    for first in (10, 20):
-        for k in range(3):
-            found = register | (changes if (first, k) == (20, 1) else {})
-            cells[f"register_{first + k}"] = cell("TRELLIS_FF", found, CLK=2, CE=4, DI=first + k, Q=first + k + 1)
-    return {"ports": {"o": {"bits": [31]}}, "cells": cells}
-
-
 def test_the_product_waits_in_place_of_its_factors():
     module = twice_waiting()
     cells = module["cells"]
@@ -180,44 +159,6 @@ def test_factors_that_wait_otherwise_do_so_themselves(why):
         module["cells"]["register_21"]["connections"]["CE"] = [5]
     pack_registers(module)
     assert module["cells"]["it"]["connections"]["P0"] == [31] and not any("behind" in name for name in module["cells"])
-
-
-@pytest.mark.parametrize(("changes", "moved"), [({}, True), ({"INIT1": "0"}, False), ({"CIN": ["1"]}, False)])
-def test_a_sum_waits_in_place_of_its_terms(changes, moved):
-    """Only of a plain adder: 0 + 0 is 0."""
-    module = twice_waiting()
-    cells, wires = module["cells"], {pin: "0" for pin in ("B0", "A1", "B1", "C0", "C1", "CIN")}
-    adds = dict.fromkeys(("INIT0", "INIT1"), "1001011010101010")
-    cells["adder"] = cell("CCU2C", adds, **wires | {"A0": 12, "S0": 33, "COUT": 34})
-    cells["register_12"]["connections"]["DI"] = [33]
-    for name, value in changes.items():
-        cells["adder"]["parameters" if name in adds else "connections"][name] = value
-    pack_registers(module)
-    new = [each["connections"] for name, each in cells.items() if name.endswith("behind")]
-    assert cells["adder"]["connections"]["A0"] == ([11] if moved else [12])
-    assert [(each["DI"], [each["Q"]]) for each in new] == (
-        [([33], [cells["it"]["connections"]["A0"]])] if moved else []
-    )
-
-
-@pytest.mark.parametrize("first, moved", [("TRELLIS_FF", True), ("LUT4", False)])
-def test_sum_and_product_wait_in_place_of_terms_that_have_registers_left(first, moved):
-    """Without another register before the terms, the one behind their adder stays there."""
-    module = twice_waiting()
-    cells, wires = module["cells"], {pin: "0" for pin in ("B0", "A1", "B1", "C0", "C1", "CIN")}
-    adds = dict.fromkeys(("INIT0", "INIT1"), "1001011010101010")
-    cells["adder"] = cell("CCU2C", adds, **wires | {"A0": 12, "S0": 33, "COUT": 34})
-    cells["register_12"]["connections"]["DI"] = [33]
-    for before in (9, 19):
-        cells[f"register_{before}"] = cell(first, cells["product"]["parameters"], CLK=2, CE=4, DI=before, Q=before + 1)
-    pack_registers(module)
-    it = cells["it"]["connections"]
-    new = sorted((each["connections"] for name, each in cells.items() if "behind" in name), key=lambda each: each["Q"])
-    assert cells["adder"]["connections"]["A0"] == ([10] if moved else [11])
-    assert it["B0"] == ([21] if moved else [22])
-    behind_sum = {"CLK": [2], "CE": [4], "DI": [33], "Q": it["A0"]}
-    behind_product = {"CLK": [2], "CE": [4], "DI": it["P0"], "Q": [31]}
-    assert it["A0"][0] > 34 and new == ([behind_product, behind_sum] if moved else [behind_sum])
 
 
 @pytest.mark.parametrize(

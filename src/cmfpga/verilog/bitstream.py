@@ -21,7 +21,7 @@ from .tools import EstimateError, read_json, run, yosys
 #: By the board's name.
 PLATFORMS = {"ulx3s": ULX3S_85F_Platform}
 
-#: Placements to try: seeds differ by some 5 %.
+#: Placements to try: seeds differ by up to 9 %.
 SEEDS = 5
 
 

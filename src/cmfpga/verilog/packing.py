@@ -149,20 +149,27 @@ def _move_behind(cells, name, sinks, drivers, new):
         return set()
     kind = _Kind(*(wires[pin][0] for pin in ("CLK0", "RST0", "CE0")))
     factors = {
-        factor: [pin for pin in (f"{factor}{bit}" for bit in range(18)) if wires.get(pin, ["0"]) != ["0"]]
+        factor: [pin for pin in (f"{factor}{bit}" for bit in range(18)) if (wires.get(pin) or ["0"]) != ["0"]]
         for factor in "AB"
     }
+    passed = set()  # registers between an adder and its factor
+
+    def terms_of(pins, bits):
+        return _terms(cells, bits, {(name, pin) for pin in pins}, passed, sinks, drivers)
 
     def sums():
-        """What the registers of the terms of a factor's adder are moved to: those behind the adder."""
+        """Registers of the terms of a factor's adder, to behind the adder."""
         for pins in factors.values():
-            terms = _terms(cells, [wires[pin][0] for pin in pins], sinks, drivers)
+            terms = terms_of(pins, [wires[pin][0] for pin in pins])
             found = terms and _registers(cells, terms, kind, drivers)
             if found:
-                moved = _skip(found)
+                moved, behind = _skip(found), {}
                 for pin in pins:
-                    before, wires[pin] = wires[pin][0], [next(new)]
-                    _register(cells, f"{name}_{pin}", moved, before, wires[pin][0], drivers)
+                    (bit,) = wires[pin]
+                    if bit not in behind:
+                        behind[bit] = next(new)
+                        _register(cells, f"{name}_{pin}", moved, bit, behind[bit], drivers)
+                    wires[pin] = [behind[bit]]
                 return moved
         return set()
 
@@ -176,7 +183,8 @@ def _move_behind(cells, name, sinks, drivers, new):
         before = _registers(cells, inputs, kind, drivers)
         if not before:  # those behind an adder only where its terms have others that take their place
             behind = _registers(cells, inputs, kind, drivers, {"CCU2C"})
-            terms = behind and _terms(cells, [data[0] for *_, data in behind], sinks, drivers)
+            passed |= {register for register, *_ in behind or ()}
+            terms = behind and terms_of(pins, [data[0] for *_, data in behind])
             before = terms and _registers(cells, terms, kind, drivers) and behind
         if not before:
             return moved
@@ -188,26 +196,32 @@ def _move_behind(cells, name, sinks, drivers, new):
     return moved | skipped | sums()
 
 
-def _terms(cells, bits, sinks, drivers):
+def _terms(cells, bits, readers, passed, sinks, drivers):
     """The terms' inputs, pairs of wires and pin, of the adders that the ``bits`` come from; None if there are others.
 
-    Nothing else may read a bit, and the adders may do nothing but add.
+    The adders may do nothing but add, carries may not come from others or go to them, and nothing but the ``readers``,
+    pairs of cell and pin, may read a bit of the sum, be it through the registers ``passed``.
     """
     adders = {drivers.get(bit) for bit in bits}
     if any(cells.get(adder, {"type": None})["type"] != "CCU2C" for adder in adders):
         return None
-    if any(len(sinks[bit]) != 1 for bit in bits) or not all(_adds(cells, each, drivers) for each in adders):
+    if not all(_adds(cells[adder], adders, drivers) for adder in adders):
+        return None
+    allowed = readers | {(register, "DI") for register in passed} | {(adder, "CIN") for adder in adders}
+    read = [bit for adder in adders for pin in ("S0", "S1", "COUT") for bit in cells[adder]["connections"].get(pin, ())]
+    read += [bit for register in passed for bit in cells[register]["connections"]["Q"]]
+    if any(sink not in allowed for bit in read for sink in sinks[bit]):
         return None
     return [(cells[adder]["connections"], f"{term}{k}") for adder in adders for term in "AB" for k in range(2)]
 
 
-def _adds(cells, name, drivers):
-    """Whether a carry cell is one of those that add two terms, and nothing else."""
-    found, wires = cells[name]["parameters"], cells[name]["connections"]
-    if any(found.get(f"INIT{k}") != _ADDS or wires[f"C{k}"] != ["0"] for k in range(2)):
+def _adds(cell, adders, drivers):
+    """Whether a carry cell is one of those that add two terms, and nothing else; ``adders`` are those of the sum."""
+    found, wires = cell["parameters"], cell["connections"]
+    if any(found.get(f"INIT{k}") != _ADDS or (wires[f"C{k}"], wires[f"D{k}"]) != (["0"], ["1"]) for k in range(2)):
         return False
     (carry,) = wires["CIN"]
-    return carry == "0" or cells.get(drivers.get(carry), {"type": None})["type"] == "CCU2C"
+    return carry == "0" or drivers.get(carry) in adders
 
 
 def _registers(cells, inputs, kind, drivers, sources=frozenset({"TRELLIS_FF"})):

@@ -55,7 +55,7 @@ def place(verilog, *, device="LFE5U-85F", speed=8, seeds=1, aim_mhz=AIM_MHZ, top
     device, speed
         One of :data:`DEVICES`, of :data:`SPEEDS`.
     seeds : int
-        Placements from other random numbers, 1 … ``seeds``; they differ by some 5 %.
+        Placements from other random numbers, 1 … ``seeds``; they differ by up to 9 %.
     aim_mhz : float
         Clock that the tools try to reach, MHz.
 
