@@ -1,11 +1,12 @@
 """Registers of an ECP5's netlist that go into RAMs and multipliers, or behind them."""
 
 import json
+from copy import deepcopy
 
 import pytest
 
 from cmfpga.verilog.packing import pack_registers
-from support.ecp5_cells import cell, twice_waiting
+from support.ecp5_cells import cell, difference, twice_waiting
 
 
 def packable(kind="MULT18X18D", sinks=(), **changes):
@@ -127,8 +128,9 @@ def test_a_factor_from_an_adder_is_packed_beside_one_that_waits(before, packed):
 
 def test_the_product_waits_in_place_of_its_factors():
     module = twice_waiting()
-    cells = module["cells"]
+    cells, before = module["cells"], deepcopy(module)
     assert pack_registers(module) == 7 - 3  # the first ones stay; one is new
+    assert difference(before, module) is None
     wires = cells["it"]["connections"]
     assert (wires["A0"], wires["A1"], wires["B0"]) == ([11], ["0"], [21])
     ((name, new),) = ((name, each) for name, each in cells.items() if name.startswith("it_"))
@@ -144,7 +146,9 @@ def test_two_multipliers_along_one_row_of_registers():
     module = twice_waiting()
     module["cells"]["other"] = cell("MULT18X18D", A0=12, B0=22, P0=40)
     module["ports"]["o"]["bits"].append(40)
+    before = deepcopy(module)
     pack_registers(module)
+    assert difference(before, module) is None
     wires = module["cells"]["other"]["connections"]
     assert (wires["A0"], wires["B0"]) == ([11], [21])
     assert {name for name in module["cells"] if name.startswith("register")} == {"register_10", "register_20"}

@@ -102,16 +102,12 @@ def _errors(case, programs, loaded):
 
 
 def processor():
-    """The processor's name, as far as the system tells, and which one of the name: a virtual machine may hide it."""
+    """The processor's name, as far as the system tells, with family and model: virtual machines' say little."""
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         found = {name.strip(): value.strip() for name, _, value in (line.partition(":") for line in lines)}
         name = found.get("model name") or found.get("Model")
         if name:
-            numbers = [
-                f"{key} {found[known]}"
-                for key, known in (("family", "cpu family"), ("model", "model"))
-                if known in found
-            ]
-            return ", ".join([name, *numbers])
+            numbers = (("family", found.get("cpu family")), ("model", found.get("model")))
+            return ", ".join([name, *(f"{which} {number}" for which, number in numbers if number)])
     return platform.processor() or platform.machine() or "unknown processor"
