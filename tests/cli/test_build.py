@@ -174,7 +174,7 @@ CONFIGURATIONS = {
 }  # fmt: skip
 
 
-@pytest.fixture(params=map(Config, CONFIGURATIONS.values()), ids=CONFIGURATIONS)
+@pytest.fixture(params=[pytest.param(Config(**fields), id=name) for name, fields in CONFIGURATIONS.items()])
 def files(request, emitted):
     return emitted(**CONFIGURATIONS[request.node.callspec.id])
 

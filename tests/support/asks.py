@@ -64,7 +64,23 @@ FIXTURES = {
     "long_tools": "long tools",
 }
 #: One of each kind that ``make test`` runs nevertheless.
-SMOKE = ()
+SMOKE = {
+    "boards/test_bit2bin.py::test_fields_as_json",
+    "cli/test_build.py::test_hardware_fields_change_the_verilog[sensor_width]",
+    "cli/test_command.py::test_without_arguments_it_helps_and_fails",
+    "examples/test_examples.py::test_block_in_a_design",
+    "formal/test_accumulator_proof.py::test_right_for_any_number_of_cycles[bank]",
+    "report/test_browser.py::test_a_click_on_a_chart_goes_to_its_batch",
+    "rtl/regions/test_regions.py::test_a_batch_without_any_event_in_a_region_is_degenerate_in_all[one unit]",
+    "rtl/test_core_mutants.py::test_a_broken_block_is_noticed[an iteration too many]",
+    "simulation/test_axi.py::test_in_icarus[cocotb_registers]",
+    "simulation/test_crosscheck.py::test_interrupted_it_says_what_it_has",
+    "protocol/test_words.py::test_a_real_file",
+    "verilog/test_icarus.py::test_passes[two by two]",
+    "verilog/test_place.py::test_nextpnr_fails",
+    "verilog/test_resources.py::test_a_register_that_others_read_is_not_lost",
+    "verilog/test_verilator_lint.py::test_no_warning_beside_them_and_all_are_needed[two by two]",
+}
 
 #: What is long about each test that was found, by its name.
 collected = {}
