@@ -15,8 +15,8 @@ from cmfpga.config import Config
 from cmfpga.events import Events, write_hdf5
 from cmfpga.imaging.gallery import Gallery
 from cmfpga.verilog.compiler import find_compiler
+from support.designs import PAPER
 from support.recordings import text_lines
-from support.small_core import PAPER
 from support.tracks import but_cycles, flags, floats, looks_like_a_track
 
 DOT = ["--roi", "8,9"]

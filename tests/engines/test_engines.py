@@ -15,7 +15,8 @@ from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS
 from cmfpga.protocol.settings import BatchSettings
-from support.small_core import CONFIG, HARDWARE, engine_of, make_events, settings, without_cycles
+from support.designs import HARDWARE
+from support.small_core import CONFIG, engine_of, make_events, settings, without_cycles
 
 
 @pytest.fixture(params=ENGINES)

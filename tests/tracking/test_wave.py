@@ -15,7 +15,8 @@ from cmfpga.protocol.confidence import curvature
 from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.wave import WaveCore
-from support.small_core import FAST, PAPER, options
+from support.designs import FAST, PAPER
+from support.small_core import options
 
 CONFIGS = pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
 MODEL = ["--engine", "model", "--no-picture"]
