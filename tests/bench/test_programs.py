@@ -96,7 +96,8 @@ def assert_equal_gradients(program, job, places):
         assert doubtful < 0.01 * len(dt) + 1  # or the comparison would be worth little
 
 
-SHAPES = {"64×64": (64, 64, 900), "odd at level 1": (30, 18, 401), "flat": (50, 6, 302), "large": (240, 180, 5003)}
+SHAPES = {"64×64": (64, 64, 900), "odd at level 1": (30, 18, 401), "flat": (50, 6, 302), "large": (240, 180, 5003),
+          "dense": (64, 45, 9000)}  # fmt: skip
 VELOCITIES = {"none": (0.0, 0.0), "small": (0.31, -0.17), "usual": (2.83, -4.21), "out of the ROI": (-97.3, 111.9)}
 
 
@@ -246,7 +247,8 @@ def test_a_broken_program_is_noticed(name, tmp_path, rng):
         (tmp_path / file).write_text(text.replace(old, new), encoding="utf-8")
     assert changed == 1
     mutant = make(form, tmp_path)
-    job = make_job(rng, width=64, height=45, events=900, dither=True)
+    width, height, events = SHAPES["dense"]
+    job = make_job(rng, width=width, height=height, events=events, dither=True)
     with pytest.raises(AssertionError):
         assert_equal_gradients(mutant, job, [(v, level) for v in VELOCITIES.values() for level in (0, 1, 2)])
 
