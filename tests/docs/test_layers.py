@@ -60,7 +60,7 @@ CLEAN = {
     "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
-    "bench": (["cmfpga.bench"], ["torch", "numba", "matplotlib"]),
+    "bench": (["cmfpga.bench"], ["torch", "matplotlib"]),
     "command": (["cmfpga.cli.command"], ["amaranth", "numpy", "torch"]),
 }
 

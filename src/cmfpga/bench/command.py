@@ -62,7 +62,8 @@ def main(arguments=None):
         missing.append(f"{why}: the core's cycles are computed by its formula, not measured")
     cases = make_cases(options.quick)
     measured = []
-    steps = sum(len(case.designs) for case in cases) + 2 * runs * len(cases) * len(programs)
+    signs = sum(case.schedule is not None for case in cases)
+    steps = sum(len(case.designs) for case in cases) + 2 * runs * (len(cases) + signs) * len(programs)
     with tqdm(total=steps, unit="step", disable=None, leave=False) as bar:
         for case in cases:
             bar.set_description(f"{case.workload.name}, {ASCENTS[case.ascent]}")
