@@ -14,7 +14,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import markdown
 from cmfpga.tracking.columns import COLUMNS
-from cmfpga.verilog import resources
+from cmfpga.fpga import resources
 
 RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "verilog" / "baselines.json"
 

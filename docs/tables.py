@@ -19,7 +19,7 @@ from amaranth.lib import data, wiring
 from declared import DECLARED, table
 from timed import TIMED, elaborated
 
-from cmfpga.camera import Camera, nearest, undistort
+from cmfpga.imaging.camera import Camera, nearest, undistort
 from cmfpga.config import preset
 from cmfpga.protocol.results import RESULTS, trace_shape
 from cmfpga.protocol.settings import SETTINGS

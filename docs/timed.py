@@ -8,7 +8,8 @@ from declared import RESOURCES, table
 from cmfpga.config import PRESETS, preset
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.verilog import article, place
+from cmfpga.verilog import article
+from cmfpga.fpga import place
 
 
 def elaborated(config):

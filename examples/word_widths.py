@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pandas
 
-from cmfpga import sweep
+from cmfpga.cli import sweep
 from cmfpga.config import preset
 from cmfpga.events import generate, write_hdf5
 

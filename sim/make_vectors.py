@@ -14,7 +14,7 @@ import port_text as verilog
 from batch_kinds import KINDS, Maker
 
 from cmfpga import __version__, cli
-from cmfpga.camera import node_writes
+from cmfpga.imaging.camera import node_writes
 from cmfpga.errors import ConfigError
 from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag

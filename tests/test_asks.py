@@ -7,8 +7,8 @@ import subprocess
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.simulation.core import VerilatedCore
-from cmfpga.verilog import levels
+from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.fpga import levels
 from support import asks, designs
 
 OTHER = preset("fast")
@@ -65,7 +65,7 @@ def test_what_is_not_asked_for_is_refused(request):
     """By names that tell nothing, as a command's options do."""
     assert not request.node.get_closest_marker("long")
     run = vars(importlib.import_module("sub" + "process"))["run"]
-    make = vars(importlib.import_module("cmfpga.simulation.core"))["Verilated" + "Core"]
+    make = vars(importlib.import_module("cmfpga.verilog.simulation.core"))["Verilated" + "Core"]
     with pytest.raises(pytest.fail.Exception, match=r"^true: not in a quick test"):
         run(["/bin/true"])
     with pytest.raises(pytest.fail.Exception, match=r"^cmfpga_core of other hardware than"):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmfpga import build
+from cmfpga.cli import build
 from support.board_files import BOARD, check_ports
 from support.vivado.interfaces import infer
 

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cmfpga import build, cli, track
+from cmfpga.cli import build, track
+from cmfpga import cli
 from cmfpga.config import Config
 
 MODEL = ["--engine", "model", "--no-picture"]

@@ -9,7 +9,8 @@ import shutil
 
 import pytest
 
-from cmfpga import __version__, build
+from cmfpga import __version__
+from cmfpga.cli import build
 from cmfpga.config import Config
 from cmfpga.config.schedule import used_events
 from cmfpga.verilog import emit

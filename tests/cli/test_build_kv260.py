@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cmfpga import build
+from cmfpga.cli import build
 from cmfpga.boards import BOARDS
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map

@@ -4,10 +4,10 @@ import json
 
 import pytest
 
-from cmfpga import build
+from cmfpga.cli import build
 from cmfpga.config import Config
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.verilog import levels, place, resources, tools
+from cmfpga.fpga import levels, place, resources, tools
 from cmfpga.verilog.emit import TOP, emit_verilog
 from support.building import TINY, TINY_SETS
 from support.small_core import sets
@@ -24,7 +24,7 @@ FILES = ("cmfpga_core.v", "build-info.json", "build-info.md", "resources.json")
 
 
 def made_up():
-    """An estimate as :func:`cmfpga.verilog.resources.estimate` gives it."""
+    """An estimate as :func:`cmfpga.fpga.resources.estimate` gives it."""
     rows = {
         name: {kind: number * 10 for number, kind in enumerate(resources.KINDS, start)}
         for start, name in enumerate(("total", "sum_of_blocks", "warp", "voter"), 1000)

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from amaranth_boards.ulx3s import ULX3S_85F_Platform
 
-from cmfpga import build
+from cmfpga.cli import build
 from cmfpga.boards import ULX3S
-from cmfpga.verilog import bitstream, place
-from cmfpga.verilog.tools import EstimateError
+from cmfpga.fpga import bitstream, place
+from cmfpga.fpga.tools import EstimateError
 from support.building import TINY_SETS, check_lint
 
 

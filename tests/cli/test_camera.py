@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga import cli, generate, info, track
-from cmfpga.camera import Camera, read_calibration
+from cmfpga import cli
+from cmfpga.cli import generate, info, track
+from cmfpga.imaging.camera import Camera, read_calibration
 from cmfpga.errors import ConfigError
 from cmfpga.events import generate as generate_events
 

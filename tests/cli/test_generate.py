@@ -1,4 +1,4 @@
-"""``python -m cmfpga.generate``: the file holds the scene, its truth, and K of it if asked."""
+"""``cmfpga generate``: the file holds the scene, its truth, and K of it if asked."""
 
 import json
 
@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 
-from cmfpga import generate, track
+from cmfpga.cli import generate, track
 from cmfpga.events import Events, open_recording
 from cmfpga.events import generate as make_scene
 

@@ -1,4 +1,4 @@
-"""``python -m cmfpga.info``: what it says of made-up and of real recordings."""
+"""``cmfpga info``: what it says of made-up and of real recordings."""
 
 import json
 import re
@@ -10,8 +10,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from cmfpga import info, track
-from cmfpga.accuracy.real import WINDOWS
+from cmfpga.cli import info, track
+from studies.accuracy.real import WINDOWS
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, generate, open_recording, write_hdf5
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from cmfpga import track
+from cmfpga.cli import track
 
 OPTIONS = ["--roi", "8,9", "--engine", "model", "--batch-events", "90", "--batches", "2"]
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga import info, track
+from cmfpga.cli import info, track
 from cmfpga.errors import RecordingError
 from cmfpga.events import LiveSource
 from support.designs import FAST, PAPER

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga import build, cli, generate, track
-from cmfpga.camera import RATES
+from cmfpga.cli import build, generate, track
+from cmfpga import cli
+from cmfpga.imaging.camera import RATES
 from cmfpga.config import PRESETS
 from cmfpga.events import Events, write_hdf5
 from cmfpga.events import generate as synthetic

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga import cli, info, track
+from cmfpga import cli
+from cmfpga.cli import info, track
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, write_hdf5
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from cmfpga import track
+from cmfpga.cli import track
 from cmfpga.events import Events, generate, write_hdf5
 from cmfpga.verilog.compiler import find_compiler
 

@@ -1,4 +1,4 @@
-"""``track --report`` and ``python -m cmfpga.report``: their files, and what they refuse."""
+"""``track --report`` and ``cmfpga report``: their files, and what they refuse."""
 
 import json
 import re
@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from cmfpga import report, track
+from cmfpga.cli import report, track
 from cmfpga.errors import ConfigError
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.kept import FILE, Kept

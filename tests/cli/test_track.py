@@ -1,4 +1,4 @@
-"""``python -m cmfpga.track``: the CSV, the picture and the summary, on made-up and on real recordings."""
+"""``cmfpga track``: the CSV, the picture and the summary, on made-up and on real recordings."""
 
 import json
 import re
@@ -10,10 +10,11 @@ from matplotlib.text import Text
 from PIL import Image, ImageSequence
 
 import cmfpga
-from cmfpga import cli, track
+from cmfpga import cli
+from cmfpga.cli import track
 from cmfpga.config import Config
 from cmfpga.events import Events, write_hdf5
-from cmfpga.imaging.gallery import Gallery
+from cmfpga.show.gallery import Gallery
 from cmfpga.verilog.compiler import find_compiler
 from support.designs import PAPER
 from support.recordings import text_lines

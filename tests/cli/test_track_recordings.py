@@ -1,4 +1,4 @@
-"""``python -m cmfpga.track`` on real recordings."""
+"""``cmfpga track`` on real recordings."""
 
 import json
 import re
@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from cmfpga import track
+from cmfpga.cli import track
 from cmfpga.config import Config, preset
 from cmfpga.engines import make_engine
 from cmfpga.events import BatchCutter, open_recording

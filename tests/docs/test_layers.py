@@ -30,7 +30,7 @@ CLEAN = {
     "events": (["cmfpga.events", "cmfpga.imaging.iwe"], ["amaranth", "torch", "matplotlib", "faery"]),
     "tracking": (
         ["cmfpga.tracking.loop", "cmfpga.tracking.kept"],
-        ["amaranth", "torch", "matplotlib", "cmfpga.report"],
+        ["amaranth", "torch", "matplotlib", "cmfpga.show.report"],
     ),
     "reference": (["cmfpga.reference.floating", "cmfpga.reference.integer.core"], ["amaranth"]),
     "rtl": (
@@ -56,11 +56,11 @@ CLEAN = {
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
     "flow": (["cmfpga.flow"], ["torch", "matplotlib", "plotly", "amaranth"]),
-    "report": (["cmfpga.report", "cmfpga.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
+    "report": (["cmfpga.show.report", "cmfpga.show.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
     "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
-    "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
-    "bench": (["cmfpga.bench"], ["torch", "matplotlib"]),
+    "info": (["cmfpga.cli.info", "cmfpga.imaging.survey"], ["torch", "matplotlib"]),
+    "bench": (["studies.bench"], ["torch", "matplotlib"]),
     "command": (["cmfpga.cli.command"], ["amaranth", "numpy", "torch"]),
 }
 
@@ -107,18 +107,18 @@ FORBIDDEN = {
     **dict.fromkeys(("rtl/shell", "rtl/sensors"), ("cmfpga.rtl.axi", "cmfpga.rtl.uart")),
     "rtl/uart": ("cmfpga.rtl.axi",),
     "boards": ("cmfpga.rtl", "cmfpga.verilog", "cmfpga.driver", "cmfpga.config", "amaranth", "numpy", "torch"),
-    "verilog": ("cmfpga.reference", "cmfpga.engines", "cmfpga.simulation", "cmfpga.driver", "cmfpga.events", "torch"),
+    "verilog": ("cmfpga.reference", "cmfpga.engines", "cmfpga.verilog.simulation", "cmfpga.driver", "cmfpga.events", "torch"),
     "simulation/core.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "torch"),
     "engines": ("cmfpga.driver", "cmfpga.tracking"),
     "simulation": ("cmfpga.driver", "cmfpga.engines"),
     "tracking": ("cmfpga.cli", "cmfpga.track", "cmfpga.sweep", "cmfpga.driver"),
-    "flow": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.driver", "cmfpga.tracking.api", "cmfpga.track", "torch"),
+    "flow": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.driver", "cmfpga.api.track", "cmfpga.track", "torch"),
     # The report is about tracks. What shows it to the user may call it, and what it reads may not.
     **dict.fromkeys(
         [f"tracking/{name}.py" for name in ("columns", "kept", "loop", "replay", "source", "trace", "wave")],
-        ("cmfpga.report", "cmfpga.survey", "cmfpga.tracking.api", "cmfpga.tracking.result", "cmfpga.tracking.objects"),
+        ("cmfpga.show.report", "cmfpga.imaging.survey", "cmfpga.api.track", "cmfpga.api.track_result", "cmfpga.api.objects"),
     ),
-    "report": ("cmfpga.tracking.api", "cmfpga.tracking.result", "cmfpga.tracking.objects", "cmfpga.engines", "torch"),
+    "report": ("cmfpga.api.track", "cmfpga.api.track_result", "cmfpga.api.objects", "cmfpga.engines", "torch"),
     **dict.fromkeys(
         ("imaging", "survey"),
         ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.tracking", "amaranth", "torch"),
@@ -205,14 +205,14 @@ def test_there_is_no_circle():
         module = ".".join(("cmfpga", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
         graph[module] = set(imports(path))
     known = {module: found & graph.keys() - {module} for module, found in graph.items()}
-    assert "cmfpga.simulation.core" in known["cmfpga.engines.verilated"]
+    assert "cmfpga.verilog.simulation.core" in known["cmfpga.engines.verilated"]
     TopologicalSorter(known).prepare()  # or CycleError names the circle
     rooms = {}
     for module, found in known.items():
         room = ".".join(module.split(".")[:2])
         rooms.setdefault(room, set()).update({".".join(name.split(".")[:2]) for name in found} - {room, "cmfpga"})
-    rooms["cmfpga.tracking"] -= {"cmfpga.report"}  # Tracking.report() writes a page about itself
-    assert {"cmfpga.simulation", "cmfpga.engines"} <= rooms["cmfpga.driver"]
+    rooms["cmfpga.tracking"] -= {"cmfpga.show.report"}  # Tracking.report() writes a page about itself
+    assert {"cmfpga.verilog.simulation", "cmfpga.engines"} <= rooms["cmfpga.driver"]
     TopologicalSorter(rooms).prepare()
 
 

@@ -112,16 +112,16 @@ def run(command, folder, **environment):
 
 
 def test_the_driver_alone(python):
-    done = python("-m", "cmfpga.driver", "--help")
+    done = python("-m", "cmfpga", "driver", "--help")
     assert done.returncode == 0 and "--backend" in done.stdout and done.stderr == ""
-    done = python("-m", "cmfpga.driver", "--backend", "uio")
+    done = python("-m", "cmfpga", "driver", "--backend", "uio")
     assert (done.returncode, done.stdout) == (2, "") and done.stderr.count("\n") == 1
     assert done.stderr.startswith("error: no UIO device called cmfpga (none found); is the overlay loaded")
     for arguments, missing in (
         (["--backend", "simulation"], "--backend simulation (on a board --backend uio or serial is needed): amaranth"),
         (["--backend", "serial", "--port", "/dev/null"], "serial port /dev/null: serial"),
     ):
-        done = python("-m", "cmfpga.driver", *arguments)
+        done = python("-m", "cmfpga", "driver", *arguments)
         assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
         assert done.stderr.startswith(f"error: {missing} is not installed; pip install ")
     done = python("-c", USE)

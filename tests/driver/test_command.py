@@ -1,11 +1,11 @@
-"""``python -m cmfpga.driver``."""
+"""``cmfpga driver``."""
 
 import json
 
 import pytest
 
 from cmfpga import cli
-from cmfpga.driver import __main__ as command
+from cmfpga.cli import driver as command
 from cmfpga.driver import uio
 from support.board import uio_tree
 from support.designs import SHELL_SIZES as SMALL

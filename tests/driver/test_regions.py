@@ -19,7 +19,7 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import packet_beats
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
-from cmfpga.simulation.axi_top import PACKET, SimulatedTop
+from cmfpga.verilog.simulation.axi_top import PACKET, SimulatedTop
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import follow
 from cmfpga.tracking.rows import Rows

@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
-from cmfpga import track
+from cmfpga.cli import track
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
-from cmfpga.driver import __main__ as command_line
+from cmfpga.cli import driver as command_line
 from cmfpga.driver.uart import SerialLine, UartBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.events import write_hdf5
@@ -18,7 +18,7 @@ from cmfpga.protocol import link
 from cmfpga.protocol.registers import FORMATS
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
-from cmfpga.simulation.uart_top import SimulatedLine
+from cmfpga.verilog.simulation.uart_top import SimulatedLine
 from support import region_driving
 from support.designs import SHELL_SIZES as SMALL
 from support.driving import CONFIG, batch, differences, model_run, works

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga import cli, track
+from cmfpga import cli
+from cmfpga.cli import track
 from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cmfpga import track
+from cmfpga.cli import track
 from cmfpga.events import generate, write_hdf5
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from cmfpga.camera import Camera
+from cmfpga.imaging.camera import Camera
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.protocol.confidence import confidence

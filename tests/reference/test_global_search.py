@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.camera import Camera
+from cmfpga.imaging.camera import Camera
 from cmfpga.reference.global_search import affine, rotation, rotation_as_seen, search, translation
 
 CAMERA = Camera(199.1, 198.8, 120.2, 90.7, -0.3, 0.1)

@@ -10,11 +10,11 @@ import re
 import sys
 from pathlib import Path
 
-from cmfpga.accuracy.studies import WIDTH_FIELDS, WIDTHS
+from studies.accuracy.studies import WIDTH_FIELDS, WIDTHS
 from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
 from cmfpga.rtl.axi.top import AxiTop
-from cmfpga.verilog import place, resources
+from cmfpga.fpga import place, resources
 from cmfpga.verilog.emit import TOP, emit_verilog, sha256
 from support.emitted_hashes import axi_top, body
 from support.verilog_tools import emitted

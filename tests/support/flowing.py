@@ -4,12 +4,12 @@ import contextlib
 
 import pytest
 
-from cmfpga.camera import Camera
+from cmfpga.imaging.camera import Camera
 from cmfpga.config import preset
 from cmfpga.engines.regions import RegionEngine
 from cmfpga.events import generate
-from cmfpga.flow import grid
-from cmfpga.flow.run import Run
+from cmfpga.dense import grid
+from cmfpga.dense.run import Run
 
 #: What slides, px/s; the camera, and how it turns, rad/s; what all scenes share.
 VELOCITY = (90.0, -60.0)

@@ -18,7 +18,7 @@ import make_vectors
 
 from cmfpga.config import preset
 from cmfpga.verilog.emit import TOP
-from cmfpga.verilog.place import netlist_of
+from cmfpga.fpga.place import netlist_of
 from support.verilog_tools import icarus_compile, icarus_run, modules, yosys
 
 BLOCKS = "DP16KD", "MULT18X18D"

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from cmfpga.accuracy.real import real_cases
+from studies.accuracy.real import real_cases
 from cmfpga.config import preset
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
-from cmfpga.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation.core import VerilatedCore
 
 EVENTS = 800
 

@@ -9,7 +9,7 @@ from cmfpga.engines.rtl import RtlEngine
 from cmfpga.engines.verilated import VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation.core import VerilatedCore
 from cmfpga.verilog.compiler import find_compiler
 from support.designs import SMALL
 

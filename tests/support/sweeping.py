@@ -9,7 +9,7 @@ import sys
 
 import h5py
 
-from cmfpga import sweep
+from cmfpga.cli import sweep
 from cmfpga.events import generate, write_hdf5
 from support.commands import Done, run
 from support.designs import PAPER
@@ -39,11 +39,11 @@ def run_here(*arguments):
 
 @contextlib.contextmanager
 def started(*arguments):
-    """``python -m cmfpga.sweep`` in a process of its own, killed at the end if it still runs.
+    """``cmfpga sweep`` in a process of its own, killed at the end if it still runs.
 
     Warnings are errors, but for resources: interrupted between an ``open`` and its ``with``, Python closes the file.
     """
-    command = [sys.executable, "-W", "error", "-W", "ignore::ResourceWarning", "-m", "cmfpga.sweep"]
+    command = [sys.executable, "-W", "error", "-W", "ignore::ResourceWarning", "-m", "cmfpga", "sweep"]
     command += map(str, arguments)
     with subprocess.Popen(
         command,

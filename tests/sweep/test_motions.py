@@ -5,8 +5,8 @@ import pandas
 import pytest
 
 import cmfpga
-from cmfpga import generate
-from cmfpga.camera import RATES
+from cmfpga.cli import generate
+from cmfpga.imaging.camera import RATES
 from support.sweeping import run_here
 
 MODEL = ["--engine", "model", "--batch-events", "1500", "--batches", "2"]

@@ -18,7 +18,7 @@ import psutil
 import pytest
 from filelock import FileLock
 
-from cmfpga import sweep
+from cmfpga.cli import sweep
 from cmfpga.events import generate, write_hdf5
 from cmfpga.sweep import plan, task, workers
 from cmfpga.verilog.compiler import find_compiler
@@ -288,7 +288,7 @@ def test_processors():
 
 
 def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
-    from cmfpga.verilog import resources
+    from cmfpga.fpga import resources
 
     asked = []
 

@@ -13,7 +13,7 @@ from cmfpga.sweep.page import page
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
 from cmfpga.sweep.truth import Truth
 from cmfpga.tracking.columns import COLUMNS
-from cmfpga.verilog import resources
+from cmfpga.fpga import resources
 
 TRUTH = Truth("recording", (0,), ((1.0, 0.0),), (0.0, 0.0))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.camera import RATES
+from cmfpga.imaging.camera import RATES
 from cmfpga.config import preset
 from cmfpga.engines.regions import RegionEngine
 from cmfpga.errors import ConfigError

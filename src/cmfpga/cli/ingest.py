@@ -2,7 +2,7 @@
 
 import re
 
-from ..camera import camera_fields
+from ..imaging.camera import camera_fields
 from ..config import preset
 from ..errors import ConfigError, naming
 from ..tracking.source import rotation_fields
@@ -17,7 +17,7 @@ def add_ingest_options(made):
         "with /camera_calibration (often the recording itself), a ROS camera_info YAML, or a text of fx fy cx cy k1 k2 "
         "p1 p2 k3; or these numbers (flow, and motion = rotation, take the recording's own by themselves)",
     ))  # fmt: skip
-    group = made.add_argument_group("noise (dropped events are counted; what suits: python -m cmfpga.info RECORDING)")
+    group = made.add_argument_group("noise (dropped events are counted; what suits: cmfpga info RECORDING)")
     group.add_argument(
         "--hot-pixels", metavar="auto|X,Y;X,Y|FILE",
         help="drop the events of these pixels: those that a reading of the recording finds, or these, or those of a "
@@ -44,7 +44,7 @@ def ingest_fields(options, recording):
 
 def _mask(text, recording):
     if text == "auto":
-        from ..survey import hot_mask
+        from ..imaging.survey import hot_mask
 
         return hot_mask(recording)
     if re.fullmatch(r"[\d,;\s]*", text):

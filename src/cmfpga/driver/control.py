@@ -3,7 +3,7 @@
 import dataclasses
 import time
 
-from ..camera import node_writes
+from ..imaging.camera import node_writes
 from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..protocol.regions import RegionTable
 from ..protocol.registers import register_map

@@ -7,7 +7,7 @@ clock, as on a board.
 import time
 
 from ..errors import DeviceError, DeviceTimeout
-from ..simulation.axi_top import INTERRUPT, PACKET, SENT, SimulatedTop
+from ..verilog.simulation.axi_top import INTERRUPT, PACKET, SENT, SimulatedTop
 from .accelerator import Accelerator
 from .backend import Backend
 from .regions import AcceleratorRegions

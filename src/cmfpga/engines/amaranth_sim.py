@@ -6,7 +6,7 @@ import numpy as np
 from amaranth.lib import data
 from amaranth.sim import Simulator
 
-from ..camera import node_writes
+from ..imaging.camera import node_writes
 from ..protocol.settings import schedule_table, settings_values
 from ..protocol.tables import mask_writes
 from ..protocol.trace import columns

@@ -7,7 +7,7 @@ from .base import check_events
 
 #: ``module:function`` that makes hardware of a configuration: the emitted core, or the accelerator as a board has it.
 _HARDWARE = {
-    "rtl": "cmfpga.simulation.regions:VerilatedRegions",
+    "rtl": "cmfpga.verilog.simulation.regions:VerilatedRegions",
     "axi": "cmfpga.driver.simulation:simulated_regions",
 }
 #: ``module:class`` of what ascends, by the engine's name.
@@ -29,7 +29,7 @@ class RegionEngine:
         With ``regions``.
     hardware : object, optional
         What runs the batches, where it is there already: with ``write``, ``run`` and ``cycles`` as those of
-        :class:`~cmfpga.simulation.regions.VerilatedRegions`.
+        :class:`~cmfpga.verilog.simulation.regions.VerilatedRegions`.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """The emitted Verilog in Verilator as an engine."""
 
 from ..protocol.settings import settings_values
-from ..simulation.core import VerilatedCore
+from ..verilog.simulation.core import VerilatedCore
 from .rtl import RtlEngine
 
 

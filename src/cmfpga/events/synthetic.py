@@ -66,7 +66,7 @@ class Scene:
         Pixels that emit by themselves.
     hot_rate : float
         Rate of each of them, events/s.
-    camera : cmfpga.camera.Camera, optional
+    camera : cmfpga.imaging.camera.Camera, optional
         What distorts the image: position, size and velocity are in the undistorted one, events where it sees them.
     bars : int, optional
         Number of bars of the texture ``lines``; one for every 100 px² of the object by default.

@@ -5,7 +5,7 @@ The same equations as :mod:`cmfpga.reference.floating`, which the tests compare 
 
 import numpy as np
 
-from ..camera import flow
+from .camera import flow
 from ..config.dither import DITHER_BITS, FACTORS
 
 _RIM = 3  # pixels on each side of the image; they take the votes that fall outside
@@ -68,7 +68,7 @@ def image_of_warped_events(x, y, dt, v, *, width, height, level=0, spread=False)
     x, y, dt : float64 or int [n]
         Columns and rows in the ROI, px; scaled times, −1 … 1.
     v : (float, float), or two float64 [n]
-        Of all events, or of each, as :func:`cmfpga.camera.flow` gives it.
+        Of all events, or of each, as :func:`cmfpga.imaging.camera.flow` gives it.
     width, height : int
         Of the ROI, px.
     level : int

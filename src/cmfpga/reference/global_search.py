@@ -57,7 +57,7 @@ def rotation(camera, x, y):
 
     Parameters
     ----------
-    camera : cmfpga.camera.Camera
+    camera : cmfpga.imaging.camera.Camera
     """
     rays = camera.rays(*_dithered(x, y))
     focus = np.array([camera.fx, camera.fy])

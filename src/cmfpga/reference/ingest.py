@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..camera import undistort
+from ..imaging.camera import undistort
 from ..protocol.flags import Flag
 from ..protocol.results import thins
 from .integer.roi_filter import roi_filter

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..camera import undistort
+from ..imaging.camera import undistort
 from ..protocol.flags import Flag
 from ..protocol.results import BatchResult, RegionOutcome, fields_of, not_judged, thins
 from ..protocol.trace import Trace

@@ -1,9 +1,9 @@
-"""``python -m cmfpga.sweep``."""
+"""``cmfpga sweep``."""
 
 import sys
 
 from .. import cli
-from . import main
+from ..cli.sweep import main
 
 if __name__ == "__main__":
     sys.exit(cli.run(main))

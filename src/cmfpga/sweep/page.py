@@ -5,7 +5,7 @@ import importlib.resources
 import jinja2
 import pandas
 
-from ..verilog import resources
+from ..fpga import resources
 from .tables import CRITERIA, FOUND_PX, number
 
 

@@ -6,15 +6,15 @@ import statistics
 
 import pandas
 
-from ..camera import RATES
+from ..imaging.camera import RATES
 from ..config import Config
 from ..protocol.flags import Flag
 from ..tracking.columns import COLUMNS, MORE
-from ..verilog import resources
+from ..fpga import resources
 from .store import write_atomically
 from .task import MORE_COLUMNS, version
 
-#: An error below this counts as found, px per half batch; the bound of ``cmfpga.accuracy``.
+#: An error below this counts as found, px per half batch; the bound of ``studies.accuracy``.
 FOUND_PX = 0.6
 
 #: Columns of ``results``, in order, before those of the resources and the configuration: pandas' type and meaning.

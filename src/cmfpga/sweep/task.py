@@ -10,7 +10,7 @@ import traceback
 from dataclasses import asdict, dataclass
 
 from .. import __version__
-from ..camera import seen
+from ..imaging.camera import seen
 from ..config import Config
 from ..errors import ConfigError, UserError
 from ..imaging.iwe import gain, scaled_roi_events
@@ -153,7 +153,7 @@ def estimate_resources(argument):
 
 def _estimate(config):
     from ..rtl.top import VerilogCore
-    from ..verilog import resources
+    from ..fpga import resources
     from ..verilog.emit import emit_verilog
 
     found = resources.estimate(emit_verilog(VerilogCore(config)))

@@ -1,6 +1,6 @@
 """The columns of a track, each declared once in :data:`COLUMNS`.
 
-``track.csv``, the arrays of :class:`~cmfpga.tracking.result.Tracking`, the tables of a sweep, the report and the
+``track.csv``, the arrays of :class:`~cmfpga.api.track_result.Tracking`, the tables of a sweep, the report and the
 documentation follow from that table.
 """
 
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..camera import RATES
+from ..imaging.camera import RATES
 
 _ARRAYS = {int: np.int64, float: np.float64, str: str}
 
@@ -120,7 +120,7 @@ def _rate(name, title, unit, doc):
 
 _DEGENERATE = "; empty for a degenerate batch"
 
-#: Of motions beyond translation, beside those: what :func:`cmfpga.camera.rates` tells.
+#: Of motions beyond translation, beside those: what :func:`cmfpga.imaging.camera.rates` tells.
 MORE = {
     column.name: column
     for column in (

@@ -8,7 +8,7 @@ that share it, the fastest to be trusted. Equal events and results give equal le
 import functools
 import math
 
-from ..camera import extent, seen
+from ..imaging.camera import extent, seen
 from ..config.defaults import BATCH_EVENTS
 from ..events import WAITING, BatchCutter
 from ..imaging.iwe import events_in_roi

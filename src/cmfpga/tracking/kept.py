@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..camera import nearest
+from ..imaging.camera import nearest
 from ..config import Config
 from ..errors import ConfigError, naming
 from ..imaging.iwe import scaled_roi_events

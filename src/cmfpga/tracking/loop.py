@@ -9,7 +9,7 @@ import itertools
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from ..camera import rates, seen
+from ..imaging.camera import rates, seen
 from ..events import WAITING, Events
 from ..imaging.iwe import contrast
 from ..protocol.confidence import confidence, covariance, is_sure
@@ -52,10 +52,10 @@ class TrackedBatch:
         Which events were dropped as hot and as noise; None where there are no such filters.
     roi_next : pair of int or None
         Where the next batch is cropped, if not where the engine moved the ROI.
-    undistorted : cmfpga.camera.undistortion.Seen or None
+    undistorted : cmfpga.imaging.camera.undistortion.Seen or None
         The events in the undistorted image, where there is a camera.
     rates : dict
-        The motion in physical units, as :func:`cmfpga.camera.rates` gives it.
+        The motion in physical units, as :func:`cmfpga.imaging.camera.rates` gives it.
     motion : str
         As of ``Config``.
     """

@@ -1,6 +1,6 @@
 """Several objects on one accelerator: each is a row of its table of regions, its result one outcome of the batch."""
 
-from ..camera import seen
+from ..imaging.camera import seen
 from ..config import preset
 from ..errors import ConfigError
 from ..imaging.iwe import events_in_roi

@@ -5,7 +5,7 @@ import os
 
 import h5py
 
-from ..camera import calibration_of, camera_fields
+from ..imaging.camera import calibration_of, camera_fields
 from ..errors import ConfigError, RecordingError
 from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, is_live, open_source
 from ..events.recording import CHUNK_EVENTS, check_sensor
@@ -17,7 +17,7 @@ class Source:
     Parameters
     ----------
     recording, sensor, time_unit, columns, dataset
-        As of :func:`~cmfpga.tracking.api.track`.
+        As of :func:`~cmfpga.api.track.track`.
 
     Attributes
     ----------

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 
-from ..camera import RATES
+from ..imaging.camera import RATES
 from ..protocol.flags import Flag
 from .columns import columns
 from .fit import LOST_BATCHES
@@ -53,7 +53,7 @@ class Verdict:
         |v|, px per half batch, in the median.
     rates : dict
         The motion of these batches in physical units beside it, ``{name: float64 [used]}`` of
-        :func:`cmfpga.camera.rates`; NaN where there is none.
+        :func:`cmfpga.imaging.camera.rates`; NaN where there is none.
     lost : list of (int, int)
         First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, none of them to be
         trusted; empty where the confidence was not measured.

@@ -71,7 +71,7 @@ def _library(design, *, top, harness, ports=""):
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
     tools = f"{find_verilator().version} {version}"
     verilog = kept_verilog(design, top)
-    harness = importlib.resources.files("cmfpga.simulation").joinpath(harness).read_text()
+    harness = importlib.resources.files("cmfpga.verilog.simulation").joinpath(harness).read_text()
     sources = {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness}
 
     def build(scratch, library):

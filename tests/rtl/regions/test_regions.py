@@ -9,7 +9,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import counts_of
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.simulation.regions import VerilatedRegions
+from cmfpga.verilog.simulation.regions import VerilatedRegions
 from support.core_batches import settings
 from support.regions import (
     CONFIGS,

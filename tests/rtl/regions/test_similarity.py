@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from cmfpga.camera import parameters
+from cmfpga.imaging.camera import parameters
 from cmfpga.config import preset
 from cmfpga.events import generate
 from cmfpga.protocol.flags import Flag
@@ -18,7 +18,7 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.regions import RegionSequence
 from cmfpga.rtl.image import basis, voter
 from cmfpga.rtl.regions import collector, distributor, unit
-from cmfpga.simulation.regions import VerilatedRegions
+from cmfpga.verilog.simulation.regions import VerilatedRegions
 from support.core_batches import settings
 from support.mutation import break_blocks
 from support.regions import CONFIGS, model_of, random_settings, run_amaranth, without_clock

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from cmfpga.camera import node_writes
+from cmfpga.imaging.camera import node_writes
 from cmfpga.events.arrays import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, fields_of

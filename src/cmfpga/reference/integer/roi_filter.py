@@ -29,7 +29,7 @@ def roi_filter(config, t, x, y, *, roi, size=None, hot=False, noise=False):
     ----------
     t, x, y : integer arrays, one length
         Time stamps in µs (only their ``time_bits`` low bits count); columns and rows, raw with ``event_frac`` fraction
-        bits, as of :func:`cmfpga.camera.undistort`. The nearest pixel tells whether an event is in the ROI.
+        bits, as of :func:`cmfpga.imaging.camera.undistort`. The nearest pixel tells whether an event is in the ROI.
     roi : pair of int
         Left column and top row of the ROI.
     size : pair of int, optional

@@ -1,0 +1,191 @@
+"""One of the objects that the command ``track`` follows: its files, and its part of the summary."""
+
+from dataclasses import dataclass, field
+
+from ..imaging.camera import Camera
+from ..errors import ConfigError, naming
+from ..show.gallery import Gallery
+from ..tracking.fit import FittedCutter
+from ..tracking.kept import Kept
+from ..tracking.loop import CsvConsumer
+from ..tracking.verdict import Verdict
+
+
+@dataclass(kw_only=True)
+class TrackedObject:
+    """What was asked for, what follows from it, and what was found; a consumer of the object's batches.
+
+    Parameters
+    ----------
+    name : str
+        Of its files: ``track-NAME.csv``; empty: ``track.csv``.
+    roi : (int, int) or None
+        Left column and top row, px; None until it is chosen (``auto``).
+    proposal : Proposal or None
+        What was chosen.
+    config : Config
+    cutter : BatchCutter
+
+    Attributes
+    ----------
+    consumers : list of Consumer
+        Take its batches beside the object itself: what makes its files.
+    files : list of Path
+        The CSV from the begin; the others once :meth:`finish` has written them.
+    """
+
+    name: str
+    roi: tuple | None
+    proposal: object = None
+    config: object = None
+    cutter: object = None
+    batches: int = 0
+    warned: int = 0
+    seen: int = 0  # ROI events of all batches
+    stride: int = 1  # the largest of a region
+    dropped: dict = field(default_factory=dict)  # events, by what they were dropped as
+    cycles: list = field(default_factory=list)
+    values: list = field(default_factory=list)  # of the columns of each batch
+    roi_next: tuple | None = None
+    consumers: list = field(default_factory=list)
+    files: list = field(default_factory=list)
+    _writers: list = field(default_factory=list)  # take the object: a reference to it would be a circle
+
+    def named(self, what):
+        """``what``, or ``what-NAME``."""
+        return f"{what}-{self.name}" if self.name else what
+
+    def add(self, batch):
+        """Take a tracked batch; its arrays are not kept."""
+        result = batch.result
+        self.batches += 1
+        self.warned += bool(result.flags.warnings)
+        self.seen += result.roi_events + result.overflow + result.thinned
+        self.stride = max(self.stride, batch.thinning if self.config.regions else 1)
+        for what in ("hot", "noise") if batch.marks else ():
+            self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
+        self.roi_next = batch.roi_next
+        self.values.append(batch.values)
+        if result.cycles is not None:
+            self.cycles.append(result.cycles)
+
+    def collect(self, stack, folder, *, recording, motion, engine, pictures, report_mhz, wave):
+        """Begin to collect what the object's files show.
+
+        Parameters
+        ----------
+        stack : ExitStack
+            Closes the CSV.
+        folder : Path
+        recording : str
+            Its name.
+        motion : Motion or None
+            The true motion, where it is known.
+        engine : str
+        pictures : list of Path
+            Of several objects each adds its name.
+        report_mhz : float or None
+            Assumed clock of the hardware in the report, MHz; None: no report.
+        wave : int or None
+            Number of the batch whose waveforms are written.
+        """
+        if pictures:
+            gallery = Gallery(self.config, recording, motion)
+            self.consumers.append(gallery)
+
+            def write(one):
+                for path in pictures:
+                    gallery.save(one._file(path.parent, path.stem, path.suffix), verdict=one.verdict.title)
+
+            self._writers.append(write)
+        if report_mhz is not None:
+            from ..show.report.page import plotly_script, write_page
+
+            plotly_script()  # if it is missing, that is told before the work
+            kept = Kept(self.config, engine, recording, motion)
+            self._later(kept, lambda one: kept.save(one._file(folder, "track", ".npz")))
+            self._writers.append(
+                lambda one: write_page(kept, one._file(folder, "report", ".html"), clock_mhz=report_mhz)
+            )
+        if wave is not None:
+            from ..show.wave import WaveTaker, write_waves
+
+            taker = WaveTaker(self.config, engine, wave)
+            name = self.named(f"batch-{wave}")
+            self._later(taker, lambda one: one.files.extend(write_waves(taker.record(), folder, name)))
+        path = self._file(folder, "track", ".csv")
+        stack.enter_context(naming(path))
+        file = stack.enter_context(path.open("w", newline=""))
+        self.consumers.append(CsvConsumer(file, self.config.image, self.config.motion))
+
+    def _later(self, consumer, write):
+        self.consumers.append(consumer)
+        self._writers.append(write)
+
+    def _file(self, folder, what, suffix):
+        self.files.append(folder / f"{self.named(what)}{suffix}")
+        return self.files[-1]
+
+    def check(self):
+        """Raises :exc:`ConfigError` where there was no batch, or never an event in the ROI."""
+        if not self.batches:
+            raise self.cutter.too_few()
+        if not self.seen:
+            raise ConfigError(
+                f"ROI at {self.roi[0]},{self.roi[1]}: none of the events is in it, in {self.batches} batches; an ROI "
+                "with an object is needed"
+            )
+
+    def finish(self):
+        """Write the files beside the CSV."""
+        for write in self._writers:
+            write(self)
+
+    @property
+    def verdict(self):
+        """Of the batches so far."""
+        return Verdict.of(self.values, self.config.motion, self.config.cold_after_doubtful)
+
+    @property
+    def dropped_text(self):
+        """What the filters dropped, for people; empty without filters."""
+        return self.dropped and "{hot} events of hot pixels dropped, {noise} of background activity".format(
+            **self.dropped
+        )
+
+    @property
+    def image_text(self):
+        """Which image ROI and v are in, for people; empty without a camera."""
+        image = self.config.image
+        return image and f"ROI and velocity are in the {image} image: {Camera(*self.config.lens)}"
+
+    @property
+    def remarks(self):
+        """Warnings and notes on the whole track: ``(kind, sentence)``."""
+        found, fitted = self.verdict, isinstance(self.cutter, FittedCutter)
+        notes = found.notes(fitted)
+        if self.stride > 1:
+            notes.append(f"one of {self.stride} events in the ROI was stored, so that buffer_events hold them")
+        return [("warning", text) for text in found.warnings()] + [("note", text) for text in notes]
+
+    def summary(self):
+        """The object's part of the command's summary, JSON-ready."""
+        entry = {
+            "batches": self.batches,
+            "events_left_over": self.cutter.leftover,
+            "batches_with_warnings": self.warned,
+            **self.verdict.summary(),
+            "cycles": sum(self.cycles) if self.cycles else None,
+            **({"dropped": self.dropped} if self.dropped else {}),
+            **({"image": self.config.image} if self.config.image else {}),
+            "roi_next": list(self.roi_next),
+            "files": [str(path) for path in self.files],
+        }
+        if self.name:
+            entry = {"name": self.name, "roi": list(self.roi), **entry}
+        if self.proposal:
+            entry["roi"] = list(self.roi)
+            entry["batch_events"] = self.proposal.batch_events if isinstance(self.cutter, FittedCutter) else None
+            entry["start_event"] = self.proposal.start_event
+            entry["fields"] = self.proposal.fields
+        return entry

@@ -1,0 +1,170 @@
+"""``python -m cmfpga.build``: emit the accelerator as Verilog, with what a user must know of it."""
+
+import json
+import sys
+
+from .. import __version__, cli
+from ..boards import BOARDS, SerialBoard
+from ..errors import UserError, write_text
+from ..protocol import registers
+from ..protocol.registers import documents
+from ..rtl.axi.top import AxiTop
+from ..rtl.top import verilog_top
+from ..rtl.uart.top import UartTop, divisor
+from ..fpga import bitstream, levels, place, resources
+from ..verilog.description import describe, describe_top, summary
+from ..verilog.emit import TOP, emit_verilog
+
+EXAMPLES = (
+    "python -m cmfpga.build                                     # preset fast, into ./build",
+    "python -m cmfpga.build --preset fast-128 --out build-128",
+    "python -m cmfpga.build --preset paper --resources --out build-paper",
+    "python -m cmfpga.build --preset flow --out build-flow       # many regions, four units",
+    "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
+    "python -m cmfpga.build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
+    "python -m cmfpga.build --top ulx3s --bitstream              # a whole bitstream by open tools",
+    "python -m cmfpga.build --list-fields",
+)
+
+
+def build(config, folder):
+    """Write ``cmfpga_core.v``, ``build-info.json`` and ``build-info.md`` into ``folder``; returns their paths."""
+    core = verilog_top(config)
+    verilog = emit_verilog(core)
+    info = describe(config, core, verilog)
+    contents = {
+        f"{TOP}.v": verilog,
+        "build-info.json": json.dumps(info, indent=2, ensure_ascii=False) + "\n",
+        "build-info.md": summary(info),
+    }
+    for name, text in contents.items():
+        write_text(folder / name, text)
+    return [folder / name for name in contents]
+
+
+def build_top(config, board, folder, baud=None):
+    """Write a board's top, such as ``cmfpga_kv260.v``, ``kv260-info.json`` and the documents of the registers.
+
+    ``baud`` is of a serial board's line, instead of its own. Returns their paths.
+    """
+    if isinstance(board, SerialBoard):
+        top = UartTop(config, clock_hz=board.clock_hz, baud=baud or board.baud)
+    else:
+        top = AxiTop(config)
+    verilog = emit_verilog(top, board.top)
+    paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
+    info = describe_top(board, top, verilog)
+    write_text(paths[0], verilog)
+    write_text(paths[1], json.dumps(info, indent=2, ensure_ascii=False) + "\n")
+    title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
+    return paths + documents.write_documents(top.shell.registers, title, folder)
+
+
+def _report(doing):
+    print(f"note: {doing}", file=sys.stderr, flush=True)
+
+
+def estimate(verilog, axi=None):
+    """:func:`cmfpga.fpga.resources.estimate` of the core's Verilog at this path.
+
+    ``axi``, the path of the AXI top's Verilog, adds a row of that.
+    """
+    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), report=_report)
+    if axi is not None:
+        _report(f"the same of {axi.stem}")
+        estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=_report, top=axi.stem)
+    return estimated
+
+
+def _parser():
+    tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
+    made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
+    made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
+    made.add_argument(
+        "--top",
+        choices=("core", *BOARDS),
+        default="core",
+        help=f"core: {TOP}; {tops} too, with the board's ports, and its registers' documents (default: core)",
+    )
+    made.add_argument("--json", action="store_true", help="print the paths (and what is estimated) as JSON")
+    made.add_argument(
+        "--resources", action="store_true", help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys (minutes)"
+    )
+    made.add_argument("--levels", action="store_true", help="count the LUTs in a row between registers, by Yosys")
+    placed = made.add_argument_group("place and route by Yosys and nextpnr, of what --top says (minutes)")
+    placed.add_argument("--place", choices=tuple(place.DEVICES), metavar="DEVICE", help=", ".join(place.DEVICES))
+    placed.add_argument("--speed", type=int, choices=place.SPEEDS, help="speed grade (default: 8, the fastest)")
+    placed.add_argument("--seeds", type=cli.positive, metavar="N", help="placements, of which the median counts (1)")
+    placed.add_argument(
+        "--target", type=cli.clock, metavar="MHZ", help=f"fail below this clock (without: aim for {place.AIM_MHZ})"
+    )
+    serial = made.add_argument_group("a board without a processor (--top " + ", ".join(_serial_boards()) + ")")
+    serial.add_argument(
+        "--bitstream", action="store_true", help="its whole bitstream, by Yosys, nextpnr and Trellis (minutes); "
+        f"of the first of --seeds ({bitstream.SEEDS}) that meets timing",
+    )  # fmt: skip
+    serial.add_argument("--baud", type=cli.positive, metavar="N", help="of its serial line (default: the board's)")
+    cli.add_config_options(made)
+    return made
+
+
+def _serial_boards():
+    return [board.name for board in BOARDS.values() if isinstance(board, SerialBoard)]
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    config = cli.make_config(options)
+    if options.resources or options.levels:
+        resources.require_yosys()  # before anything is written
+    if (options.bitstream or options.baud) and options.top not in _serial_boards():
+        raise UserError(f"--bitstream and --baud are for a board without a processor: --top {_serial_boards()[0]}")
+    if options.place or options.bitstream:
+        place.require_tools()
+    if not options.place and (options.speed or options.target or (options.seeds and not options.bitstream)):
+        raise UserError("--speed, --seeds and --target say how to --place: name a device with that")
+    board = BOARDS.get(options.top)
+    if board:
+        registers.check(config)
+    if options.baud:
+        divisor(board.clock_hz, options.baud)
+    folder = cli.output_folder(options.out)
+    paths = build(config, folder)
+    if board:
+        paths += build_top(config, board, folder, options.baud)
+        if not documents.has_peakrdl():
+            print(
+                "note: no C header, HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr
+            )
+    wrapped = folder / f"{board.top}.v" if board else None
+    if not options.json:
+        print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
+    emitted = wrapped or paths[0]
+    verilog, top = emitted.read_text(encoding="utf-8"), {"top": emitted.stem, "report": _report}
+    image, seeds = emitted.with_suffix(".bit"), options.seeds or bitstream.SEEDS
+    how = {"device": options.place, "speed": options.speed, "seeds": options.seeds, "aim_mhz": options.target}
+    found = {}
+    for name, what, measure in (
+        ("resources", resources, lambda: estimate(paths[0], wrapped)),
+        ("levels", levels, lambda: levels.levels(verilog, **top)),
+        ("place", place, lambda: place.place(verilog, **top, **{name: value for name, value in how.items() if value})),
+        ("bitstream", bitstream, lambda: bitstream.bitstream(verilog, board, image, seeds=seeds, report=_report)),
+    ):
+        if getattr(options, name):
+            found[name] = measure()
+            made = [folder / f"{name}.json", *([image] if name == "bitstream" else [])]
+            write_text(made[0], json.dumps(found[name], indent=2, ensure_ascii=False) + "\n")
+            paths.extend(made)
+            if not options.json:
+                print(*(f"wrote {path}" for path in made), what.text(found[name]), sep="\n", flush=True)
+    if options.json:
+        print(json.dumps({"files": [str(path) for path in paths], **found}, indent=2, ensure_ascii=False))
+    if options.target and found["place"]["fmax_mhz"] < options.target:
+        print(f"error: {found['place']['fmax_mhz']:g} MHz: less than --target {options.target:g}", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))

@@ -1,0 +1,223 @@
+"""The command ``cmfpga flow``."""
+
+import contextlib
+import json
+import sys
+
+import numpy as np
+from tqdm import tqdm
+
+from .. import cli
+from .ingest import add_ingest_options, ingest_fields
+from ..engines.regions import ENGINES, RegionEngine
+from ..errors import ConfigError, naming
+from ..events import open_recording
+from ..show.gallery import picture_path
+from ..api.flow import ENGINE, PRESET, configure
+from ..dense.demo import CAMERA, scene
+from ..dense.demo import errors as demo_errors
+from ..dense.fields import MODELS, check
+from ..show.flow.page import Page
+from ..show.flow.pictures import SUFFIXES, save
+from ..api.flow_result import ARRAYS, CSV, FITS, Flow, csv_writer, fit_writer
+from ..dense.run import Run
+from ..dense.tiles import TILE
+
+EXAMPLES = (
+    "cmfpga flow        # a synthetic scene: a camera turns, so the true flow is known",
+    "cmfpga flow rec.h5 --out flow    # flow.csv, flow.npz, flow.png, flow.html",
+    "cmfpga flow rec.h5 --fit rotation    # the camera's angular velocity, from the whole field",
+    "cmfpga flow rec.h5 --window-us 20000 --fit affine --json",
+    "cmfpga flow rec.h5 --window-us 20000 --slices 4    # a new window every 5 ms",
+    "cmfpga flow rec.h5 --window-events 30000 --tile 24 --step 12 --windows 5",
+    "cmfpga flow events.txt --sensor 346,260 --camera camera.yaml --set max_batch_events=65535",
+)
+PICTURE, PAGE = "flow.png", "flow.html"
+
+
+def _parser():
+    made = cli.parser("flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
+    cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
+    made.add_argument("--tile", type=cli.positive, default=TILE, metavar="PX", help=f"size of a tile (default: {TILE})")
+    made.add_argument("--step", type=cli.positive, metavar="PX", help="from tile to tile (default: half a tile)")
+    text = "windows (one of; default: as many events as suit the motion, chosen anew for each window)"
+    size = made.add_argument_group(text).add_mutually_exclusive_group()
+    size.add_argument("--window-events", type=cli.positive, metavar="N", help="events of the whole sensor")
+    size.add_argument("--window-us", type=cli.positive, metavar="D", help="duration, µs")
+    made.add_argument(
+        "--slices", type=cli.positive, metavar="S",
+        help="windows overlap: a new one with every S-th part of a window; with a length of windows (default: 1)",
+    )  # fmt: skip
+    made.add_argument("--start-event", type=cli.natural, default=0, metavar="K", help="first event (default: 0)")
+    made.add_argument("--windows", type=cli.positive, metavar="W", help="stop after W windows (default: at the end)")
+    made.add_argument(
+        "--fit", choices=MODELS,
+        help="fit one motion to the field of each window, and write fit.csv; a rotation needs a calibration",
+    )  # fmt: skip
+    made.add_argument(
+        "--engine", default=ENGINE, choices=ENGINES,
+        help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as a board has it; "
+        "model: the same in integers (needs torch); float: the article's equations (needs torch) "
+        f"(default: {ENGINE})",
+    )  # fmt: skip
+    add_ingest_options(made)
+    cli.add_recording_options(made)
+    cli.add_layout_options(made)
+    made.add_argument("--out", default="cmfpga-flow", metavar="DIR", help="folder for the files (default: %(default)s)")
+    pictures = made.add_mutually_exclusive_group()
+    pictures.add_argument("--no-picture", action="store_true", help=f"write neither {PICTURE} nor {PAGE}")
+    cli.files(pictures.add_argument(
+        "--picture", type=cli.checked(lambda text: picture_path(text, SUFFIXES)), metavar="FILE",
+        help=f"write the picture, of the window with most trusted tiles, there, not to {PICTURE}: .png, .pdf, .svg",
+    ))  # fmt: skip
+    made.add_argument("--every-picture", action="store_true", help="write flow-0.png, flow-1.png …, of each window")
+    cli.add_clock_option(made)
+    made.add_argument("--json", action="store_true", help="print a summary as JSON")
+    cli.add_config_options(made, PRESET)
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    with _open(options) as recording:
+        fields = {**ingest_fields(options, recording), **cli.config_changes(options)}
+        if options.recording is None:
+            fields = {"undistortion": "on", "camera": CAMERA.text, **fields}
+        if options.slices:
+            fields["slices"] = options.slices
+        how = {"sensor": "--sensor W,H", "time_unit": "--time-unit"}.get
+        config, tiles, notes = configure(recording, options.preset, fields, options.tile, options.step, how)
+        for note in notes:
+            print(f"note: {note}", file=sys.stderr)
+        if options.fit:
+            check(options.fit, config)
+        with cli.locked(options.out) as folder:
+            found, files, errors = _measure(options, recording, config, tiles, folder)
+    _summarise(options, found, files, errors)
+    return 0
+
+
+def _open(options):
+    if options.recording is not None:
+        return cli.noted(open_recording(options.recording, **cli.reading(options)))
+    for name in ("sensor", "time_unit", "columns", "dataset", "camera"):
+        if getattr(options, name):
+            raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
+    return scene().recording("synthetic scene")
+
+
+def _measure(options, recording, config, tiles, folder):
+    """Run all windows and write the files: (Flow, list of Path, errors of the demo's tiles)."""
+    files, errors, best, page = [folder / CSV], [], None, Page()
+    with contextlib.ExitStack() as stack:
+        engine = stack.enter_context(contextlib.closing(RegionEngine(options.engine, config)))
+        if engine.note:
+            print(f"note: {engine.note}", file=sys.stderr)
+        names = ("window_events", "window_us", "start_event", "windows")
+        run = Run(recording, engine, tiles, **{name: getattr(options, name) for name in names})
+        found = Flow(config, tiles, recording.name, options.engine, options.fit)
+
+        def opened(name):
+            path = folder / name
+            stack.enter_context(naming(path))
+            return stack.enter_context(path.open("w", newline="", encoding="utf-8"))
+
+        write = csv_writer(opened(CSV), config)
+        if options.fit:
+            files.append(folder / FITS)
+            write_fit = fit_writer(opened(FITS))
+        for window in tqdm(run, total=_total(options, recording, config.slices), unit="window", disable=None):
+            found.add(window)
+            write(window)
+            fitted = found.fitted(window.index) if options.fit else None
+            if fitted:
+                write_fit(fitted)
+            if not options.no_picture:
+                page.add(window, fitted)
+            if options.every_picture:
+                files.append(folder / f"flow-{window.index}.png")
+                save(window, files[-1], _title(window, found))
+            if best is None or window.trusted.sum() > best.trusted.sum():
+                best = window
+            if options.recording is None:
+                errors.append(demo_errors(window))
+    found.ended(run)
+    if best is None:
+        raise run.cutter.too_few()
+    files.append(folder / ARRAYS)
+    found.save(files[-1])
+    if not options.no_picture:
+        files += [options.picture or folder / PICTURE, folder / PAGE]
+        save(best, files[-2], _title(best, found))
+        page.save(files[-1], found)
+    return found, files, errors
+
+
+def _title(window, found):
+    shares = f"{int(window.trusted.sum())} of {len(window.tiles)} tiles to be trusted"
+    when = "no events" if window.t_ref is None else f"{window.t_ref / 1e6:.6g} s"
+    return f"{found.recording}: window {window.index}, {when}, {len(window.events)} events; {shares}"
+
+
+def _total(options, recording, slices):
+    """Number of windows that will come, as far as it can be known soon."""
+    if not sys.stderr.isatty() or (extent := recording.extent()) is None:
+        return options.windows
+    events, last = extent
+    if options.window_events:
+        whole = (events - options.start_event) * slices // options.window_events
+    elif options.window_us:
+        first = next(recording.chunks(options.start_event, 1), None)
+        whole = 0 if first is None else (last - int(first.t[0])) * slices // options.window_us
+    else:
+        return options.windows
+    whole = max(0, whole - slices + 1)
+    return min(whole, options.windows or whole)
+
+
+def _summarise(options, found, files, errors):
+    told = found.summary()
+    if found.limited:
+        moved = told["moved_px"]
+        print(
+            f"note: windows are as long as the hardware has room for, {found.config.max_batch_events} events"
+            + (f"; the image moves by {moved:.1f} px in half of one" if moved is not None else "")
+            + "; more: --set max_batch_events=N",
+            file=sys.stderr,
+        )
+    if errors:
+        every = np.concatenate(errors)
+        told["error_px"] = {"median": round(float(np.median(every)), 4), "within_0.5": float((every < 0.5).mean())}
+    if options.json:
+        print(json.dumps({**told, "config": found.config.to_dict(), "files": [*map(str, files)]}, indent=2))
+        return
+    print(
+        f"{told['windows']} windows of {told['tiles']} tiles ({found.engine} engine): {told['events']:,} events, "
+        f"{told['leftover']:,} left over, {told['outside']:,} off the image, {told['dropped']:,} dropped"
+    )
+    if found.passed_over:
+        print(f"{found.passed_over} slices without events, passed over")
+    print(f"{told['trusted']} of {told['measured']} tiles with enough events are to be trusted")
+    if told["speed_px_per_s"]:
+        print("flow {:.0f} px/s in the median, 95 % below {:.0f}".format(*told["speed_px_per_s"]))
+    if errors:
+        print(
+            f"error to the true flow: {told['error_px']['median']:.2f} px per half window in the median; "
+            f"{100 * told['error_px']['within_0.5']:.0f} % of the trusted tiles within 0.5 px"
+        )
+    if told["cycles"]:
+        took = told["cycles"] / options.clock / 1e3
+        print(
+            f"{told['cycles']:,.0f} clock cycles a window on average, {took:.3f} ms at an assumed clock of "
+            f"{options.clock:g} MHz"
+        )
+    for fitted in told.get("fits", ()):
+        names = MODELS[options.fit]
+        text = ", ".join(
+            f"{name} " + ("-" if fitted[name] is None else f"{fitted[name]:.4g} ± {fitted[f'{name}_sd']:.2g}")
+            for name in names
+        )
+        print(f"window {fitted['window']}: {text} ({fitted['tiles']} tiles)")
+    for path in files:
+        print(f"wrote {path}")

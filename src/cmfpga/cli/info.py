@@ -1,0 +1,282 @@
+"""``cmfpga info``: what a recording holds, and an ROI and batches that suit it."""
+
+import contextlib
+import json
+import math
+import shlex
+import statistics
+import sys
+from dataclasses import asdict
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from .. import cli
+from ..imaging.camera import calibration_of, extent
+from ..engines import make_engine
+from ..errors import ConfigError, RecordingError, needs
+from ..events import BatchCutter, open_recording
+from ..protocol.settings import BatchSettings
+from ..reference.integer.noise_filter import NoiseFilter
+from ..imaging.survey import Survey, propose, survey_all
+from ..show.survey import draw, frame
+from ..imaging.survey.statistics import pixels_text
+from ..tracking.loop import track
+
+EXAMPLES = (
+    "cmfpga info rec.h5",
+    "cmfpga info rec.raw --objects 3 --json",
+    "cmfpga info rec.h5 --check 10           # and whether the proposal keeps what it promises",
+    "cmfpga info events.txt --sensor 240,180 --png frame.png --no-frame",
+    "cmfpga info rec.h5 --preset fast --set roi_width=48 --set roi_height=48",
+)
+
+_BARS = " ▁▂▃▄▅▆▇█"
+_HOT_SHOWN = 5
+_NOISE_EVENTS = 1_000_000  # of which noise_shares are measured
+
+
+def _parser():
+    made = cli.parser("info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
+    cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
+    made.add_argument(
+        "--start-event", type=cli.natural, metavar="K",
+        help="propose for event K on (default: for the begin, or else the first place where something moves clearly)",
+    )  # fmt: skip
+    made.add_argument("--objects", type=cli.few, default=1, metavar="N", help="propose up to N ROIs (default: 1)")
+    made.add_argument("--no-proposal", action="store_true", help="only say what the recording holds")
+    made.add_argument(
+        "--check", type=cli.positive, metavar="B",
+        help="track B batches of each proposal by the integer model (needs torch), and say how far the image moved",
+    )  # fmt: skip
+    made.add_argument("--no-frame", action="store_true", help="do not show the events in the terminal")
+    cli.files(made.add_argument("--png", metavar="FILE", help="write a picture of the events and the ROIs to FILE"))
+    cli.add_recording_options(made)
+    cli.add_layout_options(made)
+    made.add_argument("--json", action="store_true", help="print all of it as JSON")
+    cli.add_config_options(made)
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    broken = None
+    with cli.noted(open_recording(options.recording, **cli.reading(options))) as recording:
+        survey = Survey(recording.width, recording.height)
+        try:
+            survey_all(recording, survey)
+        except RecordingError as error:
+            if not survey.events:
+                raise
+            broken = error  # what came before is worth knowing
+        config = _config(options, recording, survey)
+        proposals = []
+        if not options.no_proposal:
+            with tqdm(unit="place", desc="motion", disable=None, leave=False) as bar:
+                proposals = propose(
+                    recording, survey, config, count=options.objects, start_event=options.start_event, tick=bar.update
+                )
+        camera = camera_of(options.recording)
+        noise = noise_shares(recording, survey, config, proposals)
+        checked = [check(recording, config, found, options.check) for found in proposals] if options.check else []
+        if options.png is not None:
+            draw(options.png, survey, config, proposals)
+    if options.json:
+        found = _report(options, recording, survey, config, proposals, checked, noise, camera)
+        print(json.dumps(found, indent=2, ensure_ascii=False))
+    else:
+        print("\n".join(_text(options, recording, survey, config, proposals, checked, noise, camera)))
+    if broken is not None:
+        raise broken
+    return 0
+
+
+def _config(options, recording, survey):
+    """The configuration that the options ask for, on the recording's sensor, or on what its events cover."""
+    rows, columns = survey.counts.shape
+    if recording.width is not None:
+        columns, rows = recording.width, recording.height
+    given = cli.config_changes(options)
+    size = cli.make_config(options)
+    columns, rows = max(columns, size.roi_width), max(rows, size.roi_height)
+    return cli.make_config(
+        options, sensor_width=given.get("sensor_width", columns), sensor_height=given.get("sensor_height", rows)
+    )
+
+
+def check(recording, config, proposal, batches):
+    """|v| in px per half batch of each of so many batches at most, as the integer model tracks them; needs torch."""
+    with needs("torch", "reference", "--check"):
+        engine = make_engine("model", config.replace(**proposal.fields))
+    with contextlib.closing(engine):
+        size = {"events": proposal.batch_events, "max_events": engine.config.max_batch_events}
+        cutter = BatchCutter(recording, start_event=proposal.start_event, **size)
+        tracked = [*track(engine, cutter, roi=proposal.roi, batches=batches)]
+    return [
+        extent(engine.config, batch.result.v, batch.result.roi) for batch in tracked if batch.v_px_per_s is not None
+    ]
+
+
+def track_arguments(proposal):
+    """What ``track`` is told for a proposal, as a list of words."""
+    words = ["--roi", "{},{}".format(*proposal.roi), "--batch-events", str(proposal.batch_events)]
+    if proposal.start_event:
+        words += ["--start-event", str(proposal.start_event)]
+    for name, value in proposal.fields.items():
+        words += ["--set", f"{name}={value}"]
+    return words
+
+
+def _command(options, proposal):
+    words = ["cmfpga", "track", options.recording, *track_arguments(proposal)]
+    for name in ("sensor", "time_unit", "columns", "dataset"):
+        if (value := getattr(options, name)) is not None:
+            words += [f"--{name.replace('_', '-')}", value if isinstance(value, str) else "{},{}".format(*value)]
+    words += ["--preset", options.preset, *(word for text in options.assignments for word in ("--set", text))]
+    return shlex.join(words)
+
+
+def camera_of(path):
+    """The calibration that an HDF5 file holds, JSON-ready, or why it cannot be read; None without one."""
+    if not h5py.is_hdf5(path):
+        return None
+    with h5py.File(path, "r") as file:
+        try:
+            found = calibration_of(file, path)
+        except ConfigError as error:
+            return {"error": str(error)}
+    return found and {"text": str(found.camera), **asdict(found.camera)}
+
+
+def noise_shares(recording, survey, config, proposals):
+    """What the filters in front of the ROI would drop of the recording's first events, and the options that say so.
+
+    Background activity: what no other pixel of the cell supports in the time in which the image of the first proposal
+    moves by a cell.
+
+    Returns
+    -------
+    dict of str to float
+        ``{options of track: share}``; empty where neither filter has a reason.
+    """
+    hot, found, fields = survey.hot_pixels(), {}, {}
+    if hot:
+        fields = {"hot_pixels": 1, "hot_mask": pixels_text(hot)}
+        found["--hot-pixels auto"] = sum(events for *_, events in hot) / survey.events
+    speed = math.hypot(*proposals[0].px_per_s) if proposals else 0
+    if speed:
+        cell_us = (1 << config.background_cell) / speed * 1e6
+        unit = 10 ** math.floor(math.log10(cell_us))
+        period = min(round(cell_us / unit) * unit, config.widths.background_us_max)
+        filtering = config.replace(background=1, background_us=period, **fields)
+        model, settings, dropped, seen = NoiseFilter(filtering), BatchSettings.from_config(filtering), 0, 0
+        for chunk in recording.chunks():
+            dropped += int(model.judge(chunk.t, chunk.x, chunk.y, settings)[1].sum())
+            seen += len(chunk)
+            if seen >= min(_NOISE_EVENTS, survey.events):
+                break
+        found[f"--background-us {period}"] = dropped / seen
+    return found
+
+
+def _report(options, recording, survey, config, proposals, checked, noise, camera):
+    bin_us, rate = survey.rate()
+    return {
+        "file": options.recording,
+        "format": recording.format,
+        "sensor": None if recording.width is None else [recording.width, recording.height],
+        "covered": [survey.counts.shape[1], survey.counts.shape[0]],
+        "time_unit": recording.time_unit,
+        "time_unit_source": recording.time_unit_source,
+        "events": survey.events,
+        "on_events": survey.on_events,
+        "t_first_us": survey.t_first,
+        "t_last_us": survey.t_last,
+        "rate_bin_us": bin_us,
+        "rate_per_s": [round(value, 3) for value in rate.tolist()],
+        "hot_pixels": [{"x": x, "y": y, "events": events} for x, y, events in survey.hot_pixels()],
+        **({"camera": camera} if camera else {}),
+        "noise": [{"options": name, "share": round(share, 4)} for name, share in noise.items()],
+        "roi_size": [config.roi_width, config.roi_height],
+        "proposals": [
+            {
+                **asdict(found),
+                "px_per_half_batch": found.px,
+                "reason": found.reason,
+                "command": _command(options, found),
+                **({"checked_px_per_half_batch": checked[k]} if checked else {}),
+            }
+            for k, found in enumerate(proposals)
+        ],
+    }
+
+
+def _text(options, recording, survey, config, proposals, checked, noise, camera):
+    """Lines for people."""
+    rows, columns = survey.counts.shape
+    sensor = f"{recording.width}×{recording.height} px"
+    if recording.width is None:
+        sensor = f"not said; the events cover {columns}×{rows} px"
+    source = {"given": "given", "file": "the format or the file says so", "assumed": "guessed"}
+    span = survey.span_us / 1e6
+    yield f"{options.recording}: {recording.format}"
+    yield f"sensor      {sensor}"
+    yield f"events      {survey.events:,}, {survey.on_events / survey.events:.0%} of them ON"
+    yield f"span        {span:.6g} s, from {survey.t_first:,} µs to {survey.t_last:,} µs"
+    yield f"time unit   {recording.time_unit} ({source[recording.time_unit_source]})"
+    bin_us, rate = survey.rate()
+    if span:
+        yield f"rate        {survey.events / span:,.0f} events/s on average; each sign is {bin_us / 1e3:,.6g} ms:"
+        top = rate.max()
+        yield "            " + "".join(_BARS[int(np.ceil(value / top * 8))] for value in rate) + f"  0 to {top:,.0f}"
+    if camera:
+        yield f"camera      {camera.get('text') or camera['error']}"
+    hot = survey.hot_pixels()
+    shown = ", ".join(f"{x},{y} ({events:,} events)" for x, y, events in hot[:_HOT_SHOWN])
+    more = f", and {len(hot) - _HOT_SHOWN} more" if len(hot) > _HOT_SHOWN else ""
+    yield f"hot pixels  {shown + more if hot else 'none'}"
+    for k, (name, share) in enumerate(noise.items()):
+        yield f"{'' if k else 'noise':12}{name} drops {share:.1%} of the events{' more' if k else ''}"
+    if not options.no_frame:
+        yield ""
+        yield from frame(survey, config, proposals)
+    if options.no_proposal:
+        return
+    yield ""
+    if not proposals:
+        yield f"No proposal: nothing moves clearly and far enough in any {config.roi_width}×{config.roi_height} px."
+        return
+    for k, found in enumerate(proposals):
+        name = "Proposal" if options.objects == 1 else f"Proposal {k}"
+        yield (
+            f"{name}: ROI {found.roi[0]},{found.roi[1]} of {config.roi_width}×{config.roi_height} px from event "
+            f"{found.start_event:,} on, {found.batch_events:,} events a batch"
+        )
+        yield f"  because {found.reason}."
+        vx, vy = found.px_per_s
+        yield (
+            f"  Velocity there: {vx:,.0f}, {vy:,.0f} px/s; contrast {found.gain:.2f} times that "
+            f"at rest; {found.roi_events:,} of a batch's events in the ROI."
+        )
+        if "thinning" in found.fields:
+            yield (
+                f"  The buffer holds {config.buffer_events:,}, so one in {found.fields['thinning']} is taken, evenly "
+                "(thinning)."
+            )
+        if "max_batch_events" in found.fields:
+            yield "  The hardware has to count further than by default (max_batch_events)."
+        if checked and checked[k]:
+            px = checked[k]
+            yield (
+                f"  Checked: in {len(px)} batches the integer model found {statistics.median(px):.1f} px per half "
+                f"batch (median; {min(px):.1f} to {max(px):.1f})."
+            )
+        yield f"  {_command(options, found)}"
+    if len(proposals) < options.objects:
+        yield f"Only {len(proposals)} of {options.objects} objects move clearly at one time."
+
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))

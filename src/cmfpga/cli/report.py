@@ -1,0 +1,48 @@
+"""``cmfpga report``: a track as one HTML page that needs no network."""
+
+from pathlib import Path
+
+from .. import cli
+from ..errors import ConfigError
+
+EXAMPLES = (
+    "cmfpga track rec.h5 --roi 100,30 --report --out star",
+    "cmfpga report star                      # the same page again, from what track kept",
+    "cmfpga report star --clock 150 --out slow.html",
+)
+
+PAGE = "report.html"
+
+
+def page_name(file):
+    """``report-NAME.html`` of ``track-NAME.npz``."""
+    return file.replace("track", "report", 1).removesuffix(".npz") + ".html"
+
+
+def _parser():
+    made = cli.parser("report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
+    made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
+    cli.add_clock_option(made)
+    made.add_argument("--out", metavar="FILE", help=f"the page (default: {PAGE} in DIR)")
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    from ..tracking.kept import FILE, Kept
+    from ..show.report.page import write_page
+
+    options = _parser().parse_args(arguments)
+    folder = Path(options.folder)
+    if not folder.is_dir():
+        raise ConfigError(f"{folder}: no such folder; the one that track --report wrote is needed")
+    files = sorted(folder.glob(f"{Path(FILE).stem}*.npz"))  # one for each object that was tracked
+    if not files:
+        raise ConfigError(f"{folder}: has no {FILE}; track again with --report")
+    if options.out and len(files) > 1:
+        raise ConfigError(f"--out: {folder} has {len(files)} tracks; their pages can only be written there")
+    for file in files:
+        page = Path(options.out) if options.out else folder / page_name(file.name)
+        write_page(Kept.load(file), page, clock_mhz=options.clock)
+        print(f"wrote {page}")
+    return 0

@@ -1,0 +1,177 @@
+"""``cmfpga sweep``: many recordings, many configurations."""
+
+import importlib.util
+import json
+import sys
+
+from tqdm import tqdm
+
+from .. import cli
+from ..config.defaults import BATCH_EVENTS
+from ..engines import ENGINES
+from ..errors import ConfigError
+from ..sweep import plan
+from ..sweep.store import Store, write_atomically
+from ..sweep.task import estimate_resources, run_task, version
+from ..sweep.workers import pool, processors
+
+EXAMPLES = (
+    "cmfpga sweep a.h5@100,30 b.h5@60,40 --vary preset=fast,paper --batches 20",
+    "cmfpga sweep *.h5 --roi 88,28 --vary weight_frac=2,3,4 --vary dt_frac=6,8 --workers 4 --out widths",
+    "cmfpga sweep rec.h5@100,30 --vary 'cold=0:0*8,1:0*4 0:-1*4' --engine model",
+    "cmfpga sweep rec.h5@100,30 --vary iterations=20,50 --preset paper --scheduler tcp://head:8786",
+)
+
+
+def _parser():
+    made = cli.parser("sweep", "Track many recordings with many configurations, and rank these.", EXAMPLES)
+    made.add_argument(
+        "recordings", nargs="+", metavar="RECORDING[@X,Y]",
+        help="a recording, and its ROI's left column and top row, px; one with several ROIs is several objects",
+    )  # fmt: skip
+    made.add_argument(
+        "--vary", nargs="+", action="extend", default=[], metavar="FIELD=A,B,…",
+        help="values of a field, or of preset; with several fields all combinations",
+    )  # fmt: skip
+    made.add_argument(
+        "--roi", type=cli.pair("X,Y"), metavar="X,Y", help="ROI of the recordings that have none behind an @"
+    )
+    cli.add_batch_options(made, f"--batch-events {BATCH_EVENTS}")
+    made.add_argument(
+        "--batches", type=cli.positive, metavar="B", help="stop each after B batches (default: at the end)"
+    )
+    made.add_argument("--engine", default="rtl", choices=ENGINES, help="as of track (default: rtl)")
+    cli.add_recording_options(made)
+    where = made.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=cli.natural, metavar="W",
+        help="processes of a local Dask cluster; 0: none, in this process (default: one per processor)",
+    )  # fmt: skip
+    where.add_argument(
+        "--scheduler", metavar="ADDRESS", help="use the workers of this Dask scheduler, as tcp://head:8786"
+    )
+    made.add_argument(
+        "--resources", action="store_true", help="estimate each hardware's resources by Yosys (minutes each)"
+    )
+    made.add_argument("--out", default="cmfpga-sweep", metavar="DIR", help="folder for results, and to go on from")
+    made.add_argument("--json", action="store_true", help="print the ranking as JSON")
+    cli.add_config_options(made)
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    _require("pandas", "pyarrow", "jinja2")
+    if options.resources:
+        from ..fpga import resources
+
+        resources.require_yosys()
+    run = plan.Run(
+        engine=options.engine,
+        size=cli.batch_size(options) or {"events": BATCH_EVENTS},
+        start_event=options.start_event,
+        batches=options.batches,
+        sensor=options.sensor,
+        time_unit=options.time_unit,
+    )
+    choices, skipped = plan.choices(options.preset, options.assignments, options.vary)
+    if skipped:
+        total = len(choices) + len(skipped)
+        print(f"note: {len(skipped)} of {total} combinations are skipped, as {skipped[0]}", file=sys.stderr)
+    subjects = plan.subjects(options.recordings, options.roi, run)
+    rows = plan.rows(subjects, choices, run)
+    if not any(row.task for row in rows):
+        raise ConfigError(rows[0].problem)
+    for subject in subjects:
+        if subject.note:
+            print(f"note: {subject.note}", file=sys.stderr)
+        if not subject.problem and subject.sensor is None and "sensor_width" not in choices[0].changes:
+            print(f"note: {subject.name} does not say how large its sensor is; --sensor W,H does", file=sys.stderr)
+    with cli.locked(options.out) as folder:
+        return _sweep(options, run, rows, folder)
+
+
+def _require(*packages):
+    missing = [name for name in packages if importlib.util.find_spec(name) is None]
+    if missing:
+        raise ConfigError(f"sweep: {missing[0]} is not installed; pip install 'cmfpga[sweep]'")
+
+
+def _sweep(options, run, rows, folder):
+    tasks = {row.task.key: row.task for row in rows if row.task}
+    hardware = {task.config.hardware_hash: task.config for task in tasks.values()} if options.resources else {}
+    estimates = {f"{key}-{version()}": (config, version()) for key, config in hardware.items()}
+    tracked, estimated = Store(folder / "tasks"), Store(folder / "resources")
+    done = {key: outcome for key in tasks if (outcome := tracked.get(key))}
+    known = {key: outcome for key in estimates if (outcome := estimated.get(key))}
+    left = {key: task for key, task in tasks.items() if key not in done}
+    unknown = {key: job for key, job in estimates.items() if key not in known}
+    kept = sum(row.task.key in done for row in rows if row.task)
+    if left or unknown:
+        count = min(processors() if options.workers is None else options.workers, max(len(left), len(unknown)))
+        with pool(count, options.scheduler) as where:
+            _run(where, run_task, left, tracked, done, folder, "row")
+            _run(where, estimate_resources, unknown, estimated, known, folder, "hardware")
+    outcomes = [done[row.task.key] if row.task else {"status": "failed", "reason": row.problem} for row in rows]
+    for note in dict.fromkeys(outcome.get("note") for outcome in outcomes):
+        if note:
+            print(f"note: {note}", file=sys.stderr)
+    by_hash = {key: known[f"{key}-{version()}"] for key in hardware}
+    for reason in dict.fromkeys(outcome["reason"] for outcome in by_hash.values() if outcome["status"] != "ok"):
+        print(f"note: no resources: {reason}", file=sys.stderr)
+    return _report(options, run, rows, outcomes, by_hash, folder, kept)
+
+
+def _run(where, function, jobs, store, outcomes, folder, unit):
+    """Run ``jobs`` and keep each outcome as soon as it is there."""
+    with tqdm(total=len(jobs), unit=unit, disable=None if jobs else True) as bar:
+        for key, outcome in where.run(function, jobs):
+            outcomes[key] = store.put(key, outcome)
+            if "traceback" in outcome:
+                (folder / "failures").mkdir(exist_ok=True)
+                write_atomically(folder / "failures" / f"{key}.txt", outcome["traceback"].encode())
+            bar.update()
+
+
+def _report(options, run, rows, outcomes, estimates, folder, kept):
+    """Write the tables and the page, print the ranking."""
+    from ..sweep import tables
+    from ..sweep.page import page
+
+    frame = tables.results(rows, outcomes, run, estimates)
+    names = [f"{table}.{suffix}" for table in ("results", "batches") for suffix in ("csv", "parquet")]
+    for table, name in zip((frame, frame, *[tables.batches(rows, outcomes)] * 2), names, strict=True):
+        tables.write(table, folder / name)
+    ranked = tables.ranking(rows, outcomes, estimates)
+    text = page(
+        ranked=ranked, frame=frame, run=run, preset=options.preset, assignments=options.assignments, files=names
+    )  # fmt: skip
+    write_atomically(folder / "sweep.html", text.encode())
+    paths = [str(folder / name) for name in (*names, "sweep.html")]
+    bad = frame[frame["status"] != "ok"]
+    failed = int((frame["status"] == "failed").sum())
+    if options.json:
+        summary = {
+            "rows": len(frame),
+            "kept": kept,
+            "without_result": failed,
+            "reasons": sorted(set(bad["reason"])),
+            "ranking": [{**entry, "error_px": _finite(entry["error_px"])} for entry in ranked],
+            "files": paths,
+        }
+        print(json.dumps(summary, indent=2, ensure_ascii=False))
+    else:
+        print(f"{len(frame)} rows, {kept} of them kept from before")
+        for reason, count in bad["reason"].value_counts(sort=False).items():
+            print(f"{count} of {len(frame)} rows without a result: {reason}")
+        print(tables.text(ranked))
+        print(*(f"wrote {path}" for path in paths), sep="\n")
+    if failed == len(frame):
+        raise ConfigError(f"no row has a result: {outcomes[0]['reason']}")
+    return 0
+
+
+def _finite(value):
+    """JSON has no infinity."""
+    return None if value is None or value == float("inf") else value

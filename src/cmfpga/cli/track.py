@@ -1,0 +1,321 @@
+"""``cmfpga track``: follow objects through a recording.
+
+The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.api.track.track`.
+"""
+
+import argparse
+import contextlib
+import inspect
+import re
+import sys
+import types
+
+from tqdm import tqdm
+
+from .. import cli
+from .ingest import add_ingest_options, ingest_fields
+from .lines import Lines, Truth, print_summary
+from ..config.defaults import BATCH_EVENTS
+from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
+from ..engines.regions import RegionEngine
+from ..errors import ConfigError, needs
+from ..events import LiveSource, generate, open_source
+from ..events.live import FORMATS as STREAM_FORMATS
+from ..show.gallery import picture_path
+from ..api import track as api
+from ..tracking.fit import FittedCutter, batch_cutter
+from ..tracking.loop import OneRoi, follow
+from ..api.objects import TrackedObject
+from ..tracking.rows import Rows, with_rows
+from ..tracking.source import sensor_fields, unit_note, whole_sensor
+
+EXAMPLES = (
+    "cmfpga track        # a synthetic scene, with its true motion",
+    "cmfpga track rec.h5 --roi 100,30 --batch-events 5000 --start-event 15000 --batches 20",
+    "cmfpga track events.txt --roi 60,40 --batch-us 20000 --engine model --out track",
+    "cmfpga track rec.h5 --roi 100,30 --set roi_width=48 --set thinning=2",
+    "cmfpga track rec.h5 --preset rotation    # the camera's angular velocity, by the file's calibration",
+    "cmfpga track rec.h5 --roi auto     # where something moves clearly, in batches that suit it",
+    "cmfpga track rec.h5 --roi 100,30 --hot-pixels auto --background-us 5000    # drop noise first",
+    "cmfpga track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
+    "cmfpga track rec.h5 --roi auto --objects 3    # track-0.csv, track-1.csv, track-2.csv",
+    "cmfpga track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
+)
+
+#: The scene that is tracked without a recording (it turns a corner in the middle), and what suits it: batches in which
+#: it moves by 1.5 px per half batch, and an η with which the article's ascent leaves v = 0.
+DEMO_SCENE = {
+    "seed": 1,
+    "texture": "lines",
+    "position": (70.0, 90.0),
+    "velocity": ((250_000, 150.0, 100.0), (250_000, 120.0, -100.0)),
+    "duration_us": 500_000,
+    "noise": 0.05,
+}
+DEMO_BATCH_EVENTS = 1640
+DEMO_FIELDS = {"eta": 4.0}
+
+
+def _parser():
+    made = cli.parser("track", "Follow an object through a recording of events.", EXAMPLES)
+    cli.files(made.add_argument(
+        "recording", nargs="?", metavar="RECORDING",
+        help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, or a named pipe",
+    ))  # fmt: skip
+    made.add_argument(
+        "--roi", type=_roi_option, action="append", metavar="[NAME=]X,Y",
+        help="left column and top row of the ROI, px; or 'auto'. Repeatable: several objects on one accelerator with a "
+        "table of regions, which share their batches, each with its own CSV",
+    )  # fmt: skip
+    made.add_argument("--objects", type=cli.few, metavar="K", help="with --roi auto: find K objects (default: 1)")
+    cli.add_batch_options(
+        made, f"as many events as suit the motion, chosen anew for each batch; --batch-events {BATCH_EVENTS} without "
+        "confidence, as with --preset paper",
+    )  # fmt: skip
+    made.add_argument("--batches", type=cli.positive, metavar="B", help="stop after B batches (default: at the end)")
+    made.add_argument(
+        "--engine",
+        default="rtl",
+        type=cli.checked(engine_name),
+        choices=cli.Proposals((*ENGINES, AXI)),
+        metavar="{" + ",".join((*ENGINES, AXI, f"{SERIAL}:PORT")) + "}",
+        help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as on a board; "
+        "model: the same in integers (needs torch); float: the article's equations (needs torch); "
+        "serial:PORT: a board at a serial port, such as /dev/ttyUSB0 (default: rtl)",
+    )
+    add_ingest_options(made)
+    cli.add_recording_options(made)
+    cli.add_layout_options(made)
+    made.add_argument("--format", choices=STREAM_FORMATS, help="of a stream without a header")
+    made.add_argument(
+        "--drop", action="store_true", help="of a stream: drop events that come too fast, do not hold the sender up"
+    )
+    made.add_argument(
+        "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
+    )
+    pictures = made.add_mutually_exclusive_group()
+    pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    cli.files(pictures.add_argument(
+        "--picture", type=cli.checked(picture_path), action="append", metavar="FILE",
+        help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
+    ))  # fmt: skip
+    made.add_argument(
+        "--report", action="store_true", help="write report.html, and track.npz for cmfpga report"
+    )
+    cli.add_clock_option(made)
+    made.add_argument(
+        "--wave",
+        type=cli.natural,
+        metavar="BATCH",
+        help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
+    )
+    made.add_argument(
+        "--json", action="store_true", help="print a summary as JSON; of a stream, a line per batch, and one at the end"
+    )
+    cli.add_config_options(made)
+    return made
+
+
+def _roi_option(text):
+    """``(name or None, (x, y) or None)`` of ``[NAME=]X,Y`` or ``[NAME=]auto``."""
+    name, equals, place = text.rpartition("=")
+    if equals and not re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,39}", name):
+        raise argparse.ArgumentTypeError(
+            f"{text[:60]!r}: a name of letters, digits, '-' and '_' is needed before the '='"
+        )
+    return name or None, None if place == "auto" else cli.pair("X,Y")(place)
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    truth, recording = _open(options)
+    with recording:
+        reads = cli.make_config(options).ascent_rule.fields if truth else ()
+        demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
+        fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
+        config = cli.make_config(options, **fields)
+        objects = _objects(options, truth, config)
+        if len(objects) > 1:
+            config = with_rows(config, len(objects), cli.config_changes(options))
+        _choose(options, objects, recording, config)
+        config, cutter = _prepare(options, objects, config, recording)
+        found = []
+        for one in objects:
+            one.config, one.cutter = config, cutter
+            if truth and not options.json:
+                found.append(Truth(truth.motion))
+                one.consumers.append(found[-1])
+            if isinstance(recording, LiveSource):
+                one.consumers.append(Lines(options.json, one.name))
+        with cli.locked(options.out) as folder:
+            name, cycles = _track(options, objects, recording, folder, truth.motion if truth else None)
+        counts = recording.counts() if isinstance(recording, LiveSource) else None
+        print_summary(objects, engine=name, cycles=cycles, clock=options.clock, as_json=options.json, counts=counts)
+    for lines in found:
+        print("\n".join(lines))
+    return 0
+
+
+def _open(options):
+    """The true motion (or None) and the recording."""
+    if options.recording is not None:
+        told = {"form": options.format, "drop": options.drop, **cli.reading(options)}
+        return None, cli.noted(open_source(options.recording, **told))
+    for name in ("sensor", "time_unit", "columns", "dataset", "format", "drop"):
+        if getattr(options, name):
+            raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
+    scene = generate(**DEMO_SCENE)
+    return scene, scene.recording("synthetic scene")
+
+
+def _sensor_fields(options, recording):
+    """The recording's sensor, unless ``--set`` says otherwise; with an ROI that fits it."""
+    changes = cli.config_changes(options)
+    fields, note = sensor_fields(recording, changes, lambda: cli.make_config(options), "--sensor W,H")
+    for told in filter(None, (unit_note(recording, "--time-unit"), note)):
+        print(f"note: {told}", file=sys.stderr)
+    return fields
+
+
+def _objects(options, truth, config):
+    """The objects that ``--roi`` asks for; of several, those without a name have their number."""
+    asked = [(name, roi or whole_sensor(config)) for name, roi in options.roi or ()]
+    if not asked:
+        start = whole_sensor(config) or (truth and truth.roi_start(config.roi_width, config.roi_height))
+        if start is None:
+            raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto")
+        asked = [(None, start)]
+    if options.objects:
+        if [roi for _, roi in asked].count(None) != 1:
+            raise ConfigError("--objects: one --roi auto, of which it says how many are to be found, is needed")
+        at = next(k for k, (_, roi) in enumerate(asked) if roi is None)
+        name, more = asked[at][0], range(options.objects)
+        asked[at : at + 1] = [(f"{name}-{k}" if name and len(more) > 1 else name, None) for k in more]
+    objects = []
+    for k, (name, roi) in enumerate(asked):
+        if roi is not None:
+            check_roi(config, roi)  # before a simulator is compiled in vain
+        objects.append(TrackedObject(name=name or ("" if len(asked) == 1 else str(k)), roi=roi))
+    names = [one.name for one in objects]
+    for name in names:
+        if names.count(name) > 1:
+            raise ConfigError(f"--roi: the name {name!r} is given twice; each object needs a name of its own")
+    return objects
+
+
+def _choose(options, objects, recording, config):
+    """Fill in the ROIs that ``auto`` asks for."""
+    wanted = [one for one in objects if one.roi is None]
+    if not wanted:
+        return
+    from ..imaging.survey import survey_and_propose
+
+    # Where the user or the other objects are; or else where something moves.
+    start = options.start_event if options.start_event or len(wanted) < len(objects) else None
+    proposals = survey_and_propose(recording, config, count=len(wanted), start_event=start)
+    for one, found in zip(wanted, proposals, strict=True):
+        one.roi, one.proposal = found.roi, found
+        text = found.text if len(objects) == 1 else f"ROI {one.roi[0]},{one.roi[1]}: {found.reason}"
+        print(f"note: {one.named('track')}: {text}", file=sys.stderr)
+    options.start_event = proposals[0].start_event
+
+
+def _prepare(options, objects, config, recording):
+    """The configuration of all objects, and what cuts their batches."""
+    size, first = cli.batch_size(options), None
+    if config.regions and "roi_events" in size:
+        raise ConfigError("--batch-roi-events: regions share their batches; --batch-events or --batch-us is needed")
+    if all(one.proposal for one in objects) and not size:
+        fastest = min((one.proposal for one in objects), key=lambda proposal: proposal.batch_events)
+        first, config = fastest.batch_events, fastest.suited(config, cli.config_changes(options))
+        if len(objects) > 1:
+            print(f"note: {first} events in the first batch, from event {options.start_event} on", file=sys.stderr)
+    limit = config.max_batch_events
+    for mode in ("events", "roi_events"):
+        if size.get(mode, 0) > limit:
+            option = f"--batch-{mode.replace('_', '-')}"
+            raise ConfigError(f"{option} {size[mode]}: at most {limit} is allowed (max_batch_events)")
+    usual = BATCH_EVENTS if options.recording else DEMO_BATCH_EVENTS
+    return config, batch_cutter(recording, config, start_event=options.start_event, first=first, usual=usual, **size)
+
+
+def _engine(options, config):
+    if not config.regions:
+        return open_engine(options.engine, config, option="--engine")
+    with needs("torch", "reference", f"--engine {options.engine}"):
+        return RegionEngine(options.engine, config)
+
+
+def _track(options, objects, recording, folder, motion):
+    """Run all batches and write the files; returns the engine's name, and clock cycles of each batch."""
+    config, cutter, cycles = objects[0].config, objects[0].cutter, []
+    if options.wave is not None and config.regions:
+        raise ConfigError("--wave: waveforms are those of a core of one ROI; one --roi, and no regions, are needed")
+    if options.wave is not None and options.batches and options.wave >= options.batches:
+        raise ConfigError(
+            f"--wave {options.wave}: 0 to {options.batches - 1} is needed with --batches {options.batches}"
+        )
+    pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
+    with contextlib.ExitStack() as stack:
+        engine = stack.enter_context(contextlib.closing(_engine(options, config)))
+        if engine.note:
+            print(f"note: {engine.note}", file=sys.stderr)
+        for one in objects:
+            one.collect(
+                stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
+                pictures=pictures, report_mhz=options.clock if options.report else None,
+            )  # fmt: skip
+        runner = Rows(engine, len(objects)) if config.regions else OneRoi(engine)
+        running = follow(
+            runner, cutter, rois=[one.roi for one in objects], batches=options.batches,
+            consumers=[(one, *one.consumers) for one in objects],
+        )  # fmt: skip
+        live = isinstance(recording, LiveSource)
+        total = _total(options, recording, cutter) if _shows_bar() else None
+        try:
+            for window in tqdm(running, total=total, unit="batch", disable=live or None):
+                if window and runner.cycles is not None:
+                    cycles.append(runner.cycles)
+        except KeyboardInterrupt:
+            if not live:
+                raise
+            print("note: interrupted; this is the end of the stream", file=sys.stderr)
+    for one in objects:
+        one.check()
+    for one in objects:
+        one.finish()
+    return engine.name, cycles
+
+
+def _shows_bar():
+    return sys.stderr.isatty()  # as tqdm decides
+
+
+def _total(options, recording, cutter):
+    """Number of batches that will come, as far as it can be known soon."""
+    if cutter.mode == "roi_events" or isinstance(cutter, FittedCutter) or (extent := recording.extent()) is None:
+        return options.batches
+    events, last = extent
+    if cutter.mode == "events":
+        whole = (events - options.start_event) // cutter.size
+    else:
+        first = next(recording.chunks(options.start_event, 1))
+        whole = (last - int(first.t[0])) // cutter.size
+    return min(whole, options.batches or whole)
+
+
+class _Callable(types.ModuleType):
+    """Makes ``cmfpga.track(…)`` the library's function, whether or not this module was imported before."""
+
+    def __call__(self, recording, **options):
+        return api.track(recording, **options)
+
+    __call__.__doc__ = api.track.__doc__
+
+
+sys.modules[__name__].__class__ = _Callable
+__signature__ = inspect.signature(api.track)
+
+if __name__ == "__main__":
+    sys.exit(cli.run(main))

@@ -1,0 +1,101 @@
+"""One motion for the whole field of flow: robust least squares over the trusted tiles.
+
+Each tile counts as its covariance says, so that an edge counts across itself and not along itself. Residuals that are
+large for that, such as those of what moves on its own, count less: the loss is 2·(√(1 + r²) − 1), r in standard
+deviations, by iteratively reweighted least squares. The loss is convex: there is one solution.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..imaging.camera import Camera
+from ..errors import ConfigError
+
+#: ``{model: names of its parameters, in physical units}``. Position 0 of slopes is the middle of the sensor.
+MODELS = {
+    "translation": ("vx_px_per_s", "vy_px_per_s"),
+    "similarity": ("vx_px_per_s", "vy_px_per_s", "zoom_per_s", "roll_rad_per_s"),
+    "affine": ("vx_px_per_s", "vy_px_per_s", "dvx_dx_per_s", "dvx_dy_per_s", "dvy_dx_per_s", "dvy_dy_per_s"),
+    "rotation": ("wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"),
+}
+
+_ROUNDS, _SETTLED = 50, 1e-6
+_OUTLIER = 3.0  # standard deviations
+_NORMAL = 1.1774  # median length of a normal vector in the plane, in standard deviations
+
+
+@dataclass(frozen=True)
+class Field:
+    """The motion fitted to one window.
+
+    Parameters
+    ----------
+    values, errors : float64 [p]
+        Of the parameters of :data:`MODELS`, and their standard deviations; NaN where too few tiles are trusted.
+    tiles : int
+        Trusted tiles, which it is fitted to.
+    agree : float
+        Share of them within three standard deviations; NaN without a fit.
+    """
+
+    values: np.ndarray
+    errors: np.ndarray
+    tiles: int
+    agree: float
+
+
+def check(model, config):
+    """Raise :exc:`ConfigError` where ``model`` cannot be fitted with this configuration."""
+    if model not in MODELS:
+        raise ConfigError(f"fit = {model!r}: one of {', '.join(MODELS)} is needed")
+    if model == "rotation" and not config.lens:
+        raise ConfigError("fit = rotation: a calibration is needed; the recording holds none: --camera FILE, camera=")
+
+
+def basis(model, config, at):
+    """Flow in px/s per unit of each parameter: float64 [2, p, n], at ``at`` [n, 2], px."""
+    if model == "rotation":
+        camera = Camera(*config.lens[:4])  # of the undistorted image
+        return camera.rotation(*camera.rays(*at.T)) * np.array([camera.fx, camera.fy])[:, None, None]
+    x, y = at.T - (np.array([[config.sensor_width], [config.sensor_height]]) - 1) / 2
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    members = {
+        "translation": ([one, zero], [zero, one]),
+        "similarity": ([one, zero, x, -y], [zero, one, y, x]),
+        "affine": ([one, zero, x, y, zero, zero], [zero, one, zero, zero, x, y]),
+    }
+    return np.array(members[model])
+
+
+def fit_field(model, window):
+    """The :class:`Field` of a :class:`~.window.Window`."""
+    names = MODELS[model]
+    used = window.trusted & np.isfinite(window.covariance).all(axis=1)
+    count, size = int(used.sum()), len(names)
+    none = Field(np.full(size, np.nan), np.full(size, np.nan), count, math.nan)
+    if 2 * count < size + 2:
+        return none
+    b = np.moveaxis(basis(model, window.config, window.centres[used]), 2, 0)  # [n, 2, p]
+    xx, yy, xy = window.covariance[used].T
+    # Cholesky of the covariance's inverse: rows in standard deviations.
+    inverse = np.linalg.inv(np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1))
+    white = np.linalg.cholesky(inverse).transpose(0, 2, 1)
+    b, v = white @ b, (white @ window.px_per_s[used, :, None])[..., 0]
+    scale = np.sqrt((b**2).sum(axis=(0, 1)))
+    if np.linalg.matrix_rank((b / np.maximum(scale, 1e-300)).reshape(-1, size), tol=1e-6) < size:
+        return none
+    theta, weight, spread = np.zeros(size), np.ones(count), 1.0
+    for _ in range(_ROUNDS):
+        root = np.sqrt(weight)[:, None]
+        system = (b * root[..., None] / scale).reshape(-1, size)
+        found = np.linalg.lstsq(system, (v * root).ravel(), rcond=None)[0] / scale
+        away = np.hypot(*(v - b @ found).T)
+        spread = max(1.0, float(np.median(away)) / _NORMAL)
+        weight = 1 / np.sqrt(1 + (away / spread) ** 2)
+        change, theta = np.abs((found - theta) * scale).max(), found
+        if change < _SETTLED * np.abs(found * scale).max(initial=1e-300):
+            break
+    errors = np.sqrt(np.diag(np.linalg.inv(system.T @ system))) / scale * spread
+    return Field(theta, errors, count, float((away < _OUTLIER * spread).mean()))

@@ -1,8 +1,0 @@
-"""``python -m cmfpga.flow``."""
-
-import sys
-
-from .. import cli
-from . import main
-
-sys.exit(cli.run(main))

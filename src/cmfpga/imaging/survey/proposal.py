@@ -1,0 +1,267 @@
+"""Proposals: an ROI, and batches in which its image moves by about 4 px per half batch."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...config.regions import MOST_STORED
+from ...errors import ConfigError
+from ..iwe import events_in_roi
+from .motion import REACH_PX, estimate
+from .places import Window, busy_places
+from .statistics import surveyed
+
+#: Motion that the proposal aims at, px per half batch, and what is accepted.
+TARGET_PX = 4.0
+ALLOWED_PX = (3.0, 5.0)
+
+_STARTS = 8  # starts, evenly over the recording's events
+_ROUNDS = 8  # changes of the window's length
+_USED_EVENTS = 2000  # of the ROI, thinned evenly
+_MIN_ROI_EVENTS = 150
+_FIRST_ROI_EVENTS = 600
+_MIN_GAIN = 1.08  # contrast at the peak, to that at v = 0
+_MIN_CLARITY = 0.03  # see estimate
+_AGREE = 0.35  # how far the velocity of other windows may differ, relative
+
+
+@dataclass(frozen=True, kw_only=True)
+class Proposal:
+    """An ROI, and batches in which its image moves by about 4 px per half batch.
+
+    Parameters
+    ----------
+    roi : (int, int)
+        Left column and top row, px.
+    start_event : int
+        Where the motion was measured: first event of the first batch.
+    batch_events : int
+        Events of the whole sensor.
+    batch_us : int
+        What they last there, µs.
+    roi_events : int
+        Of them, in the ROI.
+    v : (float, float)
+        Measured velocity, px per half batch.
+    px_per_s : (float, float)
+        The same, px/s.
+    gain, clarity : float
+        How much sharper the image is at v than at v = 0, and how clear its peak is; see :func:`estimate`.
+    fields : dict
+        Fields of the configuration that these batches need.
+    """
+
+    roi: tuple[int, int]
+    start_event: int
+    batch_events: int
+    batch_us: int
+    roi_events: int
+    v: tuple[float, float]
+    px_per_s: tuple[float, float]
+    gain: float
+    clarity: float
+    fields: dict = field(default_factory=dict)
+
+    def suited(self, config, given):
+        """``config`` with the fields that these batches need, but for those whose names are in ``given``."""
+        return config.replace(**{name: value for name, value in self.fields.items() if name not in given})
+
+    @property
+    def px(self):
+        """|v|, px per half batch."""
+        return math.hypot(*self.v)
+
+    @property
+    def text(self):
+        """The proposal in one line."""
+        return (
+            f"ROI {self.roi[0]},{self.roi[1]} from event {self.start_event} on, {self.batch_events} events a batch: "
+            f"{self.reason}"
+        )
+
+    @property
+    def reason(self):
+        """One sentence for people."""
+        speed = math.hypot(*self.px_per_s)
+        return (
+            f"the image moves at {speed:,.0f} px/s there, so in {self.batch_events:,} events, "
+            f"{self.batch_us / 1e3:,.3g} ms, it moves by {self.px:.1f} px per half batch; "
+            f"{ALLOWED_PX[0]:g} to {ALLOWED_PX[1]:g} px are measured best"
+        )
+
+
+def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda: None):
+    """ROIs and batches for ``count`` objects that do not overlap, the clearest first.
+
+    Parameters
+    ----------
+    recording : Recording
+    survey : Survey or None
+        Of the whole recording: its hot pixels are left out where places are looked for, and its number of events says
+        where to look. Without it, only the recording's start is looked at.
+    config : Config
+        Gives the ROI's size and what the hardware holds.
+    start_event : int, optional
+        Look there only; by default at the recording's start and, if nothing moves clearly there, later.
+    tick : callable
+        Called now and then, with no arguments.
+
+    Returns
+    -------
+    list of Proposal
+        May be shorter than ``count``, or empty where nothing moves clearly. All have one ``start_event``.
+    """
+    if start_event is not None:
+        starts = [start_event]
+    else:
+        events = survey.events if survey else 0
+        starts = sorted({events * k // _STARTS for k in range(_STARTS)})
+    hot = survey.hot_pixels() if survey else []
+    best = []
+    for start in starts:
+        found = _from(recording, start, config, hot, count, tick)
+        if len(found) == count:
+            return found
+        best = max(best, found, key=len)
+    return best
+
+
+def _from(recording, start, config, hot, count, tick):
+    window = Window(recording, start, config)
+    found = []
+    for place in busy_places(window.first(), config, hot, recording):
+        tick()
+        proposal = _try(window, place, config, tick)
+        if proposal:
+            found.append(proposal)
+    chosen = []
+    for proposal in sorted(found, key=lambda proposal: -proposal.clarity):
+        if len(chosen) < count and not any(_overlap(proposal.roi, other.roi, config) for other in chosen):
+            chosen.append(proposal)
+    return chosen
+
+
+def _overlap(a, b, config):
+    return abs(a[0] - b[0]) < config.roi_width and abs(a[1] - b[1]) < config.roi_height
+
+
+def _measure(window, place, begin_us, duration_us, config):
+    """``(v, gain, clarity, ROI events, all events)`` of a window of time; None where there is none, or it is empty."""
+    events = window.during(begin_us, duration_us)
+    if events is None or len(events) < 2:
+        return None
+    span = int(events.t[-1] - events.t[0])
+    index, x, y = events_in_roi(events, np.round(place).astype(int), config.roi_width, config.roi_height)
+    if len(index) < _MIN_ROI_EVENTS or not span:
+        return None
+    used = slice(None, None, math.ceil(len(index) / _USED_EVENTS))
+    dt = (2 * (events.t[index[used]] - events.t[0]) - span) / span
+    found = estimate(x[used], y[used], dt, config.roi_width, config.roi_height)
+    return *found, len(index), len(events)
+
+
+def _try(window, place, config, tick):
+    """A :class:`Proposal` for an ROI at ``place``, or None if the motion in it is not clear."""
+    duration = _first_duration(window, place, config)
+    tried = set()
+    for _ in range(_ROUNDS):
+        tick()
+        if duration is None or duration in tried:
+            return None
+        tried.add(duration)
+        measured = _measure(window, place, 0, duration, config)
+        if measured is None:
+            return None
+        v, gain, clarity, _, _ = measured
+        px = math.hypot(*v)
+        if abs(px - TARGET_PX) <= 0.6 and gain >= _MIN_GAIN and clarity >= _MIN_CLARITY:
+            return _confirmed(window, place, duration, measured, config)
+        factor = 0.4 if px > REACH_PX - 1 else min(TARGET_PX / max(px, 1), 3.0)
+        duration = max(round(duration * factor), 2)
+    return None
+
+
+def _first_duration(window, place, config):
+    """Time in which the ROI sees some hundred events, µs; None if it does not."""
+    events = window.first()
+    index, _, _ = events_in_roi(events, place, config.roi_width, config.roi_height)
+    if len(index) < _MIN_ROI_EVENTS:
+        return None
+    last = index[min(_FIRST_ROI_EVENTS, len(index)) - 1]
+    return max(int(events.t[last] - events.t[0]), 2)
+
+
+def _confirmed(window, place, duration, measured, config):
+    """The proposal, if both halves of the window and the two behind it find the same motion; one of them may not."""
+    v, gain, clarity, roi_events, all_events = measured
+    half = duration // 2
+    limits = (config.geometry.roi_x_max, config.geometry.roi_y_max)
+    velocities, gains = [v], [gain]
+    there, agree = 0, 0
+    # Begin and length of each window, and by how many v the object has moved on until its middle.
+    windows = ((0, half, -0.5), (half, half, 0.5), (duration, duration, 2), (2 * duration, duration, 4))
+    for begin, length, moved in windows:
+        at = np.clip(np.array(place) + moved * v, 0, limits)
+        other = _measure(window, at, begin, length, config)
+        if other is None and begin < duration:
+            return None
+        if other is None:  # the recording ends there
+            continue
+        there += 1
+        scale = duration / length
+        differs = math.dist(other[0] * scale, v) > _AGREE * math.hypot(*v) + 0.3 * scale
+        if differs or other[1] < _MIN_GAIN ** (1 / scale):
+            continue
+        agree += 1
+        if length == duration:
+            velocities.append(other[0])
+            gains.append(other[1])
+    if agree < max(there - 1, 2):
+        return None
+    v = np.mean(velocities, axis=0)
+    # Two digits are enough, and look like what they are.
+    scale = TARGET_PX / math.hypot(*v)
+    exact = all_events * scale
+    unit = 10 ** max(math.floor(math.log10(max(exact, 1))) - 1, 0)
+    batch_events = round(exact / unit) * unit
+    if (there := window.count(batch_events)) < batch_events:  # no batch is longer than the recording
+        batch_events = there // unit * unit
+    batch_events = max(batch_events, 2)
+    share = batch_events / all_events
+    roi_events = round(roi_events * share)
+    fields = {}
+    if batch_events > config.max_batch_events:
+        fields["max_batch_events"] = (1 << batch_events.bit_length()) - 1
+        if config.regions:
+            fields["max_batch_events"] = min(fields["max_batch_events"], MOST_STORED)
+    # A reserve, because the rate is not the same in all batches.
+    wanted = math.ceil(1.3 * roi_events / config.buffer_events)
+    if wanted > config.thinning and not config.regions:  # of these each has a stride
+        fields["thinning"] = min(wanted, config.widths.thinning_max)
+    half_s = duration / 2e6
+    return Proposal(
+        roi=tuple(map(int, place)), start_event=window.start, batch_events=batch_events,
+        batch_us=round(duration * share), roi_events=roi_events, v=tuple((v * share).tolist()),
+        px_per_s=tuple((v / half_s).tolist()), gain=float(np.median(gains)), clarity=clarity, fields=fields,
+    )  # fmt: skip
+
+
+def survey_and_propose(recording, config, *, count=1, start_event=None):
+    """What ``--roi auto`` takes: ``count`` proposals of :func:`propose`, after a :class:`Survey` of all events.
+
+    Raises :exc:`ConfigError` where there are fewer, or the events cannot be read twice.
+    """
+    survey = surveyed(recording, "--roi auto", "--roi X,Y is needed")
+    return require(propose(recording, survey, config, count=count, start_event=start_event), count, recording)
+
+
+def require(proposals, count, recording):
+    """``proposals``, if there are ``count``; otherwise :exc:`ConfigError`, in one line."""
+    if len(proposals) < count:
+        what = "nothing moves" if not proposals else f"only {len(proposals)} of {count} objects move"
+        raise ConfigError(
+            f"{recording.name}: --roi auto: {what} clearly and far enough ({TARGET_PX:g} px in half of a batch); "
+            "--roi X,Y is needed"
+        )
+    return proposals

@@ -1,0 +1,193 @@
+"use strict";
+/* The page of a run of dense flow: draws one window at a time on four canvases. */
+
+const $ = (id) => document.getElementById(id);
+const head = JSON.parse($("head").textContent);
+const { windows, sensor, frame, tile, corners, grid } = head;
+const SCALE = 4; // canvas pixels of a pixel of the sensor, where arrows are drawn
+let raw, shown = 0, playing = null;
+
+async function unpack() {
+  const packed = Uint8Array.from(atob($("blob").textContent), (sign) => sign.charCodeAt(0));
+  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
+  raw = new Uint8Array(await new Response(stream).arrayBuffer());
+  if (raw.length !== 2 * windows.length * frame[0] * frame[1]) throw new Error("its data are incomplete");
+}
+
+function canvas(id, width, height) {
+  const made = $(id);
+  made.width = width;
+  made.height = height;
+  return made.getContext("2d");
+}
+
+function drawImage(id, index) {
+  const [width, height] = frame, paper = canvas(id, width, height), image = paper.createImageData(width, height);
+  const from = index * width * height;
+  for (let k = 0; k < width * height; ++k) image.data.set([raw[from + k], raw[from + k], raw[from + k], 255], 4 * k);
+  paper.putImageData(image, 0, 0);
+}
+
+/* The colour of a flow whose speed is `share` of the rim's; as cmfpga.show.flow.pictures.colours. */
+function colour(x, y, most) {
+  const turn = (Math.atan2(y, x) / (2 * Math.PI) + 1) % 1, share = Math.min(1, Math.hypot(x, y) / most);
+  const parts = [0, 4, 2].map((at) => Math.min(1, Math.max(0, Math.abs((6 * turn + at) % 6 - 3) - 1)));
+  return `rgb(${parts.map((part) => Math.round(255 * (1 - share * (1 - part)))).join()})`;
+}
+
+/* Borders of the cells of one axis: half way between the middles of tiles. */
+const borders = grid.map((places, axis) => [0, ...places.slice(1).map((place, k) =>
+  (place + places[k] + tile[axis]) / 2), sensor[axis]]);
+
+function cells(paper, fill) {
+  const columns = grid[0].length;
+  corners.forEach((_, k) => {
+    const [i, j] = [k % columns, Math.floor(k / columns)];
+    const [left, right, top, bottom] = [borders[0][i], borders[0][i + 1], borders[1][j], borders[1][j + 1]];
+    fill(k, SCALE * left, SCALE * top, SCALE * (right - left), SCALE * (bottom - top));
+  });
+}
+
+function arrow(paper, x, y, dx, dy) {
+  const length = Math.hypot(dx, dy), angle = Math.atan2(dy, dx), tip = Math.min(0.4 * length, 3 * SCALE);
+  paper.beginPath();
+  paper.moveTo(x, y);
+  paper.lineTo(x + dx, y + dy);
+  for (const side of [-1, 1]) {
+    paper.moveTo(x + dx, y + dy);
+    paper.lineTo(x + dx - tip * Math.cos(angle + side * 0.5), y + dy - tip * Math.sin(angle + side * 0.5));
+  }
+  paper.stroke();
+}
+
+function drawFlow(one) {
+  const paper = canvas("flow", SCALE * sensor[0], SCALE * sensor[1]);
+  cells(paper, (k, ...box) => {
+    const [, vx, vy] = one.tiles[k];
+    paper.fillStyle = vx === "" ? "#474747" : one.trusted[k] ? colour(Number(vx), Number(vy), one.most) : "#9e9e9e";
+    paper.fillRect(...box);
+  });
+  const steps = grid[0].slice(1).map((place, k) => place - grid[0][k]);
+  const step = Math.max(tile[0] / 2, ...steps) * SCALE;
+  paper.strokeStyle = "#000000";
+  paper.lineWidth = SCALE / 2;
+  one.tiles.forEach(([, vx, vy], k) => {
+    if (!one.trusted[k]) return;
+    const middle = corners[k].map((at, axis) => SCALE * (at + tile[axis] / 2));
+    arrow(paper, ...middle, step * vx / one.most, step * vy / one.most);
+  });
+  const radius = 22 * SCALE, [x, y] = [SCALE * sensor[0] - radius - 8, SCALE * sensor[1] - radius - 8];
+  for (let k = 0; k < 180; ++k) {
+    for (let ring = 10; ring > 0; --ring) {
+      const angle = k * Math.PI / 90;
+      paper.fillStyle = colour(Math.cos(angle) * ring, Math.sin(angle) * ring, 10);
+      paper.beginPath();
+      paper.moveTo(x, y);
+      paper.arc(x, y, radius * ring / 10, angle - 0.02, angle + 0.02);
+      paper.fill();
+    }
+  }
+  paper.fillStyle = "#000000";
+  paper.textAlign = "center";
+  paper.font = `${7 * SCALE}px system-ui, sans-serif`;
+  paper.fillText(`${one.most} px/s`, x, y + radius - 4);
+  $("flow").setAttribute("aria-label", `Flow of ${corners.length} tiles in window ${one.window}.`);
+}
+
+function drawSure(one) {
+  const paper = canvas("sure", SCALE * sensor[0], SCALE * sensor[1]);
+  cells(paper, (k, left, top, width, height) => {
+    const kappa = Number(one.tiles[k][3] || 0), level = Math.min(1, Math.max(0, Math.log10(Math.max(kappa, 1)) / 3));
+    paper.fillStyle = one.tiles[k][3] === "" ? "#474747" : `hsl(${250 - 190 * level} 70% ${18 + 52 * level}%)`;
+    paper.fillRect(left, top, width, height);
+    if (one.trusted[k] || one.tiles[k][3] === "") return;
+    paper.strokeStyle = "#ffffff";
+    paper.beginPath();
+    paper.moveTo(left, top);
+    paper.lineTo(left + width, top + height);
+    paper.moveTo(left + width, top);
+    paper.lineTo(left, top + height);
+    paper.stroke();
+  });
+  const count = one.trusted.reduce((sum, value) => sum + value, 0);
+  $("share").textContent = `${count} of ${corners.length} tiles are to be trusted`;
+  $("sure").setAttribute("aria-label", $("share").textContent);
+}
+
+function draw() {
+  const one = windows[shown];
+  drawFlow(one);
+  drawSure(one);
+  ["still", "moved"].forEach((id, k) => {
+    drawImage(id, 2 * shown + k);
+    $(`${id}-value`).textContent = `contrast ${one.contrast[k]} (events/px)²`;
+    $(id).setAttribute("aria-label", `Image of ${one.events} events: contrast ${one.contrast[k]}.`);
+  });
+  const time = one.t === null ? "no events" : `${(one.t / 1e6).toFixed(4)} s, ${one.events} events`;
+  const moved = one.moved === null ? "" : `, ${one.moved.toFixed(1)} px per half window`;
+  $("where").textContent = `window ${one.window}: ${time}${moved}`;
+  $("slider").value = shown;
+  $("slider").setAttribute("aria-valuetext", $("where").textContent);
+  $("fit").textContent = one.fit === null ? "" : Object.entries(one.fit).filter(([name]) => !name.endsWith("_sd"))
+    .slice(2).map(([name, value]) => `${name} ${value === null ? "—" : value}`).join(", ");
+  document.body.dataset.shown = one.window;
+}
+
+function go(index) {
+  shown = Math.max(0, Math.min(windows.length - 1, index));
+  draw();
+}
+
+function stop() {
+  clearInterval(playing);
+  playing = null;
+  $("play").textContent = "▶ play";
+}
+
+function play() {
+  if (playing) return stop();
+  $("play").textContent = "❚❚ pause";
+  playing = setInterval(() => (shown < windows.length - 1 ? go(shown + 1) : stop()), 300);
+}
+
+function point(event) {
+  const box = event.target.getBoundingClientRect(), columns = grid[0].length;
+  const [i, j] = [(event.clientX - box.left) / box.width * sensor[0], (event.clientY - box.top) / box.height * sensor[1]]
+    .map((at, axis) => Math.max(0, borders[axis].findLastIndex((border, k) => k < grid[axis].length && border <= at)));
+  const k = j * columns + i;
+  $("pointed").textContent = [`x ${corners[k][0]}, y ${corners[k][1]}`, ...head.columns.map((name, n) =>
+    `${name} ${windows[shown].tiles[k][n] === "" ? "—" : windows[shown].tiles[k][n]}`)].join(", ");
+}
+
+function listen() {
+  $("slider").max = windows.length - 1;
+  $("slider").addEventListener("input", () => { stop(); go(Number($("slider").value)); });
+  $("previous").addEventListener("click", () => { stop(); go(shown - 1); });
+  $("next").addEventListener("click", () => { stop(); go(shown + 1); });
+  $("play").addEventListener("click", play);
+  const ways = { ArrowLeft: -1, ArrowRight: 1, PageUp: -10, PageDown: 10, Home: -Infinity, End: Infinity };
+  document.addEventListener("keydown", (event) => {
+    if (!(event.key in ways) || event.target === $("slider") || event.ctrlKey || event.altKey || event.metaKey) return;
+    stop();
+    go(shown + ways[event.key]);
+    event.preventDefault();
+  });
+  for (const id of ["flow", "sure"]) $(id).addEventListener("pointermove", point);
+  $("theme").addEventListener("click", () => {
+    const root = document.documentElement, now = getComputedStyle(root).colorScheme;
+    root.dataset.theme = now === "dark" ? "light" : "dark";
+  });
+}
+
+(async () => {
+  try {
+    await unpack();
+    listen();
+    go(0);
+    document.body.dataset.ready = "yes";
+  } catch (error) {
+    $("problem").textContent = `This browser cannot draw the page: ${error.message}`;
+    $("problem").hidden = false;
+    throw error;
+  }
+})();

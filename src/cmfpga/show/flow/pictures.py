@@ -1,0 +1,112 @@
+"""The picture of a window: events with arrows, flow in colours, the events moved back by it, confidence."""
+
+import numpy as np
+
+from ...errors import naming
+from ..gallery import DPI, check_suffix
+
+#: What a picture can be written as.
+SUFFIXES = (".png", ".pdf", ".svg")
+#: Colours of tiles without a colour of the wheel.
+DOUBTFUL, EMPTY = (0.62, 0.62, 0.62), (0.28, 0.28, 0.28)
+
+
+def colours(v, most):
+    """Colours of flow: float64 [..., 3]. The hue is the direction, white stands still, ``most`` is saturated."""
+    turn = np.arctan2(v[..., 1], v[..., 0]) / (2 * np.pi) % 1
+    full = np.clip(np.abs((turn[..., None] * 6 + np.array([0, 4, 2])) % 6 - 3) - 1, 0, 1)
+    strength = np.clip(np.hypot(v[..., 0], v[..., 1]) / max(most, 1e-9), 0, 1)[..., None]
+    return 1 - strength * (1 - full)
+
+
+def top_speed(window):
+    """The speed that has the full colour, px/s: a round number, above which are few of the trusted tiles."""
+    speeds = np.hypot(*window.px_per_s[window.trusted].T)
+    if not len(speeds):
+        return 1.0
+    wanted = max(float(np.percentile(speeds, 95)), 1e-6)
+    scale = 10.0 ** np.floor(np.log10(wanted))
+    return float(scale * next(step for step in (1, 1.5, 2, 3, 5, 7, 10) if step * scale >= wanted * 0.999))
+
+
+def tile_of_pixels(tiles, width, height):
+    """Number of the tile whose middle is nearest to each pixel: int64 [height, width]."""
+    nearest = []
+    for places, side, size in ((tiles.columns, tiles.width, width), (tiles.rows, tiles.height, height)):
+        middles = np.array(places) + (side - 1) / 2
+        nearest.append(np.searchsorted((middles[1:] + middles[:-1]) / 2, np.arange(size)))
+    return nearest[1][:, None] * len(tiles.columns) + nearest[0]
+
+
+def field(window, most):
+    """The flow in colours, [rows, columns, 3]; doubtful and degenerate tiles in grey."""
+    shown = colours(np.nan_to_num(window.px_per_s), most)
+    measured = np.isfinite(window.px_per_s[:, 0])
+    shown[~window.trusted] = DOUBTFUL
+    shown[~measured] = EMPTY
+    return shown[tile_of_pixels(window.tiles, window.config.sensor_width, window.config.sensor_height)]
+
+
+def save(window, path, title):
+    """Write the picture of a :class:`~.window.Window` as what the suffix says: one of :data:`SUFFIXES`."""
+    with naming(check_suffix(path, SUFFIXES)):
+        figure(window, title).savefig(path, dpi=DPI)
+
+
+def figure(window, title):
+    """The picture as a Matplotlib ``Figure``."""
+    from matplotlib.figure import Figure  # takes a second to import; no window, so no pyplot
+    from matplotlib.patches import Patch
+
+    config, most = window.config, top_speed(window)
+    made = Figure(figsize=(13, 8.8), layout="constrained")
+    (raw, flow), (sharp, sure) = made.subplots(2, 2, sharex=True, sharey=True)
+    still, moved = window.images()
+    limits = {
+        "cmap": "gray",
+        "vmin": 0,
+        "vmax": max(float(np.percentile(moved, 99.5)), 1.0),
+        "interpolation": "nearest",
+    }
+    raw.imshow(still, **limits)
+    raw.set_title(f"events as they came: contrast {still.var():.3f}")
+    sharp.imshow(moved, **limits)
+    sharp.set_title(f"moved back by the flow: contrast {moved.var():.3f}")
+    arrows(raw, window, most)
+    flow.imshow(field(window, most), interpolation="nearest")
+    flow.set_title("flow of each tile")
+    handles = [Patch(facecolor=DOUBTFUL, label="doubtful"), Patch(facecolor=EMPTY, label="too few events")]
+    flow.legend(handles=handles, loc="upper left", fontsize=8)
+    wheel(flow.inset_axes((1.03, 0.35, 0.2, 0.2 * config.sensor_width / config.sensor_height)), most)
+    kappa = np.where(np.isfinite(window.kappa), np.maximum(window.kappa, 1.0), np.nan)
+    tiles = tile_of_pixels(window.tiles, config.sensor_width, config.sensor_height)
+    shown = sure.imshow(np.log10(kappa)[tiles], cmap="viridis", vmin=0, vmax=3, interpolation="nearest")
+    made.colorbar(shown, ax=sure, label="log10 of the confidence [1/px²]", shrink=0.8)
+    sure.set_title(f"confidence; doubtful below {config.confidence_limit:g}")
+    where = f", {config.image}" * bool(config.image)
+    for axis in (raw, flow, sharp, sure):
+        axis.set(xlabel=f"x{where} [px]", ylabel=f"y{where} [px]")
+    made.suptitle(title.encode("latin-1", "replace").decode("latin-1").replace("$", r"\$"))
+    return made
+
+
+def arrows(axis, window, most, colour="tab:orange"):
+    """Draw the flow of trusted tiles as arrows; ``most`` px/s are as long as a step of the grid."""
+    tiles = window.tiles
+    step = max(np.diff(tiles.columns).max(initial=1), tiles.width // 2)
+    middle = (np.array(tiles.corners) + (np.array([tiles.width, tiles.height]) - 1) / 2)[window.trusted]
+    way = window.px_per_s[window.trusted] * (step / most)
+    if len(middle):
+        axis.quiver(
+            *middle.T, *way.T, angles="xy", scale_units="xy", scale=1, color=colour, width=0.003, headwidth=4
+        )  # fmt: skip
+
+
+def wheel(axis, most):
+    """The legend of the colours."""
+    at = np.linspace(-1, 1, 101)
+    way = np.stack(np.meshgrid(at, at), axis=-1)
+    shown = np.dstack([colours(way, 1.0), np.hypot(*np.moveaxis(way, -1, 0)) <= 1])
+    axis.imshow(shown, extent=(-1, 1, 1, -1))
+    axis.text(0, 1.05, f"{most:g} px/s", ha="center", va="top")
+    axis.set_axis_off()

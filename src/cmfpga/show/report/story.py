@@ -1,0 +1,228 @@
+"""A track in plain words: what moved, where to, how fast, and whether the hardware would keep up."""
+
+import functools
+import math
+
+import numpy as np
+
+from ...imaging.iwe import gain
+from ...protocol.flags import Flag
+from ...tracking.verdict import Verdict
+from .cycles import PARTS, hardware_cycles
+
+#: From the right, clockwise on the screen (y points down), in steps of 45°.
+DIRECTIONS = (
+    "to the right",
+    "down and to the right",
+    "down",
+    "down and to the left",
+    "to the left",
+    "up and to the left",
+    "up",
+    "up and to the right",
+)
+
+#: A path is told leg by leg if it has no more of them.
+MAX_LEGS = 4
+
+#: Where velocities are right, contrast grows at least so many times; the demo's noisy scene reaches 1.2.
+SHARPER = 1.1
+
+
+def direction(dx, dy):
+    """The nearest of :data:`DIRECTIONS`."""
+    return DIRECTIONS[round(math.atan2(dy, dx) / (math.pi / 4)) % 8]
+
+
+def corners(points, tolerance):
+    """Indices of the points that a path can be simplified to: none of the others is farther from it than ``tolerance``.
+
+    By halving at the farthest point (Ramer 1972; Douglas and Peucker 1973).
+    """
+    first, last = points[0], points[-1]
+    along = last - first
+    share = np.clip((points - first) @ along / max(along @ along, 1e-12), 0, 1)
+    distance = np.hypot(*(points - first - share[:, None] * along).T)
+    far = int(distance.argmax())
+    if distance[far] <= tolerance:
+        return [0, len(points) - 1]
+    return corners(points[: far + 1], tolerance)[:-1] + [far + k for k in corners(points[far:], tolerance)]
+
+
+class Story:
+    """Sentences about a track.
+
+    Parameters
+    ----------
+    kept : Kept
+    clock_mhz : float
+        Assumed clock of the hardware.
+
+    Attributes
+    ----------
+    cycles : float64 array [B]
+        Clock cycles of each batch; NaN where there are none.
+    by_formula : bool
+        The engine has no clock, so they are those that the cycle formula gives; with lanes the most that it allows.
+    parts : dict
+        What they go to, as :func:`.cycles.hardware_cycles` says.
+    compute_us : float64 array [B]
+        Time that they take.
+    margin : float64 array [B]
+        How many times as long the batch lasts.
+    """
+
+    def __init__(self, kept, clock_mhz):
+        self.kept, self.clock_mhz = kept, clock_mhz
+        self.cycles, self.by_formula, self.parts = hardware_cycles(kept)
+        self.compute_us = self.cycles / clock_mhz
+        spans = np.array(kept.spans, np.float64)
+        with np.errstate(invalid="ignore"):
+            self.margin = np.where(spans > 0, spans / self.compute_us, np.nan)
+
+    @functools.cached_property
+    def flags(self):
+        """Of each batch."""
+        return [Flag.parse(text) for text in self.kept.column("flags")]
+
+    @functools.cached_property
+    def verdict(self):
+        """How far the batches are to be trusted."""
+        config = self.kept.config
+        return Verdict(self.kept.numbers, self.flags, config.motion, config.cold_after_doubtful)
+
+    @property
+    def lead(self):
+        """The answer in one sentence."""
+        sentence = f"{self._motion()} {self._hardware()}"
+        return sentence if self.fits else f"Doubtful, see the remarks: {sentence[0].lower()}{sentence[1:]}"
+
+    @property
+    def measured(self):
+        """Which batches measured a velocity: bool [B]."""
+        return ~np.isnan(self.kept.numbers("vx_px_per_s"))
+
+    def _motion(self):
+        if not self.measured.any():
+            return "Nothing could be measured: no batch had enough events in the ROI (the orange frame);"
+        kept = self.kept
+        begin, end = kept.numbers("t_ref_us")[self.measured][[0, -1]]
+        seconds = (end - begin + np.array(kept.spans)[self.measured][[0, -1]].sum() / 2) / 1e6
+        if not self.verdict.px_per_s:
+            return (
+                f"None of the {len(self.flags)} batches is to be trusted: what moves in the orange frame is not known;"
+            )
+        if kept.config.motion == "rotation":
+            speed = np.linalg.norm([*self.verdict.rates.values()], axis=0)
+            fastest = f", up to {speed.max():.3g} rad/s" if speed.max() > 1.3 * np.median(speed) else ""
+            return f"The camera turned for {seconds:.2f} s, at about {np.median(speed):.3g} rad/s{fastest};"
+        _, median, highest = self.verdict.px_per_s
+        fastest = f", up to {highest:.0f} px/s" if highest > 1.3 * median else ""
+        return (
+            f"The object in the orange frame {self._path()} within {seconds:.2f} s, "
+            f"at about {median:.0f} px/s{fastest}{self._lost()};"
+        )
+
+    def _lost(self):
+        """What became of an object that was no longer measured in the end."""
+        last = int(np.flatnonzero(self.measured)[-1])
+        if last + 1 == len(self.measured):
+            return ""
+        return f", until it was lost after batch {last}"
+
+    def _path(self):
+        points = np.array([*zip(self.kept.numbers("roi_x"), self.kept.numbers("roi_y"), strict=True)])
+        points = np.vstack([points, self.kept.roi_next])
+        extent = np.hypot(*np.ptp(points, axis=0))
+        if extent < 2:
+            return "stayed where it was"
+        legs = np.diff(points[corners(points, max(3.0, 0.1 * extent))], axis=0)
+        if len(legs) <= MAX_LEGS:
+            return "moved " + ", then ".join(f"{np.hypot(*leg):.0f} px {direction(*leg)}" for leg in legs)
+        length, whole = np.hypot(*legs.T).sum(), points[-1] - points[0]
+        end = f"{np.hypot(*whole):.0f} px {direction(*whole)} from" if np.hypot(*whole) >= 1 else "at"
+        return f"moved along a path of about {length:.0f} px that ends {end} where it began,"
+
+    def _hardware(self):
+        timed = ~np.isnan(self.margin)
+        if not timed.any():
+            return "so there is nothing to say about the hardware's speed."
+        clock = f"at an assumed clock of {self.clock_mhz:g} MHz"
+        worst = int(np.nanargmin(self.margin))
+        span, took, margin = self.kept.spans[worst] / 1e3, self.compute_us[worst] / 1e3, self.margin[worst]
+        slow = int((self.margin[timed] < 1).sum())
+        if slow:
+            return (
+                f"the hardware would not keep up {clock}: {slow} of {timed.sum()} batches take longer to compute than "
+                f"they last, batch {worst} {number(took)} ms for {number(span)} ms."
+            )
+        return (
+            f"the hardware would keep up: {clock} even the tightest batch, number {worst}, is computed in "
+            f"{number(took)} ms and lasts {number(span)} ms, {number(margin)} times as long."
+        )
+
+    @property
+    def notes(self):
+        """Further sentences, each by itself: how far to trust the first."""
+        verdict, sharper = self.verdict, self.gain
+        sentences = filter(None, (verdict.share, verdict.velocity, *verdict.warnings(), *verdict.notes(fitted=True)))
+        found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
+        if motion := verdict.motion_text:
+            found.insert(0, f"{motion[0].upper()}{motion[1:]}." if motion[0] != "ω" else f"{motion}.")
+        if image := self.kept.config.image:
+            found.insert(0, f"ROI, velocity and pictures are in the {image} image.")
+        if sharper is not None:
+            found.append(
+                f"Moved back by the velocities found, the events make an image of {sharper:.2f} times the contrast "
+                "that they have as they came (dithered; median over the batches)"
+                + (": the velocities fit." if self.fits else ". That is hardly more: do not trust the velocities.")
+            )
+        truths = np.array(self.kept.truths)
+        if not np.isnan(truths).all():
+            found_v = np.stack([self.kept.numbers("vx_px_per_s"), self.kept.numbers("vy_px_per_s")], axis=1)
+            error = np.hypot(*(found_v - truths)[self.measured].T)
+            if len(error):
+                found.append(
+                    f"The true motion of this recording is known: the velocities are {np.median(error):.0f} px/s off "
+                    f"in the median, {error.max():.0f} px/s at worst."
+                )
+        total, warned = len(self.flags), [flags.warnings for flags in self.flags if flags.warnings]
+        if warned:
+            counts = {flag.text: sum(flag in flags for flags in warned) for flag in Flag}
+            which = ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
+            found.append(f"{len(warned)} of {total} batches have warnings: {which}.")
+        else:
+            found.append(f"None of the {total} batches has a warning: nothing unusual happened.")
+        if thinned := sum(Flag.THINNED in flags for flags in self.flags):
+            found.append(f"In {thinned} of {total} batches events were left out evenly, to keep their number down.")
+        if self.parts and self.measured.any():
+            sums = np.nansum([self.parts[name] for name in PARTS], axis=1)
+            shares = ", ".join(f"{share:.0%} {name}" for name, share in zip(PARTS, sums / sums.sum(), strict=True))
+            found.append(
+                f"Of the clock cycles after a batch's last event are, with {self.kept.config.lanes} lanes, {shares}."
+            )
+        return found
+
+    @property
+    def fits(self):
+        """Whether the velocities found make the image sharper, as they should; True where nothing was measured."""
+        return self.gain is None or self.gain > SHARPER
+
+    @functools.cached_property
+    def gain(self):
+        """How many times the contrast at v = 0 that at the found v is, in the median; None if nothing was measured."""
+        config, ratios = self.kept.config, []
+        for detail in self.kept.details:
+            span = self.kept.spans[detail.batch]
+            if not len(detail.levels) or not span:
+                continue
+            dt = (2 * detail.since.astype(np.float64) - span) / span
+            roi = [self.kept.numbers(name)[detail.batch] for name in ("roi_x", "roi_y")]
+            ratios.append(gain(config, *self.kept.places(detail), dt, detail.v[-1], roi))
+        return float(np.median(ratios)) if ratios else None
+
+
+def number(value):
+    """Three significant digits, without an exponent."""
+    digits = max(0, 2 - math.floor(math.log10(abs(value)))) if value else 0
+    return f"{value:,.{digits}f}"

@@ -1,0 +1,261 @@
+"""The core's emitted Verilog in Verilator: its compiled library, driven from here."""
+
+import ctypes
+
+import numpy as np
+
+from ...imaging.camera import node_writes
+from ...protocol.settings import schedule_table
+from ...protocol.tables import mask_writes
+from ...rtl.top import verilog_top
+from ..compile import TABLES, compile_library, is_sound, load, port_names, trace_prefixes
+from ..emit import cache_folder
+
+#: The members of ``struct Run`` of harness.cpp, in order.
+ARRAYS = ("settings", "t", "x", "y", "ends", "gaps", "stalls", "results", "offered", "valid", "trace", "pixels")
+NUMBERS = ("batches", "outcomes", "open_end", "max_cycles", "trace_rows", "pixel_rows")
+RETURNED = ("accepted", "trace_count", "pixel_count", "results_count")
+
+TIMED_OUT, RESULT_CHANGED = 1, 2
+
+
+class _Run(ctypes.Structure):
+    _fields_ = [(name, ctypes.c_void_p) for name in ARRAYS]
+    _fields_ += [(name, ctypes.c_int64) for name in (*NUMBERS, *RETURNED)]
+
+
+def _pointer(array):
+    return None if array is None else ctypes.c_void_p(array.ctypes.data)
+
+
+def _zeros(*shape):
+    return np.zeros(shape, np.int64)
+
+
+class VerilatedCore:
+    """One simulated core, driven batch by batch.
+
+    Parameters
+    ----------
+    config : Config
+        Hardware fields choose the library; it is compiled on first use and kept in the user's cache.
+    seed : int
+        Of the random contents that memories and reset-less registers start with.
+    core : VerilogCore, optional
+        The core of this configuration, where it has further outputs, such as :class:`cmfpga.show.wave.WaveCore`.
+    """
+
+    def __init__(self, config, *, seed=1, core=None):
+        core, library = _core_and_library(config) if core is None else (core, compile_library(core))
+        self.config = config
+        self.core = core
+        self.settings_names = port_names(core.inputs, "settings_")
+        self.result_names = port_names(core.outputs, "result_")
+        self.trace_names = port_names(core.outputs, trace_prefixes(core)[0], but="trace_pixels")
+        self.pixel_names = port_names(core.outputs, "trace_pixels_")
+        self._library = load(library)
+        self._library.core_new.restype = ctypes.c_void_p
+        self._library.core_wave_count.restype = ctypes.c_int64
+        self._handle = ctypes.c_void_p(self._library.core_new(seed))
+        self._written = {"schedule": ()}  # what the tables hold
+        self.reset()
+
+    def reset(self, cycles=2):
+        """Hold the core's reset for some clock cycles."""
+        self._library.core_reset(self._open(), ctypes.c_int64(cycles))
+
+    def _open(self):
+        if not self._handle:
+            raise ValueError("the simulated core is closed")
+        return self._handle
+
+    def write_schedule(self, table):
+        """Fill the table of schedules with (level, shift, stride), from address 0 on; between batches only."""
+        if self._is_new("schedule", table):
+            self._write("schedule", [(address, *row) for address, row in enumerate(table)])
+
+    def write_tables(self, settings):
+        """Fill all tables as a batch with these :class:`BatchSettings` needs them; between batches only."""
+        self.write_schedule(schedule_table(self.config, settings))
+        self._write_mask_and_nodes(settings)
+
+    def _write_mask_and_nodes(self, settings):
+        marked = self._written.get("mask")
+        if settings.hot_mask and self._is_new("mask", settings.hot_mask):
+            self._write("mask", mask_writes(self.config, settings.hot_mask, marked))
+        if settings.camera and self._is_new("node", settings.camera):
+            self._write("node", node_writes(self.config, settings.camera))
+
+    def _is_new(self, table, content):
+        self._open()
+        before, self._written[table] = self._written.get(table), content
+        return content != before
+
+    def _write(self, table, rows):
+        rows = np.array(rows, np.int64)
+        number, width = TABLES.index(table), rows.size // max(1, len(rows))
+        self._library.core_write_table(
+            self._open(), number, _pointer(rows), ctypes.c_int64(width), ctypes.c_int64(len(rows))
+        )
+
+    def start_waves(self):
+        """Record the outputs whose names begin with ``wave_``, from the next clock cycle on."""
+        self._library.core_wave_start(self._open())
+
+    def take_waves(self):
+        """``(cycles, ports, values)`` of what changed since :meth:`start_waves`: int32, int32, int64 arrays.
+
+        Cycles are counted from 0; ``ports`` are numbers of the ``wave_`` outputs, all of which change in cycle 0.
+        """
+        count = self._library.core_wave_count(self._open())
+        cycles, ports, values = np.zeros(count, np.int32), np.zeros(count, np.int32), np.zeros(count, np.int64)
+        self._library.core_wave_take(self._open(), _pointer(cycles), _pointer(ports), _pointer(values))
+        return cycles, ports, values
+
+    def close(self):
+        """Free the simulation. Safe to call twice."""
+        if self._handle:
+            self._library.core_free(self._handle)
+            self._handle = None
+
+    def __del__(self):
+        if getattr(self, "_handle", None):
+            self.close()
+
+    def run(self, t, x, y, settings, *, gaps=None, result_stall=0, open_end=False, keep_pixels=False, max_cycles=None):
+        """One batch.
+
+        Parameters
+        ----------
+        t, x, y : int64 arrays [N]
+            Events.
+        settings : dict of str to int
+            Settings inputs by name, all of them.
+        gaps : int array [N], optional
+            Idle cycles before each event is offered.
+        result_stall : int
+            Clock cycles for which the result is left waiting.
+        open_end : bool
+            Do not mark the last event: the core must end the batch by itself.
+        keep_pixels : bool
+            Return what every sweep read.
+        max_cycles : int, optional
+            Give up after these; by default twice what the batch can take.
+
+        Returns
+        -------
+        result : dict of str to int
+            Result ports, and ``measured_cycles`` and ``accepted`` (events taken) as the test bench counted them.
+        trace : int64 array [T, 7]
+            The trace ports of every iteration, in the order of ``trace_names``.
+        pixels : int64 array [T, P/4, 12], or None
+            I, Dx, Dy of banks 0 to 3 in the order of the sweep.
+        """
+        (values,), trace, pixels = self._play(
+            [(t, x, y)], [settings], gaps, [result_stall], open_end=open_end, keep_pixels=keep_pixels, limit=max_cycles
+        )
+        values["measured_cycles"] = values.pop("valid") - values.pop("offered")
+        return values, trace, pixels
+
+    def stream(self, batches, settings, *, gaps=None, stalls=None):
+        """Several batches without a pause between them: the next one is offered while results are awaited.
+
+        Parameters
+        ----------
+        batches : list of (t, x, y)
+            Events; at least one per batch.
+        settings : list of dict
+            Settings inputs of each batch.
+        gaps : int array, optional
+            Idle cycles before each event of all batches.
+        stalls : list of int, optional
+            Clock cycles for which each result is left waiting.
+
+        Returns
+        -------
+        results : list of dict
+            Result ports of each batch; ``offered`` and ``valid`` are the cycles of its first offer and its result.
+        traces : list of int64 arrays [T, 7]
+        """
+        values, trace, _ = self._play(batches, settings, gaps, [0] * len(batches) if stalls is None else stalls)
+        return values, np.split(trace, np.cumsum([row["iterations"] for row in values])[:-1])
+
+    def _play(self, batches, settings, gaps, stalls, *, open_end=False, keep_pixels=False, limit=None):
+        """``(ports of each result, trace of all iterations, pixels of all sweeps or None)``."""
+        plans = [max(int(row.get(name, 0)) for name in ("iterations", "cold_count", "warm_count")) for row in settings]
+        if limit is None:  # twice what the batches can take one after the other
+            limit = self._patience(gaps, stalls)
+            for (t, _, _), plan in zip(batches, plans, strict=True):
+                limit += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan, most=True) + 1000
+        values, trace, pixels, offered = self._drive(
+            batches, settings, gaps, stalls, sum(plans), limit, open_end=open_end, keep_pixels=keep_pixels
+        )
+        for row, cycle in zip(values, offered, strict=True):
+            row["offered"] = cycle
+        return values, trace, pixels
+
+    def _patience(self, gaps, stalls):
+        """Clock cycles that a run may take beside those of its batches."""
+        geometry = self.config.geometry
+        clearing = geometry.bank_depth + geometry.cell_depth * self.config.background
+        return 2 * clearing + int(sum(stalls) + sum([] if gaps is None else gaps))
+
+    def _drive(self, batches, settings, gaps, stalls, iterations, limit, *, open_end=False, keep_pixels=False):
+        """Play batches until as many results have come as there are ``stalls``; at most so many ``iterations``.
+
+        Returns ``(ports of each result, trace of all iterations, pixels of all sweeps or None, cycles of the first
+        offers)``; ``valid`` among the ports is the cycle of the result, ``accepted`` counts events.
+        """
+        lengths, words = [len(t) for t, _, _ in batches], self.config.geometry.bank_words
+        arrays = dict(zip("txy", (np.concatenate(axis) for axis in zip(*batches, strict=True)), strict=True))
+        arrays |= {
+            "settings": [[row[name] for name in self.settings_names] for row in settings],
+            "ends": np.cumsum(lengths),
+            "gaps": gaps,
+            "stalls": stalls,
+            "results": _zeros(len(stalls), len(self.result_names)),
+            "offered": _zeros(len(batches)),
+            "valid": _zeros(len(stalls)),
+            "trace": _zeros(max(1, iterations), len(self.trace_names)),
+            "pixels": _zeros(max(1, iterations) * words, len(self.pixel_names)) if keep_pixels else None,
+        }
+        arrays = {name: None if it is None else np.ascontiguousarray(it, np.int64) for name, it in arrays.items()}
+        run = _Run(
+            **{name: _pointer(array) for name, array in arrays.items()},
+            batches=len(batches),
+            outcomes=len(stalls),
+            open_end=int(open_end),
+            max_cycles=limit,
+            trace_rows=len(arrays["trace"]),
+            pixel_rows=len(arrays["pixels"]) if keep_pixels else 0,
+        )
+        status = self._library.core_run(self._open(), ctypes.byref(run))
+        if status == TIMED_OUT:
+            raise TimeoutError(
+                f"{run.results_count} of {len(stalls)} results after {limit} clock cycles: {run.accepted} of "
+                f"{sum(lengths)} events accepted, {run.trace_count} of {iterations} iterations seen"
+            )
+        if status == RESULT_CHANGED:
+            raise AssertionError("a result changed while it was waiting to be taken")
+        values = [dict(zip(self.result_names, row, strict=True)) for row in arrays["results"].tolist()]
+        for number, row in enumerate(values):
+            row |= {"valid": int(arrays["valid"][number]), "accepted": run.accepted}
+        done = sum(row["iterations"] for row in values)
+        if run.trace_count != done:
+            raise AssertionError(f"{run.trace_count} iterations traced, {done} reported")
+        pixels = arrays["pixels"]
+        if keep_pixels:
+            pixels = pixels[: run.pixel_count].reshape(done, words, len(self.pixel_names))
+        return values, arrays["trace"][:done], pixels, arrays["offered"].tolist()
+
+
+_known = {}  # what _core_and_library has returned to this process
+
+
+def _core_and_library(config):
+    """The top of a hardware, and its library; once a process, for emitting alone takes seconds."""
+    key = config.hardware_hash, cache_folder()
+    if key not in _known or not is_sound(_known[key][1]):
+        core = verilog_top(config)
+        _known[key] = core, compile_library(core)
+    return _known[key]

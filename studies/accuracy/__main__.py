@@ -1,0 +1,8 @@
+"""``python -m studies.accuracy``."""
+
+import sys
+
+from cmfpga import cli
+from . import main
+
+sys.exit(cli.run(main))

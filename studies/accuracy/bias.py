@@ -1,0 +1,176 @@
+"""Why v is too small or too large in a slow dense scene: the ROI's border, dither and camera, one at a time.
+
+All scenes are synthetic, and their motion is constant. The warm ascent starts at the truth, so that no batch is lost.
+"""
+
+import functools
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cmfpga.events import Events, generate
+from .case import Case
+from .scores import measure, run_case
+from .yardstick import ROI
+
+SPEEDS = (0.5, 0.75, 1.1, 1.5, 2.2, 4.0)  # px per half batch
+BATCHES = 12  # of each speed
+EVENTS = 1500  # of an object of OBJECT² px², about
+OBJECT = 40  # px, of what stays inside the ROI
+DURATION_US = 40_000
+_SIDE = 80  # of the sensor: what enters the ROI exists before it does
+_FINE = 8  # places per px of a pixel camera's texture
+_BLUR_PX = 1.5
+_STEPS = 100  # of a pixel camera in one batch
+
+
+@dataclass(frozen=True)
+class EdgeCamera:
+    """:func:`cmfpga.events.generate`: edges emit events, wherever they are. ``size`` of the object in px."""
+
+    size: int
+
+    def __call__(self, rng, v):
+        contrast = EVENTS / (OBJECT**2 * 2 * math.hypot(*v) * 2 / math.pi)
+        middle = np.full(2, (_SIDE - 1) / 2) + rng.uniform(-0.5, 0.5, 2)
+        return generate(
+            seed=int(rng.integers(1 << 31)), width=_SIDE, height=_SIDE, texture="dense", size=(self.size, self.size),
+            position=tuple(middle - v), velocity=tuple(2e6 * v / DURATION_US), duration_us=DURATION_US,
+            contrast=contrast,
+        ).events  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PixelCamera:
+    """Pixels that each compare their brightness with the one at their last event.
+
+    Parameters
+    ----------
+    size : int
+        Of the object, px; it fades out towards its border. 0: the scene has no end.
+    mismatch : float
+        Standard deviation of a pixel's threshold, as a share.
+    refractory : float
+        Time after an event in which a pixel sees nothing, in half batches.
+    lag : float
+        Time constant of its low pass, in half batches.
+    """
+
+    size: int = 0
+    mismatch: float = 0.0
+    refractory: float = 0.0
+    lag: float = 0.0
+
+    def __call__(self, rng, v):
+        pattern = _texture(rng, self.size)
+        edges = 2 * math.hypot(*v) * 2 / math.pi * OBJECT**2 / 2  # half of it is turned back
+        threshold = edges / EVENTS * np.maximum(1 + self.mismatch * rng.standard_normal((_SIDE, _SIDE)), 0.2)
+        row, column = np.mgrid[:_SIDE, :_SIDE] * 1.0
+        step = 2 / _STEPS
+        low = last = _seen(pattern, column, row, v, -3.0)
+        reference, asleep = last + threshold * rng.uniform(-1, 1, last.shape), np.full(last.shape, -9.0)
+        found = []
+        for k in range(2 * _STEPS):  # the first half settles the references
+            begin, end = -3 + k * step, -3 + (k + 1) * step
+            now = _seen(pattern, column, row, v, end)
+            low = low + (now - low) * (1 - math.exp(-step / self.lag)) if self.lag else now
+            woken = (asleep > begin) & (asleep <= end)
+            reference = np.where(woken, low, reference)
+            while True:
+                up = low - reference
+                fires = (np.abs(up) >= threshold) & (asleep <= end)
+                if not fires.any():
+                    break
+                y, x = np.nonzero(fires)
+                sign = np.sign(up[y, x])
+                reference[y, x] += sign * threshold[y, x]
+                change = low[y, x] - last[y, x]
+                share = np.clip((reference[y, x] - last[y, x]) / np.where(change == 0, 1, change), 0, 1)
+                if self.refractory:
+                    asleep[y, x] = begin + share * step + self.refractory
+                if begin >= -1:
+                    found.append(np.stack([begin + share * step, x, y, sign > 0]))
+            last = low
+        t, x, y, p = np.concatenate(found, axis=1)
+        t = np.floor((t + 1) / 2 * (DURATION_US - 1))
+        order = np.argsort(t, kind="stable")
+        return Events(*(part[order].astype(np.int64) for part in (t, x, y, p)))
+
+
+def _texture(rng, size):
+    """A smooth random pattern, periodic, whose gradient is 1 per px on average; of ``size`` px, if not 0."""
+    places = _SIDE * _FINE
+    wave = np.fft.fftfreq(places) * _FINE
+    blur = np.exp(-2 * (np.pi * _BLUR_PX) ** 2 * (wave[:, None] ** 2 + wave**2))
+    blur = blur * np.sinc(wave[:, None]) * np.sinc(wave)  # the pixel's own area
+    pattern = np.fft.ifft2(np.fft.fft2(rng.standard_normal((places, places))) * blur).real
+    pattern = pattern / np.hypot(*np.gradient(pattern, 1 / _FINE)).mean()
+    if size:
+        off = np.abs(np.arange(places) / _FINE - (_SIDE - 1) / 2)
+        fade = np.clip((size / 2 - off) / 4, 0, 1)
+        pattern = pattern * fade * fade[:, None]
+    return pattern
+
+
+def _seen(pattern, column, row, v, t):
+    """Brightness at pixels at the time ``t``, half batches from the middle; bilinear between the pattern's places."""
+    parts = []
+    for at, axis in ((row, v[1]), (column, v[0])):
+        place = (at - axis * t) * _FINE
+        first = np.floor(place).astype(np.int64)
+        parts.append((first % len(pattern), (first + 1) % len(pattern), place - first))
+    (top, bottom, down), (left, right, across) = parts
+    upper = pattern[top, left] * (1 - across) + pattern[top, right] * across
+    lower = pattern[bottom, left] * (1 - across) + pattern[bottom, right] * across
+    return upper * (1 - down) + lower * down
+
+
+#: What holds the events of a scene that fills the ROI.
+ROOMY = {"buffer_events": 8191}
+
+#: What is seen, by whom, and fields of the configuration.
+CAUSES = (
+    ("edges, object inside the ROI", EdgeCamera(OBJECT), {}),
+    ("edges, object inside, no dither", EdgeCamera(OBJECT), {"dither_frac": 0}),
+    ("edges, scene beyond the ROI", EdgeCamera(_SIDE), ROOMY),
+    ("edges, beyond, border = corners", EdgeCamera(_SIDE), {**ROOMY, "border": "corners"}),
+    ("pixels, object inside the ROI", PixelCamera(size=OBJECT), {}),
+    ("pixels, object inside, no dither", PixelCamera(size=OBJECT), {"dither_frac": 0}),
+    ("pixels, thresholds differ by 15 %", PixelCamera(size=OBJECT, mismatch=0.15), {}),
+    ("pixels, blind for 0.2 half batches", PixelCamera(size=OBJECT, refractory=0.2), {}),
+    ("pixels, scene beyond the ROI", PixelCamera(), ROOMY),
+)
+
+
+def cases(camera, speed):
+    """Batches of one camera and speed, a list of :class:`Case`; directions are spread evenly."""
+    made = []
+    for index in range(BATCHES):
+        rng = np.random.default_rng([7, index])
+        angle = 2 * math.pi * (index + 0.37) / BATCHES
+        v = speed * np.array([math.cos(angle), math.sin(angle)])
+        events = camera(rng, v)
+        truth = tuple(v * (int(events.t[-1]) - int(events.t[0])) / DURATION_US)
+        made.append(Case(events, ((_SIDE - ROI) // 2,) * 2, truth, truth, {}))
+    return made
+
+
+def _shares(engine, batches):
+    """v along the truth, as a share of it."""
+    found = ((np.array(run_case(engine, case, warm=True).v), np.array(case.truth)) for case in batches)
+    return np.array([v @ truth / (truth @ truth) for v, truth in found])
+
+
+def study_bias(config, engine, cases_, real, report, **_):
+    """Print v over the true v by cause and speed."""
+    make, rows = functools.cache(cases), []
+    for name, camera, fields in report.progress(CAUSES, "row"):
+        cells = []
+        for speed in SPEEDS:
+            shares = measure(engine, config.replace(**fields), _shares, make(camera, speed))
+            report.keep(f"bias, {name}, {speed}", shares, {"median": float(np.median(shares))})
+            cells.append(f"{np.median(shares):.2f}")
+        rows.append((name, *cells))
+    heads = ("v found / true v, at px per half batch:", *map(str, SPEEDS))
+    report.table(f"Bias in dense scenes, warm from the truth: median of {BATCHES} batches", heads, rows)

@@ -1,0 +1,114 @@
+"""Known recordings tracked in the default use: how many batches are answered, trusted, and wrong all the same."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from cmfpga.config import unread
+from cmfpga.protocol.flags import Flag
+from cmfpga.api.track import track
+from .foreign import FOREIGN, find
+from .known import recordings
+from .table import percent
+from .yardstick import ROI
+
+WRONG = 0.6  # px per half batch
+HEADS = (
+    "recording", "engine", "truth known to, px", "tracks", "batches", "answered, %", "trusted, %", "of them wrong, %",
+    "median error, px", "motion, px",
+)  # fmt: skip
+SUM = "sum"
+
+
+def batches(known, config, engine):
+    """Every batch of the tracks of a recording: ``(events, result, truth, trusted)`` each; truth in px per half batch.
+
+    Batches whose ROI reaches to where nothing is known are left out.
+    """
+    fields = config.to_dict()
+    left_out = {*unread(fields), "sensor_width", "sensor_height"}
+    fields = {name: value for name, value in fields.items() if name not in left_out}
+    for roi in known.rois:
+        tracking = track(known.events, sensor=known.sensor, roi=roi, engine=engine, **fields)
+        ends = np.cumsum([0, *tracking.events])
+        for (first, last), result, trusted in zip(pairwise(ends), tracking.results, tracking.trusted, strict=True):
+            events, (left, top) = known.events[first:last], result.roi
+            if left < known.left or not len(events):
+                continue
+            inside = (events.x >= left) & (events.x < left + ROI) & (events.y >= top) & (events.y < top + ROI)
+            seen = (events.x[inside], events.y[inside]) if inside.any() else (left + ROI / 2, top + ROI / 2)
+            begin, end = int(events.t[0]), int(events.t[-1])
+            truth = known.truth(begin, end, *(np.atleast_1d(axis).astype(float) for axis in seen))
+            yield events, result, np.asarray(truth) * (end - begin) / 2e6, bool(trusted)
+
+
+def measure(known, config, engine, *, with_foreign=False):
+    """``{engine: values}``, float64 [batches, 5]: answered, trusted, error, true motion, doubt of the truth (px).
+
+    Answered is what is not degenerate. eventcv answers with two ROI events; trusted is what its score calls better
+    than v = 0, as its documentation says.
+    """
+    values = {engine: [], **({FOREIGN: []} if with_foreign else {})}
+    for events, result, truth, trusted in batches(known, config, engine):
+        motion, doubt = np.hypot(*truth), known.doubt_px + known.doubt * (int(events.t[-1]) - int(events.t[0])) / 2e6
+        rest = motion, doubt
+        values[engine].append((Flag.DEGENERATE not in result.flags, trusted, np.hypot(*(result.v - truth)), *rest))
+        if with_foreign:
+            v, gain = find(events, result.roi, ROI, ROI)
+            values[FOREIGN].append((gain > 0, gain > 1, np.hypot(*(v - truth)), *rest))
+    return {name: np.array(rows, float).reshape(-1, 5) for name, rows in values.items()}
+
+
+def scores(values, tracks):
+    """The values as scores: shares, and errors in px per half batch; None where there is nothing to take it of."""
+    answered, trusted = values[:, 0] > 0, values[:, 1] > 0
+    wrong = trusted & (values[:, 2] > WRONG)
+    return {
+        "tracks": tracks,
+        "batches": len(values),
+        "answered": int(answered.sum()),
+        "trusted": int(trusted.sum()),
+        "wrong_of_trusted": int(wrong.sum()),
+        "median_error_of_trusted_px": float(np.median(values[trusted, 2])) if trusted.any() else None,
+        "median_motion_px": float(np.median(values[:, 3])) if len(values) else None,
+        "truth_known_to_px": float(np.median(values[:, 4])) if len(values) else None,
+    }
+
+
+def _cells(name, engine, found):
+    def share(part, whole):
+        return f"{percent(found[part] / found[whole])} ({found[part]})" if found[whole] else "–"
+
+    def px(name):
+        return "–" if found[name] is None else f"{found[name]:.2f}"
+
+    return (
+        name, engine, px("truth_known_to_px"), str(found["tracks"]), str(found["batches"]),
+        share("answered", "batches"), share("trusted", "answered"), share("wrong_of_trusted", "trusted"),
+        px("median_error_of_trusted_px"), px("median_motion_px"),
+    )  # fmt: skip
+
+
+def run_known(engines, options, config, report):
+    """Print the table of all known recordings, and of their sum."""
+    rows, total = [], {}
+    known = recordings(options.data)
+    for one in report.progress(known, "recording"):
+        for engine in engines:
+            with_foreign = options.eventcv and engine == engines[0]
+            for name, values in measure(one, config, engine, with_foreign=with_foreign).items():
+                tracks = len(one.rois)
+                rows.append((name, one, _cells(one.name, name, _keep(report, one.name, name, values, tracks))))
+                if one.in_sum:
+                    parts, before = total.setdefault(name, ([], 0))
+                    total[name] = [*parts, values], before + tracks
+    sums = {name: (np.concatenate(parts), tracks) for name, (parts, tracks) in total.items()}
+    lines = [cells for _, one, cells in rows if one.in_sum]
+    for name, found in sums.items():
+        lines.append(_cells(SUM, name, _keep(report, SUM, name, *found) | {"truth_known_to_px": None}))
+    lines += [cells for _, one, cells in rows if not one.in_sum]
+    report.table("Known motion, tracked without an option about batches (wrong: by more than 0.6 px)", HEADS, lines)
+
+
+def _keep(report, what, engine, values, tracks):
+    return report.keep(f"known motion, {what}, {engine}", values, scores(values, tracks))

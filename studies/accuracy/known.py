@@ -1,0 +1,245 @@
+"""Recordings whose motion is known, tracked in the default use: an ROI, and no option about batches.
+
+The truth never comes from the tracker. It is what generated the scene; or one motion for all events of the sensor, by
+the global float search (:mod:`cmfpga.reference.global_search`); or a circle; or a gyroscope. Each says how well it is
+known.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from cmfpga.imaging.camera import read_calibration
+from cmfpga.errors import RecordingError
+from cmfpga.events import Events, generate, open_recording
+from .yardstick import ROI
+
+#: Generated: texture, velocity (px/s), noise, size of the object (px), contrast. It crosses the sensor's middle.
+SCENES = (
+    ("lines", (150, 60), 0.1, (40, 40), 1.0),
+    ("dense", (-80, 120), 0.1, (40, 40), 1.0),
+    ("lines", (-400, 0), 0.2, (30, 50), 1.5),
+    ("dense", (40, -30), 0.2, (44, 44), 0.5),
+)
+SENSOR = (240, 180)
+WAY = 60.0  # px that an object moves at most
+LONGEST_US = 1_500_000
+#: Where the first batch's ROI lies off an object's place then, px.
+OFFSETS = tuple((x, y) for y in range(-20, 21, 10) for x in range(-24, 25, 6))
+#: Columns and rows of ROIs over a whole sensor.
+GRID = (9, 5)
+#: From this column on the calibration of the turning camera holds, px.
+CALIBRATED = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A recording, and how its image moves.
+
+    Parameters
+    ----------
+    name : str
+    events : Events
+    sensor : (int, int)
+        Width and height, px.
+    rois : sequence of (int, int)
+        Where tracks start: left column and top row, px.
+    truth : callable
+        ``truth(first, last, columns, rows)``: mean (vx, vy) in px/s of what is seen there, between two times in µs on
+        the recording's clock. Columns and rows of the ROI's events, px.
+    doubt, doubt_px : float
+        How well the truth is known (standard deviation, or half of the range of several estimates): px/s, and px per
+        half batch however long the batch is.
+    in_sum : bool
+        Counts in the sum of all recordings.
+    left : int
+        Nothing is known of the image left of this column, px.
+    """
+
+    name: str
+    events: Events
+    sensor: tuple[int, int]
+    rois: tuple
+    truth: Callable
+    doubt: float = 0.0
+    doubt_px: float = 0.0
+    in_sum: bool = True
+    left: int = 0
+
+
+def generated():
+    """The generated recordings, a list of :class:`Known`."""
+    return [_scene(seed, *what) for seed, what in enumerate(SCENES, 1)]
+
+
+def _scene(seed, texture, velocity, noise, size, contrast):
+    duration = min(int(WAY / math.hypot(*velocity) * 1e6), LONGEST_US)
+    start = [side / 2 - axis * duration / 2e6 for side, axis in zip(SENSOR, velocity, strict=True)]
+    made = generate(
+        seed=seed, width=SENSOR[0], height=SENSOR[1], texture=texture, size=size, position=tuple(start),
+        velocity=velocity, duration_us=duration, contrast=contrast, noise=noise,
+    )  # fmt: skip
+    motion = made.motion
+    name = f"generated {seed}, {texture}, {math.hypot(*velocity):.0f} px/s"
+    return Known(name, made.events, SENSOR, _around(start, SENSOR), lambda a, b, *_: motion.mean_velocity(a, b))
+
+
+def _around(centre, sensor):
+    """ROIs around a place, inside the sensor."""
+    return tuple(
+        tuple(
+            int(min(max(at + off - ROI / 2, 0), side - ROI))
+            for at, off, side in zip(centre, offset, sensor, strict=True)
+        )
+        for offset in OFFSETS
+    )
+
+
+def _grid(sensor, left=0):
+    """ROIs that reach to the borders, and from column ``left`` on."""
+    columns, rows = np.linspace(left, sensor[0] - ROI, GRID[0]), np.linspace(0, sensor[1] - ROI, GRID[1])
+    return tuple((int(x), int(y)) for y in rows for x in columns)
+
+
+def real(folder):
+    """The real ones, a list of :class:`Known`. Raises :exc:`RecordingError` where a recording is missing."""
+    return [make(Path(folder)) for make in (_checkerboard, _shapes, _poster, _spinner, _gyroscope)]
+
+
+def _read(path):
+    with open_recording(path) as recording:
+        return Events.concatenate(recording.chunks()), (recording.width, recording.height)
+
+
+def _data(path, *names):
+    """Data sets of an HDF5 file beside its events."""
+    try:
+        with h5py.File(path, "r") as file:
+            return [file[name][()] for name in names]
+    except (OSError, KeyError) as error:
+        raise RecordingError(f"{path}: {', '.join(names)} cannot be read: {str(error).splitlines()[0]}") from None
+
+
+def _checkerboard(folder):
+    """A tilted camera: an affine flow, median of three windows. The board is not all that the left edge shows."""
+    from cmfpga.reference.global_search import affine, search
+
+    events, sensor = _read(folder / "davis240b_evbench_seq0002.h5")
+    events = events[: int(np.searchsorted(events.t, events.t[0] + 1_900_000))]
+    centre, scale, left, found = (109.0, 90.0), 80.0, 28, []
+    for begin in (0, 660_000, 1_320_000):
+        first, last = np.searchsorted(events.t, events.t[0] + begin + np.array([0, 250_000]))
+        part = events[first:last]
+        part = part[(part.x >= 16) & ~((part.x == 27) & (part.y == 70))]  # a hot pixel
+        flow = affine(part.x, part.y, centre, scale)
+        found.append(search(flow, part.t, window=(left + 2, 180, 8, 172)).at_middle)
+    vx, vy, *slopes = np.median(found, axis=0)
+    slopes = np.reshape(slopes, (2, 2))
+
+    def truth(first, last, columns, rows):
+        return (vx, vy) + slopes @ ([np.mean(columns) - centre[0], np.mean(rows) - centre[1]]) / scale
+
+    return Known("checkerboard", events, sensor, _grid(sensor, left), truth, _largest_spread(found), left=left)
+
+
+def _largest_spread(found):
+    """Half of the range of several estimates of (vx, vy, …), the larger of both axes."""
+    return float(np.ptp(np.array(found)[:, :2], axis=0).max() / 2)
+
+
+def _turning(path, name, linear):
+    """A camera that turns, by a search over all events; the doubt is from the events of even and odd number.
+
+    The principal point lies right of and below the middle, and the lens's polynomial does not hold at the left border:
+    an edge takes 80 ms for 9 px there, 112 px/s, where it says 131 px/s.
+    """
+    from cmfpga.reference.global_search import rotation, search
+
+    events, sensor = _read(path)
+    camera = read_calibration(path).camera
+    found, *halves = (
+        search(rotation(camera, part.x, part.y), part.t, linear=linear) for part in (events, events[::2], events[1::2])
+    )
+    middle = (events.t[0] + events.t[-1]) / 2
+    rois = _grid(sensor, CALIBRATED)
+    centres = np.array(rois, float).T + ROI / 2
+    ends = [camera.speeds(half.at_middle, *centres) for half in halves]
+
+    def truth(first, last, columns, rows):
+        omega = found.at(((first + last) / 2 - middle) * 1e-6)
+        return camera.speeds(omega, columns, rows).mean(axis=1)
+
+    doubt = float(np.abs(ends[0] - ends[1]).max() / 2)
+    return Known(name, events, sensor, rois, truth, doubt, left=CALIBRATED)
+
+
+def _shapes(folder):
+    return _turning(folder / "davis240c_shapes_rotation_2.1s_gtflow.h5", "shapes, rotation", linear=True)
+
+
+def _poster(folder):
+    return _turning(folder / "davis240c_poster_rotation_0.6s.h5", "poster, rotation", linear=False)
+
+
+def _spinner(folder):
+    """A dot on a circle; its angle, a straight line in time, from the events near the circle."""
+    events, sensor = _read(folder / "prophesee_spinner_640x480.h5")
+    centre, radius, many = np.array([[314.4], [202.5]]), 107.2, 2000
+    across, down = np.array([events.x, events.y], float) - centre
+    near = np.flatnonzero(np.abs(np.hypot(across, down) - radius) < 6)
+    near = near[: len(near) // many * many].reshape(-1, many)
+    seen = (across[near] + 1j * down[near]).mean(axis=1)
+    angles, times = np.unwrap(np.angle(seen)), events.t[near].mean(axis=1)
+    fit = np.polynomial.Polynomial.fit(times, angles, 1)
+    residual = radius * np.std(angles - fit(times))  # px, of the dot's place
+
+    def place(t):
+        return centre[:, 0] + radius * np.array([math.cos(fit(t)), math.sin(fit(t))])
+
+    def truth(first, last, *_):
+        return (place(last) - place(first)) / max(last - first, 1) * 1e6
+
+    rois, doubt = _around(place(events.t[0]), sensor), residual * math.sqrt(0.5)  # of both ends, for half of the way
+    return Known("spinner", events, sensor, rois, truth, doubt_px=doubt, in_sum=False)
+
+
+#: px/s, as far apart as fits to windows of 10,000, 20,000 and 40,000 events are.
+GYROSCOPE_DOUBT = 2.5
+
+
+def _gyroscope(folder):
+    """A camera that pans, so vy is 0. The file has neither the gyroscope's bias nor a focal length: both are fitted to
+    searches over the whole sensor in windows of 20,000 events."""
+    from cmfpga.reference.global_search import search, translation
+
+    path = folder / "davis240c_translboxes_imu.h5"
+    events, sensor = _read(path)
+    times, gyro = _data(path, "imu/t", "imu/gyro_raw")
+    turned = np.concatenate([[0.0], np.cumsum(np.diff(times) * (gyro[1:, 1] + gyro[:-1, 1]) / 2)]) / 32.8e6  # degrees
+
+    def rate(first, last):
+        """Mean rate about the camera's y axis, °/s."""
+        return np.diff(np.interp([first, last], times, turned))[0] / max(last - first, 1) * 1e6
+
+    parts = [events[at : at + 20_000] for at in range(0, len(events) - 19_999, 20_000)]
+    seen = [search(translation(p.x, p.y), p.t, window=(12, 228, 12, 168)).at_middle[0] for p in parts]
+    slope, offset = np.polyfit([rate(*p.t[[0, -1]]) for p in parts], seen, 1)
+    return Known(
+        "translboxes_imu", events, sensor, _grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0),
+        GYROSCOPE_DOUBT, in_sum=False,
+    )  # fmt: skip
+
+
+@functools.cache
+def _usual(folder):
+    return tuple(real(folder))
+
+
+def recordings(folder=None):
+    """All of them: the generated, and the real where there is a ``folder``."""
+    return [*generated(), *(_usual(str(folder)) if folder else ())]

@@ -1,0 +1,180 @@
+"""Motions beyond translation: synthetic batches of known rotation, zoom and roll, and real recordings of a rotation.
+
+Synthetic: bars on a field that is larger than what is seen, a camera without distortion (f = 200 px), 10 % noise. The
+motion is drawn evenly: along both axes up to 6 px per half batch at the principal point and 3 px of roll at the lever
+arm; of a similarity up to 4 px each of vx, vy, zoom and roll. The error is that of the flow, on a grid over the ROI.
+Then 4 times as many batches that are cut: 1/16 of the time to all of it, and 35 to 100 % of its events.
+
+Real, with a folder of recordings: two of a turning camera, each one batch, against a global float search over all
+events; and a camera that pans, tracked, against its gyroscope.
+"""
+
+from contextlib import closing
+from pathlib import Path
+from time import perf_counter
+
+import h5py
+import numpy as np
+
+from cmfpga.imaging.camera import Camera, calibration_of, flow, rates
+from cmfpga.config.defaults import CLOCK_MHZ
+from cmfpga.engines import make_engine
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events, generate, open_recording
+from cmfpga.protocol.confidence import confidence, is_sure
+from cmfpga.protocol.settings import BatchSettings
+from .foreign import FOREIGN, find_rotation
+from .judged import WRONG, separation
+from .panned import run_panned
+from .table import percent
+
+MOTIONS = ("rotation", "similarity")
+
+DURATION_US = 100_000
+CAMERA = Camera(200.0, 200.0, 119.5, 89.5)
+NOISE = 0.1
+BARS = (10, 30)
+#: Events to aim at, largest parameters in px per half batch, and the size of the field, px.
+SCENES = {
+    "rotation": ((12_000, 30_000), (6.0, 6.0, 3.0), (360, 270)),
+    "similarity": ((3_000, 8_000), (4.0, 4.0, 4.0, 4.0), (150, 150)),
+}
+#: Batches that are cut, for each of the others; the longest and the shortest share of the time, and of the events.
+CUTS, SHARES = 4, ((1 / 16, 1.0), (0.35, 1.0))
+#: Limits of the flow's error that shares are told for, px, and which error: largest, or rms over the ROI.
+LIMITS = (0.3, 0.6)
+
+#: Of a turning camera, one batch each.
+ROTATIONS = ("davis240c_poster_rotation_0.6s.h5", "davis240c_shapes_rotation_2.1s_gtflow.h5")
+
+
+def motion_config(kind, options_config):
+    """The configuration that the suite runs: ``options_config``, for the scene's camera or sensor."""
+    if options_config.motion != kind:
+        raise ConfigError(f"--motion {kind}: --preset {kind} is needed, not motion = {options_config.motion}")
+    if kind == "rotation":
+        return options_config.replace(camera=CAMERA.text)
+    return options_config.replace(sensor_width=options_config.roi_width, sensor_height=options_config.roi_height)
+
+
+def scene(config, seed, index):
+    """One batch: its :class:`~cmfpga.events.Events`, and the true parameters, px per half batch."""
+    rng = np.random.default_rng([seed, index])
+    events, most, size = SCENES[config.motion]
+    v = rng.uniform(-1, 1, len(most)) * most
+    told = rates(config, v, DURATION_US)
+    drawn = {
+        "seed": int(rng.integers(1 << 31)), "size": size, "bars": int(rng.integers(*BARS)), "noise": NOISE,
+        "width": config.sensor_width, "height": config.sensor_height, "duration_us": DURATION_US,
+    }  # fmt: skip
+    if config.motion == "rotation":
+        drawn |= {"camera": CAMERA, "rotation": tuple(told.values()), "velocity": (0.0, 0.0)}
+    else:
+        centre = (np.array([config.sensor_width, config.sensor_height]) - 1) / 2
+        drawn |= {"zoom": told["zoom_per_s"], "roll": told["roll_rad_per_s"], "position": tuple(centre - v[:2])}
+        drawn |= {"velocity": tuple(v[:2] / (DURATION_US / 2e6))}
+    count = len(generate(**drawn).events)
+    made = generate(**drawn, contrast=rng.uniform(*events) / max(count, 1)).events
+    span = int(made.t[-1] - made.t[0])
+    return made, v * span / DURATION_US
+
+
+def cut(config, seed, index):
+    """The same of a part of a scene: a shorter time, fewer events."""
+    events, v = scene(config, seed, index)
+    rng = np.random.default_rng([seed, index, 1])
+    share, kept = (np.exp(rng.uniform(*np.log(shares))) for shares in SHARES)
+    length = max(int(share * len(events)), 2)
+    first = int(rng.uniform() * (len(events) - length))
+    which = first + np.flatnonzero(rng.random(length) < kept)
+    part = Events(events.t[which], events.x[which], events.y[which], events.p[which])
+    return part, v * float(part.t[-1] - part.t[0]) / float(events.t[-1] - events.t[0])
+
+
+def flow_errors(config, found, true):
+    """Distance of two motions' displacements on a grid over the ROI, px per half batch: (rms, largest)."""
+    columns, rows = np.meshgrid(*(np.linspace(0, size - 1, 9) for size in (config.roi_width, config.roi_height)))
+    away = np.hypot(*flow(config, np.array(found) - true, columns.ravel(), rows.ravel(), (0, 0)))
+    return float(np.sqrt((away**2).mean())), float(away.max())
+
+
+def run_motion(options, config, report):
+    """Print the suite of ``options.motion``; with a folder of recordings the real ones of a rotation, too."""
+    kind = options.motion
+    config = motion_config(kind, config)
+    found = []
+    with closing(make_engine(options.engine, config)) as engine:
+        settings = BatchSettings.from_config(config.replace(start="given"), roi=(0, 0))
+        cases = [(seed, index) for seed in options.seeds for index in range(options.batches)]
+        for case in report.progress(cases):
+            events, true = scene(config, *case)
+            found.append(flow_errors(config, engine.run(events, settings).v, true))
+        if config.confidence:
+            _confidence(options, engine, settings, report)
+    rows = []
+    for what, errors in zip(("rms over the ROI", "largest, at the edge"), np.array(found).T, strict=True):
+        scores = {"batches": len(errors), "median": float(np.median(errors)), "largest": float(errors.max())}
+        scores |= {f"below_{limit}_px": float((errors < limit).mean()) for limit in LIMITS}
+        report.keep(f"{kind}, {what}", errors, scores)
+        shares = (percent(scores[f"below_{limit}_px"]) for limit in LIMITS)
+        rows.append((what, str(len(errors)), *shares, f"{scores['median']:.3f}", f"{scores['largest']:.2f}"))
+    heads = ("error of the flow", "batches", "< 0.3 px, %", "< 0.6 px, %", "median, px", "largest, px")
+    report.table(f"Synthetic batches, {kind}, cold, {options.engine}: px per half batch", heads, rows)
+    if options.data is not None and kind == "rotation":
+        _real(options, config, report)
+
+
+def _confidence(options, engine, settings, report):
+    """Whether the confidence tells right batches from wrong ones, where some are too short."""
+    config, told = engine.config, []
+    for seed in options.seeds:
+        for index in report.progress(range(CUTS * options.batches)):
+            events, true = cut(config, seed, index)
+            result = engine.run(events, settings)
+            if (kappa := confidence(config, result)) is not None:
+                told.append((*flow_errors(config, result.v, true), kappa, is_sure(result)))
+    told, rows = np.array(told).reshape(-1, 4), []
+    sure = told[:, 3] > 0
+    for what, errors in zip(("rms over the ROI", "largest, at the edge"), told[:, :2].T, strict=True):
+        wrong = errors > WRONG
+        shares = [wrong.mean(), sure.mean(), sure[~wrong].mean(), wrong[sure].mean()] if sure.any() else [wrong.mean()]
+        auc, _ = separation(np.stack([errors, told[:, 2]], axis=1))
+        names = ("wrong", "trusted", "right_trusted", "wrong_of_trusted")
+        scores = {"auc": None if auc != auc else auc, **dict(zip(names, map(float, shares), strict=False))}
+        report.keep(f"{config.motion}, confidence, {what}", np.stack([errors, *told[:, 2:].T], axis=1), scores)
+        rows.append((what, str(len(told)), f"{auc:.3f}", *map(percent, shares)))
+    heads = ("wrong by this error", "batches", "AUC", "wrong, %", "trusted, %", "of the right, %", "of them wrong, %")
+    report.table(f"Confidence, batches that are cut (wrong: by more than {WRONG} px)", heads, rows)
+
+
+def _real(options, config, report):
+    from cmfpga.reference.global_search import rotation, search  # torch
+    from cmfpga.rtl.core import Core  # amaranth
+
+    rows = []
+    for name in ROTATIONS:
+        path = Path(options.data) / name
+        with open_recording(path) as recording, h5py.File(path) as file:
+            events, camera = Events.concatenate(recording.chunks()), calibration_of(file, path).camera
+        best = search(rotation(camera, events.x, events.y), events.t).at_middle
+        with closing(make_engine(options.engine, config.replace(camera=camera.text))) as engine:
+            result = engine.run(events, BatchSettings.from_config(engine.config, roi=(0, 0)))
+            omega = np.array([*rates(engine.config, result.v, result.span).values()])
+            size = {"events": result.events, "roi_events": result.roi_events}
+            cycles = Core(engine.config).cycles(**size, iterations=engine.config.schedules.cold)
+        found = {options.engine: (omega, cycles / CLOCK_MHZ / 1000)}
+        if options.eventcv:
+            start = perf_counter()
+            omega = find_rotation(camera, events, recording.width, recording.height)
+            found[FOREIGN] = omega, (perf_counter() - start) * 1000
+        allowed = 2 + 0.03 * np.degrees(np.linalg.norm(best))
+        for who, (omega, ms) in found.items():
+            away = np.degrees(np.linalg.norm(omega - best))
+            scores = {"global_search": best.tolist(), "deg_per_s": away, "ms": ms}
+            report.keep(f"{name}, {who}", omega, scores)
+            cells = (", ".join(f"{axis:.3f}" for axis in each) for each in (omega, best))
+            rows.append((name, who, str(len(events)), *cells, f"{away:.1f}", f"{allowed:.1f}", f"{ms:.2f}"))
+    heads = ("recording", "by", "events", "ω, rad/s", "global search", "apart, deg/s", "allowed, 2 deg/s + 3 %", "ms")
+    title = f"(ms: cycles at {CLOCK_MHZ:g} MHz, assumed; of {FOREIGN} on this machine, all its threads)"
+    report.table(f"Real batches against a global search over all events {title}", heads, rows)
+    run_panned(options, config, report)

@@ -1,0 +1,86 @@
+"""Real batches: :data:`WINDOWS` of recordings of DAVIS cameras, and in each window the ROIs with most events.
+
+In each window the image moves by 3 to 5 px per half batch. The motion is not known, so the yardstick is the contrast at
+the v found, as a share of the best that a fine search finds (:mod:`.yardstick` tells which contrast). The batches run
+with the configuration as it is: where its buffer is too small for a batch, events are dropped, and that is counted.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from cmfpga.events import Events, open_recording
+from cmfpga.imaging.survey.places import box_sums
+from .case import Case
+from .yardstick import ROI
+
+
+@dataclass(frozen=True)
+class Windows:
+    """Consecutive windows of a recording: begin and length in µs from the recording's first event, and ROIs of each."""
+
+    file: str
+    begin: int
+    length: int
+    count: int
+    rois: int
+    hot: tuple[int, int] | None = None  # a pixel that emits by itself, px
+
+
+# Lengths from the speeds that are known of each recording: about 4 px per half window.
+WINDOWS = (
+    Windows("davis240c_shapes_rotation_0.0s.h5", 760_000, 65_000, 6, 4),  # 120 px/s
+    Windows("davis240c_shapes_rotation_2.1s_gtflow.h5", 0, 66_000, 1, 5),  # 120 px/s
+    Windows("davis240c_shapes_translation_52.0s.h5", 0, 14_000, 3, 4),  # 560 px/s
+    Windows("davis240c_slider_depth_0.0s.h5", 10_000, 80_000, 2, 4),  # 40 to 150 px/s
+    Windows("davis240c_translboxes_imu.h5", 0, 300_000, 6, 2),  # 19 to 31 px/s
+    Windows("davis240b_evbench_seq0002.h5", 0, 240_000, 8, 2, hot=(27, 70)),  # 32 px/s
+)
+REAL_ROI_EVENTS = (500, 4096)
+ROI_STEP = 8  # px; ROIs are looked for at multiples of this
+
+
+def real_cases(folder):
+    """The real batches, a list of :class:`Case`.
+
+    In each window the ROI with most events is taken first, then the one with most events of those that do not overlap
+    it, and so on; ROIs with fewer than 500 or more than 4096 events, or with a hot pixel, are not taken.
+
+    Raises :exc:`RecordingError` where a recording is missing.
+    """
+    return [case for windows in WINDOWS for case in _real_cases(Path(folder), windows)]
+
+
+def _real_cases(folder, windows):
+    with open_recording(folder / windows.file) as recording:
+        events = Events.concatenate(recording.chunks())
+        sensor = recording.width, recording.height
+    begins = events.t[0] + windows.begin + windows.length * np.arange(windows.count + 1)
+    cuts = np.searchsorted(events.t, begins)
+    for index, (first, last) in enumerate(pairwise(cuts)):
+        batch = events[first:last]
+        for roi, count in _busiest_rois(batch, sensor, windows):
+            facts = {"file": windows.file, "window": index, "roi": roi, "roi_events": count}
+            yield Case(batch, roi, None, None, facts)
+
+
+def _busiest_rois(batch, sensor, windows):
+    """``[((x, y), events)]`` of one window."""
+    pixels = np.zeros(sensor[::-1], np.int64)
+    np.add.at(pixels, (batch.y, batch.x), 1)
+    sums = np.ndenumerate(box_sums(pixels, ROI, ROI)[::ROI_STEP, ::ROI_STEP])
+    counts = {(x * ROI_STEP, y * ROI_STEP): int(n) for (y, x), n in sums}
+    low, high = REAL_ROI_EVENTS
+    counts = {roi: n for roi, n in counts.items() if low <= n <= high and not _holds(roi, windows.hot)}
+    found = []
+    while counts and len(found) < windows.rois:
+        x, y = best = max(counts, key=counts.get)
+        found.append((best, counts[best]))
+        counts = {(a, b): n for (a, b), n in counts.items() if abs(a - x) >= ROI or abs(b - y) >= ROI}
+    return found
+
+
+def _holds(roi, pixel):
+    return pixel is not None and all(0 <= at - corner < ROI for at, corner in zip(pixel, roi, strict=True))

@@ -1,0 +1,167 @@
+"""Studies: the article's ascent, the objective's own peak, other edges, schedules, word widths, confidence and bias."""
+
+import numpy as np
+
+from cmfpga.config import preset
+from cmfpga.config.schedule import MEASURED
+from cmfpga.errors import ConfigError
+from .bias import study_bias
+from .judged import study_confidence
+from .real import real_cases
+from .scores import contrast_shares, error_scores, errors, measure
+from .suites import BEFORE
+from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
+from .table import ERROR_HEADS, SHARE_HEADS, error_cells
+from .yardstick import peak_error
+
+#: Cold schedules to compare.
+SCHEDULES = (
+    MEASURED["translation"]["cold"],  # the default
+    "2:2/4 2:1/4*2 2:0/4*3 1:0/2 1:-1/2*2 1:-2/2 1:-2*2 1:-3*2 0:-3 0:-4",  # an iteration more at full resolution
+    BEFORE["cold"],
+    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the same reach, a step more
+    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # small steps at full resolution
+    "2:1*5 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # and a coarse step more
+    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # the same reach, a step less
+    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3 0:-3*2 0:-4 0:-5",  # in between
+    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 1:-4 0:-4 0:-5",  # level 1 for longer
+    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5",  # a longer fine tail
+    "2:1*4 2:0*2 1:0 1:-1*2 1:-2 0:-1 0:-2 0:-3*2 0:-4 0:-5",  # full resolution earlier
+    "2:1*4 2:0*2 2:-1*2 2:-2*2 0:-1 0:-2 0:-3*2 0:-4 0:-5",  # no level 1
+    "1:1*4 1:0*3 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # no level 2
+    "0:1*4 0:0*3 0:-1*2 0:-2*3 0:-3*2 0:-4 0:-5",  # full resolution only
+    "2:1*4 2:0 1:0 1:-1 1:-2 0:-2 0:-3 0:-4 0:-5",  # short
+    "2:1*5 2:0*3 1:0*2 1:-1*3 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5*2",  # long
+)
+
+#: Warm schedules to compare.
+WARM_SCHEDULES = (
+    MEASURED["translation"]["warm"],  # the default
+    "1:-1 1:-2 1:-3*2 0:-4",  # as many events, without strides
+    BEFORE["warm"],
+    "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5",
+    "1:0 1:-1 1:-2*2 1:-3 0:-3 0:-4 0:-5",
+    "1:-1*3 1:-2 1:-3 0:-3 0:-4 0:-5",
+    "1:0 1:-1 1:-2 1:-3 0:-4 0:-5",
+    "1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",
+)
+
+#: Fraction bits of dt, v, position, weight, derivative, dither.
+WIDTHS = (
+    (12, 12, 8, 8, 8, 4),
+    (8, 8, 6, 6, 6, 4),
+    (8, 6, 4, 4, 4, 4),
+    (6, 5, 4, 4, 4, 3),
+    (6, 5, 3, 3, 3, 3),
+    (5, 5, 3, 2, 2, 2),
+    (4, 5, 2, 2, 2, 2),
+    (4, 5, 2, 1, 1, 1),
+)
+WIDTH_FIELDS = ("dt_frac", "v_frac", "position_frac", "weight_frac", "derivative_frac", "dither_frac")
+
+#: η of the article's ascent to choose the best of.
+PLAIN_ETAS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
+
+
+def _row(report, name, engine, config, cases, real):
+    """Cells of both suites for one configuration."""
+    values = measure(engine, config, errors, cases, progress=report.progress)
+    cells = report.errors(f"synthetic, {name}", values)[1:4]
+    if not real:
+        return cells
+    values = measure(engine, config, contrast_shares, real, progress=report.progress)
+    return *cells, *report.shares(f"real, {name}", values)[1:3]
+
+
+def _row_heads(real):
+    return (*ERROR_HEADS[1:4], *(SHARE_HEADS[1:3] if real else ()))
+
+
+def _study_plain(config, engine, cases, real, report, **_):
+    plain = preset("paper").replace(buffer_events=config.buffer_events)
+    rows = [
+        (f"{eta:g}", *_row(report, f"eta {eta:g}", "float", plain.replace(eta=eta), cases, real)) for eta in PLAIN_ETAS
+    ]
+    title = f"The article's ascent in float64: constant η, T = {plain.iterations}, from v = 0"
+    report.table(title, ("η, (px/half batch)² per (events/px)²", *_row_heads(real)), rows)
+
+
+def _study_peaks(config, engine, cases, real, report, **_):
+    values = np.array([peak_error(case) for case in report.progress(cases)])
+    rows = [("synthetic", *report.errors("peaks", values))]
+    report.table("Distance of the dithered objective's peak (float64) from the truth", ("suite", *ERROR_HEADS), rows)
+
+
+def _study_edges(config, engine, cases, real, report, *, data, **suite):
+    rows = []
+    for strength in (0.0, 1.0, 2.0, EVENTS_PER_EDGE, 8.0):
+        cases = synthetic_cases(**suite, events_per_edge=strength)
+        slow = np.array([case.facts["speed"] < 1 for case in cases])
+        values = measure(engine, config, errors, cases, progress=report.progress)
+        report.errors(f"events per edge {strength:g}", values)
+        peaks = np.array([peak_error(case) for case in report.progress(cases)])
+        name = f"{strength:g}" if strength else "1 threshold per px"
+        for which, chosen in (("all", np.ones(len(cases), bool)), ("below 1", slow)):
+            if chosen.any():
+                cells = error_cells(error_scores(values[chosen]))[:4]
+                rows.append((name, which, *cells, *error_cells(error_scores(peaks[chosen]))[1:3]))
+    heads = ("events per edge", "speed, px per half batch", *ERROR_HEADS[:4], "peak < 0.3 px, %", "peak < 0.6 px, %")
+    report.table("Edges of other strengths, cold start", heads, rows)
+
+
+def _study_schedules(config, engine, cases, real, report, **_):
+    if not config.ascent_rule.has_table:
+        raise ConfigError(f"ascent = {config.ascent!r}: schedules belong to ascent = sign")
+    config = config.replace(schedule_entries=max(config.schedule_entries, 64))
+    rows = []
+    for cold in SCHEDULES:
+        changed = config.replace(cold=cold)
+        cells = _row(report, f"cold {cold}", engine, changed, cases, real)
+        rows.append((f"`{cold}`", *_lengths(changed.schedules.cold), *cells))
+    title = f"Cold schedules, entries LEVEL:LOG2STEP/STRIDE*COUNT ({engine} engine)"
+    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads(real)), rows)
+    rows = []
+    for warm in WARM_SCHEDULES:
+        changed = config.replace(warm=warm)
+        values = measure(engine, changed, errors, cases, warm=True, progress=report.progress)
+        rows.append((f"`{warm}`", *_lengths(changed.schedules.warm), *report.errors(f"warm {warm}", values)[1:4]))
+    title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
+    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads([])), rows)
+
+
+def _lengths(schedule):
+    """Iterations of a schedule, and the events that they use, where there are enough of them for its strides."""
+    return str(len(schedule)), f"{sum(1 / entry.stride for entry in schedule):g}·n"
+
+
+def _study_widths(config, engine, cases, real, report, **_):
+    rows = []
+    for widths in WIDTHS:
+        changed = config.replace(**dict(zip(WIDTH_FIELDS, widths, strict=True)))
+        name = ", ".join(map(str, widths))
+        rows.append((name, *_row(report, f"widths {name}", engine, changed, cases, real)))
+    heads = ("fraction bits: dt, v, position, weight, derivative, dither", *_row_heads(real))
+    report.table(f"Word widths ({engine} engine)", heads, rows)
+
+
+STUDIES = {
+    "plain": _study_plain,
+    "peaks": _study_peaks,
+    "edges": _study_edges,
+    "schedules": _study_schedules,
+    "widths": _study_widths,
+    "confidence": study_confidence,
+    "bias": study_bias,
+}
+
+#: Those that use the real batches.
+REAL = ("plain", "schedules", "widths")
+
+
+def run_study(options, config, report):
+    """Print the tables of ``options.study``."""
+    suite = {"count": options.batches, "seeds": options.seeds}
+    cases = synthetic_cases(**suite)
+    real = real_cases(options.data) if options.data and options.study in REAL else []
+    engine = "model" if options.engine == "all" else options.engine
+    STUDIES[options.study](config, engine, cases, real, report, data=options.data, **suite)

@@ -1,0 +1,121 @@
+"""The suites: synthetic batches, real batches, and the tracked checkerboard."""
+
+import math
+
+import numpy as np
+
+from cmfpga.config import preset
+from cmfpga.config.schedule import AUTO
+from cmfpga.engines import ENGINES
+from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
+from .default_use import run_known
+from .foreign import FOREIGN, find
+from .real import real_cases
+from .scores import contrast_shares, error_scores, errors, measure, share_scores
+from .synthetic import BATCHES, synthetic_cases
+from .table import ERROR_HEADS, SHARE_HEADS, binned, percent
+from .yardstick import ROI
+
+STARTS = (("cold", False), ("warm", True))
+
+
+#: The default schedules before there were strides: a row of their own beside the defaults.
+BEFORE = {
+    "cold": "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",
+    "warm": "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",
+}
+
+
+def run_suites(options, config, report):
+    """Print the tables of all suites; of the synthetic batches only, without a folder of recordings."""
+    names = ENGINES if options.engine == "all" else (options.engine,)
+    runs = {name: (name, config) for name in names}
+    if config.ascent_rule.has_table and config.cold == config.warm == AUTO:
+        runs[f"{names[0]}, without strides"] = names[0], config.replace(**BEFORE)
+    cases = synthetic_cases(options.batches, seeds=options.seeds)
+    rows, found = [], {}
+    for what, run in runs.items():
+        for start, warm in STARTS:
+            values = found[what, start] = measure(*run, errors, cases, warm=warm, progress=report.progress)
+            rows.append((what, start, *report.errors(f"synthetic, {start}, {what}", values)))
+    report.table("Synthetic batches: error of v, px per half batch", ("engine", "start", *ERROR_HEADS), rows)
+    rows = binned(cases, found[names[0], "cold"])
+    report.table(f"The same by kind of batch (cold start, {names[0]})", ("batches with", *ERROR_HEADS), rows)
+    if options.eventcv:
+        _run_foreign(cases, report)
+    if options.data is not None:
+        _run_real(runs, options, report, found)
+        _run_checkerboard(runs, options, report, found)
+    compare_with_model(found)
+    if options.known:
+        run_known(names, options, config, report)
+
+
+def _run_foreign(cases, report):
+    values = np.array(
+        [math.dist(find(case.events, case.roi, ROI, ROI)[0], case.truth) for case in report.progress(cases)]
+    )
+    row = (FOREIGN, "cold", *report.errors(f"synthetic, cold, {FOREIGN}", values))
+    report.table(f"The same batches by {FOREIGN}, from v = 0", ("program", "start", *ERROR_HEADS), [row])
+
+
+def _run_real(runs, options, report, found):
+    real, rows = real_cases(options.data), []
+    for what, run in runs.items():
+        values = found[what, "real"] = measure(*run, contrast_shares, real, progress=report.progress)
+        rows.append((what, *report.shares(f"real, {what}", values)))
+    report.table("Real batches: contrast at the v found, cold start", ("engine", *SHARE_HEADS), rows)
+
+
+def _run_checkerboard(runs, options, report, found):
+    rows = []
+    for track, limits in TRACK_BOUNDS.items():
+        bounds = ", ".join(f"{low:.0f} … {high:.0f}" for low, high in limits).replace("-", "−")
+        for what, (name, config) in runs.items():
+            speeds = measure(name, track_config(config, track), track_checkerboard, options.data)
+            found[what, track] = speeds
+            scores = report.keep(f"{track}, {what}", speeds, track_scores(speeds, track))
+            spans = ("{:.1f} to {:.1f}".format(*scores[axis]) for axis in ("vx_px_per_s", "vy_px_per_s"))
+            rows.append((track, what, str(scores["batches"]), bounds, str(scores["within_bounds"]), *spans))
+    heads = ("", "engine", "batches", "bounds of vx, vy, px/s", "within", "vx, px/s", "vy, px/s")
+    report.table("Checkerboard, tracked", heads, rows)
+
+
+def compare_with_model(found):
+    """Say whether Verilog and model, which must not differ, did the same."""
+    for (name, suite), values in found.items():
+        model = found.get(("model", suite))
+        if name == "rtl" and model is not None:
+            same = np.all(np.asarray(values) == model, axis=tuple(range(1, np.ndim(values))))
+            print(f"{suite}: rtl and model agree exactly in {same.sum()} of {len(same)} batches")
+
+
+def brief(engine, *, data=None, batches=BATCHES):
+    """The suites' scores for preset ``fast``, and a line of text on each: ``{"scores": …, "text": […]}``, JSON-ready.
+
+    Parameters
+    ----------
+    engine : str
+        Name of the engine.
+    data : path or None
+        Folder of the real recordings; None leaves them out.
+    batches : int
+        Of the synthetic suite, the first so many.
+    """
+    config, cases, scores, text = preset("fast"), synthetic_cases(batches), {}, []
+    for start, warm in STARTS:
+        found = scores[f"synthetic, {start}"] = error_scores(measure(engine, config, errors, cases, warm=warm))
+        shares = (percent(found[f"below_{limit}_px"]) for limit in ("0.6", "0.3"))
+        text.append(
+            "preset fast, {}, {} synthetic batches, {}: {} % within 0.6 px, {} % within 0.3 px".format(
+                engine, found["batches"], start, *shares
+            )
+        )
+    if data is not None:
+        found = scores["real, cold"] = share_scores(measure(engine, config, contrast_shares, real_cases(data)))
+        shares = (percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
+        text.append(
+            "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %; "
+            "{} drop events".format(engine, found["batches"], *shares, found["batches_that_drop_events"])
+        )
+    return {"scores": scores, "text": text}

@@ -1,0 +1,81 @@
+"""Synthetic batches: an object moves at a constant, known velocity.
+
+For each batch these are drawn: its texture (sparse line segments, or dense), speed 0 to 9 px per half batch, direction,
+share of noise events 0 to 30 %, and a number of ROI events to aim at, 200 to 2000. The events are not thinned out: what
+an edge emits is what it crosses. An edge is strong enough to emit :data:`EVENTS_PER_EDGE` events on average during the
+batch, so a slow object has edges of several contrast thresholds per pixel, up to :data:`MAX_CONTRAST`. The object is as
+large as the number of events asks for, within limits: large enough to have a shape, small enough to stay in the ROI. A
+scene that gives fewer than 200 or more than 2000 events all the same is drawn anew with the same velocity.
+"""
+
+import math
+
+import numpy as np
+
+from cmfpga.events import generate
+from .case import Case
+from .yardstick import ROI
+
+SEEDS = (1,)
+BATCHES = 300
+MAX_SPEED = 9.0  # px per half batch
+MAX_NOISE = 0.3  # of the ROI's events
+ROI_EVENTS = (200, 2000)
+EVENTS_PER_EDGE = 4.0  # of an edge point during the batch, on average over the edge's directions
+MAX_CONTRAST = 8.0  # thresholds per px: black on white, blurred over 2 px, to a camera with thresholds of 15 %
+SIZES = {"lines": (20, 44), "dense": (8, 44)}  # px; smaller ones have too few edges to be a shape
+MARGIN = 1.0  # px between the object's way and the ROI's border
+DURATION_US = 20_000
+WARM_RADIUS = 1.0  # px per half batch; how far from the truth the warm suite starts at most
+
+
+def synthetic_cases(count=BATCHES, *, seeds=SEEDS, events_per_edge=EVENTS_PER_EDGE):
+    """The first ``count`` synthetic batches of each of ``seeds``, a list of :class:`Case`.
+
+    0 ``events_per_edge``: all edges are weak.
+    """
+    return [_synthetic_case(seed, index, events_per_edge) for seed in seeds for index in range(count)]
+
+
+def _synthetic_case(seed, index, events_per_edge):
+    rng = np.random.default_rng([seed, index])
+    texture = ("lines", "dense")[index % 2]
+    speed, angle, noise = rng.uniform(0, MAX_SPEED), rng.uniform(0, 2 * math.pi), rng.uniform(0, MAX_NOISE)
+    wanted = rng.uniform(*ROI_EVENTS)
+    start = _in_circle(rng)
+    v = speed * np.array([math.cos(angle), math.sin(angle)])
+    swept = 2 * speed * 2 / math.pi  # px across an edge, on average over the edge's directions
+    contrast = min(max(events_per_edge / swept, 1.0), MAX_CONTRAST)
+    room = ROI - 2 * MARGIN - 2 * np.abs(v)
+    smallest, largest = SIZES[texture]
+    sizes = np.arange(smallest, int(min(largest, *room)) + 1)
+    points = np.array([_edge_points(texture, size) for size in sizes])
+    size = int(sizes[np.abs(points * contrast * swept - wanted * (1 - noise)).argmin()])
+    for _ in range(100):
+        centre = (ROI - 1) / 2 + rng.uniform(-0.5, 0.5, 2) * (room - size)
+        made = generate(
+            seed=int(rng.integers(1 << 31)), width=ROI, height=ROI, texture=texture, size=(size, size),
+            position=tuple(centre - v), velocity=tuple(2 * v / (DURATION_US * 1e-6)), duration_us=DURATION_US,
+            contrast=contrast, noise=noise,
+        )  # fmt: skip
+        if ROI_EVENTS[0] <= len(made.events) <= ROI_EVENTS[1]:
+            break
+    events = made.events
+    truth = made.motion.per_half_batch(events.t[0], events.t[-1])
+    facts = {
+        "texture": texture, "speed": speed, "noise": noise, "roi_events": len(events), "size": size,
+        "contrast": contrast,
+    }  # fmt: skip
+    return Case(events, (0, 0), tuple(truth.tolist()), tuple((truth + start).tolist()), facts)
+
+
+def _in_circle(rng):
+    angle, radius = rng.uniform(0, 2 * math.pi), WARM_RADIUS * math.sqrt(rng.uniform())
+    return radius * np.array([math.cos(angle), math.sin(angle)])
+
+
+def _edge_points(texture, size):
+    """Expected edge points of an object of ``size`` × ``size`` px (see :mod:`cmfpga.events.synthetic`)."""
+    if texture == "dense":
+        return size * size
+    return max(1, round(size * size / 100)) * 2 * 0.52 * size  # mean distance of two points in a square

@@ -1,0 +1,78 @@
+"""What is measured: batches, ascents, and the cores that do them."""
+
+from dataclasses import dataclass
+
+from cmfpga.config import preset
+from cmfpga.verilog import article
+from .workloads import make_workload
+
+#: Ascents: the article's, and the sign ascent without and with a last v.
+CONSTANT, COLD, WARM = "constant", "cold", "warm"
+
+#: Names of the batches that the limits are for.
+ARTICLE, KIM = "the article's batch", "Kim and Kim's case"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One batch, one ascent: the cores that do it, ``{name: configuration}``, and the settings.
+
+    The first core is what programs are compared with.
+    """
+
+    workload: object
+    ascent: str
+    designs: dict
+    iterations: int
+    schedule: tuple | None = None
+
+    def plan(self, iterations):
+        """The first so many iterations, as ``Core.cycles`` wants them."""
+        return iterations if self.schedule is None else self.schedule[:iterations]
+
+
+def make_cases(quick=False):
+    """The cases, in the order of the table; ``quick`` leaves out all but the article's batch with the presets."""
+    paper, fast = preset("paper"), preset("fast")
+    batch = make_workload(ARTICLE, **article.BATCH)
+    designs = {"core, preset paper": paper}
+    if not quick:
+        designs["core, paper in one pass"] = paper.replace(gradient="one_pass")
+    lanes = () if quick else (4, 8)
+    cases = [constant_case(batch, designs, 100), *sign_cases(batch, "fast", fast, lanes)]
+    if quick:
+        return cases
+
+    full, name = preset("full-frame"), "full-frame"
+    size = {"width": full.roi_width, "height": full.roi_height}
+    batch = make_workload(KIM, events=5000, roi_events=5000, **size)
+    size = {key: getattr(full, key) for key in ("roi_width", "roi_height", "buffer_events", "ram_style")}
+    large = paper.replace(**size)
+    one_pass = large.replace(gradient="one_pass", tag_bits=full.tag_bits)
+    designs = {"core, paper at 240×180": large, "core, the same in one pass": one_pass}
+    cases += [constant_case(batch, designs, 90), *sign_cases(batch, name, full)]
+
+    config = preset("fast-128")
+    size = {"width": config.roi_width, "height": config.roi_height}
+    batch = make_workload("the article's density on 128×128", events=20000, roi_events=3200, **size)
+    return [*cases, *sign_cases(batch, "fast-128", config)]
+
+
+def constant_case(batch, designs, iterations):
+    """The article's ascent on a batch."""
+    # From v = 0, as a program is; the ROI stays, so that batches can be repeated.
+    fields = {"iterations": iterations, "start": "zero", "roi_gain": 0.0}
+    designs = {name: config.replace(**fields) for name, config in designs.items()}
+    return Case(workload=batch, ascent=CONSTANT, designs=designs, iterations=iterations)
+
+
+def sign_cases(batch, name, config, lanes=()):
+    """The sign ascent on a batch, cold and then warm; first without the confidence, which no program computes.
+
+    ``lanes`` are those of further cores.
+    """
+    shipped = config.replace(roi_gain=0.0)
+    designs = {f"core, preset {name}, judge=0": shipped.replace(judge=0), f"core, preset {name}": shipped}
+    designs |= {f"core, {name} with lanes={k}, judge=0": shipped.replace(judge=0, lanes=k) for k in lanes}
+    for ascent, schedule in ((COLD, config.schedules.cold), (WARM, config.schedules.warm)):
+        yield Case(workload=batch, ascent=ascent, designs=designs, iterations=len(schedule), schedule=schedule)

@@ -1,0 +1,163 @@
+"""The command ``python -m studies.bench``."""
+
+import json
+import os
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+from tqdm import tqdm
+
+from cmfpga import __version__, cli
+from cmfpga.errors import ConfigError, MissingPackage, needs, write_text
+from cmfpga.verilog import article
+from cmfpga.verilog.compiler import cannot_compile
+from .cases import WARM, make_cases
+from .cycles import measure
+from .opponents import make_programs
+from .programs import processor, time_foreign, time_programs
+from .table import ASCENTS, table
+
+EXAMPLES = (
+    "python -m studies.bench",
+    "python -m studies.bench --quick --json bench.json",
+    "python -m studies.bench --clock 150        # MHz that you assume the core to reach",
+    "python -m studies.bench --flow             # dense flow: fields a second by the number of units",
+)
+
+
+def _parser():
+    made = cli.parser(
+        "bench",
+        "The core's clock cycles, counted in the simulated Verilog, beside the article's formula and the time that "
+        "programs on this machine need for the same work.",
+        EXAMPLES,
+    )
+    made.add_argument("--quick", action="store_true", help="the article's batch only, fewer and shorter runs")
+    made.add_argument(
+        "--runs", type=cli.positive, metavar="R", help="timed runs of each program (default: 15; quick: 5)"
+    )
+    cli.add_clock_option(made)
+    made.add_argument("--flow", action="store_true", help="dense flow instead, of 1, 2, 4 and 8 units (quick: 4)")
+    made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
+    made.add_argument(
+        "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
+        help="folder of real recordings, for accuracy and --flow (default: $CMFPGA_DATA); none: only synthetic ones",
+    )  # fmt: skip
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = _parser().parse_args(arguments)
+    if options.json is not None and not Path(options.json).absolute().parent.is_dir():
+        raise ConfigError(f"--json {options.json}: its folder does not exist")
+    runs = options.runs or (5 if options.quick else 15)
+    seconds = 0.003 if options.quick else 0.02
+    if options.flow:
+        return _flow(options, runs, seconds)
+    started = time.perf_counter()
+    programs, missing = make_programs()
+    if why := cannot_compile():
+        missing.append(f"{why}: the core's cycles are computed by its formula, not measured")
+    cases = make_cases(options.quick)
+    measured = []
+    signs = sum(case.schedule is not None for case in cases)
+    steps = sum(len(case.designs) for case in cases) + 2 * runs * (len(cases) + signs) * len(programs)
+    with tqdm(total=steps, unit="step", disable=None, leave=False) as bar:
+        for case in cases:
+            bar.set_description(f"{case.workload.name}, {ASCENTS[case.ascent]}")
+            before = measured[-1] if measured else None
+            measured.append(_measured(case, programs, before, runs=runs, seconds=seconds, step=bar.update))
+    scores, foreign = _accuracy(options, missing), _foreign(cases[0], missing, runs=runs, seconds=seconds)
+    report = {
+        "version": __version__,
+        "clock_mhz_assumed": options.clock,
+        "processor": processor(),
+        "runs": runs,
+        "quick": options.quick,
+        "seconds": time.perf_counter() - started,
+        "missing": missing,
+        "programs": {program.name: program.how for program in programs},
+        "cases": measured,
+        "foreign": foreign,
+        "accuracy": scores,
+    }
+    lines, report["limits"], report["speed_ups"] = table(report)
+    print("\n".join(lines))
+    if options.json is not None:
+        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
+        print(f"wrote {options.json}")
+    return 0
+
+
+def _flow(options, runs, seconds):
+    from .flow import measure, text
+
+    missing, units = [], (4,) if options.quick else (1, 2, 4, 8)
+    if why := cannot_compile():
+        missing.append(f"{why}: the hardware's cycles are not measured")
+        units = ()
+    with tqdm(total=len(units) + 2, unit="step", disable=None, leave=False) as bar:
+
+        def step(what):
+            bar.set_description(what)
+            bar.update()
+
+        report = measure(
+            units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, data=options.data, step=step
+        )  # fmt: skip
+    print("\n".join([*text(report), *(f"not measured: {line}" for line in missing)]))
+    if options.json is not None:
+        report = {"version": __version__, "missing": missing, **report}
+        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
+        print(f"wrote {options.json}")
+    return 0
+
+
+def _accuracy(options, missing):
+    """How often preset ``fast`` finds the motion: scores and lines of text; None where that cannot be measured here."""
+    try:
+        with needs("torch", "reference", "accuracy"):
+            from .. import accuracy
+
+            engine = "model" if cannot_compile() else "rtl"
+            return accuracy.brief(engine, **({"batches": 30} if options.quick else {"data": options.data}))
+    except MissingPackage as error:
+        missing.append(str(error))
+        return None
+
+
+def _foreign(case, missing, **options):
+    try:
+        return time_foreign(case, **options)
+    except MissingPackage as error:
+        missing.append(str(error))
+        return []
+
+
+def _measured(case, programs, before, *, step, **options):
+    """A case and its rows, JSON-ready; ``before`` is what this gave for the case before."""
+    batch, cores = case.workload, []
+    size = {"events": len(batch.events), "roi_events": batch.roi_events}
+    for name in case.designs:
+        cores.append(asdict(measure(case, name)))
+        step()
+    # A warm batch starts where the cold one before it ended, as it does in the core.
+    v_start = (0.0, 0.0)
+    if case.ascent == WARM:
+        ended = [row["v"] for row in (*before["cores"], *before["programs"]) if row["v"] is not None]
+        v_start = ended[0] if ended else batch.v
+    pixels = batch.width * batch.height
+    return {
+        "workload": batch.name,
+        "ascent": case.ascent,
+        **size,
+        "width": batch.width,
+        "height": batch.height,
+        "iterations": case.iterations,
+        "true_v": list(batch.v),
+        "article_cycles": article.cycles(**size, pixels=pixels, iterations=case.iterations),
+        "cores": cores,
+        "programs": [asdict(row) for row in time_programs(case, programs, v_start=v_start, step=step, **options)],
+    }

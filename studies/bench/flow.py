@@ -1,0 +1,179 @@
+"""``python -m studies.bench --flow``: fields a second of dense flow, beside the same algorithm in C."""
+
+import os
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from ..accuracy.dense import WINDOWS as RECORDINGS
+from cmfpga.config import preset
+from cmfpga.errors import MissingPackage
+from cmfpga.events import Events, open_recording
+from cmfpga.api.flow import configure
+from cmfpga.dense.demo import scene
+from cmfpga.dense.tiles import TILE, grid
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings
+from .opponents.c_program import Unavailable
+from .opponents.flow_program import FlowProgram
+from .opponents.timing import Times, side_by_side
+from .programs import processor
+
+EVENTS = 30_000
+#: Windows back to back; the time from the first one's end to the last one's counts.
+WINDOWS = 3
+SYNTHETIC = "synthetic, the camera turns"
+
+
+def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what: None):
+    """Rows of the table, JSON-ready.
+
+    Parameters
+    ----------
+    units : sequence of int
+        Each is simulated; none where Verilator or a C++ compiler is missing.
+    runs, seconds : int, float
+        As of :func:`~.opponents.timing.side_by_side`.
+    clock : float
+        Assumed for the hardware, MHz.
+    missing : list of str
+        What cannot be measured here is said there.
+    data : str, optional
+        Folder of recordings, of which a window each is measured too.
+    step : callable
+        Called with what is measured next.
+    """
+    config = preset("flow")
+    tiles, settings, events = grid(config), BatchSettings.from_config(config), scene().events[:EVENTS]
+    windows, hardware = {SYNTHETIC: (settings, events), **_recorded(data)}, []
+    for count in units:
+        step(f"{count} units")
+        for name, (chosen, window) in windows.items():
+            hardware.append({"window": name, **_hardware(config.replace(units=count), tiles, chosen, window, clock)})
+    return {
+        "events": len(events),
+        "sensor": [config.sensor_width, config.sensor_height],
+        "regions": len(tiles.regions),
+        "tiles": len(tiles),
+        "clock_mhz_assumed": clock,
+        "processor": processor(),
+        "runs": runs,
+        "hardware": hardware,
+        "programs": _programs(config, tiles, settings, events, runs, seconds, missing, step),
+    }
+
+
+def _recorded(data):
+    """``{name: (settings, events)}`` of real windows, undistorted where there is a calibration."""
+    found = {}
+    for file in RECORDINGS if data is not None else ():
+        with open_recording(Path(data) / file) as recording:
+            config, *_ = configure(recording, "flow", {}, TILE, None, str)
+            found[file] = BatchSettings.from_config(config), Events.concatenate(recording.chunks())[:EVENTS]
+    return found
+
+
+def _hardware(config, tiles, settings, events, clock):
+    from cmfpga.verilog.simulation.regions import VerilatedRegions
+
+    simulated = VerilatedRegions(config)
+    simulated.write(tiles.regions)
+    *_, last = simulated.stream([(events.t, events.x, events.y)] * WINDOWS, settings)
+    period = (simulated.finished[-1] - simulated.finished[0]) / (WINDOWS - 1)
+    first = simulated.finished[0] - simulated.offered[0] - len(events)
+    simulated.close()
+    busy = sum(region.cycles for region in last.regions) / (config.units * period)
+    trusted = [not region.flags & (Flag.DOUBTFUL | Flag.DEGENERATE) for region in tiles.of(last)]
+    return {
+        "units": config.units,
+        "cycles": period,
+        "after_last": first,
+        "busy": busy,
+        "trusted_tiles": sum(trusted),
+        "fields_per_s": clock * 1e6 / period,
+        "events_per_s": clock * 1e6 / period * len(events),
+    }
+
+
+def _programs(config, tiles, settings, events, runs, seconds, missing, step):
+    try:
+        program = FlowProgram()
+    except Unavailable as error:
+        missing.append(str(error))
+        return []
+    # Without a thread for what is beside, the last one waits for it.
+    threads = sorted({1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1})
+    step("C")
+    runners = [program.load_window(config, tiles.regions, events, settings, count) for count in threads]
+    times = side_by_side(runners, runs=runs, seconds=seconds, clock=time.perf_counter)
+    rows = [
+        _row(f"C, gathering, {count} thread{'s' if count > 1 else ''}", program.how, each, len(events))
+        for count, each in zip(threads, times, strict=True)
+    ]
+    step("eventcv")
+    try:
+        return [*rows, _foreign(config, tiles, events)]
+    except MissingPackage as error:
+        missing.append(str(error))
+        return rows
+
+
+def _foreign(config, tiles, events):
+    """A foreign program asked for each tile that has enough events, by its own search; once."""
+    from ..accuracy.foreign import FOREIGN, find
+    from cmfpga.imaging.iwe import events_in_roi
+
+    mine, size = [], (tiles.width, tiles.height)
+    for corner in tiles.corners:
+        inside, *_ = events_in_roi(events, corner, *size)
+        if np.count_nonzero(inside) >= config.min_roi_events:
+            mine.append((events[inside], corner))
+    find(*mine[0], *size)  # what is compiled at first use
+    begun = time.perf_counter()
+    for one, corner in mine:
+        find(one, corner, *size)
+    seconds = time.perf_counter() - begun
+    return _row(f"{FOREIGN}, tile by tile", f"{FOREIGN} {version(FOREIGN)}", Times.of([seconds]), len(events))
+
+
+def _row(name, how, times, events):
+    return {
+        "name": name,
+        "how": how,
+        "seconds": vars(times),
+        "fields_per_s": 1 / times.median,
+        "events_per_s": events / times.median,
+    }
+
+
+def text(report):
+    """The report as lines."""
+    hardware, programs = report["hardware"], report["programs"]
+    lines = [
+        f"Dense flow, {report['sensor'][0]}×{report['sensor'][1]} px: {report['tiles']} tiles in "
+        f"{report['regions']} regions, {report['events']:,} events a window, confidence on.",
+        f"Hardware: clock cycles counted in the simulated Verilog; times at an assumed {report['clock_mhz_assumed']:g} "
+        "MHz. Programs: this machine's",
+        f"processor, {report['processor']}; median of {report['runs']} runs (lowest–highest).",
+        "",
+        f"{'':<50}cycles a window   ms a window         fields/s   M events/s  units busy",
+    ]
+    for row in hardware:
+        name = f"{row['units']} unit{'s' if row['units'] > 1 else ''}, {row['window']}"
+        ms = 1e3 / row["fields_per_s"]
+        lines.append(
+            f"{name:<50}{row['cycles']:>15,.0f}{ms:>14.3f}{row['fields_per_s']:>17,.0f}"
+            f"{row['events_per_s'] / 1e6:>13.1f}{row['busy']:>12.0%}"
+        )
+    for row in programs:
+        median, low, high = (1e3 * row["seconds"][name] for name in ("median", "low", "high"))
+        span = f"{median:.2f}" if low == high else f"{median:.2f} ({low:.2f}–{high:.2f})"
+        lines.append(f"{row['name']:<50}{span:>29}{row['fields_per_s']:>17,.1f}{row['events_per_s'] / 1e6:>13.2f}")
+    for row in programs[:2]:
+        for unit in [each for each in hardware if each["window"] == SYNTHETIC]:
+            times = row["seconds"]["median"] * unit["fields_per_s"]
+            count = unit["units"]
+            lines.append(f"{count} unit{'s are' if count > 1 else ' is'} {times:.1f} × as fast as {row['name']}")
+    return lines

@@ -1,0 +1,243 @@
+"""Batches that are hard on the hardware: patterns of repeated addresses, borders, strange times, sizes."""
+
+import numpy as np
+
+from cmfpga.imaging.camera import Camera
+from cmfpga.config.schedule import FEWEST, STRIDES, ScheduleEntry
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events
+from cmfpga.protocol.settings import BatchSettings, clamp_roi
+
+PATTERNS = {}
+
+
+def pattern(function):
+    """Register ``function(config, rng, roi) -> (x, y)``, sensor coordinates of a batch's events."""
+    PATTERNS[function.__name__] = function
+    return function
+
+
+def _inside(config, rng, roi, n):
+    return roi[0] + rng.integers(config.roi_width, size=n), roi[1] + rng.integers(config.roi_height, size=n)
+
+
+@pattern
+def random_everywhere(config, rng, roi):
+    """Up to 400 events all over the sensor."""
+    n = int(rng.integers(1, 400))
+    return rng.integers(config.sensor_width, size=n), rng.integers(config.sensor_height, size=n)
+
+
+@pattern
+def random_inside(config, rng, roi):
+    """Up to 300 events in the ROI."""
+    return _inside(config, rng, roi, int(rng.integers(1, 300)))
+
+
+@pattern
+def one_pixel(config, rng, roi):
+    """All events on one pixel: every operation collides with the ones before."""
+    x, y = _inside(config, rng, roi, 1)
+    return np.repeat(x, 120), np.repeat(y, 120)
+
+
+@pattern
+def two_cells_alternating(config, rng, roi):
+    """Every other event on the same pixel."""
+    x, y = _inside(config, rng, roi, 2)
+    return np.tile(x, 60), np.tile(y, 60)
+
+
+@pattern
+def repeats_at_distances_1_to_5(config, rng, roi):
+    """A pixel that comes back after so many events, in turn: one for each stage that forwards."""
+    x, y = _inside(config, rng, roi, 6)
+    order = np.concatenate([np.tile(np.arange(distance), 12) for distance in range(1, 7)])
+    return x[order], y[order]
+
+
+@pattern
+def neighbours_2_by_2(config, rng, roi):
+    """Around one corner of four pixels, where each event votes for all of them."""
+    x, y = _inside(config, rng, roi, 1)
+    step = rng.integers(2, size=(2, 150))
+    return (
+        np.minimum(x + step[0], roi[0] + config.roi_width - 1),
+        np.minimum(y + step[1], roi[1] + config.roi_height - 1),
+    )
+
+
+@pattern
+def corners_and_edges(config, rng, roi):
+    """On both sides of the ROI's border, corners included."""
+    n = 160
+    right, bottom = roi[0] + config.roi_width, roi[1] + config.roi_height
+    x = rng.choice([roi[0] - 1, roi[0], roi[0] + 1, right - 2, right - 1, right], n)
+    y = rng.integers(roi[1] - 1, bottom + 1, size=n)
+    swap = rng.random(n) < 0.5
+    y[swap] = rng.choice([roi[1] - 1, roi[1], bottom - 1, bottom], swap.sum())
+    return np.clip(x, 0, config.sensor_width - 1), np.clip(y, 0, config.sensor_height - 1)
+
+
+@pattern
+def everything_outside(config, rng, roi):
+    """No event in the ROI."""
+    x, y = rng.integers(config.sensor_width, size=80), rng.integers(config.sensor_height, size=80)
+    inside = (x >= roi[0]) & (x < roi[0] + config.roi_width) & (y >= roi[1]) & (y < roi[1] + config.roi_height)
+    return np.append(x[~inside], 0 if roi[0] else config.sensor_width - 1), np.append(y[~inside], 0)
+
+
+@pattern
+def few_events(config, rng, roi):
+    """0, 1, 2, 3 or 5 events in the ROI, among some outside."""
+    x, y = _inside(config, rng, roi, int(rng.choice([0, 1, 2, 3, 5])))
+    outside = everything_outside(config, rng, roi)
+    keep = slice(-max(2, len(x)), None)
+    order = rng.permutation(len(x) + len(outside[0][keep]))
+    return tuple(np.concatenate([a, b[keep]])[order] for a, b in zip((x, y), outside, strict=True))
+
+
+@pattern
+def moving_edge(config, rng, roi):
+    """An edge that moves through the ROI, blurred: what the core is made for."""
+    n = 240
+    along = np.linspace(0, 1, n)
+    x = roi[0] + config.roi_width / 3 + along * rng.uniform(-5, 5) + rng.normal(0, 0.6, n)
+    y = roi[1] + rng.uniform(0, config.roi_height, n)
+    clip = (np.clip(x, 0, config.sensor_width - 1), np.clip(y, 0, config.sensor_height - 1))
+    return tuple(axis.astype(np.int64) for axis in clip)
+
+
+@pattern
+def full_buffer(config, rng, roi):
+    """Exactly as many ROI events as the buffer holds."""
+    return _inside(config, rng, roi, config.buffer_events)
+
+
+@pattern
+def as_many_as_a_stride_needs(config, rng, roi):
+    """One more or less: where a stride begins to count."""
+    return _inside(config, rng, roi, FEWEST * int(rng.choice(STRIDES[1:])) + int(rng.integers(-1, 2)))
+
+
+@pattern
+def many_times_the_buffer(config, rng, roi):
+    """Up to ten times as many ROI events as the buffer holds."""
+    return _inside(config, rng, roi, int(rng.integers(1, min(10 * config.buffer_events, 6000) + 1)))
+
+
+@pattern
+def overfull_buffer_on_one_pixel(config, rng, roi):
+    """More ROI events than the buffer holds, all on one pixel."""
+    x, y = _inside(config, rng, roi, 1)
+    n = config.buffer_events + int(rng.integers(1, 50))
+    return np.repeat(x, n), np.repeat(y, n)
+
+
+def times(config, rng, n):
+    """Time stamps of ``n`` events: steady, in bursts, wrapping, stepping back, all equal, or too long."""
+    kind = rng.choice(
+        ["steady", "burst", "wrap", "back", "equal", "long", "tiny"], p=[0.4, 0.2, 0.1, 0.1, 0.05, 0.1, 0.05]
+    )
+    step = rng.integers(0, 40, size=n)
+    if kind == "burst":
+        step = step * 20 * (rng.random(n) < 0.1)
+    if kind == "tiny":
+        step = rng.random(n) < 2 / n
+    if kind == "equal":
+        step[:] = 0
+    if kind == "long":
+        step = step * ((1 << config.span_bits) // (10 * n))
+    t = np.cumsum(step) + int(rng.integers(1 << 30))
+    if kind == "wrap":
+        t += (1 << config.time_bits) - int(rng.integers(1, 200)) - t[0]
+    if kind == "back":
+        at = rng.integers(n, size=3)
+        t[at] -= rng.integers(1, 500, size=3)
+    return t
+
+
+def random_events(config, rng, roi, name=None):
+    """``(name, events)`` of a pattern, by default a random one; no longer than a batch may be."""
+    name = name or str(rng.choice(list(PATTERNS)))
+    x, y = PATTERNS[name](config, rng, roi)
+    columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
+    return name, Events(*(column[: config.max_batch_events] for column in columns))
+
+
+def random_settings(config, rng, previous_roi):
+    """Settings that change from batch to batch, and the ROI that the patterns are made for."""
+    roi = None
+    if rng.random() < 0.6:
+        roi = (int(rng.integers(config.geometry.roi_x_max + 1)), int(rng.integers(config.geometry.roi_y_max + 1)))
+    settings = BatchSettings(
+        roi=roi,
+        iterations=min(config.max_iterations, int(rng.choice([0, 1, 2, 3, 7, 12], p=[0.03, 0.17, 0.2, 0.2, 0.2, 0.2]))),
+        eta=min(config.formats.eta.max, int(rng.choice([0, 1, 500, 1024, 5000, config.formats.eta.max]))),
+        roi_gain=int(rng.integers(config.formats.roi_gain.max + 1)),
+        start_last=bool(rng.random() < 0.5),
+        v_start=tuple(
+            int(rng.integers(parameter.fmt.min, parameter.fmt.max + 1) >> rng.integers(0, 12))
+            for parameter in config.motion_model.parameters
+        ),
+        min_roi_events=min(config.buffer_events, int(rng.choice([1, 1, 1, 4]))),
+        thinning=int(rng.choice([1, 1, 1, 2, 3, 255])),
+        thin_target=int(rng.choice([0, 0, 1, 7, 100, config.buffer_events]).clip(0, config.buffer_events)),
+        judge=int(rng.random() < 0.8),
+        cold_after_doubtful=int(rng.random() < 0.8),
+        confidence_limit=int(rng.choice([1, 20, 90, 90, 1023])),
+        hot_mask=random_mask(config, rng, roi or previous_roi),
+        camera=random_lens(config, rng),
+        background_us=min(config.widths.background_us_max, int(rng.choice([0, 1, 30, 300, 5000, 1 << 31]))),
+        **(random_schedules(config, rng) if config.ascent_rule.has_table else {}),
+    )
+    return settings, clamp_roi(config, roi or previous_roi)[0]
+
+
+def random_mask(config, rng, roi):
+    """No pixel, some of the ROI, or of the whole sensor."""
+    if not config.hot_pixels or rng.random() < 0.3:
+        return ()
+    count = int(rng.choice([1, 5, 100]))
+    if rng.random() < 0.3:
+        x, y = rng.integers(config.sensor_width, size=count), rng.integers(config.sensor_height, size=count)
+    else:
+        x, y = _inside(config, rng, clamp_roi(config, roi)[0], count)
+    return tuple(sorted(set(zip(x.tolist(), y.tolist(), strict=True))))
+
+
+def random_lens(config, rng):
+    """None, or a camera with any distortion that can be undone, its centre near the sensor's.
+
+    A rotation always has one, with square pixels and a focal length that its format holds.
+    """
+    turning = config.motion == "rotation"
+    if config.undistortion == "off" or (rng.random() < 0.3 and not turning):
+        return ()
+    size = np.array([config.sensor_width, config.sensor_height])
+    focus = size.max() * rng.uniform(0.9, 2.0, 2)
+    if turning:
+        focus = max(33, focus[0]) * rng.uniform(1, 1.04, 2)
+    centre = size * rng.uniform(0.4, 0.6, 2)
+    distortion = rng.uniform(-1, 1, 5) * (0.35, 0.1, 0.01, 0.01, 0.02)
+    lens = tuple(np.concatenate([focus, centre, distortion]).tolist())
+    try:
+        Camera(*lens).rays(*np.meshgrid(*((0, side - 1) for side in size)))
+    except ConfigError:
+        return random_lens(config, rng)
+    return lens
+
+
+def random_schedules(config, rng):
+    """Two schedules of random length, also empty, with any level, step and stride."""
+    return {
+        name: tuple(
+            ScheduleEntry(
+                int(rng.integers(config.max_level + 1)),
+                int(rng.integers(-config.formats.v.f, config.formats.v.i)),
+                int(rng.choice(STRIDES)),
+            )
+            for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
+        )
+        for name in ("cold", "warm")
+    }

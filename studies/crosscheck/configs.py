@@ -1,0 +1,98 @@
+"""Random configurations, small enough to be compiled and simulated in seconds."""
+
+import dataclasses
+from types import SimpleNamespace
+
+import numpy as np
+
+from cmfpga.config import Config, unread
+from cmfpga.config.motion import MOTIONS, needs
+from cmfpga.config.schedule import AUTO, STRIDES
+from cmfpga.errors import ConfigError
+from cmfpga.fixed import Q
+from .batches import random_lens
+
+#: Largest values that are drawn, where the field's own would take too long to simulate, or be refused nearly always.
+LARGEST = {
+    "roi_width": 64, "roi_height": 48, "buffer_events": 2100, "iterations": 60, "min_roi_events": 20,
+    "thin_target": 300, "background_us": 2000, "gradient_int": 14, "gradient_frac": 26,
+}  # fmt: skip
+#: Cores of one ROI are drawn; tests/rtl/regions draws tables of regions.
+OF_REGIONS = ("regions", "units", "slices", "bin_bits", "store_style")
+
+
+def random_config(rng):
+    """``(config, refused)``: a random :class:`Config`, and how many before it were refused."""
+    refused = 0
+    while True:
+        try:
+            return Config(**_fields(rng)), refused
+        except ConfigError:
+            refused += 1
+
+
+def assignments(config):
+    """The options by which a command line gets ``config``."""
+    changed = (
+        f"--set '{field.name}={getattr(config, field.name)}'"
+        for field in dataclasses.fields(Config)
+        if getattr(config, field.name) != field.default
+    )
+    return " ".join(("--preset paper", *changed))
+
+
+def _fields(rng):
+    """Values of some fields, each by itself within its limits."""
+    defaults = {field.name: field.default for field in dataclasses.fields(Config)}
+    values = {
+        field.name: field.type(rng.choice(choices)) if (choices := field.metadata["choices"]) else _integer(field, rng)
+        for field in dataclasses.fields(Config)
+        if field.name not in OF_REGIONS and (field.type is int or field.metadata["choices"]) and rng.random() < 0.7
+    }
+    for axis in ("width", "height"):  # a sensor smaller than the default ROI would nearly always be refused
+        values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng))
+    if values.get("background"):  # or a reset would sweep millions of cells
+        values["background_cell"] = max(values.get("background_cell", 1), 4)
+    values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
+    values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
+    values |= needs(values["motion"])
+    known = defaults | values
+    sensor = known["sensor_width"], known["sensor_height"]
+    values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
+    values["camera"] = ",".join(map(repr, random_lens(SimpleNamespace(**known | values), rng)))
+    v = Q(known["v_int"], known["v_frac"])
+    values |= {name: v.real(int(rng.integers(v.min, v.max + 1))) for name in ("v_start_x", "v_start_y")}
+    limit = _FIELDS["confidence_limit"].metadata
+    values["confidence_limit"] = float(np.exp(rng.uniform(np.log(limit["low"]), np.log(limit["high"]))))
+    for name in ("eta", "roi_gain"):
+        fmt = Q(known[f"{name}_int"], known[f"{name}_frac"], signed=False)
+        values[name] = fmt.real(int(rng.integers(fmt.max + 1) >> rng.integers(fmt.width)))
+    for name in ("cold", "warm"):
+        values[name] = AUTO if rng.random() < 0.3 else _schedule(rng, known["max_level"], v, known["confidence"])
+    idle = unread(defaults | values)
+    return {name: value for name, value in values.items() if name not in idle}
+
+
+_FIELDS = {field.name: field for field in dataclasses.fields(Config)}
+
+
+def _integer(field, rng):
+    """Often a limit; wide ranges are drawn by their logarithm."""
+    low, high = field.metadata["low"], LARGEST.get(field.name, field.metadata["high"])
+    kind = rng.random()
+    if kind < 0.16:
+        return low if kind < 0.08 else high
+    if high - low < 64:
+        return int(rng.integers(low, high + 1))
+    return int(np.exp(rng.uniform(np.log(max(1, low)), np.log(high + 1))))
+
+
+def _schedule(rng, max_level, v, judged):
+    """Where a batch is judged, the last step has all events: nothing else is allowed."""
+    words = []
+    for left in reversed(range(rng.integers(1, 8))):
+        count = int(rng.choice([1, 1, 1, 2, 4]))
+        stride = rng.choice(STRIDES) if left or not judged else 1
+        step = f"{rng.integers(max_level + 1)}:{rng.integers(-v.f, v.i)}/{stride}"
+        words.append(step + (f"*{count}" if count > 1 else ""))
+    return " ".join(words)

@@ -1,0 +1,115 @@
+"""What the parameters of a motion mean: signs and frames, against the camera's own rotation and a global search."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cmfpga.imaging.camera import RATES, Camera, extent, flow, parameters, rates
+from cmfpga.config import preset
+from cmfpga.errors import ConfigError
+from cmfpga.events import generate
+from cmfpga.reference.global_search import rotation, search
+
+SPAN = 40_000  # µs
+OMEGA = (0.7, -1.1, 0.4)
+CAMERA = Camera(200.0, 200.0, 118.0, 91.0)
+PINHOLE = preset("rotation").replace(camera=CAMERA.text)
+SIMILAR = preset("similarity")
+
+
+def pixels(config):
+    rows, columns = np.mgrid[0 : config.roi_height : 9, 0 : config.roi_width : 9]
+    return columns.ravel().astype(float), rows.ravel().astype(float)
+
+
+def test_the_flow_of_a_rotation_is_that_of_the_camera():
+    x, y = pixels(PINHOLE)
+    moved = flow(PINHOLE, parameters(PINHOLE, OMEGA, SPAN), x, y, (0, 0))
+    assert np.allclose(moved, CAMERA.speeds(OMEGA, x, y) * SPAN / 2e6, atol=1e-6)
+
+
+def test_a_roi_beside_the_corner_has_the_same_flow_at_the_same_place():
+    config = PINHOLE.replace(roi_width=64, roi_height=48)
+    v = parameters(config, OMEGA, SPAN)
+    moved = flow(config, v, np.array([3.0]), np.array([5.0]), (40, 30))
+    assert np.allclose(np.ravel(moved), CAMERA.speeds(OMEGA, [43.0], [35.0])[:, 0] * SPAN / 2e6, atol=1e-6)
+
+
+def test_what_the_camera_turns_to_moves_the_other_way():
+    """To the right (about y, which points down), the image moves left; clockwise, it turns counterclockwise."""
+    middle = np.array([118.0]), np.array([91.0])
+    (u,), (v,) = flow(PINHOLE, parameters(PINHOLE, (0, 1, 0), SPAN), *middle, (0, 0))
+    assert u < 0 and v == 0
+    (u,), (v,) = flow(PINHOLE, parameters(PINHOLE, (1, 0, 0), SPAN), *middle, (0, 0))
+    assert u == 0 and v > 0
+    (_,), (v,) = flow(PINHOLE, parameters(PINHOLE, (0, 0, 1), SPAN), middle[0] + 20, middle[1], (0, 0))
+    assert v < 0
+
+
+def test_a_similarity_grows_and_turns_clockwise():
+    x, y = np.array([63.5, 103.5]), np.array([63.5, 63.5])
+    u, v = flow(SIMILAR, parameters(SIMILAR, (100.0, -50.0, 2.0, 0.5), SPAN), x, y, (7, 9))
+    assert np.allclose(u, [2.0, 2.0 + 40 * 2.0 * 0.02]) and np.allclose(v, [-1.0, -1.0 + 40 * 0.5 * 0.02])
+
+
+@pytest.mark.parametrize("config, motion", [(PINHOLE, OMEGA), (SIMILAR, (100.0, -50.0, 2.0, 0.5))])
+def test_there_and_back(config, motion):
+    found = rates(config, parameters(config, motion, SPAN), SPAN)
+    assert tuple(found) == RATES[config.motion]
+    told = [*found.values()]
+    assert told == pytest.approx([*motion] if config is PINHOLE else [2.0, 0.5, 0.5])
+    assert set(rates(config, (0.0,) * len(config.motion_model.names), 0).values()) == {None}
+
+
+def test_no_zoom_has_no_time_to_contact():
+    assert rates(SIMILAR, (1.0, 0.0, 0.0, 0.0), SPAN)["time_to_contact_s"] is None
+    assert rates(SIMILAR, (1.0, 0.0, -1.0, 0.0), SPAN)["time_to_contact_s"] < 0
+
+
+def test_a_translation_stays_what_it_was():
+    config, v = preset("fast"), (3.0, -4.0)
+    assert flow(config, v, None, None, (0, 0)) is v and rates(config, v, SPAN) == {} and extent(config, v, (0, 0)) == 5
+
+
+def test_the_extent_is_that_of_the_edge_where_the_centre_stands_still():
+    assert extent(SIMILAR, (0.0, 0.0, 0.0, 4.0), (0, 0)) == pytest.approx(4.0 * 63.5 / 64)
+    assert extent(SIMILAR, (3.0, 4.0, 0.0, 0.0), (0, 0)) == pytest.approx(5.0)
+
+
+@pytest.fixture(scope="module")
+def turned():
+    """A scene in front of a camera with a lens, which turns."""
+    camera = Camera(200.0, 200.0, 118.0, 91.0, -0.35, 0.12)
+    scene = generate(
+        seed=3, size=(360, 270), bars=20, camera=camera, rotation=OMEGA, velocity=(0.0, 0.0), duration_us=40_000,
+        contrast=2.0,
+    )  # fmt: skip
+    return camera, scene
+
+
+def test_the_synthetic_rotation_is_what_a_global_search_finds(turned):
+    camera, scene = turned
+    events = scene.events
+    found = search(rotation(camera, events.x, events.y), events.t)
+    assert np.abs(found.at_middle - OMEGA).max() < math.radians(2)
+
+
+@pytest.mark.parametrize("engine", ["model"])
+def test_and_what_a_track_finds(turned, engine):
+    import cmfpga
+
+    camera, scene = turned
+    track = cmfpga.track(scene, preset="rotation", camera=camera, engine=engine, batch_us=39_000, batches=1)
+    found = [float(getattr(track, name)[0]) for name in RATES["rotation"]]
+    assert np.abs(np.array(found) - OMEGA).max() < math.radians(3)
+    assert (track.config.roi_width, track.config.roi_height) == (240, 180) and tuple(track.results[0].roi) == (0, 0)
+
+
+def test_a_rotation_needs_a_camera(turned):
+    import cmfpga
+
+    with pytest.raises(ConfigError, match="it holds no calibration, which motion = rotation needs: camera="):
+        cmfpga.track(turned[1], preset="rotation", engine="model")
+    with pytest.raises(ConfigError, match="rotation: a camera is needed"):
+        generate(rotation=OMEGA)

@@ -1,0 +1,115 @@
+"""``python -m studies.accuracy``: what it prints, and what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+
+from studies import accuracy
+from cmfpga import cli
+from studies.accuracy import bias, real, scores, studies, suites
+from cmfpga.config import preset
+from cmfpga.config.schedule import ScheduleEntry
+from cmfpga.engines import make_engine
+
+FAST = preset("fast")
+
+
+def run(*arguments):
+    return cli.run(accuracy.main, [*map(str, arguments)])
+
+
+def test_command(capsys, tmp_path, monkeypatch):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    assert run("--batches", 4, "--json", tmp_path / "scores.json") == 0
+    shown = capsys.readouterr()
+    assert "Synthetic batches: error of v, px per half batch" in shown.out and "| model  " in shown.out
+    assert "synthetic batches only" in shown.err
+    written = json.loads((tmp_path / "scores.json").read_text())
+    assert written["config"] == FAST.to_dict()
+    cold = written["results"]["synthetic, cold, model"]
+    assert len(cold["values"]) == cold["scores"]["batches"] == 4
+    assert cold["scores"]["median_px"] == pytest.approx(np.median(cold["values"]))
+
+
+@pytest.mark.parametrize("study", studies.STUDIES)
+def test_studies(study, capsys, monkeypatch):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    monkeypatch.setattr(studies, "PLAIN_ETAS", (2.0,))
+    monkeypatch.setattr(bias, "SPEEDS", (4.0,))
+    monkeypatch.setattr(bias, "BATCHES", 1)
+    assert run("--study", study, "--batches", 2) == 0
+    out = capsys.readouterr().out
+    assert "px" in out and out.count("\n| ") >= 3
+
+
+def test_all_suites_by_two_engines(capsys, data_dir, monkeypatch):
+    monkeypatch.setattr(suites, "ENGINES", ("rtl", "float", "model"))
+    monkeypatch.setattr(scores, "make_engine", lambda name, config: make_engine("model", config))
+    monkeypatch.setattr(real, "WINDOWS", real.WINDOWS[1:2])
+    assert run("--engine", "all", "--batches", 3, "--data", data_dir) == 0
+    out = capsys.readouterr().out
+    assert "Real batches" in out and "Checkerboard, tracked" in out
+    assert "real: rtl and model agree exactly in 5 of 5 batches" in out
+    assert "track: rtl and model agree exactly in 10 of 10 batches" in out
+
+
+def test_real_batches_run_with_the_configuration_as_it_is(capsys, data_dir, monkeypatch, tmp_path):
+    """No larger buffer in secret: in the suites, in a study, and in what the bench prints of them."""
+    monkeypatch.setattr(real, "WINDOWS", real.WINDOWS[1:2])  # five batches
+    cases = real.real_cases(data_dir)
+    events = [case.facts["roi_events"] for case in cases]
+    assert max(events) > FAST.buffer_events
+    drop = ("--set", "when_full=drop")
+    assert run("--batches", 1, "--data", data_dir, "--json", tmp_path / "a.json", *drop) == 0
+    found = json.loads((tmp_path / "a.json").read_text())["results"]["real, model"]
+    dropped = [max(0, n - FAST.buffer_events) for n in events]
+    assert [int(row[2]) for row in found["values"]] == dropped
+    assert found["scores"]["batches_that_drop_events"] == np.count_nonzero(dropped)
+    assert "batches that drop events" in capsys.readouterr().out
+    monkeypatch.setattr(studies, "WIDTHS", studies.WIDTHS[2:3])  # those of the preset
+    assert run("--study", "widths", "--batches", 1, "--data", data_dir, "--json", tmp_path / "b.json", *drop) == 0
+    studied = json.loads((tmp_path / "b.json").read_text())["results"]
+    assert studied["real, widths 8, 6, 4, 4, 4, 4"] == found
+    monkeypatch.setattr(suites, "preset", lambda name: preset(name).replace(when_full="drop"))
+    told = accuracy.brief("model", data=data_dir, batches=1)
+    assert told["scores"]["real, cold"] == found["scores"]
+    assert told["text"][-1].endswith(f"; {np.count_nonzero(dropped)} drop events")
+
+
+def test_seeds_make_other_batches(capsys, tmp_path, monkeypatch):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    found = []
+    for seeds in ("1", "2", "1-2"):
+        assert run("--batches", 2, "--seeds", seeds, "--json", tmp_path / "scores.json") == 0
+        found.append(json.loads((tmp_path / "scores.json").read_text())["results"]["synthetic, cold, model"]["values"])
+    assert found[0] + found[1] == found[2] and found[0] != found[1]
+    assert "model, without strides" in capsys.readouterr().out
+
+
+def test_a_difference_between_rtl_and_model_is_said(capsys):
+    suites.compare_with_model({("rtl", "cold"): np.array([1.0, 2.0]), ("model", "cold"): np.array([1.0, 2.5])})
+    assert capsys.readouterr().out == "cold: rtl and model agree exactly in 1 of 2 batches\n"
+
+
+@pytest.mark.parametrize(("arguments", "message"), [
+    (["--data", "nowhere"], "--data nowhere: no such folder"),
+    (["--seeds", "3-1"], "argument --seeds: '3-1': one seed, or the first and the last as in 1-3, is needed"),
+    (["--seeds", "x"], "argument --seeds: 'x': one seed, or the first and the last as in 1-3, is needed"),
+    (["--batches", "0"], "argument --batches: '0': a whole number of 1 or more is needed"),
+    (["--set", "roi_width=32"], "ROI of 32×64 px: the suites are for 64×64 px"),
+    (["--study", "magic"], "argument --study: invalid choice: 'magic'"),
+    (["--study", "schedules", "--preset", "paper"], "ascent = 'constant': schedules belong to ascent = sign"),
+    (["--json", "no/such/folder/scores.json"], "no/such/folder/scores.json: No such file or directory"),
+])  # fmt: skip
+def test_mistakes_get_one_line(arguments, message, capsys, monkeypatch):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    assert run(*arguments) == 2
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert error.startswith(f"error: {message}")
+
+
+def test_every_schedule_of_the_study_fits_the_format():
+    for text in (*studies.SCHEDULES, *studies.WARM_SCHEDULES):
+        entries = FAST.replace(cold=text, schedule_entries=64).schedules.cold
+        assert all(isinstance(entry, ScheduleEntry) for entry in entries)

@@ -1,0 +1,77 @@
+"""``python -m studies.accuracy --flow``: what it counts, and the bars of dense flow on real recordings."""
+
+import json
+
+import numpy as np
+import pytest
+
+from studies import accuracy
+from cmfpga import cli
+from studies.accuracy import dense
+from studies.accuracy.yardstick import best_contrast
+from support.flowing import OMEGA, VELOCITY
+
+
+def run(*arguments):
+    return cli.run(accuracy.main, [*map(str, arguments)])
+
+
+def test_the_searched_flow_is_that_of_the_tiles_own_events(slid):
+    chosen = np.arange(len(slid.tiles)) == int(np.argmax(slid.kappa))
+    found = dense.searched(slid, chosen, iter)
+    assert np.isnan(found[~chosen]).all()
+    assert found[chosen][0] == pytest.approx(np.multiply(VELOCITY, slid.half_s), abs=0.35)
+    (x, y), region = slid.tiles.corners[int(chosen.argmax())], slid.tiles.regions[-1]
+    events = slid.events
+    inside = (events.x >= x) & (events.x < x + 32) & (events.y >= y) & (events.y < y + 32)
+    dt = 2 * (events.t - events.t[0]) / slid.result.span - 1
+    left, top = region.corner(slid.config)
+    plain, _ = best_contrast((events.x - x + left)[inside], (events.y - y + top)[inside], dt[inside], rounds=2)
+    assert tuple(found[chosen][0]) == plain
+
+
+def test_a_turning_cameras_field(turned):
+    field = dense.turned(dense.Camera(100.0, 100.0, 63.5, 47.5), OMEGA, turned)
+    away = np.hypot(*(turned.v - field)[turned.trusted].T)
+    assert np.median(away) < 0.35 < 1 < np.median(np.hypot(*field.T))
+
+
+def test_without_recordings_it_is_the_scene_alone(capsys, tmp_path, monkeypatch):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    assert run("--flow", "--json", tmp_path / "scores.json") == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    assert len(lines) == 3 and lines[2].startswith("| synthetic")
+    (kept,) = json.loads((tmp_path / "scores.json").read_text())["results"].values()
+    assert kept["scores"]["tiles"] == len(kept["values"]) > 140
+    assert kept["scores"]["median_px"] == pytest.approx(np.median(kept["values"])) and kept["scores"]["median_px"] < 0.3
+
+
+def test_the_bars_on_real_recordings(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(dense, "VARIANTS", dense.VARIANTS[:0])
+    assert run("--flow", "--data", data_dir, "--json", tmp_path / "scores.json") == 0
+    found = json.loads((tmp_path / "scores.json").read_text())["results"]
+    poster, *others = (found[f"flow, {name}"]["scores"] for name in dense.WINDOWS)
+    assert poster["median_px"] <= 0.2 and poster["below_1_px"] >= 0.98 and poster["degenerate"] == 0
+    assert poster["rotation_off_deg_per_s"] <= 2 + 0.04 * 37.7
+    for scores in others:
+        assert scores["trusted"] >= 0.6 and scores["trusted_below_0.5_px"] >= 0.9
+
+
+def test_half_of_a_window_and_smaller_tiles(data_dir, tmp_path, monkeypatch):
+    monkeypatch.setattr(dense, "WINDOWS", {"davis240c_poster_rotation_0.6s.h5": True})
+    assert run("--flow", "--data", data_dir, "--json", tmp_path / "scores.json") == 0
+    found = json.loads((tmp_path / "scores.json").read_text())["results"]
+    _, whole, half, small = (one["scores"] for one in found.values())
+    assert small["tiles"] > 1.5 * whole["tiles"] >= 1.5 * half["tiles"]
+    assert min(half["median_px"], small["median_px"]) > 1.2 * whole["median_px"]
+
+
+@pytest.mark.parametrize("told", [["--known"], ["--engine", "all"], ["--study", "plain"]])
+def test_what_goes_without_it(told, capsys):
+    assert run("--flow", *told) == 2
+    assert "--flow: --study, --known and --engine all go without it" in capsys.readouterr().err
+
+
+def test_a_motion_is_another_suite(capsys):
+    assert run("--flow", "--motion", "rotation") == 2
+    assert "--flow: --motion goes without it" in capsys.readouterr().err

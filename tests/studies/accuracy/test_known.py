@@ -1,0 +1,158 @@
+"""Recordings of known motion: their truth, what is counted of their tracks; the studies of confidence and bias."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+from studies import accuracy
+from cmfpga import cli
+from studies.accuracy import bias, default_use, judged, known
+from studies.accuracy.synthetic import synthetic_cases
+from cmfpga.imaging.camera import read_calibration
+from cmfpga.config import preset
+from cmfpga.errors import RecordingError
+
+FAST = preset("fast")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The generated recording that has most batches to the event, with one track."""
+    one = known.generated()[2]
+    return dataclasses.replace(one, rois=one.rois[7:8])
+
+
+def middle(one, share=0.5):
+    """Truth at the sensor's middle in 20 ms around a time."""
+    at = int(one.events.t[0] + share * (one.events.t[-1] - one.events.t[0]))
+    return one.truth(at - 10_000, at + 10_000, *(np.array([side / 2]) for side in one.sensor))
+
+
+def test_the_generated_ones():
+    for one, (_, velocity, *_) in zip(known.generated(), known.SCENES, strict=True):
+        assert np.allclose(middle(one), velocity) and one.doubt == 0 and one.in_sum
+        assert len(set(one.rois)) == len(one.rois) >= 12
+        assert all(0 <= x <= one.sensor[0] - 64 and 0 <= y <= one.sensor[1] - 64 for x, y in one.rois)
+
+
+def test_what_is_counted(scene):
+    """Trusted are those of the engine; with another truth all of them are wrong."""
+    values = default_use.measure(scene, FAST, "model")["model"]
+    told = default_use.scores(values, 1)
+    assert told["batches"] == told["answered"] >= told["trusted"] > 3 * told["wrong_of_trusted"]
+    assert told["median_error_of_trusted_px"] < 0.3 and told["median_motion_px"] > 1
+    elsewhere = dataclasses.replace(scene, truth=lambda *_: (400.0, 300.0), doubt=100.0)
+    wrong = default_use.scores(default_use.measure(elsewhere, FAST, "model")["model"], 1)
+    assert wrong["wrong_of_trusted"] == wrong["trusted"] == told["trusted"]
+    assert wrong["truth_known_to_px"] == pytest.approx(wrong["median_motion_px"] / 5, rel=0.01)
+    assert default_use.measure(dataclasses.replace(scene, left=240), FAST, "model")["model"].shape == (0, 5)
+
+
+def test_scores():
+    values = np.array([(1, 1, 0.1, 3, 0), (1, 1, 0.7, 3, 0), (1, 0, 5, 3, 0), (0, 0, 9, 3, 0)])
+    told = default_use.scores(values, 2)
+    counts = ("tracks", "batches", "answered", "trusted", "wrong_of_trusted")
+    assert [told[name] for name in counts] == [2, 4, 3, 2, 1] and told["median_error_of_trusted_px"] == pytest.approx(
+        0.4
+    )
+    assert default_use.scores(values[2:], 1)["median_error_of_trusted_px"] is None
+
+
+def test_command(scene, capsys, tmp_path, monkeypatch):
+    pytest.importorskip("eventcv")
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    monkeypatch.setattr(default_use, "recordings", lambda folder: [scene])
+    file = tmp_path / "scores.json"
+    assert cli.run(accuracy.main, ["--batches", "4", "--known", "--eventcv", "--json", str(file)]) == 0
+    out, written = capsys.readouterr().out, json.loads(file.read_text())["results"]
+    assert len(written["synthetic, cold, eventcv"]["values"]) == 4
+    for engine in ("model", "eventcv"):
+        alone, total = (written[f"known motion, {name}, {engine}"] for name in (scene.name, "sum"))
+        assert alone == total and alone["scores"]["batches"] == len(alone["values"]) > 2
+        assert f"| {scene.name} | {engine} " in " ".join(out.split())
+
+
+def test_without_eventcv_a_line_says_so(capsys, monkeypatch):
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    monkeypatch.setitem(__import__("sys").modules, "eventcv", None)
+    assert cli.run(accuracy.main, ["--batches", "1", "--eventcv"]) == 2
+    assert "eventcv is not installed; pip install 'cmfpga[eventcv]'" in capsys.readouterr().err
+
+
+#: Angular velocity, rad/s, that others found by a search of their own.
+NOTED = {
+    known._shapes: ("davis240c_shapes_rotation_2.1s_gtflow.h5", (-0.071, 0.663, -0.122)),
+    known._poster: ("davis240c_poster_rotation_0.6s.h5", (-0.005, -0.637, -0.135)),
+}
+
+
+@pytest.mark.parametrize("make", NOTED, ids=lambda make: make.__name__)
+def test_truth_of_turning_cameras(make, data_dir):
+    one, (file, omega) = make(data_dir), NOTED[make]
+    camera = read_calibration(data_dir / file).camera
+    places = np.array(one.rois).T + 32.0
+    found = [one.truth(*one.events.t[[0, -1]].tolist(), *place[:, None]) for place in places.T]
+    assert np.abs(np.array(found).T - camera.speeds(omega, *places)).max() < 5 and 0 < one.doubt < 10
+
+
+def test_the_calibration_does_not_hold_at_the_left_border(data_dir):
+    """When an object's last edge leaves a column: a straight line, slower than the truth, which is not used there."""
+    one = known._shapes(data_dir)
+    events = one.events[(one.events.y >= 39) & (one.events.y <= 53)]
+    left_at = np.array([events.t[events.x == column].max() for column in range(10)]) / 1e6
+    speed, _ = np.polyfit(left_at, range(10), 1)
+    columns, rows = np.arange(10.0), np.full(10, 46.0)
+    assert speed == pytest.approx(-112, abs=5)
+    assert one.truth(*one.events.t[[0, -1]].tolist(), columns, rows)[0] == pytest.approx(-131, abs=5)
+    assert one.left == min(x for x, _ in one.rois) > 20 and len(one.rois) == 45
+
+
+def test_truth_of_the_spinner(data_dir):
+    one = known._spinner(data_dir)
+    first = int(one.events.t[0])
+    assert math.hypot(*one.truth(first, first + 450)) == pytest.approx(13_050, rel=0.01) and not one.in_sum
+
+
+def test_truth_of_long_recordings(data_dir):
+    board, pan = known._checkerboard(data_dir), known._gyroscope(data_dir)
+    for share in (0.1, 0.9):
+        (vx, vy), (pan_vx, pan_vy) = middle(board, share), middle(pan, share)
+        assert abs(vx) < 2 and -33 < vy < -30 and 19 < pan_vx < 33 and pan_vy == 0
+    assert board.in_sum and not pan.in_sum and min(x for x, _ in board.rois) == board.left
+
+
+def test_a_missing_recording_is_an_error(tmp_path):
+    with pytest.raises(RecordingError, match="evbench"):
+        known.recordings(tmp_path)
+
+
+def test_separation():
+    values = np.array([(0.1, 50, 1), (0.2, 40, 1), (0.1, 10, 0), (0.9, 20, 0), (3.0, -math.inf, 0)])
+    assert judged.separation(values) == (pytest.approx(5 / 6), 0.5)
+    assert all(map(math.isnan, judged.separation(values[:3])))
+
+
+def test_batches_of_the_confidence_study(scene):
+    """Cut or drawn, their truth is that of the part: the ascent finds it where it is sure."""
+    batches = judged.cut(synthetic_cases(8)) + judged.drawn(scene, 6)
+    assert {case.facts.get("moved") for case in batches} == {True, False, None}
+    assert len(batches) > 12 and all(0 <= case.roi[0] <= 176 and 0 <= case.roi[1] <= 116 for case in batches)
+    values = judged_errors(batches)
+    assert values[values[:, 2] > 0, 0].max() < 0.6 and (values[:, 2] > 0).sum() > 5
+    false = [dataclasses.replace(case, truth=(-case.truth[0], -case.truth[1])) for case in batches]
+    assert judged_errors(false)[values[:, 2] > 0, 0].mean() > 2
+
+
+def judged_errors(batches):
+    return judged.measure("model", FAST, judged.judge, batches, warm=False, progress=iter)
+
+
+@pytest.mark.parametrize("camera", [bias.EdgeCamera(40), bias.PixelCamera(40), bias.PixelCamera(40, 0.15, 0.1, 0.1)])
+def test_cameras_of_the_bias_study_see_the_motion(camera, monkeypatch):
+    monkeypatch.setattr(bias, "BATCHES", 2)
+    batches = bias.cases(camera, 4.0)
+    assert np.allclose([math.hypot(*case.truth) for case in batches], 4.0, rtol=0.02)
+    assert np.allclose(bias.measure("model", FAST, bias._shares, batches), 1, atol=0.12)

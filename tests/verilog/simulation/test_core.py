@@ -1,0 +1,368 @@
+"""The emitted Verilog, in Verilator, against the integer model: every sum of every iteration, every cycle."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from cmfpga.config import Config, preset
+from cmfpga.config.schedule import ScheduleEntry, used_events
+from studies.crosscheck.batches import PATTERNS, random_events, random_schedules, random_settings
+from studies.crosscheck.compare import compare_stream
+from cmfpga.engines.floating import FloatEngine
+from cmfpga.engines.rtl import to_batch_result
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import fields_of
+from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.verilog.simulation.core import VerilatedCore
+
+NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
+CONFIGS = {
+    "paper": Config(),
+    "not a power of two": Config(roi_width=50, roi_height=36, buffer_events=300, time_bits=34, span_bits=20),
+    "narrow formats": Config(
+        sensor_width=90, sensor_height=70, roi_width=32, roi_height=16, buffer_events=333, **NARROW
+    ),
+    "two by two": Config(sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16),
+    "whole sensor": Config(sensor_width=64, sensor_height=48, roi_width=64, roi_height=48, buffer_events=512),
+    "fast": preset("fast"),
+    # So few tags that they come back in every batch, and a long table.
+    "fast, odd sizes": preset("fast").replace(
+        roi_width=31, roi_height=21, buffer_events=200, tag_bits=4, schedule_entries=256
+    ),
+    "fast, one pixel wide bank": preset("fast").replace(
+        sensor_width=8, sensor_height=6, roi_width=2, roi_height=3, buffer_events=16, tag_bits=2
+    ),
+    "fast, by sweep": preset("fast").replace(gradient="sweep", roi_width=32, roi_height=24, buffer_events=200),
+    "fast-4": preset("fast-4"),
+    "two lanes, odd sizes": preset("fast").replace(
+        lanes=2, roi_width=31, roi_height=21, buffer_events=200, tag_bits=4, buffers=1
+    ),
+    # The sequence of the dither begins anew without a schedule; a row of a bank lies in fewer memories than there are.
+    "eight lanes, constant": Config(
+        gradient="one_pass", lanes=8, dither_frac=3, roi_width=14, roi_height=18, buffer_events=100, **NARROW
+    ),
+    "similarity": preset("similarity").replace(buffer_events=500),
+    "rotation": preset("rotation").replace(
+        roi_width=90, roi_height=50, buffer_events=500, ram_style="auto", camera="200,200,120,90"
+    ),
+    # Banks that are so deep that a word lies in several memories.
+    "paper, in one pass": Config(gradient="one_pass", roi_width=120, roi_height=70, buffer_events=300),
+}
+BATCHES = {"paper": 300, "fast": 300}  # 60 for the others
+
+
+@pytest.fixture(scope="module", params=CONFIGS)
+def pair(request):
+    """A verilated core and the model, both after a reset."""
+    torch.set_num_threads(1)
+    config = CONFIGS[request.param]
+    core = VerilatedCore(config, seed=7)
+    yield core, integer_core(config), BATCHES.get(request.param, 60)
+    core.close()
+
+
+def integer_core(config):
+    """The model, which also counts for how long votes wait."""
+    model = IntegerCore(config)
+    model.count_waits = True
+    return model
+
+
+def accounted(result):
+    """Events that a result says something of: all of them."""
+    lost = result.overflow + result.thinned + result.time_back + result.time_span
+    return result.roi_events + result.outside + lost
+
+
+def run_both(core, model, t, x, y, settings, **options):
+    """One batch by both; returns the RTL's values, result and the model's result."""
+    core.write_tables(settings)
+    values, trace, pixels = core.run(t, x, y, settings_values(core.config, settings), **options)
+    keep = options.get("keep_pixels", False)
+    return values, to_batch_result(core.config, values, trace), model.run(t, x, y, settings, keep=keep), pixels
+
+
+def assert_same(rtl, model):
+    """Equal in everything but the cycle count, which only the RTL has."""
+    for field in fields_of("batch", "region"):
+        if field.name != "cycles":
+            assert getattr(rtl, field.name) == getattr(model, field.name), field.name
+    assert rtl.trace == model.trace
+
+
+def test_adversarial_batches_back_to_back(pair, rng):
+    core, model, batches = pair
+    config = core.config
+    names = list(PATTERNS)
+    seen, roi, iterations, queued = set(), (0, 0), 0, 0
+    for number in range(batches):
+        name = names[number % len(names)]
+        settings, roi = random_settings(config, rng, roi)
+        events = random_events(config, rng, roi, name)[1]
+        t, x, y = events.t, events.x, events.y
+        gaps = rng.integers(0, 4, len(x)) * (rng.random(len(x)) < 0.3) if number % 3 == 0 else None
+        values, rtl, expected, _ = run_both(core, model, t, x, y, settings, gaps=gaps, result_stall=int(number % 5))
+        assert_same(rtl, expected)
+        # The first batch is offered while the banks are swept after the reset, and has to wait.
+        waited = values["measured_cycles"] - values["cycles"]
+        assert 0 <= waited <= config.geometry.bank_depth + 9 if number == 0 else waited == 0
+        assert accounted(rtl) == rtl.events == len(x)
+        if gaps is None and rtl.iterations and rtl.events >= core.core.shortest_batch:
+            counts, judged = {"events": rtl.events, "roi_events": rtl.roi_events}, bool(rtl.confidence_limit)
+            fewest, most = (core.core.cycles(**counts, iterations=model.plan, judge=judged, most=k) for k in (0, 1))
+            assert rtl.cycles == fewest + model.waited <= most
+            queued += model.waited
+        roi = rtl.roi_next
+        seen |= {flag for flag in rtl.flags}
+        iterations += rtl.iterations
+    assert bool(queued) == (config.lanes > 1)
+    if batches >= 300:  # the test is only worth its name if all of this happened
+        assert iterations > 1000
+        never = Flag.OVERFLOW if config.when_full == "thin" else Flag(0) if config.confidence else Flag.DOUBTFUL
+        assert seen >= set(Flag) - {Flag.CUT, Flag.SCHEDULE, never} and never not in seen
+
+
+def test_images_of_every_iteration(pair, rng):
+    core, model, _ = pair
+    config = core.config
+    if config.gradient != "sweep":
+        pytest.skip("in one pass nothing reads whole images; their every change is in the sums")
+    roi = (config.geometry.roi_x_max // 2, config.geometry.roi_y_max // 2)
+    for name in PATTERNS:
+        x, y = PATTERNS[name](config, rng, roi)
+        t = 1000 + np.cumsum(rng.integers(1, 20, len(x)))
+        settings = replace(BatchSettings.from_config(config.replace(start="given", v_start_x=0.7), roi), iterations=3)
+        _, rtl, expected, pixels = run_both(core, model, t, x, y, settings, keep_pixels=True)
+        assert_same(rtl, expected)
+        assert len(pixels) == len(model.iterations) == rtl.iterations
+        for read, iteration in zip(pixels, model.iterations, strict=True):
+            np.testing.assert_array_equal(images_of_banks(config, read), torch.stack(iteration.images).numpy())
+
+
+def images_of_banks(config, read):
+    """I, Dx, Dy, [3, height, width], from what one sweep read, [P/4, 12]."""
+    images = np.zeros((3, 2 * config.geometry.bank_rows, 2 * config.geometry.bank_columns), np.int64)
+    for bank in range(4):
+        for k in range(3):
+            images[k, bank >> 1 :: 2, bank & 1 :: 2] = read[:, 3 * bank + k].reshape(config.geometry.bank_rows, -1)
+    return images[:, : config.roi_height, : config.roi_width]
+
+
+def test_reset_in_the_middle_of_a_batch(pair, rng):
+    core, model, _ = pair
+    config = core.config
+    roi = (0, 0)
+    x, y = PATTERNS["random_inside"](config, rng, roi)
+    t = np.arange(len(x)) * 5 + 10
+    settings = replace(BatchSettings.from_config(config, roi), iterations=5)
+    for stop_after in (1, len(x), len(x) + 90, len(x) + 150):
+        core.write_schedule(schedule_table(config, settings))
+        with pytest.raises(TimeoutError):
+            core.run(t, x, y, settings_values(config, settings), max_cycles=stop_after)
+        core.reset()
+        model = IntegerCore(config)
+        _, rtl, expected, _ = run_both(core, model, t, x, y, settings)
+        assert_same(rtl, expected)
+
+
+def test_a_batch_ends_by_count_and_at_the_counter_s_limit(verilated_core):
+    config = verilated_core.config
+    most = config.max_batch_events
+    x = y = np.zeros(2 * most, np.int64)
+    settings = settings_values(config, replace(BatchSettings.from_config(config, (0, 0)), iterations=2))
+    for batch_events, events, cut in ((7, 7, False), (most, most, False), (0, most, True)):
+        settings |= {"batch_events": batch_events}
+        values, _, _ = verilated_core.run(np.arange(2 * most), x, y, settings, open_end=True)
+        assert (values["events"], values["accepted"]) == (events, events)
+        assert bool(values["flags"] & 16) == cut
+
+
+def test_batches_back_to_back_without_a_pause(pair, rng):
+    """The next batch is offered while the one before is optimised; gaps and stalls change nothing but the time."""
+    core, _, batches = pair
+    for gaps, stalls in ((0, 0), (0.2, 0), (0, 1), (0.2, 1)):
+        core.reset()
+        assert compare_stream(core, rng, batches // 4, gaps=gaps, stalls=stalls)[0] == batches // 4
+
+
+def test_sustained_rate_of_the_article_s_workload(rng):
+    """N = 5000, n = 800, warm: the six iterations are hidden behind the ingest of the next 5000 events."""
+    config = preset("fast")
+    core = VerilatedCore(config)
+    settings = replace(BatchSettings.from_config(config, (80, 60)), judge=0)
+    core.write_schedule(schedule_table(config, settings))
+    inside = rng.permutation(np.arange(5000) < 800)
+    x = np.where(inside, 80 + rng.integers(64, size=5000), rng.integers(70, size=5000))
+    y = np.where(inside, 60 + rng.integers(64, size=5000), rng.integers(50, size=5000))
+    t = np.sort(rng.integers(40_000, size=5000))
+    still = settings_values(config, replace(settings, roi=None, roi_gain=0))
+    results, _ = core.stream([(t, x, y)] * 8, [settings_values(config, settings) | {"roi_gain": 0}, *[still] * 7])
+    assert [row["roi_events"] for row in results] == [800] * 8
+    assert [row["iterations"] for row in results] == [15, *[6] * 7]
+    periods = np.diff([row["valid"] for row in results])
+    # Of a batch by itself: 800 events, of which the first two iterations use half.
+    alone = core.core.cycles(events=5000, roi_events=800, iterations=config.schedules.warm, judge=False)
+    assert alone - 5000 == 4161 and core.core.iteration_latency == 17
+    # A batch opens, is taken in and handed over; meanwhile the one before has been optimised.
+    assert set(periods[1:].tolist()) == {1 + 5000 + core.core.drain + 1}
+    core.close()
+
+
+@pytest.mark.parametrize("name", ["fast", "fast-4"])
+def test_strides_at_their_limits(name, rng):
+    """One event more or less than a stride needs; a full buffer; one that has thinned out, by little and by much."""
+    config = CONFIGS[name].replace(cold="2:1/4*5 1:0/2*3 0:-1 0:-2/4 0:-3/2 0:-3", warm="0:-2/2 0:-3/4*4 1:0/4 2:-2")
+    core, model = VerilatedCore(config), integer_core(config)
+    settings = replace(BatchSettings.from_config(config, (0, 0)), roi_gain=0)
+    full = config.buffer_events
+    for n in (1, 2, 127, 128, 255, 256, 257, 511, 512, 513, 801, full, full + 1, 2 * full, 2 * full + 1, 10 * full):
+        x, y = rng.integers(64, size=(2, n))
+        t = np.cumsum(rng.integers(0, 40, n))
+        _, rtl, expected, _ = run_both(core, model, t, x, y, replace(settings, roi=(0, 0) if n % 2 else None))
+        assert_same(rtl, expected)
+        if rtl.iterations and n >= core.core.shortest_batch:
+            wanted = core.core.cycles(events=n, roi_events=rtl.roi_events, iterations=model.plan)
+            assert rtl.cycles == wanted + model.waited
+            strides = [round(rtl.roi_events / count) for count in used_events(model.plan, rtl.roi_events)]
+            assert max(strides) == (1 if n < 256 else 2 if n < 512 else 4)
+    core.close()
+
+
+@pytest.mark.parametrize("depth, buffers", [(7, 2), (255, 1), (256, 2)])  # other depths: tests/rtl/ingest
+def test_a_full_buffer_thins_out_evenly(depth, buffers, rng):
+    """Nothing overflows from the first batch on, up to ten times the buffer, with sudden growth, back to back."""
+    config = preset("fast").replace(
+        sensor_width=30, sensor_height=20, roi_width=16, roi_height=16, buffer_events=depth, buffers=buffers
+    )
+    core, model = VerilatedCore(config), IntegerCore(config)
+    floating = FloatEngine(config)
+    sizes = [10 * depth, 1, 3, depth, depth + 1, 8 * depth, *rng.integers(1, 10 * depth + 1, 30).tolist()]
+    batches, rows, expected = [], [], []
+    for number, n in enumerate(sizes):
+        chosen = {"thinning": int(rng.integers(1, 4)), "thin_target": int(rng.choice([0, 0, depth // 2]))}
+        settings = replace(BatchSettings.from_config(config, (7, 2) if number % 3 == 0 else None), **chosen)
+        outside = int(rng.integers(20))
+        x = np.concatenate([rng.integers(7, 23, n), np.zeros(outside, int)])
+        y = np.concatenate([rng.integers(2, 18, n), np.zeros(outside, int)])
+        order, t = rng.permutation(len(x)), np.cumsum(rng.integers(0, 9, len(x)))
+        batches.append((t, x[order], y[order]))
+        rows.append(settings_values(config, replace(settings, roi_gain=0)))
+        expected.append(model.run(*batches[-1], replace(settings, roi_gain=0)))
+        same = floating.run(Events(*batches[-1], np.zeros(len(x))), replace(settings, roi_gain=0))
+        for name in ("roi_events", "thinned", "overflow", "thinning_used"):
+            assert getattr(same, name) == getattr(expected[-1], name)
+    core.write_schedule(schedule_table(config, settings))
+    results, traces = core.stream(batches, rows)
+    found = [to_batch_result(config, values, trace) for values, trace in zip(results, traces, strict=True)]
+    for n, (t, *_), rtl, wanted in zip(sizes, batches, found, expected, strict=True):
+        assert_same(rtl, wanted)
+        assert rtl.overflow == 0 and rtl.roi_events == -(-n // rtl.thinning_used) <= depth
+        assert rtl.thinned == n - rtl.roi_events and accounted(rtl) == len(t)
+        assert (Flag.THINNED in rtl.flags) == bool(rtl.thinned) and Flag.OVERFLOW not in rtl.flags
+    assert found[0].thinned
+    core.close()
+
+
+def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
+    """Exactly at that event, however events arrive; what comes after it belongs to the next batch."""
+    for config in (CONFIGS["two by two"], CONFIGS["fast, odd sizes"]):
+        core, model = VerilatedCore(config), IntegerCore(config)
+        settings = replace(BatchSettings.from_config(config, (3, 2)), iterations=2)
+        core.write_schedule(schedule_table(config, settings))
+        for wanted in (1, 2, 5, config.buffer_events):
+            x, y = rng.integers(config.sensor_width, size=20_000), rng.integers(config.sensor_height, size=20_000)
+            t = np.cumsum(rng.integers(1, 5, len(x)))
+            inside = (x >= 3) & (x < 3 + config.roi_width) & (y >= 2) & (y < 2 + config.roi_height)
+            end = int(np.flatnonzero(inside)[wanted - 1]) + 1
+            gaps = rng.integers(0, 9, len(x)) * (rng.random(len(x)) < 0.4) if wanted % 2 else None
+            values, trace, _ = core.run(
+                t, x, y, settings_values(config, settings) | {"batch_roi_events": wanted}, gaps=gaps, open_end=True
+            )
+            expected = model.run(t[:end], x[:end], y[:end], settings)
+            assert values["events"] == end
+            assert values["accepted"] == end or config.buffers == 2  # which begins the next batch at once
+            assert_same(to_batch_result(config, values, trace), expected)
+            core.reset()
+            model = IntegerCore(config)
+        core.close()
+
+
+def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
+    config = CONFIGS["fast, odd sizes"]
+    core, model = VerilatedCore(config), IntegerCore(config)
+    roi = (60, 50)
+    x, y = PATTERNS["moving_edge"](config, rng, roi)
+    t = np.cumsum(rng.integers(1, 50, len(x)))
+    good = BatchSettings.from_config(config, roi)
+    largest = config.formats.v.width - 2
+    for bad, limited in (
+        ((3, 2, 1), (2, 2, 1)),
+        ((1, largest + 1, 0), (1, largest, 0)),
+        ((3, 15, 3), (2, largest, 2)),
+        ((1, 1, 3), (1, 1, 2)),
+    ):
+        entries = [(2, 6, 2), bad, (0, 1, 0)]
+        core.write_schedule(entries)
+        settings = replace(
+            good,
+            cold=tuple(
+                ScheduleEntry(level, shift - config.formats.v.f, 1 << stride)
+                for level, shift, stride in ((2, 6, 2), limited, (0, 1, 0))
+            ),
+        )
+        values, trace, _ = core.run(t, x, y, settings_values(config, settings))
+        expected = model.run(t, x, y, settings)
+        assert Flag.SCHEDULE in Flag(values["flags"])
+        assert to_batch_result(config, values, trace).trace == expected.trace
+        core.write_schedule([(2, 6, 2), limited, (0, 1, 0)])
+        values, _, _ = core.run(t, x, y, settings_values(config, settings))
+        model.run(t, x, y, settings)
+        assert Flag.SCHEDULE not in Flag(values["flags"])
+    core.close()
+
+
+def test_a_schedule_as_long_as_the_table(rng):
+    """A driver may write one, whatever ``max_iterations`` says: the count does not wrap."""
+    config = Config(
+        sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16, ascent="sign",
+        cold="0:0", warm="0:0", max_iterations=2, schedule_entries=9,
+    )  # fmt: skip
+    core, model = VerilatedCore(config), IntegerCore(config)
+    for count in (4, 9, 8):
+        settings = replace(BatchSettings.from_config(config, (0, 0)), cold=(ScheduleEntry(0, -3),) * count, warm=())
+        x, y = rng.integers(2, size=(2, 12))
+        _, rtl, expected, _ = run_both(core, model, np.arange(12) * 9, x, y, settings)
+        assert_same(rtl, expected)
+        assert rtl.iterations == count
+    core.close()
+
+
+def test_more_iterations_than_there_are_tags(rng):
+    """Tags come back after 2^tag_bits − 1 iterations: 700 iterations with 4-bit tags, without a reset."""
+    config = CONFIGS["fast, odd sizes"].replace(cold="0:0", warm="0:0")
+    assert config.tag_bits == 4
+    core, model = VerilatedCore(config), IntegerCore(config)
+    iterations = 0
+    while iterations < 700:
+        roi = (int(rng.integers(200)), int(rng.integers(150))) if rng.random() < 0.3 else None
+        settings = BatchSettings.from_config(config, roi)
+        settings = replace(settings, **{name: plan * 25 for name, plan in random_schedules(config, rng).items()})
+        settings = replace(settings, cold=settings.cold[:120], warm=settings.warm[:120])
+        x, y = PATTERNS["random_everywhere" if roi is None else "repeats_at_distances_1_to_5"](
+            config, rng, roi or (0, 0)
+        )
+        t = np.cumsum(rng.integers(0, 50, len(x)))
+        _, rtl, expected, _ = run_both(core, model, t, x, y, settings)
+        assert_same(rtl, expected)
+        iterations += rtl.iterations
+    core.close()
+
+
+def test_too_few_tags_are_refused_with_the_numbers():
+    with pytest.raises(ConfigError, match=r"^tag_bits = 5: .* · 17 idle cycles an iteration = 527, .* 1024 words"):
+        preset("fast").replace(tag_bits=5)
