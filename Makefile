@@ -28,8 +28,8 @@ RUN = $(VENV)/bin/python -m
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
-	$(RUN) cmfpga.build "--out=$$OUT"
-	$(RUN) cmfpga.track $${ROI:+"--roi=$$ROI"} $(TRACK) "--out=$$OUT/track" $${RECORDING:+-- "$$RECORDING"}
+	$(RUN) cmfpga build "--out=$$OUT"
+	$(RUN) cmfpga track $${ROI:+"--roi=$$ROI"} $(TRACK) "--out=$$OUT/track" $${RECORDING:+-- "$$RECORDING"}
 	@printf 'The picture is %s\n' "$$OUT/track/track.png"
 
 test: $(VENV)/installed-for-tests

@@ -10,13 +10,13 @@ import re
 from pathlib import Path
 
 from cmfpga.config import Config, preset
+from cmfpga.fpga import resources
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import markdown
 from cmfpga.tracking.columns import COLUMNS
-from cmfpga.fpga import resources
 
-RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "verilog" / "baselines.json"
+RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "fpga" / "baselines.json"
 
 
 def table(head, rows, right=()):

@@ -19,8 +19,8 @@ from amaranth.lib import data, wiring
 from declared import DECLARED, table
 from timed import TIMED, elaborated
 
-from cmfpga.imaging.camera import Camera, nearest, undistort
 from cmfpga.config import preset
+from cmfpga.imaging.camera import Camera, nearest, undistort
 from cmfpga.protocol.results import RESULTS, trace_shape
 from cmfpga.protocol.settings import SETTINGS
 from cmfpga.protocol.shapes import leaves

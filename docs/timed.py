@@ -6,10 +6,10 @@ from amaranth.hdl import Fragment
 from declared import RESOURCES, table
 
 from cmfpga.config import PRESETS, preset
+from cmfpga.fpga import place
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import article
-from cmfpga.fpga import place
 
 
 def elaborated(config):

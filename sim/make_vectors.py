@@ -14,8 +14,8 @@ import port_text as verilog
 from batch_kinds import KINDS, Maker
 
 from cmfpga import __version__, cli
-from cmfpga.imaging.camera import node_writes
 from cmfpga.errors import ConfigError
+from cmfpga.imaging.camera import node_writes
 from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import fields_of, sums_shape

@@ -7,8 +7,8 @@ import subprocess
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.verilog.simulation.core import VerilatedCore
 from cmfpga.fpga import levels
+from cmfpga.verilog.simulation.core import VerilatedCore
 from support import asks, designs
 
 OTHER = preset("fast")

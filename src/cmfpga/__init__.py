@@ -1,14 +1,21 @@
-"""cmfpga: Contrast Maximization for event cameras on an FPGA."""
+"""cmfpga: Contrast Maximization for event cameras on an FPGA.
+
+``track``, ``Tracker``, ``flow`` and ``Events`` are loaded when they are asked for.
+"""
 
 import importlib
 
 __version__ = "0.1.0"
 
+_HOMES = {"Events": "events", "Tracker": "api.track", "flow": "api.flow", "track": "api.track"}
+__all__ = ["Events", "Tracker", "flow", "track"]
+
 
 def __getattr__(name):
-    """``cmfpga.track`` and ``cmfpga.Tracker`` without imports of their own; ``import cmfpga`` loads nothing else."""
-    if name == "track":
-        return importlib.import_module(".track", __name__)
-    if name == "Tracker":
-        return importlib.import_module(".tracking.api", __name__).Tracker
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__():
+    return [*__all__, "__version__"]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmfpga.events import Events, generate
+
 from .case import Case
 from .scores import measure, run_case
 from .yardstick import ROI

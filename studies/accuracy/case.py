@@ -6,6 +6,7 @@ from functools import cached_property
 from cmfpga.config import preset
 from cmfpga.events import Events
 from cmfpga.imaging.iwe import scaled_roi_events
+
 from .yardstick import best_contrast
 
 

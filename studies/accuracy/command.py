@@ -10,6 +10,7 @@ from cmfpga import cli
 from cmfpga.config import DEFAULT_PRESET
 from cmfpga.engines import ENGINES
 from cmfpga.errors import ConfigError, RecordingError, needs, write_text
+
 from .dense import run_dense
 from .motions import MOTIONS, run_motion
 from .studies import STUDIES, run_study
@@ -31,7 +32,9 @@ EXAMPLES = (
 
 
 def _parser():
-    made = cli.parser("accuracy", "How well the motion is found: suites of batches, and studies.", EXAMPLES)
+    made = cli.parser(
+        "python -m studies.accuracy", "How well the motion is found: suites of batches, and studies.", EXAMPLES
+    )
     made.add_argument(
         "--batches", type=cli.positive, default=BATCHES, metavar="N", help="synthetic batches of each seed (300)"
     )

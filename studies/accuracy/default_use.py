@@ -4,9 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from cmfpga.api.track import track
 from cmfpga.config import unread
 from cmfpga.protocol.flags import Flag
-from cmfpga.api.track import track
+
 from .foreign import FOREIGN, find
 from .known import recordings
 from .table import percent

@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 
 from cmfpga import cli
-from cmfpga.imaging.camera import Camera, seen
-from cmfpga.engines.regions import RegionEngine
-from cmfpga.events import Events, MemoryRecording, open_recording
-from cmfpga.dense import fit_field
 from cmfpga.api.flow import configure
+from cmfpga.dense import fit_field
 from cmfpga.dense.demo import CAMERA, ROTATION, scene
 from cmfpga.dense.run import Run
 from cmfpga.dense.tiles import TILE
+from cmfpga.engines.regions import RegionEngine
+from cmfpga.events import Events, MemoryRecording, open_recording
+from cmfpga.imaging.camera import Camera, seen
+
 from .table import percent
 from .yardstick import best_contrast
 

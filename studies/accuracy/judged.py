@@ -11,6 +11,7 @@ import numpy as np
 from cmfpga.events import Events
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import confidence, is_sure
+
 from .case import Case
 from .default_use import WRONG
 from .known import recordings

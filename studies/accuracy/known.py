@@ -14,9 +14,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cmfpga.imaging.camera import read_calibration
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, generate, open_recording
+from cmfpga.imaging.camera import read_calibration
+
 from .yardstick import ROI
 
 #: Generated: texture, velocity (px/s), noise, size of the object (px), contrast. It crosses the sensor's middle.

@@ -16,13 +16,14 @@ from time import perf_counter
 import h5py
 import numpy as np
 
-from cmfpga.imaging.camera import Camera, calibration_of, flow, rates
 from cmfpga.config.defaults import CLOCK_MHZ
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, open_recording
+from cmfpga.imaging.camera import Camera, calibration_of, flow, rates
 from cmfpga.protocol.confidence import confidence, is_sure
 from cmfpga.protocol.settings import BatchSettings
+
 from .foreign import FOREIGN, find_rotation
 from .judged import WRONG, separation
 from .panned import run_panned

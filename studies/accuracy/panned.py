@@ -10,10 +10,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from cmfpga.imaging.camera import Camera
+from cmfpga.api.track import track
 from cmfpga.config import preset
 from cmfpga.events import Events, open_recording
-from cmfpga.api.track import track
+from cmfpga.imaging.camera import Camera
 
 PANNED = "davis240c_translboxes_imu.h5"
 GYRO_SCALE = np.pi / 180 / 32.8  # rad/s per count

@@ -13,6 +13,7 @@ import numpy as np
 
 from cmfpga.events import Events, open_recording
 from cmfpga.imaging.survey.places import box_sums
+
 from .case import Case
 from .yardstick import ROI
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from cmfpga.engines import make_engine
 from cmfpga.protocol.settings import BatchSettings
+
 from .yardstick import contrasts
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from cmfpga.config import preset
 from cmfpga.config.schedule import MEASURED
 from cmfpga.errors import ConfigError
+
 from .bias import study_bias
 from .judged import study_confidence
 from .real import real_cases

@@ -7,6 +7,7 @@ import numpy as np
 from cmfpga.config import preset
 from cmfpga.config.schedule import AUTO
 from cmfpga.engines import ENGINES
+
 from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
 from .default_use import run_known
 from .foreign import FOREIGN, find

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from cmfpga.events import generate
+
 from .case import Case
 from .yardstick import ROI
 

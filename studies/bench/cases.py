@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from cmfpga.config import preset
 from cmfpga.verilog import article
+
 from .workloads import make_workload
 
 #: Ascents: the article's, and the sign ascent without and with a last v.

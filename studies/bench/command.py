@@ -12,6 +12,7 @@ from cmfpga import __version__, cli
 from cmfpga.errors import ConfigError, MissingPackage, needs, write_text
 from cmfpga.verilog import article
 from cmfpga.verilog.compiler import cannot_compile
+
 from .cases import WARM, make_cases
 from .cycles import measure
 from .opponents import make_programs
@@ -28,7 +29,7 @@ EXAMPLES = (
 
 def _parser():
     made = cli.parser(
-        "bench",
+        "python -m studies.bench",
         "The core's clock cycles, counted in the simulated Verilog, beside the article's formula and the time that "
         "programs on this machine need for the same work.",
         EXAMPLES,

@@ -5,6 +5,7 @@ from functools import cache
 
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
 from cmfpga.verilog.compiler import cannot_compile
+
 from .cases import WARM
 
 

@@ -7,15 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
-from ..accuracy.dense import WINDOWS as RECORDINGS
-from cmfpga.config import preset
-from cmfpga.errors import MissingPackage
-from cmfpga.events import Events, open_recording
 from cmfpga.api.flow import configure
+from cmfpga.config import preset
 from cmfpga.dense.demo import scene
 from cmfpga.dense.tiles import TILE, grid
+from cmfpga.errors import MissingPackage
+from cmfpga.events import Events, open_recording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+
+from ..accuracy.dense import WINDOWS as RECORDINGS
 from .opponents.c_program import Unavailable
 from .opponents.flow_program import FlowProgram
 from .opponents.timing import Times, side_by_side
@@ -122,8 +123,9 @@ def _programs(config, tiles, settings, events, runs, seconds, missing, step):
 
 def _foreign(config, tiles, events):
     """A foreign program asked for each tile that has enough events, by its own search; once."""
-    from ..accuracy.foreign import FOREIGN, find
     from cmfpga.imaging.iwe import events_in_roi
+
+    from ..accuracy.foreign import FOREIGN, find
 
     mine, size = [], (tiles.width, tiles.height)
     for corner in tiles.corners:

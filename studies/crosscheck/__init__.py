@@ -11,6 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from cmfpga import cli
+
 from .configs import assignments, random_config
 
 EXAMPLES = (
@@ -23,7 +24,7 @@ EXAMPLES = (
 
 def _parser():
     made = cli.parser(
-        "crosscheck",
+        "python -m studies.crosscheck",
         "Compare the emitted Verilog with the integer model, in every field of every result and every sum of every "
         "iteration, for random configurations and batches. Exit status 1 if they differ, or anything fails.",
         EXAMPLES,
@@ -40,6 +41,7 @@ def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
     from cmfpga.verilog.compiler import cannot_compile
+
     from .compare import check  # loads torch, or says what to install
 
     count = options.configs or (None if options.seconds else 5)

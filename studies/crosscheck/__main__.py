@@ -3,6 +3,7 @@
 import sys
 
 from cmfpga import cli
+
 from . import main
 
 if __name__ == "__main__":

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from cmfpga.imaging.camera import Camera
 from cmfpga.config.schedule import FEWEST, STRIDES, ScheduleEntry
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
+from cmfpga.imaging.camera import Camera
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
 
 PATTERNS = {}

@@ -10,6 +10,7 @@ from cmfpga.events import Events
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, settings_values
 from cmfpga.verilog.compiler import cannot_compile
+
 from .batches import PATTERNS, random_events, random_lens, random_mask, random_schedules, random_settings
 
 BATCHES = 3 * len(PATTERNS)

@@ -10,6 +10,7 @@ from cmfpga.config.motion import MOTIONS, needs
 from cmfpga.config.schedule import AUTO, STRIDES
 from cmfpga.errors import ConfigError
 from cmfpga.fixed import Q
+
 from .batches import random_lens
 
 #: Largest values that are drawn, where the field's own would take too long to simulate, or be refused nearly always.

@@ -1,4 +1,4 @@
-"""What ``python -m cmfpga.build --top kv260`` writes is what the board's files expect."""
+"""What ``cmfpga build --top kv260`` writes is what the board's files expect."""
 
 import pytest
 

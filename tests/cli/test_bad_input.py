@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cmfpga.cli import build, track
 from cmfpga import cli
+from cmfpga.cli import build, track
 from cmfpga.config import Config
 
 MODEL = ["--engine", "model", "--no-picture"]

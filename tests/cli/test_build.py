@@ -1,4 +1,4 @@
-"""``python -m cmfpga.build``: the same bytes every time, one module per block, and a true description."""
+"""``cmfpga build``: the same bytes every time, one module per block, and a true description."""
 
 import hashlib
 import json

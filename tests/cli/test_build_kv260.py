@@ -1,4 +1,4 @@
-"""``python -m cmfpga.build --top kv260``: ports as Vivado infers them, the same bytes every time."""
+"""``cmfpga build --top kv260``: ports as Vivado infers them, the same bytes every time."""
 
 import dataclasses
 import json
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from cmfpga.cli import build
 from cmfpga.boards import BOARDS
+from cmfpga.cli import build
 from cmfpga.config import Config
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.documents import BY_PEAKRDL

@@ -1,4 +1,4 @@
-"""``python -m cmfpga.build --resources``, ``--place``, ``--levels``: table and file. Figures: tests/verilog."""
+"""``cmfpga build --resources``, ``--place``, ``--levels``: table and file. Figures: tests/verilog."""
 
 import json
 
@@ -6,8 +6,8 @@ import pytest
 
 from cmfpga.cli import build
 from cmfpga.config import Config
-from cmfpga.rtl.top import VerilogCore
 from cmfpga.fpga import levels, place, resources, tools
+from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP, emit_verilog
 from support.building import TINY, TINY_SETS
 from support.small_core import sets

@@ -1,4 +1,4 @@
-"""``python -m cmfpga.build --top ulx3s``: the serial top, its pads, and where a bitstream can and cannot be made."""
+"""``cmfpga build --top ulx3s``: the serial top, its pads, and where a bitstream can and cannot be made."""
 
 import dataclasses
 import json
@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from amaranth_boards.ulx3s import ULX3S_85F_Platform
 
-from cmfpga.cli import build
 from cmfpga.boards import ULX3S
+from cmfpga.cli import build
 from cmfpga.fpga import bitstream, place
 from cmfpga.fpga.tools import EstimateError
 from support.building import TINY_SETS, check_lint

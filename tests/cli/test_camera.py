@@ -9,9 +9,9 @@ import pytest
 import cmfpga
 from cmfpga import cli
 from cmfpga.cli import generate, info, track
-from cmfpga.imaging.camera import Camera, read_calibration
 from cmfpga.errors import ConfigError
 from cmfpga.events import generate as generate_events
+from cmfpga.imaging.camera import Camera, read_calibration
 
 NUMBERS = "200,200,120,90,-0.35,0.12,0.001,-0.0005,0"
 CAMERA = Camera(*map(float, NUMBERS.split(",")))

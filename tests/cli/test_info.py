@@ -9,9 +9,9 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from studies.accuracy.real import WINDOWS
 
 from cmfpga.cli import info, track
-from studies.accuracy.real import WINDOWS
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, generate, open_recording, write_hdf5
 

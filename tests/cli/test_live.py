@@ -154,7 +154,7 @@ def test_the_end_of_a_stream_by_ctrl_c(send, follow, dot_events, monkeypatch):
         if batch.index == 2:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr("cmfpga.track.Lines.add", interrupted)
+    monkeypatch.setattr("cmfpga.cli.track.Lines.add", interrupted)
     done = follow(send(HEADS["evt3"] + evt3(dot_events), 2))
     assert done.status == 0 and done.err == "note: interrupted; this is the end of the stream\n"
     assert done.out.startswith("3 batches tracked (model engine), ")

@@ -60,14 +60,14 @@ def test_recording(make, name):
     assert make(f"RECORDING={name}", f"ROI={name}", f"OUT={name}", "TRACK=--batches 3") == (
         [
             ["cmfpga.build", f"--out={name}"],
-            ["cmfpga.track", f"--roi={name}", "--batches", "3", f"--out={name}/track", "--", name],
+            ["cmfpga", "track", f"--roi={name}", "--batches", "3", f"--out={name}/track", "--", name],
         ],
         set(),
     )
 
 
 def test_without(make):
-    assert make() == ([["cmfpga.build", "--out=build"], ["cmfpga.track", "--out=build/track"]], set())
+    assert make() == ([["cmfpga.build", "--out=build"], ["cmfpga", "track", "--out=build/track"]], set())
 
 
 def test_extras(make):

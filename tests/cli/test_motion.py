@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 import cmfpga
-from cmfpga.cli import build, generate, track
 from cmfpga import cli
-from cmfpga.imaging.camera import RATES
+from cmfpga.cli import build, generate, track
 from cmfpga.config import PRESETS
 from cmfpga.events import Events, write_hdf5
 from cmfpga.events import generate as synthetic
+from cmfpga.imaging.camera import RATES
 from cmfpga.rtl.core import Core
 
 OMEGA = (0.5, -1.0, 0.4)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from cmfpga import dense as flow
-from cmfpga.errors import ConfigError
-from cmfpga.events import Events, MemoryRecording, write_hdf5
-from cmfpga.dense import demo
 from cmfpga.api.flow import configure
 from cmfpga.api.flow_result import DOCS
+from cmfpga.dense import demo
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events, MemoryRecording, write_hdf5
 from support.flowing import CAMERA, OMEGA
 
 MODEL = ("--engine", "model", "--window-events", 9000)

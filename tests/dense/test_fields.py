@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.errors import ConfigError
 from cmfpga.dense.fields import MODELS, basis, check, fit_field
+from cmfpga.errors import ConfigError
 from support.flowing import OMEGA
 
 CONFIG = preset("flow").replace(camera="200,190,118,92")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.errors import ConfigError
 from cmfpga.dense import grid
+from cmfpga.errors import ConfigError
 from cmfpga.protocol.regions import tables
 from cmfpga.protocol.settings import BatchSettings
 

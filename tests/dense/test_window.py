@@ -7,9 +7,9 @@ import io
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import seen
 from cmfpga.api.flow_result import csv_writer
 from cmfpga.dense.window import COLUMNS, Window
+from cmfpga.imaging.camera import seen
 from cmfpga.imaging.iwe import dithered, image_of_warped_events
 from cmfpga.protocol.flags import Flag
 from support.flowing import CAMERA, OMEGA, VELOCITY, measured

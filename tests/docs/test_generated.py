@@ -1,6 +1,7 @@
 """Tables in the documentation equal what the code says."""
 
 import re
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -50,11 +51,14 @@ def test_an_unknown_name_is_refused(maker):
         maker.rewritten("<!-- generated: nonsense -->\n<!-- end -->\n", {})
 
 
-@pytest.mark.parametrize("name", sorted({*tool.COMMANDS} - {"crosscheck"}))  # which has no page
+@pytest.mark.parametrize("name", sorted({*tool.COMMANDS, "studies.accuracy", "studies.bench"}))
 def test_options_are_documented(name, command):
     """The table of options of a command's page has all that ``--help`` has, and no others; help ends with examples."""
-    shown, _, examples = command(tool.load(name), "--help").out.partition("examples:")
-    assert examples.count(f"python -m cmfpga.{name}") >= 2
+    suite = name.startswith("studies.")
+    module = import_module(name) if suite else tool.load(name)
+    shown, _, examples = command(module, "--help").out.partition("examples:")
+    assert examples.count(f"python -m {name}" if suite else f"cmfpga {name}") >= 2
+    name = name.removeprefix("studies.")
     text = (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8")
     option = re.compile(r"--[a-z][a-z-]*")
     rows = (line.split("|")[1] for line in text.splitlines() if line.startswith("| `--"))

@@ -1,10 +1,8 @@
 """Who may import whom: configuration, then models, then RTL, then tools; torch only where it is needed."""
 
-import ast
 import json
 import subprocess
 import sys
-from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -54,77 +52,14 @@ CLEAN = {
         ],
     ),
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
-    "track": (["cmfpga.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
-    "flow": (["cmfpga.flow"], ["torch", "matplotlib", "plotly", "amaranth"]),
-    "report": (["cmfpga.show.report", "cmfpga.show.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
-    "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
+    "track": (["cmfpga.cli.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
+    "flow": (["cmfpga.cli.flow"], ["torch", "matplotlib", "plotly", "amaranth"]),
+    "report": (["cmfpga.cli.report", "cmfpga.show.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
+    "sweep": (["cmfpga.cli.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.cli.info", "cmfpga.imaging.survey"], ["torch", "matplotlib"]),
     "bench": (["studies.bench"], ["torch", "matplotlib"]),
     "command": (["cmfpga.cli.command"], ["amaranth", "numpy", "torch"]),
-}
-
-#: Packages of the library, and what no file of theirs may import anywhere, not even inside a function.
-FORBIDDEN = {
-    "config": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
-    "fixed.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "numpy", "torch"),
-    "protocol/flags.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    "protocol/word_format.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    **dict.fromkeys(
-        ("protocol/registers", "protocol/link.py"),
-        (
-            *("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events"),
-            *("amaranth", "numpy", "torch"),
-        ),
-    ),
-    "protocol/words.py": (
-        *("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events"),
-        *("amaranth", "torch"),
-    ),
-    "errors.py": ("cmfpga.", "amaranth", "numpy", "torch"),
-    **dict.fromkeys(
-        ("protocol/shapes.py", "protocol/settings.py", "protocol/results.py"),
-        (
-            "cmfpga.config",
-            "cmfpga.protocol.registers",
-            "cmfpga.rtl",
-            "cmfpga.reference",
-            "cmfpga.engines",
-            "cmfpga.driver",
-            "cmfpga.events",
-            "amaranth",
-            "numpy",
-            "torch",
-        ),
-    ),
-    "protocol/trace.py": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.events", "amaranth", "torch"),
-    "events": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "amaranth", "torch"),
-    "reference": ("cmfpga.rtl", "cmfpga.engines", "cmfpga.verilog.emit", "amaranth"),
-    "rtl": (
-        *("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "cmfpga.boards"),
-        *("numpy", "torch"),
-    ),
-    **dict.fromkeys(("rtl/shell", "rtl/sensors"), ("cmfpga.rtl.axi", "cmfpga.rtl.uart")),
-    "rtl/uart": ("cmfpga.rtl.axi",),
-    "boards": ("cmfpga.rtl", "cmfpga.verilog", "cmfpga.driver", "cmfpga.config", "amaranth", "numpy", "torch"),
-    "verilog": ("cmfpga.reference", "cmfpga.engines", "cmfpga.verilog.simulation", "cmfpga.driver", "cmfpga.events", "torch"),
-    "simulation/core.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.events", "torch"),
-    "engines": ("cmfpga.driver", "cmfpga.tracking"),
-    "simulation": ("cmfpga.driver", "cmfpga.engines"),
-    "tracking": ("cmfpga.cli", "cmfpga.track", "cmfpga.sweep", "cmfpga.driver"),
-    "flow": ("cmfpga.rtl", "cmfpga.reference", "cmfpga.driver", "cmfpga.api.track", "cmfpga.track", "torch"),
-    # The report is about tracks. What shows it to the user may call it, and what it reads may not.
-    **dict.fromkeys(
-        [f"tracking/{name}.py" for name in ("columns", "kept", "loop", "replay", "source", "trace", "wave")],
-        ("cmfpga.show.report", "cmfpga.imaging.survey", "cmfpga.api.track", "cmfpga.api.track_result", "cmfpga.api.objects"),
-    ),
-    "report": ("cmfpga.api.track", "cmfpga.api.track_result", "cmfpga.api.objects", "cmfpga.engines", "torch"),
-    **dict.fromkeys(
-        ("imaging", "survey"),
-        ("cmfpga.rtl", "cmfpga.reference", "cmfpga.engines", "cmfpga.driver", "cmfpga.tracking", "amaranth", "torch"),
-    ),
-    "verilog/description.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
-    "verilog/emit.py": ("cmfpga.reference", "cmfpga.engines", "cmfpga.events", "numpy", "torch"),
 }
 
 
@@ -170,54 +105,11 @@ def test_loads_nothing_else(name, loaded):
     assert not [module for module in loaded[name] for prefix in absent if matches(module, prefix)]
 
 
-def imports(path):
-    """Absolute names of all that a file imports."""
-    parts = ["cmfpga", *path.relative_to(PACKAGE).with_suffix("").parts]
-    package = parts[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else []
-            base = ".".join([*base, *([node.module] if node.module else [])])
-            yield from (base, *(f"{base}.{alias.name}" for alias in node.names))
+def test_rooms_import_only_what_lies_below():
+    """The contracts stand in pyproject.toml, under ``[tool.importlinter]``."""
+    from importlinter.api import read_configuration
+    from importlinter.cli import lint_imports
 
-
-@pytest.mark.parametrize("name", FORBIDDEN)
-def test_imports_only_what_lies_below(name):
-    where = PACKAGE / name
-    files = sorted(where.rglob("*.py")) if where.is_dir() else [where]
-    assert files
-    wrong = [
-        f"{path.relative_to(PACKAGE)} imports {module}"
-        for path in files
-        for module in imports(path)
-        for prefix in FORBIDDEN[name]
-        if matches(module, prefix)
-    ]
-    assert not wrong
-
-
-def test_there_is_no_circle():
-    """Neither by imports at the top of a file, nor by those inside functions."""
-    graph = {}
-    for path in PACKAGE.rglob("*.py"):
-        module = ".".join(("cmfpga", *path.relative_to(PACKAGE).with_suffix("").parts)).removesuffix(".__init__")
-        graph[module] = set(imports(path))
-    known = {module: found & graph.keys() - {module} for module, found in graph.items()}
-    assert "cmfpga.verilog.simulation.core" in known["cmfpga.engines.verilated"]
-    TopologicalSorter(known).prepare()  # or CycleError names the circle
-    rooms = {}
-    for module, found in known.items():
-        room = ".".join(module.split(".")[:2])
-        rooms.setdefault(room, set()).update({".".join(name.split(".")[:2]) for name in found} - {room, "cmfpga"})
-    rooms["cmfpga.tracking"] -= {"cmfpga.show.report"}  # Tracking.report() writes a page about itself
-    assert {"cmfpga.verilog.simulation", "cmfpga.engines"} <= rooms["cmfpga.driver"]
-    TopologicalSorter(rooms).prepare()
-
-
-def test_relative_imports_are_understood():
-    """The check above sees through ``from ..engines import x`` and ``from . import x``."""
-    assert {"amaranth.hdl", "cmfpga.rtl.core.Core"} <= set(imports(PACKAGE / "rtl" / "top.py"))
-    found = set(imports(PACKAGE / "engines" / "model.py"))
-    assert {"torch", "cmfpga.reference.integer.core", "cmfpga.engines.base"} <= found
+    root = PACKAGE.parents[1]
+    assert len(read_configuration(str(root / "pyproject.toml"))["contracts_options"]) >= 7
+    assert lint_imports(config_filename=str(root / "pyproject.toml"), no_cache=True) == 0

@@ -1,7 +1,7 @@
 """The code in README.md, docs/ and boards/ works as printed.
 
 Every ``python`` block is a whole program; a ``text`` block right behind it is its output. A ``py`` block is an excerpt,
-which is only parsed. Of ``console`` blocks, lines that begin with ``$ python -m cmfpga`` or ``$ cmfpga`` are run, in a
+which is only parsed. Of ``console`` blocks, lines that begin with ``$ python -m studies.`` or ``$ cmfpga`` are run, in a
 folder that holds recordings, and so are ``$ head -n`` and ``$ echo $?``. Lines below a command are its output, where
 there are any; ``…`` stands for anything in a line, and alone for any lines.
 """
@@ -11,6 +11,7 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -94,7 +95,7 @@ def commands(text):
     return found
 
 
-RUN = ("python -m cmfpga", "cmfpga ", "head -n ", "echo $?")
+RUN = ("python -m studies.", "cmfpga ", "head -n ", "echo $?")
 
 
 def runnable(text):
@@ -102,7 +103,7 @@ def runnable(text):
 
 
 #: In processes of their own: they start others, or take the time.
-APART = ("sweep", "bench")
+APART = ("sweep", "studies.bench")
 
 
 @pytest.mark.parametrize("text, output", [block for block in blocks("console") if runnable(block.values[0])])
@@ -122,15 +123,16 @@ def test_console(text, output, workplace, request, command, monkeypatch):
             got = "".join((workplace / words[3]).read_text().splitlines(keepends=True)[: int(words[2])])
             assert_output(expected, got)
             continue
-        short = words[0] == "cmfpga"
-        name, *words = words[1:] if short else (words[2].removeprefix("cmfpga."), *words[3:])
+        suite = words[0] == "python"
+        name, *words = words[2:] if suite else words[1:]
         if name == "track" and not {"model", "float", "--help", "--list-fields"} & set(words):
             if find_compiler() is None:
                 pytest.skip("no C++ compiler: the simulation would take hours")
         if name in APART:
-            status, got = run([sys.executable, "-m", f"cmfpga.{name}", *words], workplace)
+            module = [name] if suite else ["cmfpga", name]
+            status, got = run([sys.executable, "-m", *module, *words], workplace)
         else:
-            done = command(tool, name, *words) if short else command(tool.load(name), *words)
+            done = command(import_module(name), *words) if suite else command(tool, name, *words)
             status, got = done.status, done.err + done.out
         if expected:
             assert_output(expected, got)

@@ -4,9 +4,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from studies.crosscheck.batches import random_events, random_settings
 
 from cmfpga.config import preset
-from studies.crosscheck.batches import random_events, random_settings
 from cmfpga.driver import Accelerator, WrongHardware
 from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.model import ModelEngine
@@ -18,9 +18,9 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.rtl.shell import result_packet
 from cmfpga.rtl.shell import settings as shell_settings
-from cmfpga.verilog.simulation import axi_top
 from cmfpga.verilog import compile
 from cmfpga.verilog.emit import emit_verilog
+from cmfpga.verilog.simulation import axi_top
 from support.driving import differences
 from support.mutation import break_blocks
 

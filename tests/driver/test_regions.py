@@ -19,10 +19,10 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import packet_beats
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
-from cmfpga.verilog.simulation.axi_top import PACKET, SimulatedTop
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import follow
 from cmfpga.tracking.rows import Rows
+from cmfpga.verilog.simulation.axi_top import PACKET, SimulatedTop
 from support.board import uio_tree
 from support.region_driving import CONFIG, TABLE, clouds, events_of, same
 from support.regions import model_of, random_regions, random_settings, random_window, some_changed

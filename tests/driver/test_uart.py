@@ -8,9 +8,9 @@ import sys
 import numpy as np
 import pytest
 
+from cmfpga.cli import driver as command_line
 from cmfpga.cli import track
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
-from cmfpga.cli import driver as command_line
 from cmfpga.driver.uart import SerialLine, UartBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.events import write_hdf5

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from studies.crosscheck.batches import random_events, random_settings
 
 from cmfpga import engines
 from cmfpga.config import preset
-from studies.crosscheck.batches import random_events, random_settings
 from cmfpga.engines import ENGINES, check_roi, make_engine
 from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.model import ModelEngine
@@ -130,7 +130,7 @@ def test_random_batches(verilated_engine, rng):
 
 
 def test_amaranth_simulates_the_fast_hardware_too(rng):
-    """Signs, levels, dither, one pass; schedules that change from batch to batch. (Its Verilog: tests/verilog/simulation.)"""
+    """Signs, levels, dither, one pass; schedules that change. (Its Verilog: tests/verilog/simulation.)"""
     config = preset("fast").replace(
         **HARDWARE, cold="2:1*2 1:0 0:-1", warm="1:0 0:-2", cold_after_doubtful=0, roi_gain=0.0
     )

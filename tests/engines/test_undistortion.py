@@ -4,10 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-
-from cmfpga.config import Config, preset
 from studies.crosscheck.batches import random_events, random_settings
 from studies.crosscheck.compare import check
+
+from cmfpga.config import Config, preset
 from cmfpga.engines import make_engine
 from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.verilated import VerilatedEngine

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from studies.accuracy.real import WINDOWS
+
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, Format, MemoryRecording, formats, open_recording
 from cmfpga.events import recording as recording_module

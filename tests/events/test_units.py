@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-
 from studies.accuracy.real import WINDOWS
+
 from cmfpga.errors import RecordingError
 from cmfpga.events import open_recording
 from cmfpga.events.units import TIME_UNITS, guess_unit, parse_unit, to_us

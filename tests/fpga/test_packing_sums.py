@@ -7,10 +7,10 @@ import pytest
 from amaranth.back import verilog
 from amaranth.hdl import Elaboratable, Module, Signal
 
-from cmfpga.rtl.arithmetic import delay
-from cmfpga.rtl.image.lanes.lane_sums import add_products
 from cmfpga.fpga.packing import pack_registers
 from cmfpga.fpga.tools import yosys
+from cmfpga.rtl.arithmetic import delay
+from cmfpga.rtl.image.lanes.lane_sums import add_products
 from support.ecp5_cells import adder, cell, difference, register, twice_waiting
 
 

@@ -1,12 +1,12 @@
 """Estimates of resources: stored baselines, so that growth is noticed; and what Yosys says is not misread."""
 
 import pytest
-
 from studies.accuracy.studies import WIDTHS
+
 from cmfpga.boards import DEFAULT
 from cmfpga.config import preset
-from cmfpga.verilog import article
 from cmfpga.fpga import resources, tools
+from cmfpga.verilog import article
 from cmfpga.verilog.emit import TOP
 from support import baselines as update
 from support.baselines import BASELINES

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from cmfpga.imaging.camera import Camera
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
+from cmfpga.imaging.camera import Camera
 from cmfpga.protocol.confidence import confidence
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.crosscheck.configs import OF_REGIONS, assignments, random_config
 
 from cmfpga import cli
-from studies import crosscheck
 from cmfpga.config import ASCENTS, GRADIENTS, Config
-from studies.crosscheck.configs import OF_REGIONS, assignments, random_config
 from cmfpga.reference.integer import core as model
+from studies import crosscheck
 
 
 def outcome(capsys, *arguments):

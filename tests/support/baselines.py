@@ -11,15 +11,16 @@ import sys
 from pathlib import Path
 
 from studies.accuracy.studies import WIDTH_FIELDS, WIDTHS
+
 from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
-from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.fpga import place, resources
+from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.verilog.emit import TOP, emit_verilog, sha256
 from support.emitted_hashes import axi_top, body
 from support.verilog_tools import emitted
 
-PATH = Path(__file__).parents[1] / "verilog" / "baselines.json"
+PATH = Path(__file__).parents[1] / "fpga" / "baselines.json"
 PRESETS = ("paper", "fast")
 #: Of these only the whole core: with lanes, and beside it without confidence; motions, and what they stand beside.
 LANES = {"fast-4": {}, **{f"{name}, no confidence": {"confidence": 0} for name in ("fast-4", "fast")}}

@@ -4,12 +4,12 @@ import contextlib
 
 import pytest
 
-from cmfpga.imaging.camera import Camera
 from cmfpga.config import preset
-from cmfpga.engines.regions import RegionEngine
-from cmfpga.events import generate
 from cmfpga.dense import grid
 from cmfpga.dense.run import Run
+from cmfpga.engines.regions import RegionEngine
+from cmfpga.events import generate
+from cmfpga.imaging.camera import Camera
 
 #: What slides, px/s; the camera, and how it turns, rad/s; what all scenes share.
 VELOCITY = (90.0, -60.0)

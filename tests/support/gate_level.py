@@ -17,8 +17,8 @@ from pathlib import Path
 import make_vectors
 
 from cmfpga.config import preset
-from cmfpga.verilog.emit import TOP
 from cmfpga.fpga.place import netlist_of
+from cmfpga.verilog.emit import TOP
 from support.verilog_tools import icarus_compile, icarus_run, modules, yosys
 
 BLOCKS = "DP16KD", "MULT18X18D"

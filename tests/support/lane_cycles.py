@@ -7,8 +7,8 @@ import sys
 from dataclasses import replace
 
 import numpy as np
-
 from studies.accuracy.real import real_cases
+
 from cmfpga.config import preset
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values

@@ -9,8 +9,8 @@ from cmfpga.engines.rtl import RtlEngine
 from cmfpga.engines.verilated import VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.verilog.simulation.core import VerilatedCore
 from cmfpga.verilog.compiler import find_compiler
+from cmfpga.verilog.simulation.core import VerilatedCore
 from support.designs import SMALL
 
 CONFIG = SMALL

@@ -8,12 +8,12 @@ import pandas
 import pytest
 
 from cmfpga.config import Config, preset
+from cmfpga.fpga import resources
 from cmfpga.sweep import tables
 from cmfpga.sweep.page import page
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
 from cmfpga.sweep.truth import Truth
 from cmfpga.tracking.columns import COLUMNS
-from cmfpga.fpga import resources
 
 TRUTH = Truth("recording", (0,), ((1.0, 0.0),), (0.0, 0.0))
 

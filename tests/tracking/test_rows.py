@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import RATES
 from cmfpga.config import preset
 from cmfpga.engines.regions import RegionEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, Feed, generate
 from cmfpga.events.columns import MemoryRecording
+from cmfpga.imaging.camera import RATES
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import BatchResult, RegionOutcome, counts_of

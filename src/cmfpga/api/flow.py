@@ -3,17 +3,17 @@
 import contextlib
 import warnings
 
-from ..imaging.camera import camera_fields
 from ..config import preset as find_preset
+from ..dense.fields import check
+from ..dense.run import Run
+from ..dense.tiles import TILE, grid
 from ..engines.regions import RegionEngine
 from ..errors import ConfigError
 from ..events import Recording, is_live
 from ..events.source import EventSource
+from ..imaging.camera import camera_fields
 from ..tracking.source import Source, own_camera, sensor_fields, unit_note
-from ..dense.fields import check
 from .flow_result import Flow
-from ..dense.run import Run
-from ..dense.tiles import TILE, grid
 
 #: What the command and :func:`flow` take if nothing is told.
 PRESET, ENGINE = "flow", "rtl"

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import naming
 from ..dense.fields import MODELS, fit_field
 from ..dense.window import COLUMNS
+from ..errors import naming
 
 #: Files of a run, in its folder.
 CSV, ARRAYS, FITS = "flow.csv", "flow.npz", "fit.csv"

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, field
 
-from ..imaging.camera import Camera
 from ..errors import ConfigError, naming
+from ..imaging.camera import Camera
 from ..show.gallery import Gallery
 from ..tracking.fit import FittedCutter
 from ..tracking.kept import Kept

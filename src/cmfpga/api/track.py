@@ -4,18 +4,18 @@ import contextlib
 import itertools
 import warnings
 
-from ..imaging.camera import camera_fields
 from ..config import DEFAULT_PRESET, preset
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
 from ..events import Feed, Recording, as_events
 from ..events.batches import whole
 from ..events.recording import check_sensor
+from ..imaging.camera import camera_fields
 from ..imaging.survey import hot_mask, survey_and_propose
 from ..tracking import loop
 from ..tracking.fit import batch_cutter
-from .track_result import Tracking
 from ..tracking.source import Source, rotation_fields, sensor_fields, unit_note, whole_sensor
+from .track_result import Tracking
 
 
 def track(
@@ -70,8 +70,8 @@ def track(
     **fields
         Fields of the configuration to change, such as ``roi_width=48``. ``hot_mask="auto"``, beside ``hot_pixels=1``,
         is that of the pixels that a reading of the recording finds. ``camera`` undistorts, so that ROI and velocity
-        are in the undistorted image: a file as ``--camera`` of the command takes it, a :class:`~cmfpga.imaging.camera.Camera`,
-        or its numbers.
+        are in the undistorted image: a file as ``--camera`` of the command takes it, a
+        :class:`~cmfpga.imaging.camera.Camera`, or its numbers.
 
     Returns
     -------

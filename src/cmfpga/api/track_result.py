@@ -9,8 +9,8 @@ import numpy as np
 from ..config.defaults import CLOCK_MHZ
 from ..errors import ConfigError, naming, needs
 from ..events import Events
-from ..show.gallery import Gallery
 from ..protocol.confidence import covariance, is_sure
+from ..show.gallery import Gallery
 from ..tracking.columns import columns, csv_writer, row
 from ..tracking.kept import Kept
 from ..tracking.verdict import Verdict

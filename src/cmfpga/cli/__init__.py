@@ -17,29 +17,11 @@ from ..config import DEFAULT_PRESET, PRESETS, Config, preset
 from ..config.defaults import CLOCK_MHZ
 from ..errors import ConfigError, UserError, needs
 
-#: What stands before a command's name in its help: that of ``python -m cmfpga.NAME``, or of the command ``cmfpga``.
-_prefix = "python -m cmfpga."
 
-
-@contextlib.contextmanager
-def called_as(prefix):
-    """Let parsers that are made meanwhile call themselves ``prefix`` and their name."""
-    global _prefix
-    before, _prefix = _prefix, prefix
-    try:
-        yield
-    finally:
-        _prefix = before
-
-
-def parser(name, description, examples):
-    """An argument parser for ``python -m cmfpga.NAME`` and ``cmfpga NAME``, with examples at the end of its help.
-
-    Examples begin with ``python -m cmfpga.NAME``; in the help of ``cmfpga NAME`` they begin with that.
-    """
-    examples = [re.sub(r"python -m cmfpga\.(\w+)", rf"{_prefix}\1", line) for line in examples]
+def parser(command, description, examples):
+    """An argument parser of ``command``, such as ``cmfpga track``, with examples at the end of its help."""
     made = _Parser(
-        prog=f"{_prefix}{name}",
+        prog=command,
         description=description,
         epilog="examples:\n" + "".join(f"  {line}\n" for line in examples),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -52,8 +34,6 @@ class _Parser(argparse.ArgumentParser):
     """Raises :exc:`UserError` for a mistake, and takes ``--roi -1,5`` for an option with its value."""
 
     def parse_known_args(self, args=None, namespace=None):
-        if _captured is not None:
-            raise _Captured(self)
         args = [*(sys.argv[1:] if args is None else args)]
         for argument in args:
             if argument == "--":
@@ -77,26 +57,6 @@ def _join_negative(arguments):
         else:
             joined.append(argument)
     return joined
-
-
-class _Captured(Exception):
-    """Ends a ``main`` as soon as it parses; its argument is the parser."""
-
-
-_captured = None
-
-
-def parser_of(main):
-    """The parser that ``main(arguments)`` of a command makes; nothing else of it is run."""
-    global _captured
-    _captured = True
-    try:
-        main([])
-    except _Captured as captured:
-        return captured.args[0]
-    finally:
-        _captured = None
-    raise TypeError(f"{main.__module__}.main does not parse its arguments with cli.parser")
 
 
 def add_config_options(made, usual=DEFAULT_PRESET):

@@ -1,4 +1,4 @@
-"""``python -m cmfpga.build``: emit the accelerator as Verilog, with what a user must know of it."""
+"""``cmfpga build``: emit the accelerator as Verilog, with what a user must know of it."""
 
 import json
 import sys
@@ -6,24 +6,24 @@ import sys
 from .. import __version__, cli
 from ..boards import BOARDS, SerialBoard
 from ..errors import UserError, write_text
+from ..fpga import bitstream, levels, place, resources
 from ..protocol import registers
 from ..protocol.registers import documents
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import verilog_top
 from ..rtl.uart.top import UartTop, divisor
-from ..fpga import bitstream, levels, place, resources
 from ..verilog.description import describe, describe_top, summary
 from ..verilog.emit import TOP, emit_verilog
 
 EXAMPLES = (
-    "python -m cmfpga.build                                     # preset fast, into ./build",
-    "python -m cmfpga.build --preset fast-128 --out build-128",
-    "python -m cmfpga.build --preset paper --resources --out build-paper",
-    "python -m cmfpga.build --preset flow --out build-flow       # many regions, four units",
-    "python -m cmfpga.build --top kv260                         # with AXI ports and registers, for Vivado",
-    "python -m cmfpga.build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
-    "python -m cmfpga.build --top ulx3s --bitstream              # a whole bitstream by open tools",
-    "python -m cmfpga.build --list-fields",
+    "cmfpga build                                     # preset fast, into ./build",
+    "cmfpga build --preset fast-128 --out build-128",
+    "cmfpga build --preset paper --resources --out build-paper",
+    "cmfpga build --preset flow --out build-flow       # many regions, four units",
+    "cmfpga build --top kv260                         # with AXI ports and registers, for Vivado",
+    "cmfpga build --place LFE5U-85F --seeds 5          # clock and area by an open flow",
+    "cmfpga build --top ulx3s --bitstream              # a whole bitstream by open tools",
+    "cmfpga build --list-fields",
 )
 
 
@@ -76,9 +76,9 @@ def estimate(verilog, axi=None):
     return estimated
 
 
-def _parser():
+def parser():
     tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
-    made = cli.parser("build", "Emit the accelerator as Verilog.", EXAMPLES)
+    made = cli.parser("cmfpga build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")
     made.add_argument(
         "--top",
@@ -114,7 +114,7 @@ def _serial_boards():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     config = cli.make_config(options)
     if options.resources or options.levels:
         resources.require_yosys()  # before anything is written
@@ -164,7 +164,3 @@ def main(arguments=None):
         print(f"error: {found['place']['fmax_mhz']:g} MHz: less than --target {options.target:g}", file=sys.stderr)
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(cli.run(main))

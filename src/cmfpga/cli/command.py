@@ -1,7 +1,7 @@
-"""The command ``cmfpga``: one name for all tools. ``cmfpga NAME …`` is ``python -m cmfpga.NAME …``.
+"""The command ``cmfpga``, which is ``python -m cmfpga``: one name for all tools.
 
-A subcommand is a module with ``main(arguments)``, which parses by ``cli.parser`` and returns the exit status. It is
-imported when it is called, so that ``cmfpga --help`` takes no time.
+A subcommand is a module of this room, with ``parser()``, and with ``main(arguments)``, which returns the exit status.
+It is imported when it is called, so that ``cmfpga --help`` takes no time.
 """
 
 import argparse
@@ -12,19 +12,16 @@ import sys
 from .. import __version__, cli
 from ..errors import UserError, needs
 
-#: Module and purpose of each subcommand, in the order of the help.
+#: Purpose of each subcommand, in the order of the help.
 COMMANDS = {
-    "info": ("info", "what a recording holds, and an ROI and batches that suit it"),
-    "track": ("track", "follow objects through a recording"),
-    "flow": ("flow", "dense optical flow of a recording, and one motion fitted to it"),
-    "sweep": ("sweep", "many recordings with many configurations, and which did best"),
-    "build": ("build", "emit the accelerator as Verilog"),
-    "bench": ("bench", "cycles of the accelerator, and times of programs for the same"),
-    "report": ("report", "one page of a track: what moved, where to, how fast"),
-    "accuracy": ("accuracy", "how well the motion is found, on batches whose motion is known and on real ones"),
-    "driver": ("driver.__main__", "self-test of the accelerator: simulated, or on a board"),
-    "crosscheck": ("crosscheck", "random configurations: the hardware against the integer model"),
-    "generate": ("generate", "write a synthetic recording with known motion"),
+    "info": "what a recording holds, and an ROI and batches that suit it",
+    "track": "follow objects through a recording",
+    "flow": "dense optical flow of a recording, and one motion fitted to it",
+    "sweep": "many recordings with many configurations, and which did best",
+    "build": "emit the accelerator as Verilog",
+    "report": "one page of a track: what moved, where to, how fast",
+    "driver": "self-test of the accelerator: simulated, or on a board",
+    "generate": "write a synthetic recording with known motion",
 }
 
 EXAMPLES = (
@@ -41,7 +38,7 @@ def load(name):
         near = difflib.get_close_matches(name, COMMANDS, n=1)
         meant = f"did you mean {near[0]!r}? One" if near else "one"
         raise UserError(f"{name[:40]!r}: no such subcommand; {meant} of {', '.join(COMMANDS)} is needed")
-    return importlib.import_module(f"cmfpga.{COMMANDS[name][0]}")
+    return importlib.import_module(f".{name}", __package__)
 
 
 def _parser():
@@ -49,7 +46,7 @@ def _parser():
         prog="cmfpga",
         description="Contrast Maximization for event cameras on an FPGA.",
         epilog="subcommands:\n"
-        + "".join(f"  {name:<10} {purpose}\n" for name, (_, purpose) in COMMANDS.items())
+        + "".join(f"  {name:<10} {purpose}\n" for name, purpose in COMMANDS.items())
         + "\nexamples:\n"
         + "".join(f"  {line}\n" for line in EXAMPLES),
         formatter_class=argparse.RawDescriptionHelpFormatter,
@@ -73,8 +70,7 @@ def main(arguments=None):
     arguments = [*(sys.argv[1:] if arguments is None else arguments)]
     if arguments and not arguments[0].startswith("-"):
         name, *rest = arguments
-        with cli.called_as("cmfpga "):
-            return load(name).main(rest)
+        return load(name).main(rest)
     try:
         options, unknown = _parser().parse_known_args(arguments)
     except argparse.ArgumentError as error:
@@ -95,10 +91,9 @@ def _completion(shell):
     whole = argparse.ArgumentParser(prog="cmfpga")
     _add_options(whole)
     commands = whole.add_subparsers()
-    with cli.called_as("cmfpga "):
-        for name, (_, purpose) in COMMANDS.items():
-            # The copy has the subcommand's own --help, too.
-            commands.add_parser(name, parents=[cli.parser_of(load(name).main)], add_help=False, help=purpose)
+    for name, purpose in COMMANDS.items():
+        # The copy has the subcommand's own --help, too.
+        commands.add_parser(name, parents=[load(name).parser()], add_help=False, help=purpose)
     return shtab.complete(whole, shell=shell)
 
 

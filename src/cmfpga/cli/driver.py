@@ -2,11 +2,10 @@
 
 import contextlib
 import json
-import sys
 
 from .. import cli
-from ..errors import UserError, needs
 from ..driver import Accelerator
+from ..errors import UserError, needs
 
 BACKENDS = ("simulation", "uio", "serial")
 
@@ -17,9 +16,8 @@ EXAMPLES = (
 )
 
 
-def main(arguments=None):
-    """Run the command; returns the exit status."""
-    made = cli.parser("driver", "Check the accelerator: identity, registers, interrupt, a batch.", EXAMPLES)
+def parser():
+    made = cli.parser("cmfpga driver", "Check the accelerator: identity, registers, interrupt, a batch.", EXAMPLES)
     made.add_argument(
         "--backend",
         default="simulation",
@@ -33,7 +31,12 @@ def main(arguments=None):
     made.add_argument("--no-interrupt", action="store_true", help="look at registers instead of waiting for interrupts")
     made.add_argument("--json", action="store_true", help="print what was found as JSON")
     cli.add_config_options(made)
-    options = made.parse_args(arguments)
+    return made
+
+
+def main(arguments=None):
+    """Run the command; returns the exit status."""
+    options = parser().parse_args(arguments)
     config = cli.make_config(options)
     interrupt = False if options.no_interrupt else None
     if (options.backend == "serial") != bool(options.port) or (options.baud and not options.port):
@@ -61,7 +64,3 @@ def _backend(options, config):
     with needs("", "", "--backend simulation (on a board --backend uio or serial is needed)"):
         from ..driver.simulation import SimulationBackend
     return SimulationBackend(config)
-
-
-if __name__ == "__main__":
-    sys.exit(cli.run(main))

@@ -8,20 +8,20 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import cli
-from .ingest import add_ingest_options, ingest_fields
-from ..engines.regions import ENGINES, RegionEngine
-from ..errors import ConfigError, naming
-from ..events import open_recording
-from ..show.gallery import picture_path
 from ..api.flow import ENGINE, PRESET, configure
+from ..api.flow_result import ARRAYS, CSV, FITS, Flow, csv_writer, fit_writer
 from ..dense.demo import CAMERA, scene
 from ..dense.demo import errors as demo_errors
 from ..dense.fields import MODELS, check
-from ..show.flow.page import Page
-from ..show.flow.pictures import SUFFIXES, save
-from ..api.flow_result import ARRAYS, CSV, FITS, Flow, csv_writer, fit_writer
 from ..dense.run import Run
 from ..dense.tiles import TILE
+from ..engines.regions import ENGINES, RegionEngine
+from ..errors import ConfigError, naming
+from ..events import open_recording
+from ..show.flow.page import Page
+from ..show.flow.pictures import SUFFIXES, save
+from ..show.gallery import picture_path
+from .ingest import add_ingest_options, ingest_fields
 
 EXAMPLES = (
     "cmfpga flow        # a synthetic scene: a camera turns, so the true flow is known",
@@ -35,8 +35,8 @@ EXAMPLES = (
 PICTURE, PAGE = "flow.png", "flow.html"
 
 
-def _parser():
-    made = cli.parser("flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
+def parser():
+    made = cli.parser("cmfpga flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
     cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
     made.add_argument("--tile", type=cli.positive, default=TILE, metavar="PX", help=f"size of a tile (default: {TILE})")
     made.add_argument("--step", type=cli.positive, metavar="PX", help="from tile to tile (default: half a tile)")
@@ -79,7 +79,7 @@ def _parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     with _open(options) as recording:
         fields = {**ingest_fields(options, recording), **cli.config_changes(options)}
         if options.recording is None:

@@ -1,7 +1,6 @@
 """``cmfpga generate``: write a synthetic recording with known motion."""
 
 import json
-import sys
 from dataclasses import asdict, astuple
 from types import SimpleNamespace
 
@@ -9,11 +8,11 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import cli
-from ..imaging.camera import Camera, camera_fields
 from ..config.camera import parse_camera
 from ..errors import ConfigError
 from ..events import Events, Hdf5Writer, generate, open_recording
 from ..events.synthetic import TEXTURES
+from ..imaging.camera import Camera, camera_fields
 
 #: Options of motions beyond translation, and the attributes of the file that tell them.
 _TURNING = {"zoom": "zoom_per_s", "roll": "roll_rad_per_s", "rotation": "angular_velocity_rad_per_s"}
@@ -36,8 +35,8 @@ def _number(text):
     return cli.numbers(float, 1, "a number is")(text)[0]
 
 
-def _parser():
-    made = cli.parser("generate", "Write a synthetic recording whose motion is known, as HDF5.", EXAMPLES)
+def parser():
+    made = cli.parser("cmfpga generate", "Write a synthetic recording whose motion is known, as HDF5.", EXAMPLES)
     cli.files(made.add_argument("out", metavar="FILE", help="file to write (.h5); one that exists is replaced"))
     made.add_argument("--seed", type=cli.natural, default=0, metavar="S", help="equal seeds, equal events (default: 0)")
     made.add_argument(
@@ -92,7 +91,7 @@ def _parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     if not options.out.lower().endswith((".h5", ".hdf5")):
         raise ConfigError(f"{options.out}: only HDF5 is written; a name that ends with .h5 is needed")
     width, height = options.sensor
@@ -164,7 +163,3 @@ def _others(options):
                 f"--over {options.over}: a sensor of {told}; {'×'.join(map(str, options.sensor))} is needed"
             )
         return Events.concatenate(recording.chunks())
-
-
-if __name__ == "__main__":
-    sys.exit(cli.run(main))

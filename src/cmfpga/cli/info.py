@@ -5,7 +5,6 @@ import json
 import math
 import shlex
 import statistics
-import sys
 from dataclasses import asdict
 
 import h5py
@@ -13,15 +12,15 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import cli
-from ..imaging.camera import calibration_of, extent
 from ..engines import make_engine
 from ..errors import ConfigError, RecordingError, needs
 from ..events import BatchCutter, open_recording
+from ..imaging.camera import calibration_of, extent
+from ..imaging.survey import Survey, propose, survey_all
+from ..imaging.survey.statistics import pixels_text
 from ..protocol.settings import BatchSettings
 from ..reference.integer.noise_filter import NoiseFilter
-from ..imaging.survey import Survey, propose, survey_all
 from ..show.survey import draw, frame
-from ..imaging.survey.statistics import pixels_text
 from ..tracking.loop import track
 
 EXAMPLES = (
@@ -37,8 +36,8 @@ _HOT_SHOWN = 5
 _NOISE_EVENTS = 1_000_000  # of which noise_shares are measured
 
 
-def _parser():
-    made = cli.parser("info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
+def parser():
+    made = cli.parser("cmfpga info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
     cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
     made.add_argument(
         "--start-event", type=cli.natural, metavar="K",
@@ -61,7 +60,7 @@ def _parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     broken = None
     with cli.noted(open_recording(options.recording, **cli.reading(options))) as recording:
         survey = Survey(recording.width, recording.height)
@@ -276,7 +275,3 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
         yield f"  {_command(options, found)}"
     if len(proposals) < options.objects:
         yield f"Only {len(proposals)} of {options.objects} objects move clearly at one time."
-
-
-if __name__ == "__main__":
-    sys.exit(cli.run(main))

@@ -2,9 +2,9 @@
 
 import re
 
-from ..imaging.camera import camera_fields
 from ..config import preset
 from ..errors import ConfigError, naming
+from ..imaging.camera import camera_fields
 from ..tracking.source import rotation_fields
 from . import config_changes, files, natural
 

@@ -19,8 +19,8 @@ def page_name(file):
     return file.replace("track", "report", 1).removesuffix(".npz") + ".html"
 
 
-def _parser():
-    made = cli.parser("report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
+def parser():
+    made = cli.parser("cmfpga report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
     cli.add_clock_option(made)
     made.add_argument("--out", metavar="FILE", help=f"the page (default: {PAGE} in DIR)")
@@ -29,10 +29,10 @@ def _parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    from ..tracking.kept import FILE, Kept
     from ..show.report.page import write_page
+    from ..tracking.kept import FILE, Kept
 
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     folder = Path(options.folder)
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder; the one that track --report wrote is needed")

@@ -23,8 +23,8 @@ EXAMPLES = (
 )
 
 
-def _parser():
-    made = cli.parser("sweep", "Track many recordings with many configurations, and rank these.", EXAMPLES)
+def parser():
+    made = cli.parser("cmfpga sweep", "Track many recordings with many configurations, and rank these.", EXAMPLES)
     made.add_argument(
         "recordings", nargs="+", metavar="RECORDING[@X,Y]",
         help="a recording, and its ROI's left column and top row, px; one with several ROIs is several objects",
@@ -61,7 +61,7 @@ def _parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     _require("pandas", "pyarrow", "jinja2")
     if options.resources:
         from ..fpga import resources

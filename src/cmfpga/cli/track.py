@@ -1,20 +1,14 @@
-"""``cmfpga track``: follow objects through a recording.
-
-The module can be called: ``cmfpga.track(recording, …)`` is :func:`cmfpga.api.track.track`.
-"""
+"""``cmfpga track``: follow objects through a recording."""
 
 import argparse
 import contextlib
-import inspect
 import re
 import sys
-import types
 
 from tqdm import tqdm
 
 from .. import cli
-from .ingest import add_ingest_options, ingest_fields
-from .lines import Lines, Truth, print_summary
+from ..api.objects import TrackedObject
 from ..config.defaults import BATCH_EVENTS
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from ..engines.regions import RegionEngine
@@ -22,12 +16,12 @@ from ..errors import ConfigError, needs
 from ..events import LiveSource, generate, open_source
 from ..events.live import FORMATS as STREAM_FORMATS
 from ..show.gallery import picture_path
-from ..api import track as api
 from ..tracking.fit import FittedCutter, batch_cutter
 from ..tracking.loop import OneRoi, follow
-from ..api.objects import TrackedObject
 from ..tracking.rows import Rows, with_rows
 from ..tracking.source import sensor_fields, unit_note, whole_sensor
+from .ingest import add_ingest_options, ingest_fields
+from .lines import Lines, Truth, print_summary
 
 EXAMPLES = (
     "cmfpga track        # a synthetic scene, with its true motion",
@@ -56,8 +50,8 @@ DEMO_BATCH_EVENTS = 1640
 DEMO_FIELDS = {"eta": 4.0}
 
 
-def _parser():
-    made = cli.parser("track", "Follow an object through a recording of events.", EXAMPLES)
+def parser():
+    made = cli.parser("cmfpga track", "Follow an object through a recording of events.", EXAMPLES)
     cli.files(made.add_argument(
         "recording", nargs="?", metavar="RECORDING",
         help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, or a named pipe",
@@ -99,9 +93,7 @@ def _parser():
         "--picture", type=cli.checked(picture_path), action="append", metavar="FILE",
         help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
     ))  # fmt: skip
-    made.add_argument(
-        "--report", action="store_true", help="write report.html, and track.npz for cmfpga report"
-    )
+    made.add_argument("--report", action="store_true", help="write report.html, and track.npz for cmfpga report")
     cli.add_clock_option(made)
     made.add_argument(
         "--wave",
@@ -128,7 +120,7 @@ def _roi_option(text):
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = _parser().parse_args(arguments)
+    options = parser().parse_args(arguments)
     truth, recording = _open(options)
     with recording:
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
@@ -303,19 +295,3 @@ def _total(options, recording, cutter):
         first = next(recording.chunks(options.start_event, 1))
         whole = (last - int(first.t[0])) // cutter.size
     return min(whole, options.batches or whole)
-
-
-class _Callable(types.ModuleType):
-    """Makes ``cmfpga.track(…)`` the library's function, whether or not this module was imported before."""
-
-    def __call__(self, recording, **options):
-        return api.track(recording, **options)
-
-    __call__.__doc__ = api.track.__doc__
-
-
-sys.modules[__name__].__class__ = _Callable
-__signature__ = inspect.signature(api.track)
-
-if __name__ == "__main__":
-    sys.exit(cli.run(main))

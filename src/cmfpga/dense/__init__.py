@@ -1,16 +1,14 @@
-"""Dense optical flow of a recording, by the simulated hardware: ``cmfpga flow``.
+"""Dense optical flow of a recording, tile by tile: many regions of one accelerator.
 
 - :mod:`~.tiles` makes the table of regions: a grid of tiles in two levels;
-- :mod:`~.run` cuts the windows and measures them, :mod:`~.window` is one of them, :mod:`~.result` all;
-- :mod:`~.fields` fits one motion to a field;
-- :mod:`~.pictures` and :mod:`~.page` show them; :mod:`~.api` is the Python function.
+- :mod:`~.run` cuts the windows and measures them, :mod:`~.window` is one of them;
+- :mod:`~.fields` fits one motion to a field.
+
+:mod:`cmfpga.api.flow` is the Python function, :mod:`cmfpga.show.flow` shows what it found.
 """
 
-from ..api.flow import flow
-from ..cli.flow import EXAMPLES, main
 from .fields import MODELS, Field, fit_field
-from ..api.flow_result import Flow
 from .tiles import Tiles, grid
 from .window import Window
 
-__all__ = ["EXAMPLES", "MODELS", "Field", "Flow", "Tiles", "Window", "fit_field", "flow", "grid", "main"]
+__all__ = ["MODELS", "Field", "Tiles", "Window", "fit_field", "grid"]

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ..imaging.camera import Camera
 from ..events import generate
+from ..imaging.camera import Camera
 
 CAMERA = Camera(200.0, 200.0, 119.5, 89.5)
 ROTATION = (0.3, -0.8, 0.4)

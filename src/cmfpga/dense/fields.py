@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..imaging.camera import Camera
 from ..errors import ConfigError
+from ..imaging.camera import Camera
 
 #: ``{model: names of its parameters, in physical units}``. Position 0 of slopes is the middle of the sensor.
 MODELS = {

@@ -8,9 +8,9 @@ import numpy as np
 
 from ..imaging.camera import nearest, seen
 from ..imaging.iwe import dithered, image_of_warped_events
+from ..imaging.survey.places import box_sums
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
-from ..imaging.survey.places import box_sums
 
 #: Columns of ``flow.csv``: format and meaning.
 COLUMNS = {

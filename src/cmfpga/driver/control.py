@@ -3,8 +3,8 @@
 import dataclasses
 import time
 
-from ..imaging.camera import node_writes
 from ..errors import ConfigError, DeviceError, DeviceTimeout
+from ..imaging.camera import node_writes
 from ..protocol.regions import RegionTable
 from ..protocol.registers import register_map
 from ..protocol.settings import schedule_table, settings_values

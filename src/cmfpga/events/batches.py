@@ -65,7 +65,8 @@ class BatchCutter:
     max_events : int
         Largest batch, in events of the whole sensor.
     seen : callable, optional
-        ``seen(events)``: events whose ``x`` and ``y`` are where the ROI has them, such as :func:`cmfpga.imaging.camera.seen`.
+        ``seen(events)``: events whose ``x`` and ``y`` are where the ROI has them, as
+        :func:`cmfpga.imaging.camera.seen` finds them.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The core with plain Verilog ports: what ``python -m cmfpga.build`` emits as ``cmfpga_core``."""
+"""The core with plain Verilog ports: what ``cmfpga build`` emits as ``cmfpga_core``."""
 
 from amaranth.hdl import Shape, Signal
 from amaranth.lib import data

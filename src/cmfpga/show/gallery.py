@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..imaging.camera import flow, nearest
 from ..errors import ConfigError, naming
-from ..protocol.flags import Flag
+from ..imaging.camera import flow, nearest
 from ..imaging.iwe import image_of_warped_events, scaled_roi_events
+from ..protocol.flags import Flag
 
 FRAMES = 4
 DPI = 110

@@ -6,11 +6,11 @@ import statistics
 
 import pandas
 
-from ..imaging.camera import RATES
 from ..config import Config
+from ..fpga import resources
+from ..imaging.camera import RATES
 from ..protocol.flags import Flag
 from ..tracking.columns import COLUMNS, MORE
-from ..fpga import resources
 from .store import write_atomically
 from .task import MORE_COLUMNS, version
 

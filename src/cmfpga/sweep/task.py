@@ -10,9 +10,9 @@ import traceback
 from dataclasses import asdict, dataclass
 
 from .. import __version__
-from ..imaging.camera import seen
 from ..config import Config
 from ..errors import ConfigError, UserError
+from ..imaging.camera import seen
 from ..imaging.iwe import gain, scaled_roi_events
 from .truth import Truth
 
@@ -152,8 +152,8 @@ def estimate_resources(argument):
 
 
 def _estimate(config):
-    from ..rtl.top import VerilogCore
     from ..fpga import resources
+    from ..rtl.top import VerilogCore
     from ..verilog.emit import emit_verilog
 
     found = resources.estimate(emit_verilog(VerilogCore(config)))

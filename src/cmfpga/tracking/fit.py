@@ -8,9 +8,9 @@ that share it, the fastest to be trusted. Equal events and results give equal le
 import functools
 import math
 
-from ..imaging.camera import extent, seen
 from ..config.defaults import BATCH_EVENTS
 from ..events import WAITING, BatchCutter
+from ..imaging.camera import extent, seen
 from ..imaging.iwe import events_in_roi
 from ..protocol.confidence import confidence, is_judged, is_sure
 from ..protocol.flags import Flag

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..imaging.camera import nearest
 from ..config import Config
 from ..errors import ConfigError, naming
+from ..imaging.camera import nearest
 from ..imaging.iwe import scaled_roi_events
 from .columns import columns
 

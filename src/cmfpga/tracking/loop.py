@@ -9,8 +9,8 @@ import itertools
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from ..imaging.camera import rates, seen
 from ..events import WAITING, Events
+from ..imaging.camera import rates, seen
 from ..imaging.iwe import contrast
 from ..protocol.confidence import confidence, covariance, is_sure
 from ..protocol.flags import Flag

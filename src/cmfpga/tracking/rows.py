@@ -1,8 +1,8 @@
 """Several objects on one accelerator: each is a row of its table of regions, its result one outcome of the batch."""
 
-from ..imaging.camera import seen
 from ..config import preset
 from ..errors import ConfigError
+from ..imaging.camera import seen
 from ..imaging.iwe import events_in_roi
 from ..protocol.regions import MOST_STRIDE, Region
 from ..protocol.results import BatchResult, fields_of, thins

@@ -5,10 +5,10 @@ import os
 
 import h5py
 
-from ..imaging.camera import calibration_of, camera_fields
 from ..errors import ConfigError, RecordingError
 from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, is_live, open_source
 from ..events.recording import CHUNK_EVENTS, check_sensor
+from ..imaging.camera import calibration_of, camera_fields
 
 
 class Source:

@@ -6,9 +6,9 @@ import h5py
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import Camera, read_calibration
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError
+from cmfpga.imaging.camera import Camera, read_calibration
 
 LENSES = {
     "pinhole": Camera(199.0, 201.0, 120.0, 90.0),

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import RATES, Camera, extent, flow, parameters, rates
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError
 from cmfpga.events import generate
+from cmfpga.imaging.camera import RATES, Camera, extent, flow, parameters, rates
 from cmfpga.reference.global_search import rotation, search
 
 SPAN = 40_000  # µs

@@ -5,9 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import Camera, node_table, node_writes, undistort
 from cmfpga.config import Config, preset
 from cmfpga.errors import ConfigError
+from cmfpga.imaging.camera import Camera, node_table, node_writes, undistort
 from cmfpga.rtl.ingest import undistorter
 from cmfpga.rtl.ingest.undistorter import Undistorter
 from support.bench import GAPS, check_latency, flow_script, play

@@ -6,9 +6,9 @@ import functools
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import parameters
 from cmfpga.config import preset
 from cmfpga.events import generate
+from cmfpga.imaging.camera import parameters
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import decode

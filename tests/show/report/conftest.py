@@ -2,9 +2,9 @@
 
 import pytest
 
-from cmfpga.imaging.camera import Camera
 from cmfpga.config import Config, preset
 from cmfpga.events import generate
+from cmfpga.imaging.camera import Camera
 from support.browser import Opened
 from support.reporting import keep
 

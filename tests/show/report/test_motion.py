@@ -7,8 +7,8 @@ import re
 import numpy as np
 import pytest
 
-from cmfpga.imaging.camera import flow
 from cmfpga.config import PRESETS
+from cmfpga.imaging.camera import flow
 from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.show.report.motion import shown_motion
 from cmfpga.show.report.page import render

@@ -5,8 +5,8 @@ import re
 import numpy as np
 import pytest
 
-from cmfpga.show.report.story import Story, corners, direction, number
 from cmfpga.rtl.core import Core
+from cmfpga.show.report.story import Story, corners, direction, number
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.kept import Kept
 

@@ -1,7 +1,6 @@
 """The batches of the suites, made once."""
 
 import pytest
-
 from studies.accuracy.real import real_cases
 from studies.accuracy.synthetic import synthetic_cases
 

@@ -10,12 +10,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from studies.accuracy.checkerboard import TRACK_BATCHES, TRACK_EVENTS, TRACK_FILE, TRACK_ROI, track_checkerboard, track_config, track_scores
+from studies.accuracy.checkerboard import (
+    TRACK_BATCHES,
+    TRACK_EVENTS,
+    TRACK_FILE,
+    TRACK_ROI,
+    track_checkerboard,
+    track_config,
+    track_scores,
+)
 from studies.accuracy.real import REAL_ROI_EVENTS
 from studies.accuracy.scores import contrast_shares, error_scores, errors, measure, run_case, share_scores
 from studies.accuracy.suites import BEFORE
 from studies.accuracy.yardstick import peak_error
+
 from cmfpga.config import preset
 from cmfpga.config.schedule import MEASURED
 from cmfpga.engines import make_engine
@@ -150,7 +158,7 @@ def test_real_whole(real):
 def test_real_whole_is_what_the_readme_says(real):
     """Of the preset as shipped; the integer model has one result, so these are no bars."""
     scores = score_shares(FAST, real)
-    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    readme = (Path(__file__).parents[3] / "README.md").read_text(encoding="utf-8")
     (row,) = [line for line in readme.splitlines() if line.startswith("| real batches with ≥ 97 %")]
     assert f" {100 * scores['at_least_97_percent']:.1f} %" in row.split("|")[3]
     assert f"{scores['batches_that_drop_events']} of {scores['batches']} drop events" in row

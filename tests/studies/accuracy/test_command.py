@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from studies import accuracy
 from cmfpga import cli
-from studies.accuracy import bias, real, scores, studies, suites
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.engines import make_engine
+from studies import accuracy
+from studies.accuracy import bias, real, scores, studies, suites
 
 FAST = preset("fast")
 

@@ -4,11 +4,11 @@ import json
 
 import numpy as np
 import pytest
-
-from studies import accuracy
-from cmfpga import cli
-from studies.accuracy import dense
 from studies.accuracy.yardstick import best_contrast
+
+from cmfpga import cli
+from studies import accuracy
+from studies.accuracy import dense
 from support.flowing import OMEGA, VELOCITY
 
 

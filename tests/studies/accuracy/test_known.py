@@ -6,14 +6,14 @@ import math
 
 import numpy as np
 import pytest
-
-from studies import accuracy
-from cmfpga import cli
-from studies.accuracy import bias, default_use, judged, known
 from studies.accuracy.synthetic import synthetic_cases
-from cmfpga.imaging.camera import read_calibration
+
+from cmfpga import cli
 from cmfpga.config import preset
 from cmfpga.errors import RecordingError
+from cmfpga.imaging.camera import read_calibration
+from studies import accuracy
+from studies.accuracy import bias, default_use, judged, known
 
 FAST = preset("fast")
 

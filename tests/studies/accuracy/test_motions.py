@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-
-from studies import accuracy
-from cmfpga import cli
-from studies.accuracy import motions, panned
 from studies.accuracy.table import Report
+
+from cmfpga import cli
 from cmfpga.config import preset
+from studies import accuracy
+from studies.accuracy import motions, panned
 
 
 def run(*arguments):

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
-
 from studies.accuracy.real import REAL_ROI_EVENTS, WINDOWS, real_cases
 from studies.accuracy.synthetic import BATCHES, MARGIN, MAX_CONTRAST, WARM_RADIUS, synthetic_cases
 from studies.accuracy.yardstick import ROI
+
 from cmfpga.errors import RecordingError
 
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-
 from studies.accuracy.yardstick import best_contrast, contrasts, peak_error
+
 from cmfpga.imaging.iwe import image_of_warped_events
 
 EVERY = 6  # of the real batches

@@ -9,16 +9,16 @@ import time
 
 import numpy as np
 import pytest
-
-from studies import bench
-from cmfpga import cli
-from studies.bench import cases, cycles, table
 from studies.bench.opponents import c_program
 from studies.bench.workloads import make_workload
+
+from cmfpga import cli
 from cmfpga.config import preset
 from cmfpga.rtl.core import Core
 from cmfpga.verilog import article
 from cmfpga.verilog.compiler import find_compiler
+from studies import bench
+from studies.bench import cases, cycles, table
 
 
 def command(*arguments):

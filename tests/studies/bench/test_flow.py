@@ -4,16 +4,16 @@ import json
 
 import numpy as np
 import pytest
-
-from studies.bench import flow
 from studies.bench.command import main
 from studies.bench.opponents import Unavailable
 from studies.bench.opponents.flow_program import FlowProgram
+
 from cmfpga.config import preset
-from cmfpga.engines.regions import RegionEngine
 from cmfpga.dense.demo import scene
 from cmfpga.dense.tiles import grid
+from cmfpga.engines.regions import RegionEngine
 from cmfpga.protocol.settings import BatchSettings
+from studies.bench import flow
 
 pytest.importorskip("torch")
 

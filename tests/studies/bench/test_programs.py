@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from studies.bench import opponents, programs
 from studies.bench.opponents import CProgram, Job, Unavailable, c_program, make_programs
 from studies.bench.workloads import MOTION_PX, make_workload
+
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
 from cmfpga.events import Events
+from studies.bench import opponents, programs
 
 pytest.importorskip("torch")
 from cmfpga.reference import float_ascent, floating

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from studies.bench.workloads import make_workload
 
 SIZES = {

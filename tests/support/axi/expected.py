@@ -3,8 +3,8 @@
 import numpy as np
 import torch
 
-from cmfpga.imaging.camera import node_writes
 from cmfpga.events.arrays import Events
+from cmfpga.imaging.camera import node_writes
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, fields_of
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values

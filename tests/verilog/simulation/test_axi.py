@@ -30,7 +30,7 @@ ON_ICARUS = {BATCHES: ["all_formats_under_back_pressure"], CONTROL: ["reset_in_t
 
 def names_in(module):
     """Names of a module's cocotb tests; it can only be imported in a simulation."""
-    text = (Path(__file__).parents[1] / "support" / "axi" / f"{module}.py").read_text(encoding="utf-8")
+    text = (Path(__file__).parents[2] / "support" / "axi" / f"{module}.py").read_text(encoding="utf-8")
     return re.findall(r"^@cocotb\.test\(.*\)\nasync def (\w+)", text, re.MULTILINE)
 
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from studies.crosscheck.batches import PATTERNS, random_events, random_schedules, random_settings
+from studies.crosscheck.compare import compare_stream
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry, used_events
-from studies.crosscheck.batches import PATTERNS, random_events, random_schedules, random_settings
-from studies.crosscheck.compare import compare_stream
 from cmfpga.engines.floating import FloatEngine
 from cmfpga.engines.rtl import to_batch_result
 from cmfpga.errors import ConfigError

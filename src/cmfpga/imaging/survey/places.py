@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ..camera import nearest, seen, undistort
 from ...errors import RecordingError
 from ...events import Events
+from ..camera import nearest, seen, undistort
 
 _READ_EVENTS = 2_000_000  # most events that a proposal looks at from one start
 _PLACES = 4  # candidates that are looked at from one start

@@ -5,11 +5,11 @@ import zlib
 
 import numpy as np
 
-from ...errors import write_text
-from ..report.template import asset, fill, shown_name
-from ...tracking.kept import BUDGET, FRAME_SIZE
-from .pictures import top_speed
 from ...dense.window import COLUMNS
+from ...errors import write_text
+from ...tracking.kept import BUDGET, FRAME_SIZE
+from ..report.template import asset, fill, shown_name
+from .pictures import top_speed
 
 #: Levels of grey of an image.
 _GREYS = 255

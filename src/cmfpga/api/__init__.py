@@ -1,0 +1,1 @@
+"""What Python users hold: ``track``, ``Tracker``, ``flow``, and what they return."""

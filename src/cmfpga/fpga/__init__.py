@@ -1,0 +1,1 @@
+"""What FPGA tools say of the Verilog: resources, levels, place and route, a bitstream."""

@@ -1,0 +1,1 @@
+"""All that draws: pictures, pages for the browser, waveforms."""

@@ -1,0 +1,1 @@
+"""Dense flow as pictures, and as a page for the browser."""

@@ -1,0 +1,1 @@
+"""A track as one HTML page that needs no network."""

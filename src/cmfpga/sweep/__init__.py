@@ -1,0 +1,1 @@
+"""Many recordings with many configurations, each tracked once, and which did best."""
