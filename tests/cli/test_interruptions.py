@@ -32,7 +32,8 @@ def test_two_tracks_into_one_folder(command, dot, small, tmp_path):
 def test_interrupted_while_a_block_is_elaborated(tmp_path):
     """No warnings of Amaranth about blocks that were made and not used."""
     code = (
-        "import sys; from cmfpga import cli; from cmfpga.cli import build; from cmfpga.rtl.image.voter import BilinearVoter\n"
+        "import sys; from cmfpga import cli; from cmfpga.cli import build\n"
+        "from cmfpga.rtl.image.voter import BilinearVoter\n"
         "def interrupt(*_): raise KeyboardInterrupt\n"
         "BilinearVoter.elaborate = interrupt; sys.exit(cli.run(build.main, ['--out', sys.argv[1]]))"
     )

@@ -1,8 +1,8 @@
 """The code in README.md, docs/ and boards/ works as printed.
 
 Every ``python`` block is a whole program; a ``text`` block right behind it is its output. A ``py`` block is an excerpt,
-which is only parsed. Of ``console`` blocks, lines that begin with ``$ python -m studies.`` or ``$ cmfpga`` are run, in a
-folder that holds recordings, and so are ``$ head -n`` and ``$ echo $?``. Lines below a command are its output, where
+which is only parsed. Of ``console`` blocks, lines that begin with ``$ python -m studies.`` or ``$ cmfpga`` are run, in
+a folder that holds recordings, and so are ``$ head -n`` and ``$ echo $?``. Lines below a command are its output, where
 there are any; ``…`` stands for anything in a line, and alone for any lines.
 """
 
