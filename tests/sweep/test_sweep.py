@@ -1,7 +1,6 @@
 """Sweeps as users run them: on two workers, with a worker killed, stopped and started again, on a scheduler."""
 
 import contextlib
-import html
 import json
 import os
 import re
@@ -62,7 +61,6 @@ def test_two_workers_equal_the_serial_result(recordings, serial, tmp_path):
         done = finish(process)
     assert (done.status, done.err) == (0, "") and done.out.startswith("32 rows, 0 of them kept from before\n")
     assert_equal_results(tmp_path, serial(engine))
-    assert (tmp_path / "sweep.html").read_text() == (serial(engine) / "sweep.html").read_text()
 
 
 def test_the_verilog_equals_the_model(compiler, serial):
@@ -108,17 +106,16 @@ def test_what_is_there_is_not_run_again(recordings, serial, tmp_path, monkeypatc
     done = run_here(*recordings, *OPTIONS, *MODEL, "--scheduler", "tcp://127.0.0.1:1", "--out", folder)
     assert (done.status, done.err) == (0, "") and done.out.startswith("32 rows, 32 of them kept from before\n")
 
-    seen = []
-    monkeypatch.setattr(sweep, "run_task", lambda job: seen.append(job) or task.run_task(job))
+    before = kept(folder)
     shorter = [*small(iterations=None), "--vary", "iterations=4,9", "--vary", "roi_gain=1"]
     done = run_here(recordings[0], *shorter, *MODEL, "--out", folder)
     assert done.status == 0 and "2 rows, 1 of them kept" in done.out
-    assert [job.config.iterations for job in seen] == [9]
+    (new,) = kept(folder).keys() - before.keys()
     # Another name of the same content is the same recording.
     link = tmp_path / "another.h5"
     link.symlink_to(recordings[0])
     assert "2 rows, 2 of them kept" in run_here(link, *shorter, *MODEL, "--out", folder).out
-    assert len(seen) == 1
+    assert kept(folder).keys() == before.keys() | {new}
     # Another version is not.
     monkeypatch.setattr(plan, "version", lambda: "other")
     monkeypatch.setattr(task, "version", lambda: "other")
@@ -158,9 +155,7 @@ def test_bad_recordings_are_flagged_and_the_rest_is_run(recordings, tmp_path):
     assert reasons[4] == f"{tmp_path / 'none.h5'}: no such file"
     assert reasons[5] == "no event ever entered the ROI at 0,16"
     assert reasons[6].startswith("ROI at 25,0: 0,0 to 24,16 is needed")
-    assert f"1 of 7 rows without a result: {reasons[5]}\n" in done.out
-    page = html.unescape((tmp_path / "out" / "sweep.html").read_text())
-    assert all(reason in page for reason in reasons[1:])
+    assert all(f"1 of 7 rows without a result: {reason}\n" in done.out for reason in reasons[1:])
 
 
 def test_with_nothing_but_bad_recordings(recordings, tmp_path):
@@ -275,9 +270,8 @@ def test_beside_another_that_has_the_usual_port(tmp_path):
 
 def test_without_dask(recordings, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    done = run_here(recordings[0], *small(), *MODEL, "--workers", 1, "--out", tmp_path)
-    assert done.error == "sweep: dask is not installed; pip install 'cmfpga[sweep]' (--workers 0 does without)"
-    assert run_here(recordings[0], *small(), *MODEL, "--out", tmp_path).status == 0
+    done = run_here(recordings[0], *small(), *MODEL, "--out", tmp_path)
+    assert done.error == "sweep: distributed is not installed; pip install 'cmfpga[sweep]'"
 
 
 def test_processors():
@@ -307,7 +301,6 @@ def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
     rows = pandas.read_csv(tmp_path / "results.csv")
     expected = {4: 100, 8: 200}
     assert rows["resources.lut"].tolist() == [expected[bits] for bits in rows["config.weight_frac"]]
-    assert "LUT" in (tmp_path / "sweep.html").read_text()
     assert run_here(*recordings, *options, *vary).status == 0
     assert len(asked) == 2
     monkeypatch.setenv("broken", "1")
@@ -324,8 +317,8 @@ def test_help_names_every_option_and_the_examples_parse():
     assert done.status == 0
     for example in sweep.EXAMPLES:
         assert example in done.out
-        words = shlex.split(example, comments=True)[3:]
-        options = sweep._parser().parse_args(words)
+        words = shlex.split(example, comments=True)[2:]
+        options = sweep.parser().parse_args(words)
         plan.choices(options.preset, options.assignments, options.vary)
 
 

@@ -1,6 +1,6 @@
-"""Figures of the tables and the page, from outcomes made by hand."""
+"""Figures of the tables, from outcomes made by hand."""
 
-import html.parser
+import functools
 import math
 from types import SimpleNamespace
 
@@ -10,8 +10,8 @@ import pytest
 from cmfpga.config import Config, preset
 from cmfpga.fpga import resources
 from cmfpga.sweep import tables
-from cmfpga.sweep.page import page
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
+from cmfpga.sweep.store import Store
 from cmfpga.sweep.truth import Truth
 from cmfpga.tracking.columns import COLUMNS
 
@@ -83,7 +83,7 @@ def test_the_tables_hold_the_whole_configuration_and_read_back(tmp_path, suffix)
     planned = [row(0, eta=0.5), row(1, eta=2.0)]
     outcomes = [ok(batch(0), batch(1, **DEGENERATE)), {"status": "failed", "reason": "a, b"}]
     estimates = {planned[0].task.config.hardware_hash: {"status": "ok", "total": dict.fromkeys(resources.KINDS, 3)}}
-    frame = tables.results(planned, outcomes, Run(engine="model"), estimates)
+    frame = tables.results(planned, outcomes, Run(engine="model", size={"events": 100}), estimates)
     assert list(frame.columns) == [
         *tables.RESULTS, *(f"resources.{kind}" for kind in resources.KINDS),
         *(f"config.{name}" for name in Config().to_dict()),
@@ -97,7 +97,7 @@ def test_the_tables_hold_the_whole_configuration_and_read_back(tmp_path, suffix)
     for values, eta in ((first, 0.5), (second, 2.0)):
         config = {name.removeprefix("config."): v for name, v in values.items() if name.startswith("config.")}
         assert Config(**config) == preset("paper").replace(eta=eta)
-    assert (first["status"], first["batches"], first["batch_events"], first["engine"]) == ("ok", 2, 5000, "model")
+    assert (first["status"], first["batches"], first["batch_events"], first["engine"]) == ("ok", 2, 100, "model")
     assert first["error_px_max"] == math.inf and first["resources.lut"] == 3
     assert (second["status"], second["reason"]) == ("failed", "a, b") and pandas.isna(second["batches"])
 
@@ -164,69 +164,34 @@ def test_ranking_without_truth_and_with_resources():
     assert [entry["configuration"] for entry in ranked] == [0, 1] and ranked[1]["resources"] is None
 
 
-class Cells(html.parser.HTMLParser):
-    """Texts of the cells of each table, by the table's id."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.tables, self.links, self._at, self._inside = {}, [], None, False
-        self.feed(text)
-
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        self.links += [attrs[name] for name in ("src", "href") if name in attrs]
-        if tag == "table":
-            self._at = self.tables.setdefault(attrs.get("id", len(self.tables)), [])
-        elif tag == "tr":
-            self._at.append([])
-        elif tag in ("td", "th"):
-            self._at[-1].append("")
-            self._inside = True
-
-    def handle_endtag(self, tag):
-        if tag in ("td", "th"):
-            self._inside = False
-
-    def handle_data(self, data):
-        if self._inside:
-            self._at[-1][-1] += data.strip()
-
-
-def test_the_page():
-    planned, outcomes = ranked_example()
-    frame = tables.results(planned, outcomes, Run(), {})
+def test_the_trusted_share_goes_before_the_contrast():
+    """Where no truth is known, an answer that is sharper and not to be trusted is not ranked first."""
+    sure, doubtful = {"confidence": 50.0, "gain": 1.5}, {"confidence": 3.0, "flags": "doubtful", "gain": 3.0}
+    planned = [row(k, truth=None, eta=eta) for k, eta in enumerate((1.0, 2.0))]
+    outcomes = [ok(batch(0, **doubtful), batch(1, **sure)), ok(batch(0, **sure), batch(1, **sure))]
     ranked = tables.ranking(planned, outcomes, {})
-    text = page(
-        ranked=ranked, frame=frame, run=Run(), preset="paper", assignments=["eta_frac=9"], files=["results.csv"]
-    )
-    assert "<b>.h5" not in text and "&lt;b&gt;.h5" in text
-    assert "http" not in text and "ROI has several sizes" not in text
-    cells = Cells(text)
-    assert cells.links == []
-    head, *lines = cells.tables["ranking"]
-    assert [line[1] for line in lines] == ["eta = 3.0", "eta = 2.0", "eta = 1.0", "eta = 4.0"]
-    shown = {title: [line[k] for line in lines] for k, title in enumerate(head)}
-    assert shown["cycles per batch, mean"] == ["2,000(2)", "500(1)", "2,500(3)", "2,000"]
-    assert shown["error, median [px/half batch]"] == ["0.1(1)", "0.3(2)", "0.4(3)", "0.1"]
-    assert shown[""] == ["★", "★", "", ""] and shown["rows"] == ["2 of 2"] * 3 + ["1 of 2"]
-    assert cells.tables["bad"][1:] == [["<b>.h5", "3: eta = 4.0", "failed", "R&D"]]
-    assert "eta_frac=9" in text and "0.1.0+" in text
+    assert [(entry["configuration"], entry["trusted"]) for entry in ranked] == [(1, 1.0), (0, 0.5)]
+    found = tables.summary(planned[0], outcomes[0])
+    assert found["verdict"].startswith("1 of 2 batches are to be trusted; velocity 11 px/s in the median")
 
 
-def test_the_page_says_that_contrasts_of_several_sizes_do_not_compare():
-    planned = [row(0, truth=None, roi_width=32), row(1, truth=None, roi_width=64)]
-    outcomes = [ok(batch(0, cycles=None))] * 2
-    frame = tables.results(planned, outcomes, Run(), {})
-    ranked = tables.ranking(planned, outcomes, {})
-    text = page(ranked=ranked, frame=frame, run=Run(), preset="paper", assignments=[], files=[])
-    assert "ROI has several sizes" in text and "no error to rank by" in text
-    assert Cells(text).tables["ranking"][0] == [
-        "",
-        "configuration",
-        "no.",
-        "contrast gained by v, share of the best",
-        "rows",
-    ]
+@pytest.mark.parametrize("change", [
+    {"batches": []}, {"batches": [1]}, {"batches": [{}]}, {"batches": {"a": 1}}, {"note": []},
+    {"events_left_over": "7"},
+    *({"batches": [batch(0, **wrong)]} for wrong in (
+        {"vx": "1"}, {"vx": [[1.0]]}, {"flags": "nonsense"}, {"flags": 3}, {"events": 1.5}, {"roi_events": {}},
+    )),
+])  # fmt: skip
+def test_what_was_kept_and_changed_is_not_taken_for_a_result(tmp_path, change):
+    kept = Store(tmp_path)
+    good = ok(batch(0), batch(1, **DEGENERATE))
+    right = functools.partial(tables.right, "translation")
+    kept.put("a", good)
+    assert kept.get("a", right) == good and kept.get("a", functools.partial(tables.right, "rotation")) is None
+    kept.put("a", {**good, **change})
+    assert kept.get("a", right) is None
+    (tmp_path / "a.json").write_text("[" * 100_000)
+    assert kept.get("a", right) is None
 
 
 @pytest.mark.parametrize("value, shown", [

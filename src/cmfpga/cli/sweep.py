@@ -1,5 +1,6 @@
 """``cmfpga sweep``: many recordings, many configurations."""
 
+import functools
 import importlib.util
 import json
 import sys
@@ -7,7 +8,6 @@ import sys
 from tqdm import tqdm
 
 from .. import cli
-from ..config.defaults import BATCH_EVENTS
 from ..engines import ENGINES
 from ..errors import ConfigError
 from ..sweep import plan
@@ -36,7 +36,7 @@ def parser():
     made.add_argument(
         "--roi", type=cli.pair("X,Y"), metavar="X,Y", help="ROI of the recordings that have none behind an @"
     )
-    cli.add_batch_options(made, f"--batch-events {BATCH_EVENTS}")
+    cli.add_batch_options(made, "as long as suits the motion")
     made.add_argument(
         "--batches", type=cli.positive, metavar="B", help="stop each after B batches (default: at the end)"
     )
@@ -45,7 +45,7 @@ def parser():
     where = made.add_mutually_exclusive_group()
     where.add_argument(
         "--workers", type=cli.natural, metavar="W",
-        help="processes of a local Dask cluster; 0: none, in this process (default: one per processor)",
+        help="processes of a local Dask cluster; 0: a thread of this one (default: one per processor)",
     )  # fmt: skip
     where.add_argument(
         "--scheduler", metavar="ADDRESS", help="use the workers of this Dask scheduler, as tcp://head:8786"
@@ -62,14 +62,14 @@ def parser():
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
-    _require("pandas", "pyarrow", "jinja2")
+    _require("pandas", "pyarrow", "distributed")
     if options.resources:
         from ..fpga import resources
 
         resources.require_yosys()
     run = plan.Run(
         engine=options.engine,
-        size=cli.batch_size(options) or {"events": BATCH_EVENTS},
+        size=cli.batch_size(options),
         start_event=options.start_event,
         batches=options.batches,
         sensor=options.sensor,
@@ -99,12 +99,18 @@ def _require(*packages):
 
 
 def _sweep(options, run, rows, folder):
+    from ..sweep import tables
+
     tasks = {row.task.key: row.task for row in rows if row.task}
     hardware = {task.config.hardware_hash: task.config for task in tasks.values()} if options.resources else {}
     estimates = {f"{key}-{version()}": (config, version()) for key, config in hardware.items()}
     tracked, estimated = Store(folder / "tasks"), Store(folder / "resources")
-    done = {key: outcome for key in tasks if (outcome := tracked.get(key))}
-    known = {key: outcome for key in estimates if (outcome := estimated.get(key))}
+    done = {
+        key: outcome
+        for key, task in tasks.items()
+        if (outcome := tracked.get(key, functools.partial(tables.right, task.config.motion)))
+    }
+    known = {key: outcome for key in estimates if (outcome := estimated.get(key, tables.right_estimate))}
     left = {key: task for key, task in tasks.items() if key not in done}
     unknown = {key: job for key, job in estimates.items() if key not in known}
     kept = sum(row.task.key in done for row in rows if row.task)
@@ -120,7 +126,7 @@ def _sweep(options, run, rows, folder):
     by_hash = {key: known[f"{key}-{version()}"] for key in hardware}
     for reason in dict.fromkeys(outcome["reason"] for outcome in by_hash.values() if outcome["status"] != "ok"):
         print(f"note: no resources: {reason}", file=sys.stderr)
-    return _report(options, run, rows, outcomes, by_hash, folder, kept)
+    return _report(options, tables, run, rows, outcomes, by_hash, folder, kept)
 
 
 def _run(where, function, jobs, store, outcomes, folder, unit):
@@ -134,21 +140,14 @@ def _run(where, function, jobs, store, outcomes, folder, unit):
             bar.update()
 
 
-def _report(options, run, rows, outcomes, estimates, folder, kept):
-    """Write the tables and the page, print the ranking."""
-    from ..sweep import tables
-    from ..sweep.page import page
-
+def _report(options, tables, run, rows, outcomes, estimates, folder, kept):
+    """Write the tables, print the ranking and the verdict of each row of the best configuration."""
     frame = tables.results(rows, outcomes, run, estimates)
     names = [f"{table}.{suffix}" for table in ("results", "batches") for suffix in ("csv", "parquet")]
     for table, name in zip((frame, frame, *[tables.batches(rows, outcomes)] * 2), names, strict=True):
         tables.write(table, folder / name)
     ranked = tables.ranking(rows, outcomes, estimates)
-    text = page(
-        ranked=ranked, frame=frame, run=run, preset=options.preset, assignments=options.assignments, files=names
-    )  # fmt: skip
-    write_atomically(folder / "sweep.html", text.encode())
-    paths = [str(folder / name) for name in (*names, "sweep.html")]
+    paths = [str(folder / name) for name in names]
     bad = frame[frame["status"] != "ok"]
     failed = int((frame["status"] == "failed").sum())
     if options.json:
@@ -166,6 +165,9 @@ def _report(options, run, rows, outcomes, estimates, folder, kept):
         for reason, count in bad["reason"].value_counts(sort=False).items():
             print(f"{count} of {len(frame)} rows without a result: {reason}")
         print(tables.text(ranked))
+        best = frame[frame["configuration"] == ranked[0]["configuration"]]
+        for recording, verdict in zip(best["recording"], best["verdict"].fillna("no result"), strict=True):
+            print(f"{recording}: {verdict}")
         print(*(f"wrote {path}" for path in paths), sep="\n")
     if failed == len(frame):
         raise ConfigError(f"no row has a result: {outcomes[0]['reason']}")

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..config import Config, preset, unread
-from ..config.defaults import BATCH_EVENTS
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
@@ -150,7 +149,7 @@ class Run:
     """What all rows have in common; fields as of :class:`~cmfpga.sweep.task.Task`."""
 
     engine: str = "rtl"
-    size: dict = field(default_factory=lambda: {"events": BATCH_EVENTS})
+    size: dict = field(default_factory=dict)
     start_event: int = 0
     batches: int | None = None
     sensor: tuple[int, int] | None = None

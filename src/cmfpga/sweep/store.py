@@ -7,6 +7,9 @@ from pathlib import Path
 
 from ..errors import naming
 
+#: A larger file is none of ours: some 100,000 batches.
+MOST_BYTES = 1 << 26
+
 
 class Store:
     """Outcomes by their key, in a folder that is made when it is first written to.
@@ -18,13 +21,16 @@ class Store:
     def __init__(self, folder):
         self.folder = Path(folder)
 
-    def get(self, key):
-        """The outcome kept under ``key``, or None."""
+    def get(self, key, right):
+        """The outcome kept under ``key``; None where ``right(outcome)`` does not hold, as of a changed file."""
+        path = self.folder / f"{key}.json"
         try:
-            outcome = json.loads((self.folder / f"{key}.json").read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):  # ValueError: damaged, as by a disk that failed
+            if path.stat().st_size > MOST_BYTES:
+                return None
+            outcome = json.loads(path.read_text(encoding="utf-8"))
+            return outcome if outcome["status"] == "ok" and right(outcome) else None
+        except (OSError, ValueError, RecursionError, LookupError, TypeError, AttributeError):  # damaged, or changed
             return None
-        return outcome if isinstance(outcome, dict) and outcome.get("status") == "ok" else None
 
     def put(self, key, outcome):
         """Keep ``outcome`` if it is ``"ok"``; returns it as :meth:`get` would."""

@@ -10,7 +10,8 @@ from ..config import Config
 from ..fpga import resources
 from ..imaging.camera import RATES
 from ..protocol.flags import Flag
-from ..tracking.columns import COLUMNS, MORE
+from ..tracking.columns import COLUMNS, MORE, columns
+from ..tracking.verdict import Verdict
 from .store import write_atomically
 from .task import MORE_COLUMNS, version
 
@@ -41,6 +42,7 @@ RESULTS = {
         "degenerate batch",
     ),
     "trusted_batches": ("Int64", "batches that are to be trusted; empty where the confidence was not measured"),
+    "verdict": ("string", "the same, and the velocity, in words, as `track` says it"),
     "error_px_median": (
         "Float64",
         "distance of v from the truth, median over the batches, px per half batch; a degenerate batch errs by "
@@ -66,6 +68,8 @@ RESULTS = {
 }
 
 _TYPES = {int: "Int64", float: "Float64", str: "string"}
+#: The same in JSON, where a number may be missing.
+_KINDS = {int: (int, type(None)), float: (int, float, type(None)), str: str}
 
 
 def config_types():
@@ -122,7 +126,8 @@ def summary(row, outcome):
         return {"status": "failed", "reason": outcome["reason"]}
     batches = outcome["batches"]
     flags = [batch["flags"].split("|") if batch["flags"] else [] for batch in batches]
-    judged = [names for names, batch in zip(flags, batches, strict=True) if batch["confidence"] is not None]
+    config = row.task.config
+    verdict = Verdict.of(batches, config.motion, config.cold_after_doubtful)
     degenerate = sum("degenerate" in names for names in flags)
     status, reason = "ok", None
     if degenerate == len(batches):
@@ -148,7 +153,8 @@ def summary(row, outcome):
         **{f"{name}_median": _median(batch[name] for batch in batches) for name in MORE if name in batches[0]},
         "contrast_mean": _mean(batch["contrast"] for batch in batches),
         "gain_median": _median(1.0 if batch["gain"] is None else batch["gain"] for batch in batches),
-        "trusted_batches": sum("doubtful" not in names for names in judged) if judged else None,
+        "trusted_batches": int(verdict.trusted.sum()) if verdict.judged.any() else None,
+        "verdict": "; ".join(filter(None, (verdict.share, verdict.velocity))) or None,
         "cycles_mean": _mean(cycles_of(outcome)),
         "cycles_max": max(cycles_of(outcome), default=None),
     }
@@ -169,6 +175,25 @@ def cycles_of(outcome):
     """Clock cycles of each batch, where there is a clock; not of degenerate ones, which take few and find nothing."""
     found = [batch["cycles"] for batch in outcome["batches"] if "degenerate" not in batch["flags"].split("|")]
     return [cycles for cycles in found if cycles is not None]
+
+
+def right(motion, outcome):
+    """Whether an outcome that was kept has what the tables need: batches with their columns, each of its kind."""
+    kinds = {name: _KINDS[column.dtype] for name, column in columns(motion).items()}
+    kinds |= dict.fromkeys(MORE_COLUMNS, _KINDS[float])
+    rows = outcome["batches"]
+    return (
+        bool(rows)
+        and isinstance(outcome["events_left_over"], int)
+        and isinstance(outcome["note"], str)
+        and all(isinstance(row[name], kind) for row in rows for name, kind in kinds.items())
+        and all(Flag.parse(row["flags"]) is not None for row in rows)
+    )
+
+
+def right_estimate(outcome):
+    """The same of resources."""
+    return all(isinstance(outcome["total"][kind], int | float) for kind in resources.KINDS)
 
 
 def _mean(values):
@@ -228,6 +253,7 @@ def write(frame, path):
 #: What configurations are ranked by, in the order in which it decides: title, and whether less is better.
 CRITERIA = {
     "error_px": ("error, median [px/half batch]", True),
+    "trusted": ("trusted batches, share", False),
     "gain": ("contrast gained by v, share of the best", False),
     "cycles": ("cycles per batch, mean", True),
     "lut": ("LUT (estimate)", True),
@@ -241,6 +267,7 @@ def ranking(rows, outcomes, estimates):
     recording that no configuration has a result for does not count.
 
     - ``error_px``: median over all batches of all recordings whose truth is known, ``below`` the share below 0.6 px;
+    - ``trusted``: share of the trusted among all batches, where the confidence was measured;
     - ``gain``: each recording's ``gain_median`` as a share of the best configuration's, mean over the recordings. Not
       the contrast itself: without dither it has a false peak at v = 0;
     - ``cycles``: mean over all batches that are not degenerate;
@@ -299,6 +326,7 @@ def _aggregate(group, gains, estimates):
         "complete": bool(ok) and len(ok) == len(gains),
         "error_px": statistics.median(errors) if errors else None,
         "below": _mean(error < FOUND_PX for error in errors),
+        "trusted": _trusted_share(ok),
         "gain": _mean(shares),
         "cycles": _mean(cycles),
         "resources": used,
@@ -306,6 +334,13 @@ def _aggregate(group, gains, estimates):
         "ranks": {},
         "best": False,
     }
+
+
+def _trusted_share(ok):
+    """Trusted among all batches of rows; None where one has no confidence."""
+    if not ok or any(found["trusted_batches"] is None for *_, found in ok):
+        return None
+    return sum(found["trusted_batches"] for *_, found in ok) / sum(found["batches"] for *_, found in ok)
 
 
 def _dominates(one, other):

@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass
 from .. import __version__
 from ..config import Config
 from ..errors import ConfigError, UserError
-from ..imaging.camera import seen
 from ..imaging.iwe import gain, scaled_roi_events
 from .truth import Truth
 
@@ -54,7 +53,7 @@ class Task:
         Left column and top row of the first batch's ROI, px.
     engine : str
     size : dict
-        ``{"events": N}``, ``{"duration_us": D}`` or ``{"roi_events": M}``.
+        ``{"events": N}``, ``{"duration_us": D}`` or ``{"roi_events": M}``; empty: as long as suits the motion.
     start_event : int
     batches : int or None
     sensor, time_unit
@@ -113,15 +112,14 @@ def guarded(function, argument, needed):
 def _track(task):
     # Here and not above: where a sweep is only looked up, none of this is needed.
     from ..engines import open_engine
-    from ..events import BatchCutter, open_recording
+    from ..events import open_recording
+    from ..tracking.fit import batch_cutter
     from ..tracking.loop import track
 
     motion = task.truth.motion if task.truth else None
     with contextlib.ExitStack() as stack:
         recording = stack.enter_context(open_recording(task.path, sensor=task.sensor, time_unit=task.time_unit))
-        limit = task.config.max_batch_events
-        placed = functools.partial(seen, task.config)
-        cutter = BatchCutter(recording, start_event=task.start_event, **task.size, max_events=limit, seen=placed)
+        cutter = batch_cutter(recording, task.config, start_event=task.start_event, **task.size)
         engine = stack.enter_context(contextlib.closing(open_engine(task.engine, task.config, option="--engine")))
         tracked = track(engine, cutter, roi=task.roi, batches=task.batches)
         batches = [_batch(batch, motion, task.config) for batch in tracked]

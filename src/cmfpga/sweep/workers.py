@@ -1,4 +1,4 @@
-"""Where the tasks of a sweep run: in this process, on a local cluster, or on a scheduler that is there already."""
+"""Where the tasks of a sweep run: on a local Dask cluster, or on a Dask scheduler that is there already."""
 
 import contextlib
 import logging
@@ -17,24 +17,18 @@ def processors():
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-class Here:
-    """Runs tasks one after the other in this process."""
-
-    def run(self, function, jobs):
-        """Yields ``(key, outcome)`` of ``function(argument)`` for each ``(key, argument)`` of ``jobs``."""
-        for key, argument in jobs.items():
-            yield key, function(argument)
-
-
 class Dask:
-    """Runs tasks on the workers of a Dask scheduler; the same interface as :class:`Here`, in any order."""
+    """Runs tasks on the workers of a Dask scheduler, in any order."""
 
     def __init__(self, client, where):
         self.client = client
         self.where = where
 
     def run(self, function, jobs):
-        """As of :class:`Here`. A worker that dies loses nothing: what it had is run by another one."""
+        """Yields ``(key, outcome)`` of ``function(argument)`` for each ``(key, argument)`` of ``jobs``.
+
+        A worker that dies loses nothing: what it had is run by another one.
+        """
         from distributed import CancelledError, as_completed
 
         futures = {
@@ -62,12 +56,12 @@ def _reason(error):
 
 @contextlib.contextmanager
 def pool(count, scheduler=None):
-    """A context with a :class:`Here` or :class:`Dask`.
+    """A context with a :class:`Dask`.
 
     Parameters
     ----------
     count : int
-        Processes of a local cluster; 0: this process.
+        Processes of a local cluster; 0: a thread of this process.
     scheduler : str, optional
         Address of a Dask scheduler; ``count`` is not used then.
 
@@ -76,17 +70,12 @@ def pool(count, scheduler=None):
     UserError
         Dask is not installed, or the scheduler does not answer.
     """
-    if not count and scheduler is None:
-        yield Here()
-        return
     # Of an end of a worker or a scheduler it would print pages; what matters is in the outcomes. Workers inherit it.
     os.environ.setdefault("DASK_LOGGING__DISTRIBUTED", "critical")
     try:
         import distributed
     except ModuleNotFoundError:
-        raise ConfigError(
-            "sweep: dask is not installed; pip install 'cmfpga[sweep]' (--workers 0 does without)"
-        ) from None
+        raise ConfigError("sweep: dask is not installed; pip install 'cmfpga[sweep]'") from None
     for name in ("distributed.client", "tornado.application"):  # they have levels of their own
         logging.getLogger(name).setLevel(logging.CRITICAL)
     if scheduler is not None:
@@ -98,16 +87,18 @@ def pool(count, scheduler=None):
         # server has the usual port, dask would warn.
         anywhere = {"dashboard_address": "127.0.0.1:0"}
         cluster = distributed.LocalCluster(
-            n_workers=count, threads_per_worker=1, dashboard_address=None, scheduler_kwargs=anywhere
-        )
+            n_workers=max(1, count), threads_per_worker=1, processes=count > 0, dashboard_address=None,
+            scheduler_kwargs=anywhere,
+        )  # fmt: skip
         stack.callback(_close, cluster)
         client = distributed.Client(cluster)
         stack.callback(_close, client)
-        client.register_plugin(_no_interrupt(distributed))
+        if count:
+            client.register_plugin(_no_interrupt(distributed))
         yield Dask(client, "the local cluster")
         # One that is just being started again would print a traceback if it were stopped now.
         with contextlib.suppress(TimeoutError):
-            client.wait_for_workers(count, timeout=TIMEOUT)
+            client.wait_for_workers(max(1, count), timeout=TIMEOUT)
 
 
 def _close(what):
