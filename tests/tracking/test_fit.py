@@ -146,6 +146,8 @@ def test_a_lost_object():
     verdict = Verdict.of([batch.values for batch in batches])
     assert verdict.lost == [(lost[0], lost[-1])] and verdict.trusted.sum() == lost[0]
     assert "was lost in batches" in verdict.warnings()[0] and "after 3 of them the ROI stayed" in verdict.warnings()[0]
+    told = str(verdict).split(". ")
+    assert told[0] == verdict.share and told[1].startswith("Velocity ") and str(verdict).endswith("the ROI stayed.")
     assert verdict.title.splitlines()[0] == verdict.share and verdict.title.splitlines()[1] == verdict.velocity
     assert verdict.title.splitlines()[2].startswith(f"lost in batches {lost[0]} to {lost[-1]} (")
     following = Verdict.of([batch.values for batch in batches], stays=0)

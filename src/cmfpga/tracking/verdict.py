@@ -115,6 +115,11 @@ class Verdict:
             f"(vx {vx:,.0f}, vy {vy:,.0f}); {self.px:.1f} px per half batch"
         )
 
+    def __str__(self):
+        """All of it in sentences, for people."""
+        told = (self.share, self.velocity, self.motion_text, *self.warnings())
+        return ". ".join(text[0].upper() + text[1:] for text in told if text) + "."
+
     @property
     def title(self):
         """What stands above the picture: all of this, in lines; empty where the confidence was not measured."""
