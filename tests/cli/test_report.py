@@ -86,7 +86,7 @@ def test_help(command):
     done = command(report, "--help")
     assert done.status == 0 and all(example in done.out for example in report.EXAMPLES)
     for example in report.EXAMPLES[1:]:
-        report._parser().parse_args(example.partition("#")[0].split()[3:])
+        report.parser().parse_args(example.partition("#")[0].split()[2:])
 
 
 def test_damaged_files(kept, tmp_path, command):

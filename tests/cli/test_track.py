@@ -110,7 +110,7 @@ def test_the_defaults(command, rows, tmp_path):
         "--set", "judge=0", "--time-unit", "s", "--out", tmp_path / "a",
     )  # fmt: skip
     assert done.err == "" and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
-    options = track._parser().parse_args(["x"])
+    options = track.parser().parse_args(["x"])
     assert (options.engine, options.out, options.preset, options.start_event) == ("rtl", "cmfpga-track", "fast", 0)
 
 
@@ -371,7 +371,7 @@ def test_help_names_every_option_and_the_examples_parse(command):
         assert option in done.out
     for example in track.EXAMPLES:
         assert example in done.out
-        options = track._parser().parse_args(example.partition("#")[0].split()[3:])
+        options = track.parser().parse_args(example.partition("#")[0].split()[2:])
         cli.make_config(options)
 
 

@@ -70,9 +70,9 @@ def process(tmp_path):
 
     def process(name, *arguments, without=(), **environment):
         blocked = "".join(f"sys.modules[{package!r}] = None; " for package in without)
-        script = f"import runpy, sys; {blocked}runpy.run_module('cmfpga.{name}', run_name='__main__', alter_sys=True)"
+        script = f"import runpy, sys; {blocked}runpy.run_module('cmfpga', run_name='__main__', alter_sys=True)"
         done = subprocess.run(
-            [sys.executable, "-W", "error", "-c", script, *map(str, arguments)],
+            [sys.executable, "-W", "error", "-c", script, name, *map(str, arguments)],
             cwd=tmp_path,
             env={**os.environ, "MPLCONFIGDIR": str(tmp_path / "matplotlib"), **environment},
             capture_output=True,
