@@ -11,7 +11,7 @@ import pytest
 pytest_plugins = ["support.asks", "support.small_core", "support.browser", "support.commands", "support.flowing"]
 
 #: Rooms with tests of half a minute. They come first, so that two workers meet at short ones, and neither waits long.
-LONG = ("formal", "simulation", "verilog", "driver", "docs", "cli", "accuracy")
+LONG = ("formal", "verilog", "driver", "docs", "cli", "studies")
 
 
 def pytest_collection_modifyitems(items):

@@ -26,7 +26,7 @@ import numpy, h5py  # these may look for what they do not need
 sys.meta_path.insert(0, Missing())
 """
 
-COMMAND = "import runpy; runpy.run_module('cmfpga.driver', run_name='__main__', alter_sys=True)"
+COMMAND = "import runpy; runpy.run_module('cmfpga', run_name='__main__', alter_sys=True)"
 
 #: A board's own Python: its back ends, a recording, words, and what the hardware should say.
 USE = """
@@ -47,7 +47,7 @@ print(*sorted({name.partition(".")[0] for name in sys.modules} - set(sys.stdlib_
 """
 
 
-@pytest.fixture(params=["this Python", pytest.param("Python 3.10", marks=pytest.mark.slow)])
+@pytest.fixture(params=["this Python", "Python 3.10"])
 def python(request):
     """``python(argument, …)``: a finished process of a Python that has NumPy, h5py and this package."""
     return request.getfixturevalue("blocked" if request.param == "this Python" else "board")
