@@ -131,9 +131,9 @@ def track_arguments(proposal):
 
 def _command(options, proposal):
     words = ["cmfpga", "track", options.recording, *track_arguments(proposal)]
-    for name in ("sensor", "time_unit", "columns", "dataset"):
+    for name, option in cli.READING.items():
         if (value := getattr(options, name)) is not None:
-            words += [f"--{name.replace('_', '-')}", value if isinstance(value, str) else "{},{}".format(*value)]
+            words += [option, value if isinstance(value, str) else "{},{}".format(*value)]
     words += ["--preset", options.preset, *(word for text in options.assignments for word in ("--set", text))]
     return shlex.join(words)
 

@@ -10,7 +10,7 @@ from tqdm import tqdm
 from .. import cli
 from ..cli.ingest import add_ingest_options, ingest_fields
 from ..engines.regions import ENGINES, RegionEngine
-from ..errors import ConfigError, naming
+from ..errors import naming
 from ..events import open_recording
 from ..imaging.gallery import picture_path
 from .api import ENGINE, PRESET, configure
@@ -101,9 +101,7 @@ def main(arguments=None):
 def _open(options):
     if options.recording is not None:
         return cli.noted(open_recording(options.recording, **cli.reading(options)))
-    for name in ("sensor", "time_unit", "columns", "dataset", "camera"):
-        if getattr(options, name):
-            raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
+    cli.require_recording(options, "camera")
     return scene().recording("synthetic scene")
 
 
