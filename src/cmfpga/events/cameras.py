@@ -11,7 +11,7 @@ https://github.com/neuromorphic-paris/event_stream (Event Stream).
 import struct
 
 from ..errors import RecordingError
-from .columns import one_line, readable
+from .columns import readable, why
 from .raw import is_dat, prophesee_header
 from .recording import HEAD_BYTES, Format
 from .streamed import StreamedRecording
@@ -85,9 +85,7 @@ class CameraRecording(StreamedRecording):
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise error
         after = f"after {count} events" if count else "from its begin"
-        return RecordingError(
-            f"{self.name}: {self.format} cannot be read {after} (truncated or damaged): {one_line(error)}"
-        )
+        return RecordingError(f"{self.name}: {self.format} cannot be read {after} {why(error)}")
 
     def _truncated_bytes(self):
         """What tells that the file ends too early, though all of it was decoded; or None."""

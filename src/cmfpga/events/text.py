@@ -24,7 +24,7 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
-from .columns import match_names, one_line, readable
+from .columns import match_names, readable, why
 from .recording import HEAD_BYTES, Format, check_sensor
 from .streamed import StreamedRecording
 from .textlines import PLAIN, Layout, LineError, parse_fast, parse_line, split_line
@@ -121,9 +121,7 @@ class TextRecording(StreamedRecording):
                             f"{self.name}, line {number}: more than {_MAX_LINE_BYTES} bytes; '{PLAIN.text}' is needed"
                         )
         except _READ_ERRORS as error:
-            raise RecordingError(
-                f"{self.name}, line {number} or later: cannot be read (truncated or damaged): {one_line(error)}"
-            ) from None
+            raise RecordingError(f"{self.name}, line {number} or later: cannot be read {why(error)}") from None
         if rest:
             yield number, rest
 
