@@ -85,7 +85,7 @@ class TextRecording(StreamedRecording):
                 self._parse_line(number, line, 0)  # the first odd line is reported whatever the unit is
                 fields = split_line(line)
                 if fields and float(fields[self._layout.t]) % 1:
-                    return "s"
+                    return guess_unit(self._first_times())
         with contextlib.closing(self._pieces(power=0)) as blocks:
             parts = []
             for columns in blocks:
@@ -93,6 +93,13 @@ class TextRecording(StreamedRecording):
                 if sum(map(len, parts)) >= SAMPLE_EVENTS:
                     break
         return guess_unit(np.concatenate(parts)) if parts else "us"
+
+    def _first_times(self):
+        """The first time stamps as they stand there, float64."""
+        with contextlib.closing(self._lines()) as lines:
+            fields = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + SAMPLE_EVENTS))
+            texts = (field[self._layout.t] for field in fields if len(field) == self._layout.fields)
+            return np.array([float(text) for text in texts if _is_number(text)])
 
     # ---------------------------------------------------------------- blocks, lines, columns
 
