@@ -21,7 +21,6 @@ from .page import Page
 from .pictures import SUFFIXES, save
 from .result import ARRAYS, CSV, FITS, Flow, csv_writer, fit_writer
 from .run import Run
-from .tiles import TILE
 
 EXAMPLES = (
     "python -m cmfpga.flow        # a synthetic scene: a camera turns, so the true flow is known",
@@ -38,7 +37,7 @@ PICTURE, PAGE = "flow.png", "flow.html"
 def _parser():
     made = cli.parser("flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
     cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
-    made.add_argument("--tile", type=cli.positive, default=TILE, metavar="PX", help=f"size of a tile (default: {TILE})")
+    made.add_argument("--tile", type=cli.positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")
     made.add_argument("--step", type=cli.positive, metavar="PX", help="from tile to tile (default: half a tile)")
     text = "windows (one of; default: as many events as suit the motion, chosen anew for each window)"
     size = made.add_argument_group(text).add_mutually_exclusive_group()
