@@ -123,7 +123,9 @@ def test_a_sensor_that_nobody_tells(command, scene, tmp_path):
     np.savez(tmp_path / "a.npz", t=scene.events.t, x=scene.events.x, y=scene.events.y, p=scene.events.p)
     done = command(info, tmp_path / "a.npz", *FAST)
     covered = f"{scene.events.x.max() + 1}×{scene.events.y.max() + 1}"
-    assert done.status == 0 and f"sensor      not said; the events cover {covered} px\n" in done.out
+    assert (
+        done.status == 0 and f"sensor      not said; the events cover {covered} px: taking 240×180 px; say" in done.out
+    )
     assert "time unit   us (guessed)\n" in done.out and "Proposal: ROI " in done.out
 
 

@@ -9,6 +9,7 @@ import pytest
 from cmfpga import dense as flow
 from cmfpga.api.flow import configure
 from cmfpga.api.flow_result import DOCS
+from cmfpga.config import preset
 from cmfpga.dense import demo
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording, write_hdf5
@@ -166,14 +167,30 @@ def test_what_is_refused(command, slide, tmp_path, told, why):
     assert why in command(flow, slide, *told, "--out", tmp_path).error
 
 
-def test_a_larger_sensor_has_a_larger_step_before_it_has_too_many_tiles():
-    source = MemoryRecording(Events([0, 9], [1, 600], [1, 400], [0, 1]), 640, 480)
-    config, tiles, notes = configure(source, "flow", {}, 32, None, str)
-    assert np.diff(tiles.columns).max() == 24 and config.regions == len(tiles.regions) > 192
-    assert notes == [
-        "tiles every 24 px: so many as 1024 regions hold",
-        f"a table of {config.regions} regions; preset 'flow' has 192",
-    ]
+@pytest.mark.parametrize("sensor, tile, step, regions, events, bins", [
+    ((240, 180), 32, 16, 192, 32_767, 4),
+    ((320, 320), 32, 16, 386, 65_535, 4),
+    ((346, 260), 32, 16, 366, 65_535, 4),
+    ((640, 480), 32, 24, 620, 98_303, 5),
+    ((1280, 720), 48, 36, 960, 98_303, 5),
+    ((1280, 800), 48, 48, 719, 98_303, 5),
+])  # fmt: skip
+def test_tiles_and_store_by_sensor(sensor, tile, step, regions, events, bins):
+    """What a table of 1024 regions and the 64 UltraRAMs of a KV260 hold; larger than the preset's: how it is built."""
+    source = MemoryRecording(Events([0, 9], [1, 200], [1, 150], [0, 1]), *sensor)
+    config, tiles, notes = configure(source, "flow", {}, None, None, str)
+    assert (tiles.width, tiles.columns[1]) == (tile, step) and len(tiles.regions) <= config.regions == regions
+    assert (config.max_batch_events, config.bin_bits) == (events, bins)
+    assert 2 * -(-config.store.pages * 32 // 4096) <= 64
+    if sensor == (240, 180):
+        assert notes == []
+        return
+    (built,) = notes
+    words = built.partition("the hardware: cmfpga build --preset flow ")[2].split()[1::2]
+    assert preset("flow").replace(**config.parse(words)) == config
+    given = {"max_batch_events": 4095, "bin_bits": 4}
+    config, *_ = configure(source, "flow", given, None, None, str)
+    assert (config.max_batch_events, config.bin_bits) == (4095, 4)
 
 
 def test_refusals_without_a_usable_recording(command, tmp_path):

@@ -108,7 +108,5 @@ def test_without_compression_and_damaged(tmp_path):
             assert getattr(next(one.chunks()), name).tolist() == getattr(next(other.chunks()), name).tolist()
     data = packed.read_bytes()
     packed.write_bytes(data.replace(base64.b85decode(CHUNKS["rows"])[4:40], bytes(36)))
-    with pytest.raises(
-        RecordingError, match=r"b.h5: events 0 to 39 cannot be read \(truncated or damaged file\): ECF: "
-    ):
+    with pytest.raises(RecordingError, match=r"b.h5: events 0 to 39 cannot be read \(truncated or damaged\): ECF: "):
         open_recording(packed)

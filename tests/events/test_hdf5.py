@@ -1,6 +1,8 @@
 """Layouts and attributes of HDF5 recordings."""
 
 import functools
+import subprocess
+import sys
 
 import h5py
 import numpy as np
@@ -224,3 +226,67 @@ def test_write_errors(tmp_path, rng):
         with pytest.raises(RecordingError, match=message):
             write_hdf5(tmp_path / name, given, width, 180)
     assert not list(tmp_path.iterdir())
+
+
+# -------------------------------------------------------------------- filters
+
+
+def filtered(path, events, number, chunk=b"not by this filter"):
+    """A file whose t went through the filter of that number, as far as it says."""
+    with h5py.File(path, "w") as file:
+        for name in "xyp":
+            file[f"events/{name}"] = getattr(events, name)
+        made = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        made.set_chunk((len(events),))
+        made.set_filter(number, h5py.h5z.FLAG_OPTIONAL, (2, 2, 8))
+        t = h5py.h5d.create(
+            file["events"].id, b"t", h5py.h5t.NATIVE_INT64, h5py.h5s.create_simple((len(events),)), made
+        )
+        if chunk is None:
+            file["events/t"][:] = events.t  # an optional filter that is missing is passed over
+        else:
+            t.write_direct_chunk((0,), chunk)
+
+
+@pytest.mark.parametrize(
+    "number, name", [(32001, "Blosc (id 32001)"), (32015, "Zstandard (id 32015)"), (400, "(id 400)")]
+)
+def test_a_filter_that_is_missing(tmp_path, rng, monkeypatch, number, name):
+    """It is named, and the package that brings it: nothing is damaged."""
+    path, available = tmp_path / "a.h5", h5py.h5z.filter_avail
+    filtered(path, make_events(rng), number)
+    monkeypatch.setattr(h5py.h5z, "filter_avail", lambda asked: asked != number and available(asked))
+    monkeypatch.setitem(sys.modules, "hdf5plugin", None)
+    told = f": /events/t needs the HDF5 filter {name}, which is missing: "
+    assert refusal(path) == f"{told}pip install hdf5plugin"
+    monkeypatch.setitem(sys.modules, "hdf5plugin", sys)
+    assert refusal(path) == f"{told}hdf5plugin does not bring it; a copy without it is needed"
+
+
+def test_an_optional_filter_that_was_not_used(tmp_path, rng):
+    events = make_events(rng)
+    filtered(tmp_path / "a.h5", events, 400, chunk=None)
+    assert_reads(tmp_path / "a.h5", events)
+
+
+PROGRAM = """
+import sys
+from cmfpga.events import open_recording
+with open_recording(sys.argv[1]) as recording:
+    print(sum(int(chunk.t.sum()) for chunk in recording.chunks()), recording.width)
+"""
+
+
+@pytest.mark.parametrize("name", ["Blosc", "Zstd", "LZ4", "Bitshuffle"])
+def test_filters_of_hdf5plugin(tmp_path, rng, name):
+    """As DSEC, VECtor and TUM-VIE are published; read by a process that has not imported it."""
+    hdf5plugin = pytest.importorskip("hdf5plugin")
+    events = make_events(rng)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for column in "txyp":
+            file.create_dataset(f"events/{column}", data=getattr(events, column), **getattr(hdf5plugin, name)())
+        file["t_offset"], file["ms_to_idx"] = 0, [0, 5]
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, tmp_path / "a.h5"], capture_output=True, text=True, timeout=60
+    )
+    assert done.stdout.split() == [str(events.t.sum()), "640"], done.stderr

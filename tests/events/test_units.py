@@ -27,7 +27,27 @@ def test_rates_of_event_cameras(rng, rate, start):
     assert guess_unit(us.astype(np.float64)) == "us"
     assert guess_unit(us * 1000) == "ns"  # a clock of 1 µs written in ns
     assert guess_unit(us * 1e-6) == "s"
-    assert guess_unit(us / 1000) == "s"  # fractions of ms are taken for seconds: documented; time_unit="ms" helps
+    assert guess_unit(us / 1000) == "ms"
+
+
+@pytest.mark.parametrize("rate, unit", [(1e3, "us"), (5e4, "us"), (1e6, "ms")])
+def test_fractions_that_no_clock_of_1_us_gives(rng, rate, unit):
+    """A simulator's: told apart by the rate alone. Above 100,000 events/s fractions of µs, or of ms, look like the next
+    larger unit, unless they count from 1970."""
+    t = np.cumsum(rng.exponential(1e6 / rate, 20_000))
+    assert [guess_unit(t * 1e-6), guess_unit(t / 1000), guess_unit(t)] == ["s", "ms" if unit == "us" else "s", unit]
+    epoch = t + 1.5e15
+    assert [guess_unit(epoch * 1e-6), guess_unit(epoch / 1000), guess_unit(epoch + 0.25)] == ["s", "ms", "us"]
+
+
+@pytest.mark.parametrize("unit, digits, power", [("ms", 3, -3), ("us", 2, 0), ("s", 6, -6)])
+def test_fractions_in_text(tmp_path, rng, unit, digits, power):
+    us = clock(rng, 6e4, 6000, start=5000)
+    path = tmp_path / "a.csv"
+    rest = 0.25 if unit == "us" else 0
+    path.write_text("".join(f"{(t + rest) * 10.0**power:.{digits}f},1,1,1\n" for t in us))
+    recording = assert_reads(path, {"t": us.tolist()})
+    assert (recording.time_unit, recording.time_unit_source) == (unit, "assumed")
 
 
 @pytest.mark.parametrize("rate, unit", [(2e4, "ns"), (8e4, "ns"), (1e6, "us")])

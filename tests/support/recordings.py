@@ -152,7 +152,41 @@ def evt2(events):
     return packed("<u4", 0x8 << 28 | t >> 6, p << 28 | (t & 63) << 22 | x << 11 | y)
 
 
-def evt3(events):
-    """EVT 3.0: words of 16 bits, of which 4 are the type: time high (8) and low (6), y (0), single x (2)."""
-    t, x, y, p = integers(events)
-    return packed("<u2", 8 << 12 | t >> 12 & 0xFFF, 6 << 12 | t & 0xFFF, y, 2 << 12 | p << 11 | x)
+def evt21(events, legacy=False):
+    """EVT 2.1: as EVT 2.0 in the upper 32 bits, a bit for each of 32 columns in the lower; or the halves exchanged."""
+    words, last = [], None
+    for t, x, y, p in zip(*map(np.ndarray.tolist, integers(events)), strict=True):
+        key = (t, x // 32, y, p)
+        if key == last and x % 32 > words[-1][1].bit_length() - 1:
+            words[-1][1] |= 1 << x % 32
+            continue
+        if last is None or t >> 6 != last[0] >> 6:
+            words.append([0x8 << 28 | t >> 6, 0])
+        words.append([p << 28 | (t & 63) << 22 | (x // 32 * 32) << 11 | y, 1 << x % 32])
+        last = key
+    halves = np.array(words, np.int64).reshape(-1, 2)
+    return (halves if legacy else halves[:, ::-1]).astype("<u4").tobytes()
+
+
+def evt3(events, vectors=False):
+    """EVT 3.0: words of 16 bits, of which 4 are the type: time high (8) and low (6), y (0), single x (2).
+
+    With ``vectors`` events of one time and row, of rising columns, go into a base (3) and vectors of 12 (4) or 8 (5)
+    columns.
+    """
+    if not vectors:
+        t, x, y, p = integers(events)
+        return packed("<u2", 8 << 12 | t >> 12 & 0xFFF, 6 << 12 | t & 0xFFF, y, 2 << 12 | p << 11 | x)
+    columns, words, k = [*zip(*map(np.ndarray.tolist, integers(events)), strict=True)], [], 0
+    while k < len(columns):
+        t, x, y, p = columns[k]
+        words += [8 << 12 | t >> 12 & 0xFFF, 6 << 12 | t & 0xFFF, y, 3 << 12 | p << 11 | x]
+        for size in (12, 8):  # one after the other: the base goes on
+            bits, first, x = 0, x, x + size
+            while k < len(columns) and columns[k][0::2] == (t, y) and columns[k][3] == p:
+                bit = columns[k][1] - first
+                if not bits.bit_length() <= bit < size:
+                    break
+                bits, k = bits | 1 << bit, k + 1
+            words.append((4 if size == 12 else 5) << 12 | bits)
+    return np.array(words, "<u2").tobytes()

@@ -123,7 +123,8 @@ def test_a_file_that_does_not_say_its_sensor(tmp_path):
     np.savez(tmp_path / "x.npz", **columns)
     options = [*small(), "--engine", "model", "--roi", "4,4", "--time-unit", "us", "--out", tmp_path / "out"]
     done = run_here(tmp_path / "x.npz", *options)
-    assert done.err == f"note: {tmp_path / 'x.npz'} does not say how large its sensor is; --sensor W,H does\n"
+    told = "does not say how large its sensor is: taking 240×180 px; say it with --sensor W,H"
+    assert done.err == f"note: {tmp_path / 'x.npz'} {told}\n"
     assert run_here(tmp_path / "x.npz", *options, "--sensor", "32,24").err == ""
 
 

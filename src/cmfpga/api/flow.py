@@ -6,7 +6,7 @@ import warnings
 from ..config import preset as find_preset
 from ..dense.fields import check
 from ..dense.run import Run
-from ..dense.tiles import TILE, grid
+from ..dense.tiles import fitting, store_fields
 from ..engines.regions import RegionEngine
 from ..errors import ConfigError
 from ..events import Recording, is_live
@@ -23,7 +23,7 @@ MOST_REGIONS = 1024
 
 
 def flow(
-    recording, *, tile=TILE, step=None, window_events=None, window_us=None, start_event=0, windows=None, fit=None,
+    recording, *, tile=None, step=None, window_events=None, window_us=None, start_event=0, windows=None, fit=None,
     preset=PRESET, engine=ENGINE, sensor=None, time_unit=None, columns=None, dataset=None, **fields,
 ):  # fmt: skip
     """Dense optical flow of a recording, by the simulated hardware.
@@ -33,8 +33,8 @@ def flow(
     recording : str, Path, EventSource, Synthetic, or events in memory
         As of :func:`cmfpga.track`, but no stream. Where a file holds its calibration, events are undistorted by it.
     tile, step : int
-        Width and height of a tile, and from a tile to the next one, px; by default 32, and half a tile (three quarters,
-        or a whole one, where the sensor would have more tiles than the largest table).
+        Width and height of a tile, and from a tile to the next one, px; by default 32 (48 where the sensor is HD), and
+        half a tile (three quarters, or a whole one, where the sensor would have more tiles than the largest table).
     window_events, window_us : int, optional
         Events, or µs, of each window; without either as many events as suit the motion.
     start_event, windows : int
@@ -90,7 +90,7 @@ def configure(source, preset, fields, tile, step, option):
     fields : dict
         Given ones, which go before what the source says.
     tile, step : int
-        As of :func:`~.tiles.grid`.
+        As of :func:`~.tiles.fitting`.
     option : callable
         ``option(name)``: how a user says ``sensor`` or ``time_unit``.
 
@@ -109,18 +109,15 @@ def configure(source, preset, fields, tile, step, option):
     if fields.get("undistortion", usual.undistortion) != "off" and not fields.get("camera"):
         found |= own_camera(source)
     config = usual.replace(**{**found, **fields})
-    most = config.regions if "regions" in fields else MOST_REGIONS
-    steps = (max(1, tile // 2), 3 * tile // 4, tile) if step is None else (step,)
-    tiles = next((one for one in (grid(config, tile, s) for s in steps) if len(one.regions) <= most), None)
-    if tiles is None:
-        count = len(grid(config, tile, steps[-1]).regions)
-        raise ConfigError(
-            f"tiles of {tile} px every {steps[-1]} px: {count} regions; at most {most} are allowed (regions): larger "
-            "tiles, or a larger step, are needed"
-        )
-    if step is None and tiles != grid(config, tile):
-        notes.append(f"tiles every {tiles.columns[1] - tiles.columns[0]} px: so many as {most} regions hold")
+    config = config.replace(**store_fields(config, fields))
+    tiles = fitting(config, config.regions if "regions" in fields else MOST_REGIONS, tile, step)
     if len(tiles.regions) > config.regions:
-        notes.append(f"a table of {len(tiles.regions)} regions; preset {preset!r} has {config.regions}")
         config = config.replace(regions=len(tiles.regions))
+    grown = [name for name in ("regions", *store_fields(usual, {})) if getattr(config, name) != getattr(usual, name)]
+    if {*grown} - {*fields}:
+        words = (f"--set {name}={getattr(config, name)}" for name in ("sensor_width", "sensor_height", *grown))
+        notes.append(
+            f"{len(tiles)} tiles of {tiles.width} px every {(*tiles.columns, 0)[1] or tiles.width} px; the hardware: "
+            f"cmfpga build --preset {preset} {' '.join(words)}"
+        )
     return config, tiles, notes

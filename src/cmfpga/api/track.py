@@ -63,9 +63,9 @@ def track(
         Width and height of the sensor, px; goes before what the file says.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of the time stamps; goes before what the file says, and before the µs of events in memory.
-    columns, dataset : optional
-        Of a file: as of :func:`~cmfpga.events.open_recording`.
-    form, drop : optional
+    columns, dataset, form : optional
+        As of :func:`~cmfpga.events.open_recording`; of a stream ``form`` alone.
+    drop : bool
         Of a stream: as of :class:`~cmfpga.events.LiveSource`.
     **fields
         Fields of the configuration to change, such as ``roi_width=48``. ``hot_mask="auto"``, beside ``hot_pixels=1``,

@@ -17,6 +17,12 @@ from ..config import DEFAULT_PRESET, PRESETS, Config, preset
 from ..config.defaults import CLOCK_MHZ
 from ..errors import ConfigError, UserError, needs
 
+#: Options that say how a recording is read, by their names in Python.
+READING = {
+    "sensor": "--sensor", "time_unit": "--time-unit", "columns": "--columns", "dataset": "--dataset",
+    "form": "--format",
+}  # fmt: skip
+
 
 def parser(command, description, examples):
     """An argument parser of ``command``, such as ``cmfpga track``, with examples at the end of its help."""
@@ -138,18 +144,32 @@ def add_recording_options(made):
 
 
 def add_layout_options(made):
-    """``--columns`` and ``--dataset``, for :func:`reading`."""
+    """``--columns``, ``--dataset`` and ``--format``, for :func:`reading`."""
+    from ..events import forms
+
     made.add_argument(
         "--columns",
         metavar="x,y,t,p",
         help="columns in their order, of text without names and of N×4; others: any name",
     )
     made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file")
+    made.add_argument(
+        "--format", dest="form", choices=forms(), metavar="F",
+        help=f"format of a file or stream that doesn't say it: {', '.join(forms())}",
+    )  # fmt: skip
 
 
 def reading(options):
     """How the recording is read, as :func:`cmfpga.events.open_recording` takes it."""
-    return {name: getattr(options, name) for name in ("time_unit", "sensor", "columns", "dataset")}
+    return {name: getattr(options, name) for name in READING}
+
+
+def require_recording(options, *names):
+    """Without a RECORDING, :exc:`ConfigError` for an option of reading it, or for one of ``names``."""
+    for name in (*READING, *names):
+        if getattr(options, name):
+            option = READING.get(name, f"--{name}")
+            raise ConfigError(f"{option}: a RECORDING is needed; the synthetic scene has its own")
 
 
 def noted(recording):

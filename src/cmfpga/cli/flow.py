@@ -14,9 +14,8 @@ from ..dense.demo import CAMERA, scene
 from ..dense.demo import errors as demo_errors
 from ..dense.fields import MODELS, check
 from ..dense.run import Run
-from ..dense.tiles import TILE
 from ..engines.regions import ENGINES, RegionEngine
-from ..errors import ConfigError, naming
+from ..errors import naming
 from ..events import open_recording
 from ..show.flow.page import Page
 from ..show.flow.pictures import SUFFIXES, save
@@ -38,7 +37,7 @@ PICTURE, PAGE = "flow.png", "flow.html"
 def parser():
     made = cli.parser("cmfpga flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
     cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
-    made.add_argument("--tile", type=cli.positive, default=TILE, metavar="PX", help=f"size of a tile (default: {TILE})")
+    made.add_argument("--tile", type=cli.positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")
     made.add_argument("--step", type=cli.positive, metavar="PX", help="from tile to tile (default: half a tile)")
     text = "windows (one of; default: as many events as suit the motion, chosen anew for each window)"
     size = made.add_argument_group(text).add_mutually_exclusive_group()
@@ -101,9 +100,7 @@ def main(arguments=None):
 def _open(options):
     if options.recording is not None:
         return cli.noted(open_recording(options.recording, **cli.reading(options)))
-    for name in ("sensor", "time_unit", "columns", "dataset", "camera"):
-        if getattr(options, name):
-            raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
+    cli.require_recording(options, "camera")
     return scene().recording("synthetic scene")
 
 

@@ -22,6 +22,7 @@ from ..protocol.settings import BatchSettings
 from ..reference.integer.noise_filter import NoiseFilter
 from ..show.survey import draw, frame
 from ..tracking.loop import track
+from ..tracking.source import likely_sensor
 
 EXAMPLES = (
     "cmfpga info rec.h5",
@@ -93,16 +94,16 @@ def main(arguments=None):
 
 
 def _config(options, recording, survey):
-    """The configuration that the options ask for, on the recording's sensor, or on what its events cover."""
+    """The configuration that the options ask for, on the recording's sensor, or on one that holds its events."""
     rows, columns = survey.counts.shape
-    if recording.width is not None:
-        columns, rows = recording.width, recording.height
-    given = cli.config_changes(options)
-    size = cli.make_config(options)
-    columns, rows = max(columns, size.roi_width), max(rows, size.roi_height)
-    return cli.make_config(
-        options, sensor_width=given.get("sensor_width", columns), sensor_height=given.get("sensor_height", rows)
-    )
+    usual = cli.make_config(options)
+    size = recording.width, recording.height
+    if recording.width is None:
+        size = likely_sensor((columns, rows), (usual.sensor_width, usual.sensor_height))
+    return cli.make_config(options, **{
+        "sensor_width": max(size[0], usual.roi_width), "sensor_height": max(size[1], usual.roi_height),
+        **cli.config_changes(options),
+    })  # fmt: skip
 
 
 def check(recording, config, proposal, batches):
@@ -128,11 +129,13 @@ def track_arguments(proposal):
     return words
 
 
-def _command(options, proposal):
+def _command(options, proposal, recording, config):
     words = ["cmfpga", "track", options.recording, *track_arguments(proposal)]
-    for name in ("sensor", "time_unit", "columns", "dataset"):
+    for name, option in cli.READING.items():
         if (value := getattr(options, name)) is not None:
-            words += [f"--{name.replace('_', '-')}", value if isinstance(value, str) else "{},{}".format(*value)]
+            words += [option, value if isinstance(value, str) else "{},{}".format(*value)]
+    if recording.width is None and "sensor_width" not in cli.config_changes(options):
+        words += ["--sensor", f"{config.sensor_width},{config.sensor_height}"]
     words += ["--preset", options.preset, *(word for text in options.assignments for word in ("--set", text))]
     return shlex.join(words)
 
@@ -204,7 +207,7 @@ def _report(options, recording, survey, config, proposals, checked, noise, camer
                 **asdict(found),
                 "px_per_half_batch": found.px,
                 "reason": found.reason,
-                "command": _command(options, found),
+                "command": _command(options, found, recording, config),
                 **({"checked_px_per_half_batch": checked[k]} if checked else {}),
             }
             for k, found in enumerate(proposals)
@@ -218,6 +221,7 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
     sensor = f"{recording.width}×{recording.height} px"
     if recording.width is None:
         sensor = f"not said; the events cover {columns}×{rows} px"
+        sensor += f": taking {config.sensor_width}×{config.sensor_height} px; say it with --sensor W,H"
     source = {"given": "given", "file": "the format or the file says so", "assumed": "guessed"}
     span = survey.span_us / 1e6
     yield f"{options.recording}: {recording.format}"
@@ -272,6 +276,6 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
                 f"  Checked: in {len(px)} batches the integer model found {statistics.median(px):.1f} px per half "
                 f"batch (median; {min(px):.1f} to {max(px):.1f})."
             )
-        yield f"  {_command(options, found)}"
+        yield f"  {_command(options, found, recording, config)}"
     if len(proposals) < options.objects:
         yield f"Only {len(proposals)} of {options.objects} objects move clearly at one time."

@@ -86,6 +86,8 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
             f"{counts['received']} events came, {counts['lost']} were dropped; the sender was held up for "
             f"{counts['held_up_s']:g} s"
         )
+        if counts["before_time"]:
+            print(f"{counts['before_time']} events came before the first time word and were left out")
     for one in objects:
         for path in one.files:
             print(f"wrote {path}")

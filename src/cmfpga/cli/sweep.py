@@ -86,8 +86,8 @@ def main(arguments=None):
     for subject in subjects:
         if subject.note:
             print(f"note: {subject.note}", file=sys.stderr)
-        if not subject.problem and subject.sensor is None and "sensor_width" not in choices[0].changes:
-            print(f"note: {subject.name} does not say how large its sensor is; --sensor W,H does", file=sys.stderr)
+        if subject.size_note and "sensor_width" not in choices[0].changes:
+            print(f"note: {subject.size_note}", file=sys.stderr)
     with cli.locked(options.out) as folder:
         return _sweep(options, run, rows, folder)
 

@@ -14,7 +14,6 @@ from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from ..engines.regions import RegionEngine
 from ..errors import ConfigError, needs
 from ..events import LiveSource, generate, open_source
-from ..events.live import FORMATS as STREAM_FORMATS
 from ..show.gallery import picture_path
 from ..tracking.fit import FittedCutter, batch_cutter
 from ..tracking.loop import OneRoi, follow
@@ -80,7 +79,6 @@ def parser():
     add_ingest_options(made)
     cli.add_recording_options(made)
     cli.add_layout_options(made)
-    made.add_argument("--format", choices=STREAM_FORMATS, help="of a stream without a header")
     made.add_argument(
         "--drop", action="store_true", help="of a stream: drop events that come too fast, do not hold the sender up"
     )
@@ -152,11 +150,8 @@ def main(arguments=None):
 def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
-        told = {"form": options.format, "drop": options.drop, **cli.reading(options)}
-        return None, cli.noted(open_source(options.recording, **told))
-    for name in ("sensor", "time_unit", "columns", "dataset", "format", "drop"):
-        if getattr(options, name):
-            raise ConfigError(f"--{name.replace('_', '-')}: a RECORDING is needed; the synthetic scene has its own")
+        return None, cli.noted(open_source(options.recording, drop=options.drop, **cli.reading(options)))
+    cli.require_recording(options, "drop")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
 

@@ -10,8 +10,9 @@ from ..protocol.settings import BatchSettings
 from ..tracking.fit import LOST_BATCHES, fit
 from .window import Window
 
-#: Events of the first window that is tried, where their number is to suit the motion.
-FIRST_EVENTS = 4000
+#: Events of the first window that is tried, where their number is to suit the motion, on a sensor of so many pixels;
+#: on a larger one as many more.
+FIRST_EVENTS, FIRST_PIXELS = 4000, 240 * 180
 
 
 class Run:
@@ -103,7 +104,9 @@ class Run:
 
     def _first_size(self):
         """Events ahead, ever more of them, until the image moves far enough in what is to be trusted."""
-        count = min(FIRST_EVENTS, self._limit)
+        config = self._engine.config
+        share = max(1, config.sensor_width * config.sensor_height // FIRST_PIXELS)
+        count = min(FIRST_EVENTS * share, self._limit)
         while True:
             ahead = self.cutter.peek(count)
             moved = self._measure(0, ahead, ahead).moved

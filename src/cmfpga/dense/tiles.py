@@ -15,6 +15,13 @@ from ..protocol.regions import Region
 #: Width and height of a tile, px; the next one begins half of that further on.
 TILE = 32
 
+#: Sizes of a tile, of which the first one is taken that a table of regions holds: HD has 48 px.
+SIZES = (TILE, 48, 64)
+
+#: Up to so many pixels: events of the largest window, and the width of the store's bins, 2^bits px. The store takes at
+#: most the 64 UltraRAMs of a KV260: 2 memories of events of 4096 words, where each bin leaves a page part empty.
+STORES = ((1 << 16, 32_767, 4), (1 << 17, 65_535, 4), (1 << 21, 98_303, 5))
+
 
 @dataclass(frozen=True)
 class Tiles:
@@ -91,6 +98,33 @@ def grid(config, tile=TILE, step=None):
         return Region(x=x, y=y, width=tile, height=tile, start="parent", parent=row * len(parents[0]) + column)
 
     return Tiles(columns, rows, tile, tile, (*first, *(fine(x, y) for y in rows for x in columns)))
+
+
+def fitting(config, most, tile=None, step=None):
+    """The :class:`Tiles` that a table of ``most`` regions holds: tiles as small, and as near, as it has room for.
+
+    ``tile`` and ``step`` as of :func:`grid`; without, one of :data:`SIZES`, every half of it, three quarters or all.
+    """
+    side = min(config.sensor_width, config.sensor_height, config.roi_width, config.roi_height)
+    sizes = [size for size in SIZES if size <= side] or [side] if tile is None else [tile]
+    for size in sizes:
+        for every in (max(1, size // 2), 3 * size // 4, size) if step is None else (step,):
+            tiles = grid(config, size, every)
+            if len(tiles.regions) <= most:
+                return tiles
+    px = f"{config.sensor_width}×{config.sensor_height} px"
+    raise ConfigError(
+        f"tiles of {size} px every {every} px: {len(tiles.regions)} regions on {px}; at most {most} are allowed "
+        f"(regions): {'a larger --tile or --step is' if tile or step else 'a smaller sensor is'} needed"
+    )
+
+
+def store_fields(config, given):
+    """The fields of the store that suit a sensor, as of :data:`STORES`, without those ``given``."""
+    pixels = config.sensor_width * config.sensor_height
+    events, bits = next((tuple(rest) for most, *rest in STORES if pixels <= most), STORES[-1][1:])
+    fields = {"max_batch_events": max(events, config.max_batch_events), "bin_bits": max(bits, config.bin_bits)}
+    return {name: value for name, value in fields.items() if name not in given}
 
 
 def _places(size, side, step):

@@ -1,6 +1,6 @@
 """Events in: recordings, synthetic scenes, and batches cut from them."""
 
-from . import aedat2, cameras, hdf5, numpy_files, text
+from . import aedat2, cameras, hdf5, numpy_files, raw, text
 from .arrays import Events
 from .batches import WAITING, Batch, BatchCutter
 from .columns import MemoryRecording, as_events
@@ -8,12 +8,12 @@ from .feed import Feed
 from .hdf5 import Hdf5Writer, write_hdf5
 from .live import LiveSource, is_live, open_source
 from .motion import Motion
-from .recording import Format, Recording, formats, open_recording, register_format
+from .recording import Format, Recording, formats, forms, open_recording, register_format
 from .source import EventSource
 from .synthetic import Scene, Synthetic, generate
 
 # Text is registered first: it matches loosely, so it must be asked last.
-for _format in (*text.FORMATS, *aedat2.FORMATS, *cameras.FORMATS, *hdf5.FORMATS, *numpy_files.FORMATS):
+for _format in (*text.FORMATS, *aedat2.FORMATS, *cameras.FORMATS, raw.FORMAT, *hdf5.FORMATS, *numpy_files.FORMATS):
     register_format(_format)
 
 __all__ = [
@@ -33,6 +33,7 @@ __all__ = [
     "Synthetic",
     "as_events",
     "formats",
+    "forms",
     "generate",
     "is_live",
     "open_recording",

@@ -1,37 +1,27 @@
-"""The cameras' own formats: AEDAT 4, Prophesee RAW and DAT, Event Stream. Decoded by ``faery``, an optional package.
+"""The cameras' own formats: AEDAT 4, Prophesee DAT, Event Stream. Decoded by ``faery``, an optional package.
 
 ``pip install 'cmfpga[formats]'`` brings it. It streams: of a file only some thousand events are in memory at a time.
-Its times, columns and rows are taken as they are; x = 0 is the left column and y = 0 the top row in all four.
+Its times, columns and rows are taken as they are; x = 0 is the left column and y = 0 the top row in all three. Each
+names the size of its sensor.
 
-Sensor: AEDAT 4, DAT and Event Stream name its size. RAW does in a line ``% geometry WxH`` or ``% format …;width=W``; of
-older files without it the camera's plugin tells the generation of the sensor. Where nothing does, it is not known.
-
-Formats: https://gitlab.com/inivation/inivation-docs (AEDAT 4), https://docs.prophesee.ai/stable/data (EVT 2.0, 2.1, 3.0
-and DAT), https://github.com/neuromorphic-paris/event_stream (Event Stream).
+Formats: https://gitlab.com/inivation/inivation-docs (AEDAT 4), https://docs.prophesee.ai/stable/data (DAT),
+https://github.com/neuromorphic-paris/event_stream (Event Stream).
 """
 
-import re
 import struct
 
 from ..errors import RecordingError
-from .columns import one_line, readable
+from .columns import readable, why
+from .raw import is_dat, prophesee_header
 from .recording import HEAD_BYTES, Format
 from .streamed import StreamedRecording
 from .units import to_us
 
 EXTRA = "pip install 'cmfpga[formats]'"
 
-# Bytes of a word of each version of RAW; a file that ends within one was truncated.
-_WORD_BYTES = {"2.0": 4, "2.1": 8, "3.0": 2}
-_VERSIONS = {"2": "2.0", "2.0": "2.0", "EVT2": "2.0", "2.1": "2.1", "EVT21": "2.1",
-             "3": "3.0", "3.0": "3.0", "EVT3": "3.0"}  # fmt: skip
 _DAT_EVENT_BYTES = 8
-# What faery is told where a file does not name the sensor: all that the formats' coordinates can be.
-_ANY_SENSOR = {"evt": (1 << 11, 1 << 11), "dat": (1 << 14, 1 << 14)}
-# Sensors by the plugin that wrote a RAW file of old: hal_plugin_gen3_fx3, hal_plugin_gen41_evk3, …
-_PLUGINS = (("gen3", (640, 480)), ("gen4", (1280, 720)), ("imx636", (1280, 720)), ("genx320", (320, 320)))
-_MAX_HEADER_LINES = 200
-
+# What faery is told where a file does not name the sensor: all that the format's coordinates can be.
+_ANY_SENSOR = {"dat": (1 << 14, 1 << 14)}
 _AEDAT4 = b"#!AER-DAT4"
 _AEDAT4_BEGIN = 18  # the magic line, and four bytes of the header's length
 
@@ -41,7 +31,7 @@ class CameraRecording(StreamedRecording):
 
     Parameters
     ----------
-    kind : {"aedat", "evt", "dat", "es"}
+    kind : {"aedat", "dat", "es"}
         As faery calls the format.
     format : str
         For people.
@@ -95,9 +85,7 @@ class CameraRecording(StreamedRecording):
         if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
             raise error
         after = f"after {count} events" if count else "from its begin"
-        return RecordingError(
-            f"{self.name}: {self.format} cannot be read {after} (truncated or damaged): {one_line(error)}"
-        )
+        return RecordingError(f"{self.name}: {self.format} cannot be read {after} {why(error)}")
 
     def _truncated_bytes(self):
         """What tells that the file ends too early, though all of it was decoded; or None."""
@@ -109,14 +97,9 @@ class CameraRecording(StreamedRecording):
             return f"{size:,} bytes of more than {table:,}" if table > size else None
         if self._kind == "es":
             return None
-        fields, begin = prophesee_header(head)
-        if self._kind == "evt":
-            word = _WORD_BYTES[evt_version(fields)]
-            rest = (size - begin) % word
-        else:
-            word = _DAT_EVENT_BYTES
-            rest = (size - begin - 2) % word
-        return f"{rest} of {word} bytes of the last word are there" if rest else None
+        _, begin = prophesee_header(head)
+        rest = (size - begin - 2) % _DAT_EVENT_BYTES
+        return f"{rest} of {_DAT_EVENT_BYTES} bytes of the last word are there" if rest else None
 
 
 def _import_faery(path, format):
@@ -129,71 +112,7 @@ def _import_faery(path, format):
     return faery
 
 
-# -------------------------------------------------------------------- Prophesee
-
-
-def prophesee_header(head):
-    """``({key: value}, bytes of it)`` of the lines ``% key value`` at the begin of a file (bytes)."""
-    fields, at = {}, 0
-    for _ in range(_MAX_HEADER_LINES):
-        end = head.find(b"\n", at)
-        if not head.startswith(b"%", at) or end < 0:
-            break
-        key, _, value = head[at + 1 : end].decode("latin-1").strip().partition(" ")
-        fields[key.lower()] = value.strip()
-        at = end + 1
-        if key.lower() == "end":
-            break
-    return fields, at
-
-
-def evt_version(fields):
-    """``"2.0"``, ``"2.1"`` or ``"3.0"``; None if the header names none of them."""
-    return _VERSIONS.get(fields.get("format", "").partition(";")[0].upper()) or _VERSIONS.get(fields.get("evt", ""))
-
-
-def _is_prophesee(head):
-    return head.startswith((b"% ", b"%\n"))
-
-
-def _is_dat(head, path):
-    if not _is_prophesee(head):
-        return False
-    fields, _ = prophesee_header(head)
-    return "evt" not in fields and "format" not in fields and ("version" in fields or "data" in fields)
-
-
-def _is_raw(head, path):
-    return _is_prophesee(head) and not _is_dat(head, path)
-
-
-def raw_sensor(fields):
-    """``(width, height)`` in pixels that a Prophesee header's fields or its plugin tell; None if neither does."""
-    size = re.fullmatch(r"(\d+)x(\d+)", fields.get("geometry", ""))
-    told = dict(re.findall(r";(width|height)=(\d+)", fields.get("format", "")))
-    if size or len(told) == 2:
-        width, height = size.groups() if size else (told["width"], told["height"])
-        return int(width), int(height)
-    plugin = fields.get("plugin_name", fields.get("camera_integrator_name", "")).lower()
-    return next((sensor for name, sensor in _PLUGINS if name in plugin), None)
-
-
-def open_raw(path, *, time_unit=None, sensor=None):
-    """The :class:`Recording` of a Prophesee RAW file."""
-    with path.open("rb") as file:
-        fields, _ = prophesee_header(file.read(HEAD_BYTES))
-    version = evt_version(fields)
-    if version is None:
-        said = fields.get("format") or fields.get("evt")
-        raise RecordingError(
-            f"{path}: "
-            + (f"Prophesee RAW of version {said[:40]!r}" if said else "begins with '%', but names no version of EVT")
-            + "; '% evt' or '% format' of EVT 2.0, 2.1 or 3.0 is needed"
-        )
-    return CameraRecording(
-        path, kind="evt", format=f"Prophesee RAW (EVT {version})", time_unit=time_unit, sensor=sensor,
-        file_sensor=raw_sensor(fields),
-    )  # fmt: skip
+# -------------------------------------------------------------------- DAT
 
 
 def open_dat(path, *, time_unit=None, sensor=None):
@@ -247,7 +166,6 @@ def open_event_stream(path, *, time_unit=None, sensor=None):
 
 FORMATS = (
     Format("Event Stream", (".es",), lambda head, path: head.startswith(b"Event Stream"), open_event_stream),
-    Format("Prophesee RAW", (".raw",), _is_raw, open_raw),
-    Format("Prophesee DAT", (".dat",), _is_dat, open_dat),
+    Format("Prophesee DAT", (".dat",), is_dat, open_dat),
     Format("AEDAT 4", (".aedat4",), lambda head, path: head.startswith(_AEDAT4), open_aedat4),
 )

@@ -1,6 +1,7 @@
 """Recordings whose t, x, y and p can be sliced: data sets, NumPy arrays, events in memory."""
 
 import contextlib
+import re
 
 import numpy as np
 
@@ -204,9 +205,7 @@ class ColumnsRecording(Recording):
             return columns.read(start, stop)
         except self._read_errors as error:
             events = f"events {start} to {stop - 1}"
-            raise RecordingError(
-                f"{self.name}: {events} cannot be read (truncated or damaged file): {one_line(error)}"
-            ) from None
+            raise RecordingError(f"{self.name}: {events} cannot be read {why(error)}") from None
 
     def _columns(self, start, size):
         with contextlib.closing(self._open_columns()) as columns:
@@ -239,12 +238,33 @@ def one_line(error):
     return " ".join(str(error).split()) or type(error).__name__
 
 
+# What a library says of a file that is not damaged: a part of its text, what that means, and what helps.
+_WHOLE = (
+    ("encrypted", "encrypted", "a copy without a password is needed"),
+    ("compression method", "compressed by an unknown method", "numpy.savez_compressed, or zip by deflate, is needed"),
+    ("Python objects|No NumPy equivalent|unsupported type", "of an unsupported type", "numbers t, x, y, p are needed"),
+    (r"superblock version|unknown version|has version|expected 2\.x", "of an unknown version",
+     "a newer release of the package that reads it, or a copy in another format, is needed"),
+    ("lock file", "in use", "close the program that writes it, or take a copy"),
+    ("external raw data|can't open file", "incomplete", "it refers to another file, which is needed beside it"),
+)  # fmt: skip
+
+
+def why(error):
+    """What a library's exception means for a file, for people: ``(truncated or damaged): …``, or another reason."""
+    text = one_line(error)
+    for part, meaning, cure in _WHOLE:
+        if re.search(part, text):
+            return f"({meaning}): {text}; {cure}"
+    return f"(truncated or damaged): {text}"
+
+
 @contextlib.contextmanager
 def readable(what, errors):
-    """Turns a library's ``errors`` into a :exc:`RecordingError`: ``what`` is truncated or damaged."""
+    """Turns a library's ``errors`` into a :exc:`RecordingError` that begins with ``what``, and says :func:`why`."""
     try:
         yield
     except RecordingError:  # which is a ValueError
         raise
     except errors as error:
-        raise RecordingError(f"{what} (truncated or damaged): {one_line(error)}") from None
+        raise RecordingError(f"{what} {why(error)}") from None

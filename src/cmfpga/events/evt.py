@@ -1,14 +1,20 @@
-"""Words of Prophesee's EVT 2.0 and EVT 3.0 to columns of events, piece by piece as they come.
+"""Words of Prophesee's EVT 2.0, 2.1 and 3.0 to columns of events, piece by piece as they come: of files and streams.
 
 Formats: https://docs.prophesee.ai/stable/data/encoding_formats. What stands between the events (triggers, counters) is
-skipped. Times never decrease: a word of time that steps back, as EVT 3.0 has them, leaves the time where it is.
+skipped. Times never decrease: a word of time that steps back, as EVT 3.0 has them, leaves the time where it is. Events
+ahead of the first word of time's high part have no time: they are left out, and counted.
 """
 
 import numpy as np
 
+from ..protocol.word_format import EVENT_TYPES, HIGH_BITS, LOW_BITS, TIME_HIGH
+
 # Types of words, in their four highest bits.
-_EVT2_ON, _EVT2_TRIGGER = 0x1, 0xA
+_EVT2_TRIGGER = 0xA
 _Y, _X, _BASE, _VECTOR_12, _VECTOR_8, _LOW, _HIGH = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x8
+
+#: Bytes of a word of each version; the legacy order of EVT 2.1 has the upper half of a word first.
+WORD_BYTES = {"2.0": 4, "2.1": 8, "2.1 legacy": 8, "3.0": 2}
 
 
 class EvtDecoder:
@@ -16,30 +22,39 @@ class EvtDecoder:
 
     Parameters
     ----------
-    version : {"2.0", "3.0"}
+    version : str
+        Key of :data:`WORD_BYTES`.
 
     Members
     -------
     rest : bytes
         Of a word that has not come as a whole.
+    early : int
+        Events that came ahead of the first word of time.
     """
 
     def __init__(self, version):
-        self._decode, self._word = (self._evt2, "<u4") if version == "2.0" else (self._evt3, "<u2")
-        self.word_bytes = np.dtype(self._word).itemsize
-        self.rest = b""
+        self.word_bytes = WORD_BYTES[version]
+        self._decode = {"2.0": self._evt20, "3.0": self._evt3}.get(version, self._evt21)
+        self._upper = int(version == "2.1")  # which half of a word of EVT 2.1 holds its type
+        self.rest, self.early = b"", 0
         self._begun, self._high, self._wraps, self._t = False, 0, 0, 0
         self._state = [0, 0, 0]  # of EVT 3.0: low part of the time, word of y, word of the base
 
     def __call__(self, data):
-        """``(t, x, y, p)`` of the next bytes, int64. Events before the first word of time's high part are left out."""
+        """``(t, x, y, p)`` of the next bytes, int64."""
         data = self.rest + data
         whole = len(data) // self.word_bytes * self.word_bytes
         self.rest = data[whole:]
-        words = np.frombuffer(data[:whole], self._word).astype(np.int64)
+        words = np.frombuffer(data[:whole], "<u2" if self.word_bytes == 2 else "<u4").astype(np.int64)
+        words = words.reshape(-1, self.word_bytes // 4 or 1)
         if not self._begun:
-            high = np.flatnonzero(words >> 8 * self.word_bytes - 4 == _HIGH)
-            words, self._begun = words[high[0] if len(high) else len(words) :], len(high) > 0
+            kind = words[:, self._upper % words.shape[1]] >> (12 if self.word_bytes == 2 else 28)
+            high = np.flatnonzero(kind == _HIGH)
+            begin = high[0] if len(high) else len(words)
+            self.early += len(self._decode(words[:begin])[0])
+            words, self._begun = words[begin:], len(high) > 0
+            self._t = self._state[0] = 0  # what they left of a time
         return self._decode(words)
 
     def _times(self, high, low, high_bits, low_bits):
@@ -52,15 +67,27 @@ class EvtDecoder:
         self._high, self._wraps, self._t = int(high[-1]), int(wraps[-1]), int(t[-1])
         return t
 
-    def _evt2(self, words):
-        kind = words >> 28
-        high = _last(kind == _HIGH, words & 0xFFFFFFF, self._high)
-        at = np.flatnonzero(kind <= _EVT2_ON)
+    def _evt2(self, fields):
+        """``(t, x, y, p)`` of the words of events, and which these are, of EVT 2.x words without their vectors."""
+        kind = fields >> 28
+        event = kind <= max(EVENT_TYPES)
+        high = _last(kind == TIME_HIGH, fields & (1 << HIGH_BITS) - 1, self._high)
         # The low part stands in each event, and in each trigger.
-        t = self._times(high, np.where((kind <= _EVT2_ON) | (kind == _EVT2_TRIGGER), words >> 22 & 0x3F, 0), 28, 6)
-        return t[at], words[at] >> 11 & 0x7FF, words[at] & 0x7FF, kind[at]
+        low = np.where(event | (kind == _EVT2_TRIGGER), fields >> 22 & (1 << LOW_BITS) - 1, 0)
+        t, at = self._times(high, low, HIGH_BITS, LOW_BITS), np.flatnonzero(event)
+        return at, t[at], fields[at] >> 11 & 0x7FF, fields[at] & 0x7FF, kind[at]
+
+    def _evt20(self, words):
+        return self._evt2(words[:, 0])[1:]
+
+    def _evt21(self, words):
+        """Each bit of a word's vector is an event, the lowest one at x."""
+        at, t, x, y, p = self._evt2(words[:, self._upper])
+        word, bit = _bits(words[at, 1 - self._upper], "<u4")
+        return t[word], x[word] + bit, y[word], p[word]
 
     def _evt3(self, words):
+        words = words[:, 0]
         kind, value = words >> 12, words & 0xFFF
         low, y, base = self._state
         high = _last(kind == _HIGH, value, self._high)
@@ -77,21 +104,22 @@ class EvtDecoder:
         base = _last(sets, value, base)
         column = (base & 0x7FF) + passed - step - start
 
-        single = np.flatnonzero(kind == _X)
-        vectors = np.flatnonzero(step)
-        bits = value[vectors, None] >> np.arange(12) & (np.arange(12) < step[vectors, None])
-        row, bit = np.nonzero(bits)
-        at = np.concatenate([single, vectors[row]])
-        x = np.concatenate([value[single] & 0x7FF, column[vectors[row]] + bit])
-        p = np.concatenate([value[single] >> 11, base[vectors[row]] >> 11])
-        order = np.argsort(at, kind="stable")
-        at = at[order]
+        # A single event is a vector of one bit, at its own column.
+        at = np.flatnonzero((step > 0) | (kind == _X))
+        word, bit = _bits(np.where(kind[at] == _X, 1, value[at] & (1 << step[at]) - 1), "<u2")
         if len(words):
             self._state = [int(low[-1]), int(y[-1]), int(base[-1] & 0x800) | int(column[-1] + step[-1]) & 0x7FF]
-        return t[at], x[order], y[at] & 0x7FF, p[order]
+        at = at[word]
+        return t[at], column[at] + bit, y[at] & 0x7FF, base[at] >> 11
+
+
+def _bits(vectors, form):
+    """``(index of the vector, number of the bit)`` of each bit that is set, in order."""
+    vectors = vectors.astype(form)
+    found = np.flatnonzero(np.unpackbits(vectors.view(np.uint8), bitorder="little").view(bool))
+    return np.divmod(found, 8 * vectors.itemsize)
 
 
 def _last(there, values, before):
     """For each word the value of the last one for which ``there`` holds, up to it; ``before`` where there is none."""
-    at = np.maximum.accumulate(np.where(there, np.arange(len(values)), -1))
-    return np.where(at < 0, before, values[at]) if len(values) else values
+    return np.concatenate([[before], values[there]])[np.cumsum(there)]

@@ -31,6 +31,11 @@ from .units import parse_unit
 _READ_ERRORS = (OSError, RuntimeError, KeyError, EcfError)
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _MVSEC, _PROPHESEE = "davis/left/events", "CD/events"
+# Registered numbers of filters that HDF5 does not bring itself.
+_FILTERS = {
+    307: "bzip2", 32000: "LZF", 32001: "Blosc", 32004: "LZ4", 32008: "Bitshuffle", 32013: "ZFP", 32015: "Zstandard",
+    32026: "Blosc2",
+}  # fmt: skip
 # Data sets that a message names.
 _SHOWN = 8
 _DSEC_SENSOR = (640, 480)
@@ -111,9 +116,30 @@ def _contents(file):
     return ", ".join(shown + more) or "no data sets"
 
 
+def _require_filters(dataset, path):
+    """Raises :exc:`RecordingError` where the data set cannot be read without a filter that is not installed."""
+    made = dataset.id.get_create_plist()
+    filters = {number: said for number, _, _, said in map(made.get_filter, range(made.get_nfilters()))}
+    cure = "pip install hdf5plugin"
+    if not all(map(h5py.h5z.filter_avail, filters)):
+        with contextlib.suppress(ImportError):
+            import hdf5plugin  # noqa: F401 registers its filters
+
+            cure = "hdf5plugin does not bring it; a copy without it is needed"
+    for number, said in filters.items():
+        if not h5py.h5z.filter_avail(number):
+            with contextlib.suppress(OSError):  # an optional filter that was not used
+                return dataset[:1]
+            name = _FILTERS.get(number) or said.decode("latin-1")[:40]
+            which = f"{f'{name} ' * bool(name)}(id {number})"
+            raise RecordingError(f"{path}: {dataset.name} needs the HDF5 filter {which}, which is missing: {cure}")
+
+
 def _events_at(node, file, path):
     """As :func:`_find_events`, of a data set or a group."""
     if isinstance(node, h5py.Dataset):
+        if not is_compressed(node):
+            _require_filters(node, path)
         source = EcfDataset(node) if is_compressed(node) else node
         return source, "xytp" if node.name == f"/{_MVSEC}" else None, (node, node.parent, file)
     names = require_names(node, path if node == file else f"{path}: {node.name.strip('/')}")
@@ -121,6 +147,7 @@ def _events_at(node, file, path):
     for column, dataset in source.items():
         if not isinstance(dataset, h5py.Dataset):
             raise RecordingError(f"{path}: {dataset.name} is a group; {column} needs to be a data set")
+        _require_filters(dataset, path)
     return source, None, (source["t"], node, file)
 
 

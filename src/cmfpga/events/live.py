@@ -1,4 +1,4 @@
-"""Events from a camera's program while it runs: standard input, a named pipe, TCP; raw streams of EVT 2.0 and EVT 3.0.
+"""Events from a camera's program while it runs: standard input, a named pipe, TCP; raw streams of EVT 2.0, 2.1 and 3.0.
 
 A thread reads and decodes what comes, and the track takes it from a buffer. Where the track is slower than the camera,
 the buffer fills up: then the thread stops reading, which holds the sender up and loses nothing; or it drops what comes,
@@ -17,18 +17,14 @@ from pathlib import Path
 
 from ..errors import RecordingError
 from .arrays import Events
-from .cameras import evt_version, prophesee_header, raw_sensor
 from .evt import EvtDecoder
 from .feed import Feed
-
-#: Of a stream without a header.
-FORMATS = {"evt2": "2.0", "evt3": "3.0"}
+from .raw import FORMS, HEADER_BYTES, evt_version, prophesee_header, raw_sensor
 
 #: Events that wait for the track, at most about so many.
 BUFFER_EVENTS = 1 << 20
 
 _READ_BYTES = 1 << 16
-_MAX_HEADER_BYTES = 1 << 16
 _POLL_S = 0.2  # how soon the thread notices that it is closed
 _CONNECT_S = 10
 
@@ -51,7 +47,7 @@ class LiveSource(Feed):
         ``-``, ``tcp://host:port``, or the path of a named pipe.
     sensor : (int, int), optional
         Goes before what the stream's header says.
-    form : {"evt2", "evt3"}, optional
+    form : {"evt2", "evt21", "evt21-legacy", "evt3"}, optional
         Of a stream without a header (``% evt 3.0`` or ``% format EVT3;…``).
     drop : bool
         Drop what comes while the buffer is full, instead of holding the sender up.
@@ -66,7 +62,7 @@ class LiveSource(Feed):
     Raises
     ------
     RecordingError
-        It cannot be opened, or does not begin as an EVT 2.0 or EVT 3.0 stream; one line.
+        It cannot be opened, or does not begin as a stream of EVT 2.0, 2.1 or 3.0; one line.
     """
 
     def __init__(self, path, *, sensor=None, form=None, drop=False, buffer_events=BUFFER_EVENTS):
@@ -78,14 +74,14 @@ class LiveSource(Feed):
         self._fd, self._socket = None, None
         try:
             self._open(name)
-            fields, first = self._header(name, form)
+            fields, first = self._header(name)
+            version = evt_version(fields, form, name, first)
         except OSError as error:
             self.close()
             raise RecordingError(f"{name}: {error.strerror or error}") from None
         except BaseException:
             self.close()
             raise
-        version = evt_version(fields) if fields else FORMATS[form]
         self.format = f"stream of EVT {version}"
         super().__init__(sensor or raw_sensor(fields), name)
         self._decoder = EvtDecoder(version)
@@ -96,7 +92,7 @@ class LiveSource(Feed):
         if name == "-":
             self._fd = os.dup(sys.stdin.fileno())
             if os.isatty(self._fd):
-                raise RecordingError("-: standard input is a terminal; a stream of EVT 2.0 or EVT 3.0 is needed")
+                raise RecordingError("-: standard input is a terminal; a stream of EVT 2.0, 2.1 or 3.0 is needed")
         elif not name.startswith("tcp://"):
             self._fd = os.open(name, os.O_RDONLY)
         elif address := re.fullmatch(r"tcp://(\[[^\]]+\]|[^:/]+):(\d{1,5})/?", name):
@@ -115,13 +111,13 @@ class LiveSource(Feed):
                 return os.read(self._fd, _READ_BYTES)
         return b""
 
-    def _header(self, name, form):
+    def _header(self, name):
         """``(fields, bytes behind them)``; the fields are empty where there is no header."""
         data = b""
         while True:
             fields, begin = prophesee_header(data)
             rest = data[begin:]
-            if data and ("end" in fields or (rest and not rest.startswith(b"%")) or len(data) > _MAX_HEADER_BYTES):
+            if data and ("end" in fields or (rest and not rest.startswith(b"%")) or len(data) > HEADER_BYTES):
                 break
             more = self._read()
             if not more:
@@ -129,11 +125,6 @@ class LiveSource(Feed):
             data += more
         if not data:
             raise RecordingError(f"{name}: it ended before anything came")
-        if (fields and evt_version(fields) not in FORMATS.values()) or (not fields and form is None):
-            begins = fields.get("format") or fields.get("evt") or data[:16]
-            raise RecordingError(
-                f"{name}: begins with {begins!r}; a header of EVT 2.0 or EVT 3.0 is needed, or --format evt2 or evt3"
-            )
         return fields, rest
 
     def _run(self, data):
@@ -196,8 +187,9 @@ class LiveSource(Feed):
         return ()
 
     def counts(self):
-        """What was received and lost, JSON-ready."""
-        return {"received": self.received, "lost": self.lost, "held_up_s": round(self.held_s, 3)}
+        """What was received and lost, JSON-ready; ``before_time``: left out ahead of the first word of time."""
+        held, early = round(self.held_s, 3), self._decoder.early
+        return {"received": self.received, "lost": self.lost, "held_up_s": held, "before_time": early}
 
     def close(self):
         """Stop reading. May be called more than once."""
@@ -226,14 +218,14 @@ def open_source(path, *, form=None, drop=False, **options):
     """
     from .recording import open_recording
 
-    told = {"format": form, "drop": drop or None}
     if not is_live(path):
-        for name, value in told.items():
-            if value is not None:
-                raise RecordingError(f"{Path(path)}: a file; --{name} is for streams: -, tcp://HOST:PORT, a named pipe")
-        return open_recording(path, **options)
+        if drop:
+            raise RecordingError(f"{Path(path)}: a file; --drop is for streams: -, tcp://HOST:PORT, a named pipe")
+        return open_recording(path, form=form, **options)
     sensor = options.pop("sensor", None)
     for name, value in options.items():
         if value is not None:
             raise RecordingError(f"{path}: a stream; {name} can be told of files only")
+    if form not in (None, *FORMS):
+        raise RecordingError(f"{path}: a stream; --format {', '.join(FORMS)} is allowed, not {form[:40]}")
     return LiveSource(path, sensor=sensor, form=form, drop=drop)

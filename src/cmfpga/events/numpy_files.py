@@ -86,7 +86,7 @@ class _Member:
             self.shape, fortran, self.dtype = header
             self._data = stream.tell()
         if self.dtype.hasobject:
-            raise ValueError(f"{name} holds Python objects; numbers are needed")
+            raise ValueError(f"{name} holds Python objects")
         columns = fortran and len(self.shape) == 2
         self._streams = [None] * (self.shape[1] if columns else 1)
         self._row_bytes = self.dtype.itemsize * (1 if columns else math.prod(self.shape[1:]))

@@ -149,6 +149,8 @@ class Format:
         ``open(path, time_unit=, sensor=)``: the :class:`Recording`; both arguments are checked, or None.
     options : tuple of str
         Which of ``columns=`` and ``dataset=`` it takes beside them; each comes checked, and only where it is given.
+    forms : tuple of str
+        What ``form=`` (``--format``) calls it, where neither content nor extension need to tell. It is opened with it.
     """
 
     name: str
@@ -156,6 +158,7 @@ class Format:
     matches: Callable[[bytes, Path], bool]
     open: Callable[..., Recording]
     options: tuple[str, ...] = ()
+    forms: tuple[str, ...] = ()
 
 
 _FORMATS: list[Format] = []
@@ -171,7 +174,12 @@ def formats():
     return tuple(_FORMATS)
 
 
-def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=None):
+def forms():
+    """All that ``form=`` may be, in the order in which the formats were registered."""
+    return tuple(form for fmt in reversed(_FORMATS) for form in fmt.forms)
+
+
+def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=None, form=None):
     """Opens a recording of any registered format. The content decides which, then the extension.
 
     Parameters
@@ -186,6 +194,8 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
         Names of the columns in their order, ``"x,y,t,p"``, for text without names and for N×4; others are skipped.
     dataset : str, optional
         Path inside of HDF5: a data set, or a group of them.
+    form : str, optional
+        The format of a file that does not say it, one of :func:`forms`: ``"evt2"`` of words without a header, …
 
     Returns
     -------
@@ -205,9 +215,13 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
     given = {"dataset": dataset, "columns": None if columns is None else check_columns(columns, path)}
     given = {name: value for name, value in given.items() if value is not None}
     head = _read_head(path)
+    if form is not None:
+        if form not in forms():
+            raise RecordingError(f"{path}: format {form!r}; one of {', '.join(forms())} is needed")
+        given["form"] = form
     for fmt in _FORMATS:
-        if fmt.matches(head, path):
-            for name in given.keys() - {*fmt.options}:
+        if form in fmt.forms or (form is None and fmt.matches(head, path)):
+            for name in given.keys() - {*fmt.options, "form"}:
                 able = ", ".join(other.name for other in _FORMATS if name in other.options)
                 raise RecordingError(f"{path}: {fmt.name}; {name} can be told of {able} only")
             return fmt.open(path, time_unit=time_unit, sensor=sensor, **given)
@@ -215,9 +229,13 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
     for fmt in _FORMATS:
         if path.suffix.lower() in fmt.extensions:
             raise RecordingError(
-                f"{path}: named like {fmt.name}, but does not begin like it: damaged, or of another format than {known}"
+                f"{path}: named like {fmt.name}, but does not begin like it: "
+                + (f"--format {', '.join(fmt.forms)} reads it without a header; " if fmt.forms else "")
+                + f"or it is damaged, or of another format than {known}"
             )
-    raise RecordingError(f"{path}: format not known; one of {known} is needed")
+    raise RecordingError(
+        f"{path}: format not known; one of {known} is needed, or --format {', '.join(forms())} for what has no header"
+    )
 
 
 def check_sensor(sensor, where):

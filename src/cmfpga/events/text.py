@@ -24,7 +24,7 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
-from .columns import match_names, one_line, readable
+from .columns import match_names, readable, why
 from .recording import HEAD_BYTES, Format, check_sensor
 from .streamed import StreamedRecording
 from .textlines import PLAIN, Layout, LineError, parse_fast, parse_line, split_line
@@ -85,7 +85,7 @@ class TextRecording(StreamedRecording):
                 self._parse_line(number, line, 0)  # the first odd line is reported whatever the unit is
                 fields = split_line(line)
                 if fields and float(fields[self._layout.t]) % 1:
-                    return "s"
+                    return guess_unit(self._first_times())
         with contextlib.closing(self._pieces(power=0)) as blocks:
             parts = []
             for columns in blocks:
@@ -93,6 +93,13 @@ class TextRecording(StreamedRecording):
                 if sum(map(len, parts)) >= SAMPLE_EVENTS:
                     break
         return guess_unit(np.concatenate(parts)) if parts else "us"
+
+    def _first_times(self):
+        """The first time stamps as they stand there, float64."""
+        with contextlib.closing(self._lines()) as lines:
+            fields = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + SAMPLE_EVENTS))
+            texts = (field[self._layout.t] for field in fields if len(field) == self._layout.fields)
+            return np.array([float(text) for text in texts if _is_number(text)])
 
     # ---------------------------------------------------------------- blocks, lines, columns
 
@@ -121,9 +128,7 @@ class TextRecording(StreamedRecording):
                             f"{self.name}, line {number}: more than {_MAX_LINE_BYTES} bytes; '{PLAIN.text}' is needed"
                         )
         except _READ_ERRORS as error:
-            raise RecordingError(
-                f"{self.name}, line {number} or later: cannot be read (truncated or damaged): {one_line(error)}"
-            ) from None
+            raise RecordingError(f"{self.name}, line {number} or later: cannot be read {why(error)}") from None
         if rest:
             yield number, rest
 

@@ -10,7 +10,7 @@ from ..config import Config, preset, unread
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
-from ..tracking.source import rotation_fields, unit_note, whole_sensor
+from ..tracking.source import rotation_fields, sensor_fields, unit_note, whole_sensor
 from .task import Task, version
 from .truth import Truth, read_truth
 
@@ -35,12 +35,14 @@ class Subject:
     digest : str
         SHA-256 of the file.
     sensor : (int, int) or None
-        What the file, or the options, say.
+        What the file, or the options, say; or else what holds its events, if that is not the configuration's.
     first_us : int
         Time of the first event that is tracked.
     truth : Truth or None
     note : str or None
         Where the unit of its time is a guess.
+    size_note : str or None
+        Where the size of its sensor is one.
     problem : str
         Why it cannot be tracked; empty if it can.
     """
@@ -53,6 +55,7 @@ class Subject:
     first_us: int = 0
     truth: Truth | None = None
     note: str | None = None
+    size_note: str | None = None
     problem: str = ""
 
     @property
@@ -235,7 +238,7 @@ def _subject(name, roi, run):
         with open_recording(path, sensor=run.sensor, time_unit=run.time_unit) as recording:
             first = next(iter(recording.chunks(run.start_event, 1)), None)
             note = unit_note(recording, "--time-unit")
-            sensor = None if recording.width is None else (recording.width, recording.height)
+            size, size_note = sensor_fields(recording, {}, preset, "--sensor W,H")
         truth = read_truth(path)
         digest = hashlib.sha256()
         with path.open("rb") as file:
@@ -244,8 +247,8 @@ def _subject(name, roi, run):
     except (UserError, OSError) as error:
         return Subject(name=name, path=path, roi=roi, problem=" ".join(str(error).splitlines()))
     return Subject(
-        name=name, path=path.resolve(), roi=roi, digest=digest.hexdigest(), sensor=sensor,
-        first_us=int(first.t[0]) if first else 0, truth=truth, note=note,
+        name=name, path=path.resolve(), roi=roi, digest=digest.hexdigest(), sensor=tuple(size.values()) or None,
+        first_us=int(first.t[0]) if first else 0, truth=truth, note=note, size_note=size_note,
     )  # fmt: skip
 
 

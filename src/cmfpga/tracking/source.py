@@ -10,6 +10,9 @@ from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events,
 from ..events.recording import CHUNK_EVENTS, check_sensor
 from ..imaging.camera import calibration_of, camera_fields
 
+#: Sizes of sensors that are sold, px, of which the smallest that holds all events is taken where nothing says the size.
+SENSORS = ((128, 128), (240, 180), (304, 240), (320, 320), (346, 260), (640, 480), (1280, 720), (1280, 800))
+
 
 class Source:
     """Where a track's events come from.
@@ -86,8 +89,34 @@ def sensor_fields(source, given, usual, how):
     if "sensor_width" in given:
         return {}, None
     config = usual()
-    size = f"{config.sensor_width}×{config.sensor_height} px"
-    return {}, f"{source.name} does not say how large its sensor is: taking {size}; say it with {how}"
+    least = config.sensor_width, config.sensor_height
+    width, height = likely_sensor(_covered(source), least)
+    fields = {"sensor_width": width, "sensor_height": height} if (width, height) != least else {}
+    size = f"taking {width}×{height} px"
+    return fields, f"{source.name} does not say how large its sensor is: {size}; say it with {how}"
+
+
+def likely_sensor(covered, least):
+    """The size (width, height) that is taken of a sensor of unknown size, px.
+
+    Parameters
+    ----------
+    covered : (int, int)
+        Columns and rows up to the last event.
+    least : (int, int)
+        The configuration's sensor, which is taken where it holds them; else the smallest of :data:`SENSORS` that does,
+        or what is covered.
+    """
+    sizes = (least, *(size for size in SENSORS if size[0] >= least[0] and size[1] >= least[1]), covered)
+    return next(size for size in sizes if size[0] >= covered[0] and size[1] >= covered[1])
+
+
+def _covered(source):
+    """Columns and rows up to the last of a source's first events; (0, 0) of one that gives its events only once."""
+    if not getattr(source, "seekable", False):
+        return 0, 0
+    first = next(source.chunks(0, CHUNK_EVENTS), None)
+    return tuple(int(places.max()) + 1 for places in (first.x, first.y)) if first else (0, 0)
 
 
 def rotation_fields(source, motion, given, how):

@@ -1,0 +1,30 @@
+"""The size of a sensor that nobody says: one rule for all commands."""
+
+import numpy as np
+import pytest
+
+from cmfpga.api.flow import configure
+from cmfpga.config import preset
+from cmfpga.events import open_recording
+from cmfpga.tracking.source import likely_sensor, sensor_fields
+
+
+@pytest.mark.parametrize("covered, size", [
+    ((0, 0), (240, 180)), ((240, 180), (240, 180)), ((241, 10), (304, 240)), ((319, 319), (320, 320)),
+    ((346, 200), (346, 260)), ((600, 470), (640, 480)), ((641, 3), (1280, 720)), ((1280, 721), (1280, 800)),
+    ((1400, 900), (1400, 900)),
+])  # fmt: skip
+def test_the_smallest_sensor_that_holds_the_events(covered, size):
+    assert likely_sensor(covered, (240, 180)) == size
+
+
+def test_track_and_flow_take_the_same(tmp_path):
+    many = np.arange(300)
+    np.savez(tmp_path / "a.npz", t=many, x=many * 2, y=many, p=many % 2)
+    with open_recording(tmp_path / "a.npz", time_unit="us") as recording:
+        fields, note = sensor_fields(recording, {}, preset, "--sensor W,H")
+        assert fields == {"sensor_width": 640, "sensor_height": 480}
+        assert note.endswith("does not say how large its sensor is: taking 640×480 px; say it with --sensor W,H")
+        config, *_ = configure(recording, "flow", {}, None, None, str)
+        assert (config.sensor_width, config.sensor_height) == (640, 480)
+        assert sensor_fields(recording, {"sensor_width": 700}, preset, "") == ({}, None)
