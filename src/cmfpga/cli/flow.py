@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import cli
-from .ingest import add_ingest_options, ingest_fields
+from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from ..engines.regions import ENGINES, RegionEngine
 from ..errors import ConfigError, naming
 from ..events import open_recording
@@ -90,6 +90,7 @@ def main(arguments=None):
         config, tiles, notes = configure(recording, options.preset, fields, options.tile, options.step, how)
         for note in notes:
             print(f"note: {note}", file=sys.stderr)
+        config = drop_hot_pixels(options, recording, config, fields)
         if options.fit:
             check(options.fit, config)
         with cli.locked(options.out) as folder:
