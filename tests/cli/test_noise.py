@@ -1,15 +1,19 @@
 """``--hot-pixels`` and ``--background-us`` of ``track``, what ``info`` says of them, and the same from Python."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 
 import cmfpga
 from cmfpga import cli
+from cmfpga import dense as flow
 from cmfpga.cli import info, track
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, write_hdf5
+from cmfpga.imaging.survey import usual_survey
+from cmfpga.sweep import plan
 
 HOT = {(20, 30): 900, (200, 11): 400}
 
@@ -46,16 +50,46 @@ def test_hot_pixels_by_hand_from_a_file_and_found(noisy, tmp_path, capsys):
     (tmp_path / "hot.txt").write_text("# of this sensor\n20,30\n\n200,11  # the other\n")
     wanted = events_of(noisy, HOT)
     assert wanted > 100
-    for told in ("20,30;200,11", str(tmp_path / "hot.txt"), "auto"):
-        found = tracked(noisy, tmp_path, capsys, "--hot-pixels", told)
+    for told in ("20,30;200,11", str(tmp_path / "hot.txt"), "auto", None):
+        found = tracked(noisy, tmp_path, capsys, *(["--hot-pixels", told] if told else []))
         assert found["dropped"] == {"hot": wanted, "noise": 0}
         assert found["config"]["hot_pixels"] == 1 and found["config"]["background"] == 0
-    assert "dropped" not in tracked(noisy, tmp_path, capsys)
+    for told in (["--hot-pixels", "none"], ["--set", "hot_pixels=0"]):
+        assert "dropped" not in tracked(noisy, tmp_path, capsys, *told)
+
+
+NOTE = "hot pixels 20,30 (900 events), 200,11 (400 events): "
+
+
+def test_a_note_says_which_are_dropped_by_default(noisy, tmp_path, capsys):
+    """Alike by track, flow, sweep and Python; what info calls hot."""
+    tracked_, wanted = ["--roi", "100,31", "--batches", "1", "--no-picture"], events_of(noisy, HOT)
+    for run, options in ((track.main, tracked_), (flow.main, ["--windows", "1", "--no-picture"])):
+        assert run([str(noisy), *options, "--engine", "model", "--out", str(tmp_path / run.__module__)]) == 0
+        (note,) = [line for line in capsys.readouterr().err.splitlines() if "hot" in line]
+        assert note.startswith(f"note: {NOTE}") and note.endswith("which are dropped; --hot-pixels none keeps them")
+    how = {"roi": (100, 31), "batch_events": 4000, "batches": 2, "engine": "model"}
+    for run, more in ((cmfpga.track, how), (flow.flow, {"windows": 1, "engine": "model"})):
+        with pytest.warns(UserWarning, match=f"^{re.escape(NOTE)}.* hot_pixels=0 keeps them$"):
+            found = run(noisy, **more)
+        assert found.config.hot == tuple(HOT)
+    assert sum(one.hot for one in cmfpga.track(noisy, **how, hot_pixels=1, hot_mask="auto").results) == wanted
+    (subject,) = plan.subjects([f"{noisy}@100,31"], None, plan.Run(engine="model"))
+    for assignments, hot in (([], tuple(HOT)), (["hot_pixels=0"], ())):
+        (choice,), _ = plan.choices("fast", assignments, [])
+        assert choice.config(subject).hot == hot
+
+
+@pytest.mark.parametrize("engine", ["axi", "serial:/dev/null"])
+def test_hardware_without_a_mask_gets_none(noisy, engine):
+    with cmfpga.events.open_recording(noisy) as recording:
+        assert usual_survey(recording, engine, {}) is None and usual_survey(recording, "rtl", {"hot_mask": ""}) is None
+        assert usual_survey(recording, "rtl", {}).hot_pixels() == [(*at, count) for at, count in HOT.items()]
 
 
 def test_background_activity_goes_and_the_object_stays(noisy, tmp_path, capsys):
     """Of the sensor's uniform noise most, of the object little: its contrast stays, and v."""
-    plain = cmfpga.track(noisy, roi=(100, 31), batch_events=4000, batches=2, engine="model")
+    plain = cmfpga.track(noisy, roi=(100, 31), batch_events=4000, batches=2, engine="model", hot_pixels=0)
     fields = {"hot_pixels": 1, "hot_mask": "auto", "background": 1, "background_us": 20_000}
     clean = cmfpga.track(noisy, roi=(100, 31), batch_events=4000, batches=2, engine="model", **fields)
     told = ["--hot-pixels", "auto", "--background-us", "20000"]
@@ -77,7 +111,8 @@ def test_the_text_says_what_was_dropped(noisy, tmp_path, capsys):
 @pytest.mark.parametrize("options, message", [
     (["--hot-pixels", "20,30;240,3"], "hot_mask: pixel 240,3: 0,0 to 239,179 is needed"),
     (["--hot-pixels", "20;30"], "hot_mask: '20': X,Y of a pixel is needed, pixels separated by ';'"),
-    (["--hot-pixels", "nowhere.txt"], "--hot-pixels nowhere.txt: auto, X,Y;X,Y, or a text file is needed (No such "),
+    (["--hot-pixels", "nowhere.txt"],
+     "--hot-pixels nowhere.txt: auto, none, X,Y;X,Y, or a text file is needed (No such "),
     (["--background-us", "9000000"], "background_us = 9000000: at most 8388607 is allowed (span_bits)"),
     (["--background-us", "-1"], "argument --background-us: '-1': a whole number of 0 or more is needed"),
     (["--set", "background_us=5"], "background_us = 5: background = 1 is needed; background = 0 ignores it"),
@@ -98,6 +133,7 @@ def test_a_stream_has_no_hot_pixels_to_find():
 
     with pytest.raises(ConfigError, match=r"^camera: hot pixels: auto: its events come only once; say which"):
         cmfpga.track(Stream(), roi=(8, 8), hot_pixels=1, hot_mask="auto")
+    assert usual_survey(Stream(), "rtl", {}) is None  # by default none are looked for
 
 
 def test_info_proposes_them(noisy, capsys):

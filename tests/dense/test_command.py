@@ -199,3 +199,9 @@ def test_refusals_without_a_usable_recording(command, tmp_path):
     assert command(flow, "tcp://localhost:1").status == 2
     with pytest.raises(ConfigError, match="no regions"):
         flow.flow(demo.scene(), preset="fast")
+
+
+def test_a_file_from_python(slide):
+    """What is left over is known although the file is closed at the end."""
+    found = flow.flow(slide, engine="model", window_events=6000, windows=1)
+    assert len(found) == 1 and found.leftover == 24_233 - 6000

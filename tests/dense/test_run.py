@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
+from cmfpga.config import preset
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording, generate
+from cmfpga.protocol.regions import Region, RegionTable
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.verilog.simulation.regions import VerilatedRegions
 from support.flowing import FIELDS, measured
 
 
@@ -107,3 +111,22 @@ def test_a_pause_does_not_end_a_run(sliding, slices):
 def test_windows_larger_than_the_hardware(sliding):
     with pytest.raises(ConfigError, match="at most 32767 are allowed"):
         measured(sliding.recording(), window_events=40_000)
+
+
+def test_a_simulation_waits_for_whole_windows(monkeypatch):
+    """Of objects with 16 slices: for as many events as the slices before may have, not only for those of the last."""
+    config = preset("objects").replace(slices=16)
+    hardware, waited = object.__new__(VerilatedRegions), []
+    hardware.config, hardware.table = config, RegionTable(config)
+    hardware.write([Region(x=9, y=9, width=64, height=64)] * 32)
+
+    def driven(batches, settings, gaps, stalls, iterations, limit):
+        waited.append(limit)
+        raise TimeoutError
+
+    for name, does in (("_drive", driven), ("write_tables", lambda settings: None), ("_patience", lambda *_: 0)):
+        monkeypatch.setattr(hardware, name, does, raising=False)
+    with pytest.raises(TimeoutError):
+        hardware.run(*np.zeros((3, 1), np.int64), chosen := BatchSettings.from_config(config, roi=(0, 0)))
+    iterations = len(chosen.cold) * config.buffer_events
+    assert waited[0] > 32 * (iterations + 15 * config.slice_events)

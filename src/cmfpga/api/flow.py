@@ -12,6 +12,7 @@ from ..errors import ConfigError
 from ..events import Recording, is_live
 from ..events.source import EventSource
 from ..imaging.camera import camera_fields
+from ..imaging.survey import usual_survey, without_hot_pixels
 from ..tracking.source import Source, own_camera, sensor_fields, unit_note
 from .flow_result import Flow
 
@@ -47,7 +48,7 @@ def flow(
     sensor, time_unit, columns, dataset : optional
         As of :func:`cmfpga.track`.
     **fields
-        Fields of the configuration to change; ``camera`` as of :func:`cmfpga.track`.
+        Fields of the configuration to change; ``camera`` and hot pixels as of :func:`cmfpga.track`.
 
     Returns
     -------
@@ -64,7 +65,8 @@ def flow(
         if fields.get("camera"):
             fields |= camera_fields(fields["camera"], opened)
         config, tiles, notes = configure(opened, preset, fields, tile, step, lambda name: f"{name}=")
-        for note in (*(opened.notes() if isinstance(opened, Recording) else ()), *notes):
+        config, hot = without_hot_pixels(config, usual_survey(opened, engine, fields), "hot_pixels=0")
+        for note in (*(opened.notes() if isinstance(opened, Recording) else ()), *notes, *filter(None, [hot])):
             warnings.warn(note, stacklevel=2)
         if fit:
             check(fit, config)
@@ -74,9 +76,9 @@ def flow(
         found = Flow(config, tiles, source.name, engine, fit)
         for window in run:
             found.add(window)
+        found.ended(run)  # which looks at the recording
     if not len(found):
         raise run.cutter.too_few()
-    found.ended(run)
     return found
 
 

@@ -11,7 +11,7 @@ from ..events import Feed, Recording, as_events
 from ..events.batches import whole
 from ..events.recording import check_sensor
 from ..imaging.camera import camera_fields
-from ..imaging.survey import hot_mask, survey_and_propose
+from ..imaging.survey import hot_mask, survey_and_propose, usual_survey, without_hot_pixels
 from ..tracking import loop
 from ..tracking.fit import batch_cutter
 from ..tracking.source import Source, rotation_fields, sensor_fields, unit_note, whole_sensor
@@ -69,8 +69,9 @@ def track(
         Of a stream: as of :class:`~cmfpga.events.LiveSource`.
     **fields
         Fields of the configuration to change, such as ``roi_width=48``. ``hot_mask="auto"``, beside ``hot_pixels=1``,
-        is that of the pixels that a reading of the recording finds. ``camera`` undistorts, so that ROI and velocity
-        are in the undistorted image: a file as ``--camera`` of the command takes it, a
+        is that of the pixels that a reading of the recording finds. Without either these are dropped, too, with a
+        warning, but of a stream, or behind AXI or a serial line. ``hot_pixels=0`` keeps them. ``camera`` undistorts, so
+        that ROI and velocity are in the undistorted image: a file as ``--camera`` of the command takes it, a
         :class:`~cmfpga.imaging.camera.Camera`, or its numbers.
 
     Returns
@@ -195,7 +196,11 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
     opened, first = source.open(stack), None
     for note in opened.notes() if isinstance(opened, Recording) else ():
         warnings.warn(note, stacklevel=3)
-    config = _config(opened, preset, fields)
+    config, note = without_hot_pixels(
+        _config(opened, preset, fields), usual_survey(opened, engine, fields), "hot_pixels=0"
+    )
+    if note:
+        warnings.warn(note, stacklevel=3)
     if (roi is None or isinstance(roi, str)) and whole_sensor(config):
         roi = whole_sensor(config)
     elif isinstance(roi, str) and roi == "auto":

@@ -20,7 +20,7 @@ from ..events import open_recording
 from ..show.flow.page import Page
 from ..show.flow.pictures import SUFFIXES, save
 from ..show.gallery import picture_path
-from .ingest import add_ingest_options, ingest_fields
+from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 
 EXAMPLES = (
     "cmfpga flow        # a synthetic scene: a camera turns, so the true flow is known",
@@ -89,6 +89,7 @@ def main(arguments=None):
         config, tiles, notes = configure(recording, options.preset, fields, options.tile, options.step, how)
         for note in notes:
             print(f"note: {note}", file=sys.stderr)
+        config = drop_hot_pixels(options, recording, config, fields)
         if options.fit:
             check(options.fit, config)
         with cli.locked(options.out) as folder:

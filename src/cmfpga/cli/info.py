@@ -17,7 +17,7 @@ from ..errors import ConfigError, RecordingError, needs
 from ..events import BatchCutter, open_recording
 from ..imaging.camera import calibration_of, extent
 from ..imaging.survey import Survey, propose, survey_all
-from ..imaging.survey.statistics import pixels_text
+from ..imaging.survey.statistics import pixels_text, shown
 from ..protocol.settings import BatchSettings
 from ..reference.integer.noise_filter import NoiseFilter
 from ..show.survey import draw, frame
@@ -33,7 +33,6 @@ EXAMPLES = (
 )
 
 _BARS = " ▁▂▃▄▅▆▇█"
-_HOT_SHOWN = 5
 _NOISE_EVENTS = 1_000_000  # of which noise_shares are measured
 
 
@@ -237,9 +236,7 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
     if camera:
         yield f"camera      {camera.get('text') or camera['error']}"
     hot = survey.hot_pixels()
-    shown = ", ".join(f"{x},{y} ({events:,} events)" for x, y, events in hot[:_HOT_SHOWN])
-    more = f", and {len(hot) - _HOT_SHOWN} more" if len(hot) > _HOT_SHOWN else ""
-    yield f"hot pixels  {shown + more if hot else 'none'}"
+    yield f"hot pixels  {shown(hot) if hot else 'none'}"
     for k, (name, share) in enumerate(noise.items()):
         yield f"{'' if k else 'noise':12}{name} drops {share:.1%} of the events{' more' if k else ''}"
     if not options.no_frame:

@@ -1,6 +1,7 @@
 """The options of what is in front of the ROI, filters and undistortion, and the fields that they ask for."""
 
 import re
+import sys
 
 from ..config import preset
 from ..errors import ConfigError, naming
@@ -19,9 +20,9 @@ def add_ingest_options(made):
     ))  # fmt: skip
     group = made.add_argument_group("noise (dropped events are counted; what suits: cmfpga info RECORDING)")
     group.add_argument(
-        "--hot-pixels", metavar="auto|X,Y;X,Y|FILE",
-        help="drop the events of these pixels: those that a reading of the recording finds, or these, or those of a "
-        "file, X,Y in each line",
+        "--hot-pixels", metavar="auto|none|X,Y;X,Y|FILE",
+        help="drop the events of these pixels: those that a reading of the recording finds (the default of files; a "
+        "stream has none), or these, or those of a file, X,Y in each line; none: of no pixel",
     )  # fmt: skip
     group.add_argument(
         "--background-us", type=natural, metavar="D",
@@ -35,11 +36,24 @@ def ingest_fields(options, recording):
     fields = camera_fields(options.camera, recording) if options.camera is not None else {}
     motion = given.get("motion", preset(options.preset).motion)
     fields |= rotation_fields(recording, motion, {**fields, **given}, "--camera FILE")
-    if options.hot_pixels is not None:
+    if options.hot_pixels == "none":
+        fields |= {"hot_pixels": 0}
+    elif options.hot_pixels is not None:
         fields |= {"hot_pixels": 1, "hot_mask": _mask(options.hot_pixels, recording)}
     if options.background_us is not None:
         fields |= {"background": 1, "background_us": options.background_us}
     return fields
+
+
+def drop_hot_pixels(options, recording, config, fields):
+    """``config`` without the recording's hot pixels, unless ``fields`` or ``--set`` name some; a note says which."""
+    from ..imaging.survey import usual_survey, without_hot_pixels
+
+    survey = usual_survey(recording, options.engine, {**fields, **config_changes(options)})
+    config, note = without_hot_pixels(config, survey, "--hot-pixels none")
+    if note:
+        print(f"note: {note}", file=sys.stderr)
+    return config
 
 
 def _mask(text, recording):
@@ -55,4 +69,4 @@ def _mask(text, recording):
             return ";".join(filter(None, lines))
     except (OSError, UnicodeDecodeError) as error:
         why = getattr(error, "strerror", None) or error
-        raise ConfigError(f"--hot-pixels {text}: auto, X,Y;X,Y, or a text file is needed ({why})") from None
+        raise ConfigError(f"--hot-pixels {text}: auto, none, X,Y;X,Y, or a text file is needed ({why})") from None

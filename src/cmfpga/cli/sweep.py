@@ -86,6 +86,8 @@ def main(arguments=None):
     for subject in subjects:
         if subject.note:
             print(f"note: {subject.note}", file=sys.stderr)
+        if hot := choices[0].hot_note(subject):
+            print(f"note: {subject.name}: {hot}", file=sys.stderr)
         if subject.size_note and "sensor_width" not in choices[0].changes:
             print(f"note: {subject.size_note}", file=sys.stderr)
     with cli.locked(options.out) as folder:

@@ -19,7 +19,7 @@ from ..tracking.fit import FittedCutter, batch_cutter
 from ..tracking.loop import OneRoi, follow
 from ..tracking.rows import Rows, with_rows
 from ..tracking.source import sensor_fields, unit_note, whole_sensor
-from .ingest import add_ingest_options, ingest_fields
+from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from .lines import Lines, Truth, print_summary
 
 EXAMPLES = (
@@ -124,7 +124,7 @@ def main(arguments=None):
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
         fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
-        config = cli.make_config(options, **fields)
+        config = drop_hot_pixels(options, recording, cli.make_config(options, **fields), fields)
         objects = _objects(options, truth, config)
         if len(objects) > 1:
             config = with_rows(config, len(objects), cli.config_changes(options))

@@ -50,8 +50,9 @@ class Scene:
         Width and height of the object, px.
     position : (float, float), optional
         Centre of the object at the start, px; the centre of the sensor by default.
-    velocity : (float, float), or sequence of (int, float, float)
+    velocity : (float, float), or sequence of (int, float, float), optional
         (vx, vy) in px/s; or, piece by piece, (duration in µs, vx, vy), the last piece lasting to the end.
+        By default (100, 0); with a rotation (0, 0).
     duration_us : int
         Length of the recording, µs.
     t_start_us : int
@@ -83,7 +84,7 @@ class Scene:
     texture: str = "lines"
     size: tuple[int, int] = (40, 40)
     position: tuple[float, float] | None = None
-    velocity: tuple = (100.0, 0.0)
+    velocity: tuple | None = None
     duration_us: int = 500_000
     t_start_us: int = 0
     contrast: float = 1.0
@@ -122,10 +123,12 @@ class Scene:
 
     def _pieces(self):
         """Velocity as a list of (duration in µs, vx, vy)."""
-        if len(self.velocity) == 2 and not np.ndim(self.velocity[0]):
-            pieces = [(self.duration_us, *self.velocity)]
+        usual = (100.0, 0.0) if self.rotation is None else (0.0, 0.0)
+        velocity = usual if self.velocity is None else self.velocity
+        if len(velocity) == 2 and not np.ndim(velocity[0]):
+            pieces = [(self.duration_us, *velocity)]
         else:
-            pieces = list(self.velocity)
+            pieces = list(velocity)
         if not pieces:
             raise ConfigError("velocity: no pieces; (vx, vy) or a sequence of (duration_us, vx, vy) is needed")
         for piece in pieces:

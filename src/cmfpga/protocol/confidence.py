@@ -19,8 +19,9 @@ from .flags import Flag
 #: Distance of the probes from v, px per half batch.
 PROBE = 0.75
 
-#: Standard deviation of v that no peak is too sharp for, px per half batch: what the formats and the grid leave.
-FLOOR = 0.05
+#: Standard deviation of v that no peak is too sharp for, px per half batch: with it the ellipses of batches of known
+#: motion hold about what they say (docs/confidence.md).
+FLOOR = 0.12
 
 #: The limit of the comparison is so many times the smallest confidence.
 LIMIT_SCALE = 3

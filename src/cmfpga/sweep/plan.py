@@ -10,6 +10,7 @@ from ..config import Config, preset, unread
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
+from ..imaging.survey import Survey, usual_survey, without_hot_pixels
 from ..tracking.source import rotation_fields, sensor_fields, unit_note, whole_sensor
 from .task import Task, version
 from .truth import Truth, read_truth
@@ -39,6 +40,8 @@ class Subject:
     first_us : int
         Time of the first event that is tracked.
     truth : Truth or None
+    survey : Survey or None
+        Whose hot pixels are dropped by default.
     note : str or None
         Where the unit of its time is a guess.
     size_note : str or None
@@ -54,6 +57,7 @@ class Subject:
     sensor: tuple[int, int] | None = None
     first_us: int = 0
     truth: Truth | None = None
+    survey: Survey | None = field(default=None, compare=False, repr=False)
     note: str | None = None
     size_note: str | None = None
     problem: str = ""
@@ -121,7 +125,18 @@ class Choice:
         """The :class:`Config` for a recording; of a rotation with its calibration. Raises :exc:`ConfigError`."""
         given = self._fields(subject)
         own = rotation_fields(subject, self.motion, given, "--set camera=fx,fy,cx,cy,k1,k2,p1,p2,k3")
-        return preset(self.preset).replace(**own | given)
+        return self._without_hot_pixels(preset(self.preset).replace(**own | given), subject)[0]
+
+    def hot_note(self, subject):
+        """Which hot pixels of a recording are dropped because nobody says otherwise; None where none are."""
+        try:
+            return self._without_hot_pixels(preset(self.preset).replace(**self._fields(subject)), subject)[1]
+        except ConfigError:
+            return None
+
+    def _without_hot_pixels(self, config, subject):
+        told = {"hot_pixels", "hot_mask"} & {*self.changes}
+        return without_hot_pixels(config, None if told else subject.survey, "--set hot_pixels=0")
 
     def fields(self, subject):
         """All fields for a recording, whether or not they go together."""
@@ -239,6 +254,7 @@ def _subject(name, roi, run):
             first = next(iter(recording.chunks(run.start_event, 1)), None)
             note = unit_note(recording, "--time-unit")
             size, size_note = sensor_fields(recording, {}, preset, "--sensor W,H")
+            survey = usual_survey(recording, run.engine, {})
         truth = read_truth(path)
         digest = hashlib.sha256()
         with path.open("rb") as file:
@@ -248,7 +264,7 @@ def _subject(name, roi, run):
         return Subject(name=name, path=path, roi=roi, problem=" ".join(str(error).splitlines()))
     return Subject(
         name=name, path=path.resolve(), roi=roi, digest=digest.hexdigest(), sensor=tuple(size.values()) or None,
-        first_us=int(first.t[0]) if first else 0, truth=truth, note=note, size_note=size_note,
+        first_us=int(first.t[0]) if first else 0, truth=truth, survey=survey, note=note, size_note=size_note,
     )  # fmt: skip
 
 

@@ -25,7 +25,8 @@ _FIRST_ROI_EVENTS = 150  # of the survey's first window
 _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
 _AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it is the object that speeds up
-_MIN_PX = 2.0  # of a survey's window
+_STILL_PX, _MIN_PX = 0.5, 2.0  # of a survey's window: from here on it moves, and far enough
+_WINDOWS = 9  # of one length, of which two that follow each other may agree
 _TRIALS = 6  # of a first length of another motion than translation
 _REACH = 16  # no batch becomes longer, times the last that was to be trusted, or else the survey's first window
 
@@ -83,9 +84,11 @@ class FittedCutter(BatchCutter):
         """Choose the first length by batches on trial; their events stay, and are cut afterwards.
 
         Two windows, one after the other, grow until one is to be trusted and the other nearly, their velocities agree,
-        and the image moves far enough; of several objects, in one of them. Where that is not so before the events or
-        ``max_events`` end, the longest window counts, up to 16 times the longest of which one was to be trusted, or
-        else the first.
+        and the image moves far enough; of several objects, in one of them. Where the first two do not agree, those
+        after them are tried: an object may rest at first. Where no two agree before the events or ``max_events`` end,
+        the shortest window counts that is to be trusted and moves far enough, or else the longest that is to be trusted
+        and moves at all. If none is, batches are up to 16 times as long as the first window, and no longer than an
+        eighth of the events.
 
         Parameters
         ----------
@@ -101,24 +104,45 @@ class FittedCutter(BatchCutter):
         """
         if self._surveyed:
             return
-        self._surveyed, found = True, None
+        self._surveyed, found, alone = True, None, None  # (length, px): of two that agree, and of a trusted window
         if self._config.motion_model.basis:
             return (yield from self._trials(trial, *rois))
         length = self._shortest = self._sure = yield from self._first_length(rois)
         while True:
-            ahead = yield from self._ahead(2 * length)
-            half = min(length, len(ahead) // 2)
-            windows = [trial(ahead[k * half : (k + 1) * half]) for k in range(2)] if half else ()
-            pairs = [pair for pair in zip(*windows, strict=True) if any(map(is_sure, pair))]
-            if pairs:
+            half = min(length, len((yield from self._ahead(2 * length))) // 2)
+            agreed, sure = yield from self._windows(trial, half, _WINDOWS if half == length else 2)
+            found = (half, agreed) if agreed >= _MIN_PX else found
+            if sure:
                 self._sure = half
-                agreed = [pair[0].v for pair in pairs if self._agree(*pair)]
-                found = (half, max(agreed, key=lambda v: math.hypot(*v))) if agreed else found
-            if half < length or length == self.max_events or (found and math.hypot(*found[1]) >= ALLOWED_PX[0]):
+                alone = alone if sure < _STILL_PX or (alone and alone[1] >= ALLOWED_PX[0]) else (half, sure)
+            if half < length or length == self.max_events or (found and found[1] >= ALLOWED_PX[0]):
                 break
             length = min(int(length * _GROWTH) + 1, self.max_events)
-        self.size = min(fit(*found, True) if found else length, _REACH * self._sure, self.max_events)
+        if found or alone:
+            count, moved = found or alone
+            self.size = min(fit(count, (moved,), True), self.max_events)
+        else:
+            self.size = max(min(_REACH * self._shortest, half // 4), self._shortest)
         self.size = max(len((yield from self._ahead(self.size))), 1)
+
+    def _windows(self, trial, length, count):
+        """How far the image moves in windows of this length, one after the other, up to two that agree, px.
+
+        Returns
+        -------
+        float, float
+            In the first two that agree; the farthest in any that is to be trusted. 0 where there are none.
+        """
+        last, agreed, sure = (), 0.0, 0.0
+        for k in range(count if length else 0):
+            ahead = yield from self._ahead((k + 1) * length)
+            if agreed or len(ahead) < (k + 1) * length or len(ahead) > 2 * self.max_events:
+                break
+            window = trial(ahead[k * length :])
+            sure = max([sure, *(math.hypot(*one.v) for one in window if is_sure(one))])
+            pairs = [pair for pair in zip(last, window, strict=False) if any(map(is_sure, pair)) and self._agree(*pair)]
+            agreed, last = max([0.0, *(math.hypot(*one.v) for one, _ in pairs)]), window
+        return agreed, sure
 
     def _trials(self, trial, *rois):
         """The same of another motion than translation: a batch is tried until the image moves far enough.
@@ -145,7 +169,7 @@ class FittedCutter(BatchCutter):
 
     def _agree(self, *windows):
         """Whether two windows, one after the other, one of them to be trusted, saw the same motion."""
-        if not all(map(is_judged, windows)) or math.hypot(*windows[0].v) < _MIN_PX:
+        if not all(map(is_judged, windows)) or math.hypot(*windows[0].v) < _STILL_PX:
             return False
         share = min(confidence(self._config, window) for window in windows) / self._config.confidence_limit
         if share < 0.5:

@@ -1,5 +1,6 @@
 """What the parameters of a motion mean: signs and frames, against the camera's own rotation and a global search."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -82,7 +83,7 @@ def turned():
     """A scene in front of a camera with a lens, which turns."""
     camera = Camera(200.0, 200.0, 118.0, 91.0, -0.35, 0.12)
     scene = generate(
-        seed=3, size=(360, 270), bars=20, camera=camera, rotation=OMEGA, velocity=(0.0, 0.0), duration_us=40_000,
+        seed=3, size=(360, 270), bars=20, camera=camera, rotation=OMEGA, duration_us=40_000,
         contrast=2.0,
     )  # fmt: skip
     return camera, scene
@@ -113,3 +114,13 @@ def test_a_rotation_needs_a_camera(turned):
         cmfpga.track(turned[1], preset="rotation", engine="model")
     with pytest.raises(ConfigError, match="rotation: a camera is needed"):
         generate(rotation=OMEGA)
+
+
+def test_a_rotation_adds_no_velocity(turned):
+    """Unless one is given, too."""
+    scene = turned[1].scene
+    assert (turned[1].motion.velocities == 0).all()
+    still = generate(dataclasses.replace(scene, velocity=(0.0, 0.0)))
+    moved = generate(dataclasses.replace(scene, velocity=(100.0, 0.0)))
+    assert len(still.events) == len(turned[1].events) and (still.events.x == turned[1].events.x).all()
+    assert len(moved.events) != len(still.events)

@@ -8,7 +8,7 @@ longer or shorter until the image moves by 4 px per half of it, and the next win
 
 from .motion import estimate
 from .proposal import ALLOWED_PX, Proposal, propose, require, survey_and_propose
-from .statistics import Survey, hot_mask, survey_all
+from .statistics import Survey, hot_mask, survey_all, usual_survey, without_hot_pixels
 
 __all__ = [
     "ALLOWED_PX",
@@ -20,4 +20,6 @@ __all__ = [
     "require",
     "survey_all",
     "survey_and_propose",
+    "usual_survey",
+    "without_hot_pixels",
 ]

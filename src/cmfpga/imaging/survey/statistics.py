@@ -1,16 +1,22 @@
 """Statistics of a recording: counts, rate over time, hot pixels."""
 
+import contextlib
 import math
+import weakref
 
 import numpy as np
 from tqdm import tqdm
 
-from ...errors import ConfigError
+from ...engines import ENGINES
+from ...errors import ConfigError, RecordingError
 
 _MAX_BINS = 512  # of the rate over time, while it is collected
 
 # A hot pixel: at least so many events, and so many times those of the second busiest pixel around it.
 _HOT_EVENTS, _HOT_TIMES = 20, 4
+_HOT_SHOWN = 5
+
+_SURVEYS = weakref.WeakKeyDictionary()  # of recordings that were read
 
 
 class Survey:
@@ -96,13 +102,57 @@ def hot_mask(recording):
     return pixels_text(surveyed(recording, "hot pixels: auto", "say which pixels are hot").hot_pixels())
 
 
+def usual_survey(recording, engine, given):
+    """The survey whose hot pixels are dropped by default; None of a stream, and where the user says which pixels.
+
+    Also None for hardware without a mask, which is behind AXI or a serial line. Of a recording that breaks off, what
+    can be read counts.
+    """
+    if not recording.seekable or engine not in ENGINES or {"hot_pixels", "hot_mask"} & {*given}:
+        return None
+    try:
+        return surveyed(recording, "", "")
+    except RecordingError:
+        survey = Survey(recording.width, recording.height)
+        with contextlib.suppress(RecordingError):
+            survey_all(recording, survey)
+        return survey
+
+
+def without_hot_pixels(config, survey, how):
+    """``config`` with a mask of a survey's hot pixels, and a note of them; as it is, and None, where there are none.
+
+    Parameters
+    ----------
+    config : Config
+    survey : Survey or None
+    how : str
+        How a user keeps the pixels.
+    """
+    found = survey.hot_pixels() if survey else []
+    found = [pixel for pixel in found if pixel[0] < config.sensor_width and pixel[1] < config.sensor_height]
+    if not found:
+        return config, None
+    share = sum(events for *_, events in found) / survey.events
+    note = f"hot pixels {shown(found)}: {share:.2%} of the events, which are dropped; {how} keeps them"
+    return config.replace(hot_pixels=1, hot_mask=pixels_text(found)), note
+
+
+def shown(pixels):
+    """Hot pixels for people: the busiest, and how many there are besides."""
+    text = ", ".join(f"{x},{y} ({events:,} events)" for x, y, events in pixels[:_HOT_SHOWN])
+    return text + (f", and {len(pixels) - _HOT_SHOWN} more" if len(pixels) > _HOT_SHOWN else "")
+
+
 def surveyed(recording, what, instead):
-    """A :class:`Survey` of all events. Where they come only once, :exc:`ConfigError` says that ``what`` cannot be."""
+    """A :class:`Survey` of all events, made once. Where they come only once, :exc:`ConfigError`: ``what`` cannot be."""
     if not recording.seekable:
         raise ConfigError(f"{recording.name}: {what}: its events come only once; {instead}")
-    survey = Survey(recording.width, recording.height)
-    survey_all(recording, survey)
-    return survey
+    if recording not in _SURVEYS:
+        survey = Survey(recording.width, recording.height)
+        survey_all(recording, survey)
+        _SURVEYS[recording] = survey
+    return _SURVEYS[recording]
 
 
 def pixels_text(pixels):

@@ -79,8 +79,11 @@ class VerilatedRegions(VerilatedCore):
         stalls = [0] * count * len(batches) if stalls is None else stalls
         limit = self._patience(gaps, stalls) + 4 * config.store.bins
         for t, _, _ in batches:
-            stored = min(len(t), config.buffer_events)
-            limit += 2 * len(t) + sum((plan + 4) * (stored + 50) + 2 * len(t) + 5000 for plan in plans)
+            window = (
+                len(t) + (config.slices - 1) * config.slice_events
+            )  # with the slices before, as large as they can be
+            stored = min(window, config.buffer_events)
+            limit += 2 * window + sum((plan + 4) * (stored + 50) + 2 * window + 5000 for plan in plans)
         values, trace, _, self.offered = self._drive(
             batches, [settings_values(config, settings)] * len(batches), gaps, stalls, sum(plans) * len(batches), limit
         )
