@@ -25,7 +25,7 @@ def preset_of(info):
 
 
 @pytest.fixture(scope="module", params=PRESETS)
-def made(request, command, tmp_path_factory):
+def made(request, command, long_tools, tmp_path_factory):
     """(folder, kv260-info.json)."""
     folder = tmp_path_factory.mktemp(request.param)
     done = command(build, "--preset", request.param, "--top", "kv260", *TINY_SETS, "--out", folder)

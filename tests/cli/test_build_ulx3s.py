@@ -16,7 +16,7 @@ from support.building import TINY_SETS, check_lint
 
 
 @pytest.fixture(scope="module")
-def made(command, tmp_path_factory):
+def made(command, long_tools, tmp_path_factory):
     folder = tmp_path_factory.mktemp("ulx3s")
     assert command(build, "--top", "ulx3s", *TINY_SETS, "--out", folder).status == 0
     return folder

@@ -40,7 +40,7 @@ def test_part(platform_class):
     assert platform.family == "ultrascaleplus"
 
 
-def test_the_fan(platform_class):
+def test_the_fan(platform_class, long_tools):
     files = constraints_of(platform_class, "fan")
     assert "-part xck26-sfvc784-2LV-c" in files["made.tcl"]
     constraints = files["made.xdc"]
@@ -50,7 +50,7 @@ def test_the_fan(platform_class):
     assert "create_clock" not in constraints  # the processing system's clocks are constrained by the block design
 
 
-def test_pmod(platform_class):
+def test_pmod(platform_class, long_tools):
     constraints = constraints_of(platform_class, "pmod_gpio")["made.xdc"]
     for pin in ("H12", "E10", "D10", "C11"):
         assert f"set_property LOC {pin} " in constraints

@@ -39,6 +39,7 @@ DOORS = {
     ("cmfpga.fpga.place", "netlist_of"): "place and route",
     ("cmfpga.fpga.bitstream", "bitstream"): "place and route",
     ("support.mutation", ""): "mutants",
+    ("studies.bench.opponents", ""): "opponents",
     ("studies.crosscheck", "main"): "random designs",
 }
 
@@ -51,6 +52,7 @@ HARDWARE_DOORS = {
     ("cmfpga.engines.verilated", "VerilatedEngine"),
     ("cmfpga.engines.amaranth_sim", "AmaranthEngine"),
     ("cmfpga.verilog.emit", "emit_verilog"),
+    ("support.core", "drive_core"),
     ("cmfpga.verilog.compile", "compile_library"),
     ("cmfpga.verilog.compile", "kept_verilog"),
 }
@@ -66,12 +68,16 @@ FIXTURES = {
 #: One of each kind that ``make test`` runs nevertheless.
 SMOKE = {
     "boards/test_bit2bin.py::test_fields_as_json",
+    "bench/test_programs.py::test_few_events[C gather-5]",
     "cli/test_build.py::test_hardware_fields_change_the_verilog[sensor_width]",
     "cli/test_command.py::test_without_arguments_it_helps_and_fails",
     "examples/test_examples.py::test_block_in_a_design",
     "formal/test_accumulator_proof.py::test_right_for_any_number_of_cycles[bank]",
     "show/report/test_browser.py::test_a_click_on_a_chart_goes_to_its_batch",
     "rtl/regions/test_regions.py::test_a_batch_without_any_event_in_a_region_is_degenerate_in_all[one unit]",
+    "rtl/regions/test_distributor.py::test_each_row_once_and_in_order[family0-10]",
+    "rtl/test_core.py::test_cold_and_warm_schedules[both]",
+    "rtl/test_core.py::test_reset_in_the_middle[result-small]",
     "rtl/test_core_mutants.py::test_a_broken_block_is_noticed[an iteration too many]",
     "verilog/simulation/test_axi.py::test_in_icarus[cocotb_registers]",
     "studies/test_crosscheck.py::test_interrupted_it_says_what_it_has",
@@ -121,8 +127,8 @@ class Asked:
 
     def _callable(self, thing):
         where = getattr(thing, "__module__", None), getattr(thing, "__name__", None)
-        if where in DOORS or (where[0], "") in DOORS:
-            self.kinds.add(DOORS.get(where) or DOORS[where[0], ""])
+        package = str(where[0]).rpartition(".")[0]
+        self.kinds |= {DOORS[door] for door in (where, (where[0], ""), (package, "")) if door in DOORS}
         self.compiles |= where in HARDWARE_DOORS
         if inspect.isclass(thing):
             if str(where[0]).partition(".")[0] not in ("cmfpga", "amaranth", "numpy"):
@@ -240,6 +246,7 @@ verilog.convert = _guarded(verilog.convert, lambda arguments, options: options.g
 
 @pytest.hookimpl(hookwrapper=True)
 def pytest_runtest_protocol(item, nextitem):
+    _running.refused.clear()
     _running.quick = None if item.get_closest_marker("long") or item.nodeid.removeprefix("tests/") in SMOKE else item
     yield
     _running.quick = None

@@ -1,7 +1,7 @@
 """The few designs that tests compile. Whatever else a test needs is derived from one of them by ``replace``."""
 
 from cmfpga.config import Config, preset
-from cmfpga.verilog.emit import AXI_TOP, TOP
+from cmfpga.verilog.emit import AXI_TOP, TOP, UART_TOP
 
 #: Sizes of the small hardware, but the sensor's, which a recording says.
 _SIZES = {
@@ -35,7 +35,13 @@ SHELL = preset("fast").replace(**SHELL_SIZES)
 #: What a test that is not long may emit and compile, each once a run: (hardware, top module).
 QUICK = {
     (config.hardware_hash, top)
-    for config, top in ((SMALL, TOP), (configured(FAST), TOP), (SHELL, AXI_TOP), (Config(**TINY), TOP))
+    for config, *tops in (
+        (SMALL, TOP),
+        (configured(FAST), TOP),
+        (SHELL, AXI_TOP, UART_TOP),
+        (Config(**TINY), TOP),
+    )
+    for top in tops
 }
 #: Fields that make one of them, wherever they are used as options.
 OPTIONS = (HARDWARE, PAPER, FAST, SHELL_SIZES, TINY)

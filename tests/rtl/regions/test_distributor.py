@@ -152,6 +152,7 @@ def check(family, patterns):
 EVERY = [*itertools.product(itertools.product((BUSY, READY, IDLE), repeat=2), repeat=ROWS)]
 
 
+@pytest.mark.usefixtures("long_tools")  # patterns without end
 @pytest.mark.parametrize(("family", "step"), [*zip(FAMILIES, (10, 10, 1), strict=True)])
 def test_each_row_once_and_in_order(family, step):
     assert len(EVERY) == 9**ROWS
