@@ -52,7 +52,7 @@ def test_all_of_a_configuration_is_drawn(compiler):
 @pytest.fixture
 def no_compiler(monkeypatch):
     for module in ("verilog.compiler", "engines", "crosscheck.compare", "crosscheck.configs"):
-        monkeypatch.setattr(f"cmfpga.{module}.find_compiler", lambda: None)
+        monkeypatch.setattr(f"cmfpga.{module}.cannot_compile", lambda: "no C++ compiler found")
     monkeypatch.setattr("cmfpga.crosscheck.compare.SLOW_CYCLES", 5_000)
 
 

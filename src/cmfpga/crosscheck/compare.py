@@ -14,7 +14,7 @@ from ..reference.integer.core import IntegerCore
 from ..reference.regions import RegionSequence
 from ..simulation.core import VerilatedCore
 from ..simulation.regions import VerilatedRegions
-from ..verilog.compiler import find_compiler
+from ..verilog.compiler import cannot_compile
 from .batches import (
     PATTERNS,
     random_events,
@@ -56,7 +56,7 @@ def check(config, seed, shell=False):
     if config.regions:
         return _tables_of_regions(config, rng)
     counts = _one_by_one(config, np.random.default_rng([seed, 1]))
-    if find_compiler():
+    if not cannot_compile():
         counts += _back_to_back(config, rng)
     return counts
 
@@ -65,7 +65,7 @@ def _one_by_one(config, rng):
     """By the engines, as ``track`` runs them; the first batch with the configuration's own settings."""
     rtl, model = make_engine("rtl", config), make_engine("model", config)
     core, model.core.count_waits = rtl.core, True
-    limit = CYCLES if find_compiler() else SLOW_CYCLES
+    limit = SLOW_CYCLES if cannot_compile() else CYCLES
     counts, cycles = np.zeros(2, int), 0
     for number in range(BATCHES):
         settings, roi = random_settings(config, rng, model.roi)

@@ -11,7 +11,7 @@ from ..config.schedule import AUTO, STRIDES
 from ..errors import ConfigError
 from ..fixed import Q
 from ..protocol.registers import check
-from ..verilog.compiler import find_compiler
+from ..verilog.compiler import cannot_compile
 from .batches import random_lens
 
 #: Largest values that are drawn, where the field's own would take too long to simulate, or be refused nearly always.
@@ -35,7 +35,7 @@ def kind_of(seed):
 
     Without a compiler all are cores of one ROI.
     """
-    compiled = find_compiler() is not None
+    compiled = not cannot_compile()
     return {"regions": compiled and seed % 3 == 0, "shell": compiled and seed % 5 == 1}
 
 
