@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 from cmfpga import cli
 
-from .configs import assignments, random_config
+from .configs import assignments, kind_of, random_config
 
 EXAMPLES = (
     "python -m studies.crosscheck",
@@ -46,14 +46,16 @@ def main(arguments=None):
 
     count = options.configs or (None if options.seconds else 5)
     begin = time.monotonic()
-    totals, refused, findings, seed = np.zeros(2, int), 0, [], options.seed
+    totals, drawn, refused, findings, seed = np.zeros(2, int), np.zeros(2, int), 0, [], options.seed
     try:
         with _own_cache() as cache, tqdm(total=count, unit="configuration", disable=None) as bar:
             while seed - options.seed < count if count else time.monotonic() - begin < options.seconds:
-                config, skipped = random_config(np.random.default_rng(seed))
+                kind = kind_of(seed)
+                config, skipped = random_config(np.random.default_rng(seed), **kind)
                 refused += skipped
+                drawn += kind["regions"], kind["shell"]
                 try:
-                    totals += check(config, seed)
+                    totals += check(config, seed, kind["shell"])
                 except Exception as error:
                     findings.append(_finding(seed, config, error))
                 for made in cache.glob("cmfpga_*"):
@@ -68,6 +70,8 @@ def main(arguments=None):
     outcome = {
         "engine": "amaranth" if cannot_compile() else "verilator",
         "configurations": seed - options.seed,
+        "with_regions": int(drawn[0]),
+        "with_shell": int(drawn[1]),
         "refused": refused,
         "batches": int(totals[0]),
         "iterations": int(totals[1]),
@@ -98,7 +102,8 @@ def _text(outcome):
         lines += [finding.get("traceback", finding["what"]).rstrip()]
         lines += [f"  configuration: {finding['options']}", f"  again: {finding['again']}"]
     lines.append(
-        "{configurations:,} configurations ({engine}), {batches:,} batches, {iterations:,} iterations: {mismatches:,} "
+        "{configurations:,} configurations ({engine}; {with_regions:,} with regions, {with_shell:,} with the AXI top), "
+        "{batches:,} batches, {iterations:,} iterations: {mismatches:,} "
         "mismatches, {tracebacks:,} tracebacks; {refused:,} refused; {seconds} s".format(**outcome)
     )
     return "\n".join(lines)

@@ -1,4 +1,6 @@
-"""Batches that are hard on the hardware: patterns of repeated addresses, borders, strange times, sizes."""
+"""Batches that are hard on the hardware: patterns of repeated addresses, borders, strange times, sizes; and tables."""
+
+import dataclasses
 
 import numpy as np
 
@@ -6,6 +8,7 @@ from cmfpga.config.schedule import FEWEST, STRIDES, ScheduleEntry
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.imaging.camera import Camera
+from cmfpga.protocol.regions import MOST_STRIDE, STARTS, Region
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
 
 PATTERNS = {}
@@ -162,7 +165,7 @@ def random_events(config, rng, roi, name=None):
     name = name or str(rng.choice(list(PATTERNS)))
     x, y = PATTERNS[name](config, rng, roi)
     columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
-    return name, Events(*(column[: config.max_batch_events] for column in columns))
+    return name, Events(*(column[: config.slice_events] for column in columns))
 
 
 def random_settings(config, rng, previous_roi):
@@ -229,15 +232,52 @@ def random_lens(config, rng):
 
 
 def random_schedules(config, rng):
-    """Two schedules of random length, also empty, with any level, step and stride."""
-    return {
-        name: tuple(
-            ScheduleEntry(
-                int(rng.integers(config.max_level + 1)),
-                int(rng.integers(-config.formats.v.f, config.formats.v.i)),
-                int(rng.choice(STRIDES)),
-            )
-            for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
+    """Two schedules of random length, also empty; where there are regions, half the table is left for theirs."""
+    most = config.schedule_entries // (4 if config.regions else 2)
+    return {name: random_plan(config, rng, most) for name in ("cold", "warm")}
+
+
+def random_plan(config, rng, most):
+    """Up to ``most`` iterations with any level, step and stride."""
+    return tuple(
+        ScheduleEntry(
+            int(rng.integers(config.max_level + 1)),
+            int(rng.integers(-config.formats.v.f, config.formats.v.i)),
+            int(rng.choice(STRIDES)),
         )
-        for name in ("cold", "warm")
-    }
+        for _ in range(rng.integers(0, most + 1))
+    )
+
+
+def random_regions(config, rng, count=None):
+    """A table: regions anywhere, of any size, some of them over the sensor's edge, some off every event."""
+    plans = [random_plan(config, rng, config.schedule_entries // 6) for _ in range(3)]
+    if config.confidence:  # the last iteration needs all events
+        plans = [plan[:-1] + tuple(last._replace(stride=1) for last in plan[-1:]) for plan in plans]
+    plans += [None] * 7
+    regions = []
+    for number in range(int(rng.integers(1, config.regions + 1)) if count is None else count):
+        width, height = int(rng.integers(1, config.roi_width + 1)), int(rng.integers(1, config.roi_height + 1))
+        margin = int(rng.integers(config.roi_width - width + 1)), int(rng.integers(config.roi_height - height + 1))
+        regions.append(
+            Region(
+                x=int(rng.integers(config.sensor_width)),
+                y=int(rng.integers(config.sensor_height)),
+                width=width,
+                height=height,
+                margin=margin if rng.random() < 0.5 else None,
+                start=str(rng.choice(STARTS if number else STARTS[:2])),
+                parent=int(rng.integers(max(1, number))),
+                cold=plans[rng.integers(len(plans))],
+                warm=plans[rng.integers(len(plans))],
+                stride=1 << int(rng.integers(MOST_STRIDE + 1)) if rng.random() < 0.3 else 1,
+                moves=bool(rng.random() < 0.5),
+            )
+        )
+    return regions
+
+
+def some_changed(config, rng, regions):
+    """The table with another last row, or one row less; a parent stays in front of its children."""
+    last = dataclasses.replace(random_regions(config, rng, 1)[0], cold=None, warm=None)
+    return ([*regions[:-1], last] if rng.random() < 0.5 else regions[:-1]) or regions

@@ -1,5 +1,6 @@
-"""One configuration: random batches through the hardware and the integer model, everything ``==``."""
+"""One configuration: random batches through the hardware's ports and the integer model, everything ``==``."""
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -8,30 +9,56 @@ from cmfpga.engines import make_engine
 from cmfpga.engines.rtl import to_batch_result
 from cmfpga.events import Events
 from cmfpga.protocol.results import fields_of
-from cmfpga.protocol.settings import BatchSettings, settings_values
+from cmfpga.protocol.settings import BatchSettings, clamp_roi, settings_values
+from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.reference.regions import RegionSequence
 from cmfpga.verilog.compiler import cannot_compile
+from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation.regions import VerilatedRegions
 
-from .batches import PATTERNS, random_events, random_lens, random_mask, random_schedules, random_settings
+from .batches import (
+    PATTERNS,
+    random_events,
+    random_lens,
+    random_mask,
+    random_regions,
+    random_schedules,
+    random_settings,
+    some_changed,
+)
 
 BATCHES = 3 * len(PATTERNS)
 #: Clock cycles after which no further batch begins: seconds of Verilator, and of Amaranth's simulator.
 CYCLES, SLOW_CYCLES = 1_500_000, 15_000
+#: The same in iterations of regions, which cost the model more than the hardware.
+ITERATIONS = 2500
+#: Runs of batches back to back, before each of which tables are written, or the hardware is reset in mid-batch.
+RUNS = 6
 
 
 class MismatchError(Exception):
     """The hardware and the integer model differ; says in what."""
 
 
-def check(config, seed):
+def check(config, seed, shell=False):
     """Compare random batches, one by one and then back to back: (batches, iterations) that were equal.
+
+    With ``shell`` only by the AXI top.
 
     Raises
     ------
     MismatchError
     """
+    rng = np.random.default_rng([seed, 2])
+    if shell:
+        from .shell import through_the_shell
+
+        return through_the_shell(config, rng)
+    if config.regions:
+        return _tables_of_regions(config, rng)
     counts = _one_by_one(config, np.random.default_rng([seed, 1]))
     if not cannot_compile():
-        counts += _back_to_back(config, np.random.default_rng([seed, 2]))
+        counts += _back_to_back(config, rng)
     return counts
 
 
@@ -54,8 +81,8 @@ def _one_by_one(config, rng):
         if found.iterations and found.events >= core.shortest_batch:
             done = {"events": found.events, "roi_events": found.roi_events, "iterations": model.core.plan}
             wanted = core.cycles(**done, judge=settings.judge) + model.core.waited
-            _equal(where, "cycles", found.cycles, wanted, "formula")
-            _equal(where, "at most", wanted <= core.cycles(**done, judge=settings.judge, most=True), True, "formula")
+            equal(where, "cycles", found.cycles, wanted, "formula")
+            equal(where, "at most", wanted <= core.cycles(**done, judge=settings.judge, most=True), True, "formula")
         counts += 1, found.iterations
         cycles += found.cycles or 0
         if cycles > limit:
@@ -65,26 +92,93 @@ def _one_by_one(config, rng):
 
 
 def _back_to_back(config, rng):
-    from cmfpga.verilog.simulation.core import VerilatedCore
-
-    core = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30)))
-    counts = compare_stream(core, rng, BATCHES, gaps=0.1, stalls=0.3)
+    core, model = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30))), None
+    counts = np.zeros(2, int)
+    for number in range(RUNS):
+        if number and rng.random() < 0.5:
+            settings, roi = random_settings(config, rng, model.roi)
+            core.write_tables(settings)
+            _reset_in_mid_batch(core, rng, random_events(config, rng, roi)[1], settings_values(config, settings))
+            model = None
+        model = model or make_engine("model", config)
+        counts += compare_stream(core, rng, BATCHES // RUNS + 1, **_pauses(rng), model=model)
     core.close()
     return counts
 
 
-def compare_stream(core, rng, most, *, gaps, stalls):
+def _pauses(rng):
+    """How often an event comes late, and how often a result has to wait; each by itself, too."""
+    return {"gaps": float(rng.choice([0, 0.1, 0.5])), "stalls": float(rng.choice([0, 0.3, 1]))}
+
+
+def _reset_in_mid_batch(core, rng, events, settings):
+    """Somewhere between a batch's first event and its last result; or behind it, where it is over sooner."""
+    with contextlib.suppress(TimeoutError):
+        most = int(np.exp(rng.uniform(0, np.log(20 * len(events) + 2000))))
+        core.run(events.t, events.x, events.y, settings, max_cycles=most)
+    core.reset(int(rng.integers(1, 4)))
+
+
+def _tables_of_regions(config, rng):
+    """Runs of batches; before each the table is new, changed or as it was, or the hardware is reset in mid-batch."""
+    hardware, model = VerilatedRegions(config, seed=int(rng.integers(1, 1 << 30))), None
+    counts, cycles, number = np.zeros(2, int), 0, 0
+    while number < RUNS or (cycles < CYCLES and counts[1] < ITERATIONS and number < BATCHES):
+        settings, regions, anew = random_settings(config, rng, (0, 0))[0], hardware.regions, ()
+        if model is None or rng.random() < 0.2:
+            if regions:
+                _reset_in_mid_batch(hardware, rng, events_of(config, rng, regions), settings)
+            model = RegionSequence(IntegerCore(config))
+            hardware.reset()
+            model.write(hardware.regions)
+        if not regions or rng.random() < 0.3:
+            regions = random_regions(config, rng)
+        elif rng.random() < 0.5:
+            regions = some_changed(config, rng, regions)
+            anew = {row for row in range(len(regions)) if rng.random() < 0.2}
+        for one in (hardware, model):
+            one.write(regions, anew)
+        events = [events_of(config, rng, regions) for _ in range(rng.integers(1, 5))]
+        batches, pauses = [(one.t, one.x, one.y) for one in events], _pauses(rng)
+        found = hardware.stream(
+            batches,
+            settings,
+            gaps=_late(rng, sum(map(len, events)), 40, pauses["gaps"]),
+            stalls=_late(rng, len(batches) * len(regions), 1000, pauses["stalls"]),
+        )
+        for batch, result in zip(batches, found, strict=True):
+            expected = model.run(*batch, settings)
+            _same(f"run {number}, batch {counts[0]}", result, expected)
+            counts += 1, sum(region.iterations for region in expected.regions)
+        cycles += hardware.finished[-1]
+        number += 1
+    hardware.close()
+    return counts
+
+
+def events_of(config, rng, regions):
+    """Events of a random pattern, about one of the regions; no longer than a slice."""
+    region = regions[rng.integers(len(regions))]
+    return random_events(config, rng, clamp_roi(config, (region.x, region.y))[0])[1]
+
+
+def _late(rng, count, most, share):
+    return rng.integers(0, most, count) * (rng.random(count) < share)
+
+
+def compare_stream(core, rng, most, *, gaps, stalls, model=None):
     """Random batches without a pause between them: the next one is offered while the one before is optimised.
 
     Parameters
     ----------
     core : VerilatedCore
-        After a reset.
     rng : numpy.random.Generator
     most : int
         So many batches, or fewer if they take long.
     gaps, stalls : float
         How often an event comes late, and a result has to wait.
+    model : ModelEngine, optional
+        That has had the same batches as the core; by default the core comes out of a reset.
 
     Returns
     -------
@@ -95,7 +189,7 @@ def compare_stream(core, rng, most, *, gaps, stalls):
     ------
     MismatchError
     """
-    config, model = core.config, make_engine("model", core.config)
+    config, model = core.config, model or make_engine("model", core.config)
     fixed = random_schedules(config, rng) if config.ascent_rule.has_table else {}
     fixed |= {"hot_mask": random_mask(config, rng, model.roi), "camera": random_lens(config, rng)}
     batches, rows, expected, cycles = [], [], [], 0
@@ -113,10 +207,8 @@ def compare_stream(core, rng, most, *, gaps, stalls):
             events=done.events, roi_events=done.roi_events, iterations=model.core.plan, most=True
         )
     core.write_tables(settings)
-    count = sum(len(t) for t, _, _ in batches)
-    late = rng.integers(0, 40, count) * (rng.random(count) < gaps)
-    waits = rng.integers(0, 3000, len(batches)) * (rng.random(len(batches)) < stalls)
-    results, traces = core.stream(batches, rows, gaps=late, stalls=waits)
+    late = _late(rng, sum(len(t) for t, _, _ in batches), 40, gaps)
+    results, traces = core.stream(batches, rows, gaps=late, stalls=_late(rng, len(batches), 3000, stalls))
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
         _same(f"batch {number} (back to back)", to_batch_result(config, ports, trace), expected[number])
     return np.array([len(batches), sum(result.iterations for result in expected)])
@@ -124,15 +216,26 @@ def compare_stream(core, rng, most, *, gaps, stalls):
 
 def _same(where, found, expected):
     """Equal in everything but the cycles, which only the hardware has; of the traces, in every iteration."""
-    for part in (field.name for field in dataclasses.fields(expected.trace)):
-        one, other = (np.asarray(getattr(result.trace, part)).tolist() for result in (found, expected))
-        _equal(where, f"trace.{part}", one, other, "model")
-    for name in (field.name for field in fields_of("batch", "region")):
-        if name != "cycles":
-            _equal(where, name, getattr(found, name), getattr(expected, name), "model")
+    for number, pair in enumerate(zip(found.regions, expected.regions, strict=True)):
+        of_region = f"{where}, region {number}" if len(found.regions) > 1 else where
+        for part in (field.name for field in dataclasses.fields(pair[1].trace)):
+            one, other = (np.asarray(getattr(result.trace, part)).tolist() for result in pair)
+            equal(of_region, f"trace.{part}", one, other, "model")
+    same_results(where, found, expected)
 
 
-def _equal(where, name, found, expected, of):
+def same_results(where, found, expected):
+    """Equal in all fields of the batch and of its regions but the cycles."""
+    for field in fields_of("batch"):
+        equal(where, field.name, getattr(found, field.name), getattr(expected, field.name), "model")
+    for number, (one, other) in enumerate(zip(found.regions, expected.regions, strict=True)):
+        of_region = f"{where}, region {number}" if len(found.regions) > 1 else where
+        for field in fields_of("region"):
+            if field.name != "cycles":
+                equal(of_region, field.name, getattr(one, field.name), getattr(other, field.name), "model")
+
+
+def equal(where, name, found, expected, of):
     if found == expected:
         return
     if isinstance(found, list) and len(found) == len(expected):

@@ -10,6 +10,8 @@ from cmfpga.config.motion import MOTIONS, needs
 from cmfpga.config.schedule import AUTO, STRIDES
 from cmfpga.errors import ConfigError
 from cmfpga.fixed import Q
+from cmfpga.protocol.registers import check
+from cmfpga.verilog.compiler import cannot_compile
 
 from .batches import random_lens
 
@@ -18,16 +20,38 @@ LARGEST = {
     "roi_width": 64, "roi_height": 48, "buffer_events": 2100, "iterations": 60, "min_roi_events": 20,
     "thin_target": 300, "background_us": 2000, "gradient_int": 14, "gradient_frac": 26,
 }  # fmt: skip
-#: Cores of one ROI are drawn; tests/rtl/regions draws tables of regions.
+#: The same of hardware with a table of regions: a sensor has bins, an iteration is that of every region.
+LARGEST_OF_REGIONS = {
+    "sensor_width": 300, "sensor_height": 200, "roi_width": 32, "roi_height": 24, "buffer_events": 600,
+    "max_batch_events": 1 << 13, "schedule_entries": 40, "regions": 12, "units": 5, "slices": 5,
+}  # fmt: skip
 OF_REGIONS = ("regions", "units", "slices", "bin_bits", "store_style")
+#: What such hardware, and the AXI top, cannot be without.
+NEEDED = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "lanes": 1, "thinning": 1, "thin_target": 0}
+WRAPPED = {"hot_pixels": 0, "hot_mask": "", "background": 0, "background_us": 0}
 
 
-def random_config(rng):
-    """``(config, refused)``: a random :class:`Config`, and how many before it were refused."""
+def kind_of(seed):
+    """What the configuration of a seed is made for: every third has regions, every fifth is played through the AXI top.
+
+    Without a compiler all are cores of one ROI.
+    """
+    compiled = not cannot_compile()
+    return {"regions": compiled and seed % 3 == 0, "shell": compiled and seed % 5 == 1}
+
+
+def random_config(rng, *, regions=False, shell=False):
+    """``(config, refused)``: a random :class:`Config`, and how many before it were refused.
+
+    With ``regions`` it has a table of them; with ``shell`` the AXI top can be made of it.
+    """
     refused = 0
     while True:
         try:
-            return Config(**_fields(rng)), refused
+            config = Config(**_fields(rng, regions, shell))
+            if shell:
+                check(config)
+            return config, refused
         except ConfigError:
             refused += 1
 
@@ -42,24 +66,32 @@ def assignments(config):
     return " ".join(("--preset paper", *changed))
 
 
-def _fields(rng):
+def _fields(rng, regions, shell):
     """Values of some fields, each by itself within its limits."""
+    largest = LARGEST | (LARGEST_OF_REGIONS if regions else {})
     defaults = {field.name: field.default for field in dataclasses.fields(Config)}
     values = {
-        field.name: field.type(rng.choice(choices)) if (choices := field.metadata["choices"]) else _integer(field, rng)
+        field.name: field.type(rng.choice(choices))
+        if (choices := field.metadata["choices"])
+        else _integer(field, rng, largest)
         for field in dataclasses.fields(Config)
         if field.name not in OF_REGIONS and (field.type is int or field.metadata["choices"]) and rng.random() < 0.7
     }
     for axis in ("width", "height"):  # a sensor smaller than the default ROI would nearly always be refused
-        values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng))
+        values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng, largest))
     if values.get("background"):  # or a reset would sweep millions of cells
         values["background_cell"] = max(values.get("background_cell", 1), 4)
     values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
     values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
+    if regions:
+        values |= _of_regions(rng, largest) | {"motion": values["motion"].replace("rotation", "translation")}
+    if shell:
+        values |= WRAPPED
     values |= needs(values["motion"])
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
-    values["hot_mask"] = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
+    marked = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
+    values["hot_mask"] = "" if shell else marked
     values["camera"] = ",".join(map(repr, random_lens(SimpleNamespace(**known | values), rng)))
     v = Q(known["v_int"], known["v_frac"])
     values |= {name: v.real(int(rng.integers(v.min, v.max + 1))) for name in ("v_start_x", "v_start_y")}
@@ -77,9 +109,20 @@ def _fields(rng):
 _FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 
 
-def _integer(field, rng):
+def _of_regions(rng, largest):
+    """A table of regions, and a sensor and a batch small enough; the smallest batches often, for widths follow them."""
+    values = {name: _integer(_FIELDS[name], rng, largest) for name in ("regions", "units", "slices", "bin_bits")}
+    values |= {name: _integer(_FIELDS[name], rng, largest) for name in ("sensor_width", "sensor_height")}
+    values["regions"] = max(1, values["regions"])
+    values["slices"] = values["slices"] if rng.random() < 0.4 else 1
+    values["max_batch_events"] = int(np.exp(rng.uniform(0, np.log(largest["max_batch_events"]))))
+    values["store_style"] = str(rng.choice(_FIELDS["store_style"].metadata["choices"]))
+    return values | NEEDED
+
+
+def _integer(field, rng, largest):
     """Often a limit; wide ranges are drawn by their logarithm."""
-    low, high = field.metadata["low"], LARGEST.get(field.name, field.metadata["high"])
+    low, high = field.metadata["low"], largest.get(field.name, field.metadata["high"])
     kind = rng.random()
     if kind < 0.16:
         return low if kind < 0.08 else high

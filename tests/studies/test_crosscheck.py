@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.crosscheck.configs import OF_REGIONS, assignments, random_config
+from studies.crosscheck.configs import assignments, kind_of, random_config
 
 from cmfpga import cli
 from cmfpga.config import ASCENTS, GRADIENTS, Config
@@ -27,13 +27,20 @@ def test_random_configurations(capsys, monkeypatch):
     monkeypatch.setattr(crosscheck, "_own_cache", lambda: contextlib.nullcontext(Path("nothing")))
     status, found = outcome(capsys, "--configs", "3", "--seed", "43")
     assert (status, found["findings"]) == (0, [])
-    assert found["configurations"] == 3 and found["batches"] > 60 and found["iterations"] > 100 and found["refused"]
+    assert found["configurations"] == 3 and found["with_regions"] == 1 and not found["with_shell"]
+    assert found["batches"] > 60 and found["iterations"] > 100 and found["refused"]
 
 
-def test_all_of_a_configuration_is_drawn():
-    drawn = [random_config(np.random.default_rng(seed))[0] for seed in range(300)]
+def test_all_of_a_configuration_is_drawn(compiler):
+    kinds = [kind_of(seed) for seed in range(300)]
+    assert [sum(kind[name] for kind in kinds) for name in ("regions", "shell")] == [100, 60]
+    assert any(all(kind.values()) for kind in kinds)
+    drawn = [random_config(np.random.default_rng(seed), **kind)[0] for seed, kind in enumerate(kinds)]
     seen = {name: {getattr(config, name) for config in drawn} for name in Config().to_dict()}
-    assert [name for name, values in seen.items() if len(values) == 1] == [*OF_REGIONS]  # tests/rtl/regions has those
+    assert [name for name, values in seen.items() if len(values) == 1] == []
+    with_regions = [config for config in drawn if config.regions]
+    assert sum(config.max_batch_events <= 15 for config in with_regions) > 10
+    assert any(config.units > config.regions for config in with_regions)
     assert {(config.gradient, config.ascent, config.buffers) for config in drawn} == {
         (gradient, ascent, buffers) for gradient in GRADIENTS for ascent in ASCENTS for buffers in (1, 2)
     }
@@ -45,8 +52,8 @@ def test_all_of_a_configuration_is_drawn():
 
 @pytest.fixture
 def no_compiler(monkeypatch):
-    for module in ("cmfpga.verilog.compiler", "cmfpga.engines", "studies.crosscheck.compare"):
-        monkeypatch.setattr(f"{module}.cannot_compile", lambda: "no C++ compiler found")
+    for module in ("verilog.compiler", "engines", "crosscheck.compare", "crosscheck.configs"):
+        monkeypatch.setattr(f"cmfpga.{module}.cannot_compile", lambda: "no C++ compiler found")
     monkeypatch.setattr("studies.crosscheck.compare.SLOW_CYCLES", 5_000)
 
 
@@ -86,7 +93,7 @@ def test_a_traceback_is_a_finding(no_compiler, capsys, monkeypatch):
 def test_interrupted_it_says_what_it_has(monkeypatch, capsys):
     outcomes = iter([np.array([3, 40]), KeyboardInterrupt])
 
-    def check(config, seed):
+    def check(config, seed, shell):
         if (outcome := next(outcomes)) is KeyboardInterrupt:
             raise outcome
         return outcome

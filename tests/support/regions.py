@@ -6,7 +6,7 @@ import numpy as np
 
 from cmfpga.config import preset
 from cmfpga.engines.amaranth_sim import flat, nested
-from cmfpga.protocol.regions import MOST_STRIDE, STARTS, Region, row_shape, tables
+from cmfpga.protocol.regions import row_shape, tables
 from cmfpga.protocol.settings import settings_values
 from cmfpga.protocol.shapes import leaves
 from cmfpga.reference.integer.core import IntegerCore
@@ -34,31 +34,6 @@ CONFIGS = {
     "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
     "similarity": _SMALL.replace(motion="similarity"),
 }  # fmt: skip
-
-
-def random_regions(config, rng, count=None):
-    """A table: regions anywhere, of any size, some of them over the sensor's edge, some off every event."""
-    regions, plans = [], [None, (), *(plan for plan in PLANS if not config.confidence or plan[-1].stride == 1)]
-    for number in range(int(rng.integers(1, config.regions + 1)) if count is None else count):
-        width, height = int(rng.integers(1, config.roi_width + 1)), int(rng.integers(1, config.roi_height + 1))
-        margin = int(rng.integers(config.roi_width - width + 1)), int(rng.integers(config.roi_height - height + 1))
-        starts = STARTS if number else STARTS[:2]
-        regions.append(
-            Region(
-                x=int(rng.integers(config.sensor_width)),
-                y=int(rng.integers(config.sensor_height)),
-                width=width,
-                height=height,
-                margin=margin if rng.random() < 0.5 else None,
-                start=str(rng.choice(starts)),
-                parent=int(rng.integers(max(1, number))),
-                cold=plans[int(rng.integers(3))] if rng.random() < 0.3 else None,
-                warm=PLANS[3] if rng.random() < 0.3 and not config.confidence else None,
-                stride=1 << int(rng.integers(MOST_STRIDE + 1)) if rng.random() < 0.3 else 1,
-                moves=bool(rng.random() < 0.5),
-            )
-        )
-    return regions
 
 
 def random_window(config, rng, kind="any"):
@@ -100,12 +75,6 @@ def random_run(config, rng, regions):
     gaps = rng.integers(0, 3, sum(len(t) for t, _, _ in windows)) if rng.random() < 0.5 else None
     stalls = rng.integers(0, 100, len(regions) * count).tolist() if rng.random() < 0.5 else None
     return windows, gaps, stalls
-
-
-def some_changed(config, rng, regions):
-    """The table with another last row, or one row less; a parent stays in front of its children."""
-    changed = [*regions[:-1], *random_regions(config, rng, 1)] if rng.random() < 0.5 else regions[: len(regions) - 1]
-    return changed or regions
 
 
 def model_of(config):

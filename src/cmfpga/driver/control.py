@@ -126,10 +126,7 @@ class Control:
         try:
             before = self.read("TABLES")
             for name, values in rows:
-                *parts, (last, word) = window_words(self.registers, name, values)
-                for register, part in parts:
-                    self._write_once(register, part)
-                self.backend.write32(last.offset, word)
+                self.write_row(name, values)
             after = self.read("TABLES")
             if after["PENDING"] or after["REFUSED"] != before["REFUSED"]:
                 raise DeviceError(f"{self.backend.name}: rows of a table were not taken (TABLES: {after})")
@@ -137,6 +134,13 @@ class Control:
             self._forget_tables()
             raise
         self._camera = camera or self._camera
+
+    def write_row(self, name, values):
+        """A row of a table; with a batch under way it waits, and the next row of that table would be refused."""
+        *parts, (last, word) = window_words(self.registers, name, values)
+        for register, part in parts:
+            self._write_once(register, part)
+        self.backend.write32(last.offset, word)
 
     def _forget_tables(self):
         self._camera = None

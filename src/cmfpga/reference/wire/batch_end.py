@@ -27,7 +27,7 @@ def split_batches(config, tokens, ends):
     Returns
     -------
     batches : list of (t, x, y, cut)
-        int64 arrays; ``cut`` where the batch reached ``max_batch_events`` by chance.
+        int64 arrays; ``cut`` where the batch, or slice, became as long as one may be.
     rest : list of (t, x, y)
         Events behind the last end.
     empty_ends : int
@@ -50,7 +50,7 @@ def split_batches(config, tokens, ends):
                     close()
             batch.append((token.t, token.x, token.y))
             marked = token.end and ends.by_tlast
-            completed = not marked and len(batch) in (ends.events, config.max_batch_events)
+            completed = not marked and len(batch) in (ends.events, config.slice_events)
             if marked or completed:
                 close(cut=not marked and len(batch) != ends.events)
         elif token.end and ends.by_tlast:

@@ -2,6 +2,7 @@
 
 from amaranth.lib import data
 
+from ...config.regions import PAGE_EVENTS
 from ...fixed import Q, bits_for
 from ...protocol.regions import row_shape
 from ...protocol.results import fields_of
@@ -14,8 +15,11 @@ def stored_event(config):
 
 
 def bin_entry(config):
-    """What the store knows of a bin: how many events it has, and the page that the last one lies on."""
-    return layout(count=bits_for(config.max_batch_events), page=bits_for(config.store.pages - 1))
+    """What the store knows of a bin: how many events it has, and the page that the last one lies on.
+
+    The count's lowest bits are a place on a page, all of which an address needs, however few events there are.
+    """
+    return layout(count=bits_for(max(config.max_batch_events, PAGE_EVENTS - 1)), page=bits_for(config.store.pages - 1))
 
 
 def row(config):

@@ -55,7 +55,7 @@ class VerilatedRegions(VerilatedCore):
         self._write_regions(settings)
         self._write_mask_and_nodes(settings)
 
-    def run(self, t, x, y, settings, *, gaps=None, stalls=None):
+    def run(self, t, x, y, settings, *, gaps=None, stalls=None, max_cycles=None):
         """One batch of at least one event: a :class:`BatchResult`, as the integer model's.
 
         Parameters
@@ -64,10 +64,12 @@ class VerilatedRegions(VerilatedCore):
         settings : BatchSettings
         gaps, stalls : int arrays, optional
             Idle cycles before each event, [N]; and before each result is taken, [regions].
+        max_cycles : int, optional
+            Give up after these; by default after more than the batch can take.
         """
-        return self.stream([(t, x, y)], settings, gaps=gaps, stalls=stalls)[0]
+        return self.stream([(t, x, y)], settings, gaps=gaps, stalls=stalls, max_cycles=max_cycles)[0]
 
-    def stream(self, batches, settings, *, gaps=None, stalls=None):
+    def stream(self, batches, settings, *, gaps=None, stalls=None, max_cycles=None):
         """Several batches of the same settings without a pause between them: a list of :class:`BatchResult`."""
         config, count = self.config, len(self.regions)
         if not count:
@@ -85,7 +87,12 @@ class VerilatedRegions(VerilatedCore):
             stored = min(window, config.buffer_events)
             limit += 2 * window + sum((plan + 4) * (stored + 50) + 2 * window + 5000 for plan in plans)
         values, trace, _, self.offered = self._drive(
-            batches, [settings_values(config, settings)] * len(batches), gaps, stalls, sum(plans) * len(batches), limit
+            batches,
+            [settings_values(config, settings)] * len(batches),
+            gaps,
+            stalls,
+            sum(plans) * len(batches),
+            max_cycles or limit,
         )
         self.finished = [row["valid"] for row in values[count - 1 :: count]]
         # Iterations of one region come one after the other, also those of two batches.
