@@ -18,6 +18,10 @@ class ConstantAscent:
         The fields of the configuration that only it reads, the settings among them.
     has_table : bool
         Whether a table of schedules says what each iteration does.
+    evaluations : int
+        Of the image in an iteration.
+    needs : tuple of (str, value)
+        Fields of the configuration, and the values without which it does not work.
     latency, lanes_latency : int
         Clock cycles from a gradient to the new v, with one lane and with several.
     """
@@ -25,6 +29,8 @@ class ConstantAscent:
     settings = ("iterations", "eta")
     fields = (*settings, "eta_int", "eta_frac")
     has_table = False
+    evaluations = 1
+    needs = ()
     latency, lanes_latency = 5, 5
 
     def warm(self, settings, followed):
@@ -42,6 +48,8 @@ class SignAscent:
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
     has_table = True
+    evaluations = 1
+    needs = ()
     latency, lanes_latency = 2, 3
 
     def warm(self, settings, followed):
@@ -51,4 +59,14 @@ class SignAscent:
         return settings.warm if warm else settings.cold
 
 
-ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent()}
+class NewtonAscent(SignAscent):
+    """v ← v + M⁻¹·g of four evaluations beside v, in rounds of a schedule."""
+
+    fields = (*SignAscent.fields, "evaluators")
+    evaluations = 4
+    # Only then an event's derivatives are opposite, and the sums are the gradient.
+    needs = (("gradient", "one_pass"), ("border", "whole"), ("motion", "translation"), ("lanes", 1))
+    latency, lanes_latency = 31, 31
+
+
+ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent(), "newton": NewtonAscent()}
