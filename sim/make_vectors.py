@@ -66,7 +66,7 @@ class Vectors:
         self.config = config
         self.core = VerilogCore(config)
         self.verilog = emit_verilog(self.core)
-        self.model = self._new_model()
+        self.model = IntegerCore(config)
         self.seen = Flag(0)
         self.ports = {**self.core.inputs, **self.core.outputs}
         self.columns = {
@@ -123,7 +123,7 @@ class Vectors:
             work = {"roi_events": result.roi_events, "iterations": self.model.plan}
             # The formula holds for a batch that finds the core idle.
             if batch.alone or config.buffers == 1:
-                cycles = self.core.cycles(events=n + int(batch.gaps[1:].sum()), **work) + self.model.waited
+                cycles = self.core.cycles(events=n + int(batch.gaps[1:].sum()), **work)
             reset_after = int(batch.reset_at * self.core.cycles(events=0, **work))
         t = batch.t & ((1 << config.time_bits) - 1)
         for k in range(n):
@@ -149,15 +149,10 @@ class Vectors:
         outputs = {field.name: getattr(result, field.name) for field in fields_of("batch", "region")} | outputs
         self._put("results", {"count": result.iterations, **leaves(outputs, "result")})
         if reset_after:
-            self.model = self._new_model()
+            self.model = IntegerCore(self.config)
         else:
             self.seen |= result.flags
         return result
-
-    def _new_model(self):
-        model = IntegerCore(self.config)
-        model.count_waits = self.config.lanes > 1
-        return model
 
     def _put(self, memory, row):
         self.rows[memory].append({name: row[name] for name in self.columns[memory]})
@@ -173,7 +168,7 @@ class Vectors:
             # After a reset the banks are swept; with a sweep per iteration, the sums of this one settle.
             "CLEARING": 1 + core.sweep_cycles + core.image.latency
             if config.gradient == "sweep"
-            else config.geometry.words + (config.lanes > 1),
+            else config.geometry.bank_depth,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
         }

@@ -13,10 +13,9 @@ from amaranth.lib import data
 from cmfpga.config import preset
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image.accumulator import Accumulator, ReadAddWrite
-from cmfpga.rtl.image.lanes.lane_bank import LaneBank
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator, TaggedBank
 from support.formal.accumulator_proof import TINY, AccumulatorHarness, TaggedAccumulatorHarness, small_bank, tiny
-from support.formal.bank_proof import LaneBankHarness, ReadAddWriteHarness, TaggedBankHarness
+from support.formal.bank_proof import ReadAddWriteHarness, TaggedBankHarness
 from support.formal.harness import needs_solver, solve
 
 pytestmark = needs_solver
@@ -53,8 +52,6 @@ PROVED = {
     "tagged bank, no power of two": (lambda: TaggedBankHarness(TaggedBank(tiny(5, 5))), SHORT),
     "tagged bank of fast": (lambda: TaggedBankHarness(TaggedBank(preset("fast"))), SHORT),
     "tagged bank of fast-128": (lambda: TaggedBankHarness(TaggedBank(preset("fast-128"))), SHORT),
-    "lane bank": (lambda: LaneBankHarness(LaneBank(tiny(6, 4))), LONG),
-    "lane bank of fast-4": (lambda: LaneBankHarness(LaneBank(preset("fast-4"))), 10),
     # One bank at a time, because the solver's time grows faster than their number; all four are alike.
     "tagged accumulator of 4 words": (lambda: swept("4 words", 0), SHORT),
     "its last bank": (lambda: swept("4 words", 3), SHORT),
@@ -70,7 +67,7 @@ def test_right_for_any_number_of_cycles(name):
     assert outcome.by_induction, outcome.log
 
 
-@pytest.mark.parametrize("name", ["bank", "accumulator", "tagged bank", "lane bank", "its last bank"])
+@pytest.mark.parametrize("name", ["bank", "accumulator", "tagged bank", "its last bank"])
 def test_hazards_can_happen_in_the_proof(name):
     harness = PROVED[name][0]()
     outcome = solve(harness, "cover", LONG)

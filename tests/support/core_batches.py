@@ -52,9 +52,6 @@ CONFIGS = {
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
 }  # fmt: skip
 
-#: Two lanes, whose queues the events of one pixel fill.
-LANES = CONFIGS["fast"].replace(buffer_events=90, lanes=2)
-
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
 
 

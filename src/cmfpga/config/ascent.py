@@ -18,14 +18,14 @@ class ConstantAscent:
         The fields of the configuration that only it reads, the settings among them.
     has_table : bool
         Whether a table of schedules says what each iteration does.
-    latency, lanes_latency : int
-        Clock cycles from a gradient to the new v, with one lane and with several.
+    latency : int
+        Clock cycles from a gradient to the new v.
     """
 
     settings = ("iterations", "eta")
     fields = (*settings, "eta_int", "eta_frac")
     has_table = False
-    latency, lanes_latency = 5, 5
+    latency = 5
 
     def warm(self, settings, followed):
         """Whether a batch starts from the last v; ``followed``: the last batch measured it, and the ROI was not set."""
@@ -42,7 +42,7 @@ class SignAscent:
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
     has_table = True
-    latency, lanes_latency = 2, 3
+    latency = 2
 
     def warm(self, settings, followed):
         return settings.start_last and followed

@@ -19,12 +19,7 @@ class Geometry:
         self.bank_column_bits = bits_for(self.bank_columns - 1)
         #: Words of one parity bank's memory, the unused ends of rows included.
         self.bank_depth = self.bank_rows << self.bank_column_bits
-        #: With lanes, a parity bank's pixels lie in as many memories, that of (column + row) modulo their number. The
-        #: column in one of them has so many bits fewer.
-        self.lane_bits = config.lanes.bit_length() - 1
-        columns = max(0, self.bank_column_bits - self.lane_bits)
-        self.word_bits = columns + bits_for(self.bank_rows - 1)  #: address bits of such a memory
-        self.words = self.bank_rows << columns  #: its words
+        self.bank_address_bits = self.bank_column_bits + bits_for(self.bank_rows - 1)  #: of that memory
         self.roi_x_max = config.sensor_width - width  #: largest column of the ROI's left edge
         self.roi_y_max = config.sensor_height - height  #: largest row of its top edge
         self.x_bits = bits_for(config.sensor_width - 1)  #: of a sensor column

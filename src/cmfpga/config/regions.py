@@ -30,7 +30,7 @@ def check_regions(config):
             if getattr(config, name) != config.__dataclass_fields__[name].default:
                 raise ConfigError(f"{name} = {getattr(config, name)}: regions of 1 or more are needed")
         return
-    beyond = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "lanes": 1}
+    beyond = {"gradient": "one_pass", "ascent": "sign", "buffers": 2}
     for name, value in beyond.items():
         if getattr(config, name) != value:
             raise ConfigError(f"regions = {config.regions}: {name} = {value} is needed")

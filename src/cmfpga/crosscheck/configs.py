@@ -53,7 +53,6 @@ def _fields(rng):
         values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng))
     if values.get("background"):  # or a reset would sweep millions of cells
         values["background_cell"] = max(values.get("background_cell", 1), 4)
-    values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
     values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
     values |= needs(values["motion"])
     known = defaults | values

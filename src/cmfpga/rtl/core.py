@@ -33,8 +33,7 @@ class Core(CycleFormula, Iterating, wiring.Component):
 
     One event per cycle at ingest and in every iteration, which with a schedule may use every second or fourth of
     them. A batch of N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its
-    first event to its result. With ``lanes``, dither to voter are there several times, and an iteration has as many
-    events a cycle as long as no queue in the image is full.
+    first event to its result.
 
     Parameters
     ----------
@@ -113,7 +112,7 @@ class Core(CycleFormula, Iterating, wiring.Component):
         first = ("roi_filter", "thinner", "event_buffer", "reciprocal")
         last = ("image", "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control")
         first, last = ({name: getattr(self, name) for name in names} for names in (first, last))
-        boxes = [{"ingest_control": self.ingest_control}, self.front, first, *(lane.boxes for lane in self.lanes), last]
+        boxes = [{"ingest_control": self.ingest_control}, self.front, first, self.path.boxes, last]
         return {name: block for part in boxes for name, block in part.items() if block is not None}
 
     def elaborate(self, platform):

@@ -186,7 +186,7 @@ class VerilatedCore:
         if limit is None:  # twice what the batches can take one after the other
             limit = self._patience(gaps, stalls)
             for (t, _, _), plan in zip(batches, plans, strict=True):
-                limit += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan, most=True) + 1000
+                limit += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan) + 1000
         values, trace, pixels, offered = self._drive(
             batches, settings, gaps, stalls, sum(plans), limit, open_end=open_end, keep_pixels=keep_pixels
         )

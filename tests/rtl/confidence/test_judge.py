@@ -88,7 +88,7 @@ def expected(config, many):
 
 @pytest.mark.parametrize(
     "changes",
-    [{}, {"weight_frac": 3, "derivative_frac": 6}, {"weight_frac": 6}, {"border": "corners"}, {"lanes": 4}],
+    [{}, {"weight_frac": 3, "derivative_frac": 6}, {"weight_frac": 6}, {"border": "corners"}],
     ids=str,
 )
 def test_the_verdict_is_the_models(changes, rng):

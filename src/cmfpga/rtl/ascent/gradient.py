@@ -15,7 +15,7 @@ class Gradient(wiring.Component):
     cycles earlier. P is a constant; where it is a power of two, P·S is a shift and costs no cycle.
 
     Where only whole cells have derivatives (``border = whole``), an event's are opposite, ΣD = 0, and G is P·S. In a
-    motion beyond translation, which has that border, it is S itself, at once; so is P·S with lanes, if it is a shift.
+    motion beyond translation, which has that border, it is S itself, at once.
 
     One item per ``lead`` cycles; latency :attr:`latency` cycles.
 
@@ -38,9 +38,8 @@ class Gradient(wiring.Component):
     def __init__(self, config, *, lead=lead):
         self.config = config
         self._early = lead > self.lead
-        shifts = self._is_shift(config.geometry.pixels)
-        self.latency = 1 if shifts else 1 + self.lead
-        if config.motion_model.basis or (config.lanes > 1 and config.border == "whole" and shifts):
+        self.latency = 1 if self._is_shift(config.geometry.pixels) else 1 + self.lead
+        if config.motion_model.basis:
             self.latency = 0
         super().__init__(
             {"i": In(payloads.flow(payloads.sums(config))), "o": Out(payloads.flow(payloads.gradient(config)))}
@@ -51,9 +50,8 @@ class Gradient(wiring.Component):
         m = Module()
         if not self.latency:
             m.d.comb += self.o.valid.eq(self.i.valid)
-            shift = 0 if config.motion_model.basis else config.geometry.pixels.bit_length() - 1
             for name in config.motion_model.names:
-                m.d.comb += self.o.payload[name].eq(self.i.payload[f"s{name}"].shift_left(shift))
+                m.d.comb += self.o.payload[name].eq(self.i.payload[f"s{name}"])
             return m
         means = self._means(m) if config.border != "whole" else {}
         for name in config.motion_model.names:

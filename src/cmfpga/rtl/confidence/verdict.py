@@ -1,14 +1,12 @@
 """Verdict: whether the contrast's peak is sharp enough for v to be trusted, bit by bit."""
 
-from contextlib import nullcontext
-
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import delay, select
+from ..arithmetic import select
 
 
 class Deciding(wiring.Component):
@@ -22,7 +20,7 @@ class Deciding(wiring.Component):
     4. makes a = 4·n·xx − R·A, c = 4·n·yy − R·A and b = 4·n·cross, one after the other, a bit of 4·n and R a cycle;
     5. makes 4·a·c − b², a bit of a and b a cycle.
 
-    Steps 3 to 5 take ``_steps`` cycles. With several lanes 4 has a stage more, for its wires.
+    Steps 3 to 5 take ``_steps`` cycles.
     """
 
     def __init__(self, config, members):
@@ -31,8 +29,7 @@ class Deciding(wiring.Component):
         by_n, by_limit = widths.judge_scales
         self._drop = widths.curvature_bits - widths.kept_bits  # steps of 3
         self._factor_bits = max(bits_for(by_n * config.buffer_events), widths.limit_bits + by_limit.bit_length() - 1)
-        self._far = payloads.wire_cycles(config)
-        self._steps = 3 + self._drop + 3 * self._factor_bits + self._far + widths.judge_bits
+        self._steps = 3 + self._drop + 3 * self._factor_bits + widths.judge_bits
         super().__init__(
             {
                 "begin": In(1),
@@ -67,18 +64,14 @@ class Deciding(wiring.Component):
         turn, adding, ends = Signal(2), Signal(), Signal()
         curvature = select(turn, [kept[name] for name in ("xx", "yy", "cross")])
         limit = Mux(factors[1][-1] & (turn != 2), kept["contrast"], 0)
-        counted = delay(m, Mux(factors[0][-1], curvature, 0), self._far, name="counted")
-        limit = delay(m, limit, self._far, name="limited")
+        counted = Mux(factors[0][-1], curvature, 0)
         addend = Signal(signed(widths.kept_bits + 1), reset_less=True)
         m.d.sync += [addend.eq(counted - limit), adding.eq(0), ends.eq(timer == 0)]
-        adds, last = (
-            delay(m, when, self._far, name=name, valid=True) for name, when in (("adding", adding), ("ends", ends))
-        )
         scaled = Signal.like(b, name="scaled")
         m.d.comb += scaled.eq((side << 1) + addend)
-        with m.If(adds):
+        with m.If(adding):
             m.d.sync += side.eq(scaled)
-            with m.If(last):
+            with m.If(ends):
                 m.d.sync += [a.eq(c), c.eq(b), b.eq(scaled), side.eq(Mux(turn == 3, scaled, 0))]
         # 5, as well: the bits of a, and of b in ``side``, move up.
         difference = Signal(signed(2 * widths.judge_bits + 3), reset_less=True)
@@ -108,8 +101,7 @@ class Deciding(wiring.Component):
                         m.next = "SCALED"
             with m.State("SCALED"):
                 m.d.sync += [timer.eq(widths.judge_bits - 1), first.eq(1)]
-                with m.If(~adding) if self._far else nullcontext():
-                    m.next = "COMPARE"
+                m.next = "COMPARE"
             with m.State("COMPARE"):
                 m.d.sync += [first.eq(0), a.eq(a << 1), side.eq(side << 1)]
                 m.d.sync += growth.eq(Mux(a[-2], c << 2, 0) - Mux(side[-2], b, 0))

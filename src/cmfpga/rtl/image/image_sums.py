@@ -24,8 +24,7 @@ class ImageSums(wiring.Component):
     votes : ``In``, flow of :func:`payloads.votes`
         The events of an iteration; ``last`` marks its last.
     room : ``Out(1)``
-        As many events as are in flight still fit: the event buffer issues the next one. With lanes, an array: for each
-        the same, of its own.
+        As many events as are in flight still fit: the event buffer issues the next one.
     complete : ``Out(1)``
         All of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later.
     sums : ``Out``, flow of :func:`payloads.sums`
@@ -49,8 +48,6 @@ class ImageSums(wiring.Component):
         Cycles from ``sums`` to ``squares``, for which nobody waits.
     sweep_cycles : int
         Cycles from an iteration's last vote to ``complete``, if there is always room.
-    exact_cycles : bool
-        There is always room, so that a batch's cycles are known beforehand.
     blocks : dict
         The parts by name, in the order of data flow.
     """
@@ -58,13 +55,12 @@ class ImageSums(wiring.Component):
     lead = 3
     squares_late = 0
     sweep_cycles = 0
-    exact_cycles = True
 
     def __init__(self, config, *, in_flight, pixels=False):
         self.config, self.in_flight = config, in_flight
         members = {
-            "votes": payloads.of_lanes(config, In(payloads.flow(payloads.votes(config)))),
-            "room": payloads.of_lanes(config, Out(1, init=1)),
+            "votes": In(payloads.flow(payloads.votes(config))),
+            "room": Out(1, init=1),
             "complete": Out(1),
             "sums": Out(payloads.flow(payloads.sums(config))),
             **dict.fromkeys(("next", "clear"), In(1)),
@@ -79,10 +75,6 @@ class ImageSums(wiring.Component):
     @property
     def blocks(self):
         return {"image": self}
-
-    def most_cycles(self, cycles):
-        """How long events that take so many ``cycles`` where there is always room take at most."""
-        return cycles
 
     def check(self, idle_cycles):
         """Whether it can work where no vote comes for ``idle_cycles`` between two iterations; else an error."""

@@ -18,7 +18,7 @@ class Warp(wiring.Component):
     subtraction).
 
     One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters, ``level``
-    two cycles later, three with lanes. In a motion beyond translation each event has its own velocity, by
+    two cycles later. In a motion beyond translation each event has its own velocity, by
     :class:`Flow`, which takes two cycles more.
 
     Members
@@ -34,10 +34,7 @@ class Warp(wiring.Component):
         self.config = config
         self.flow = Flow(config) if config.motion_model.basis else None
         self._moving = 4 if config.max_level else 3
-        # Several lanes' multipliers lie far apart: with them all waits for two cycles first, and v as well. A wire has
-        # one, and tools may move the other to the product, so that a wire from there has one.
-        self._waiting = 2 * payloads.wire_cycles(config)
-        self.latency = self._waiting + self._moving + (Flow.latency if self.flow else 0)
+        self.latency = self._moving + (Flow.latency if self.flow else 0)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.scaled_event(config))),
@@ -56,9 +53,6 @@ class Warp(wiring.Component):
             m.d.comb += [flow.basis.eq(event.basis), flow.v.eq(v)]
             event = {name: delay(m, event[name], flow.latency, name=f"{name}_flow") for name in ("dt", "x", "y")}
             v = flow.o
-        else:
-            event = {name: delay(m, event[name], self._waiting, name=f"{name}_s0") for name in ("dt", "x", "y")}
-            v = {axis: delay(m, v[axis], self._waiting, name=f"v_{axis}_s0") for axis in ("x", "y")}
         frac = config.dt_frac + config.v_frac
         # Without coarse levels the halves cancel; undistorted positions come with theirs.
         half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)
@@ -91,13 +85,8 @@ class Warp(wiring.Component):
             )
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
-            *(  # of several lanes in registers, as in the scaler
-                value.eq(delay(m, before, cycles - 1, name=name, valid=config.lanes > 1))
-                for name, value, before, cycles in (
-                    ("dt", self.o.payload.dt, event["dt"], self._moving),
-                    ("last", self.o.payload.last, self.i.payload.last, self.latency),
-                )
-            ),
+            self.o.payload.dt.eq(delay(m, event["dt"], self._moving - 1, name="dt")),
+            self.o.payload.last.eq(delay(m, self.i.payload.last, self.latency - 1, name="last")),
         ]
         if "basis" in self.o.payload.shape().members:
             m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, self.latency - 1, name="basis"))

@@ -73,7 +73,7 @@ class Unit(Iterating, wiring.Component):
         last = ("image", "gradient", "ascent", "probe", "judge", "iteration_control")
         boxes = [
             {"event_buffer": self.event_buffer},
-            *(lane.boxes for lane in self.lanes),
+            self.path.boxes,
             {name: getattr(self, name) for name in last},
         ]
         return {name: block for part in boxes for name, block in part.items() if block is not None}
@@ -95,8 +95,7 @@ class Unit(Iterating, wiring.Component):
         self._add_boxes(m)
         self._load(m)
         self._iterate(m, self._times, self._times)
-        for lane in self.lanes:
-            lane.look_from(m, self._job)
+        self.path.look_from(m, self._job)
         self._ascend(m)
         if self.config.confidence:
             self._confide(m, self.iteration_control.handover.batch.roi_events)
