@@ -10,6 +10,37 @@ from ..arithmetic import delay, saturate, select
 from .flow import Flow
 
 
+def _halves(config):
+    """Half a pixel, as a coordinate and as a position has it: a level's are about the middle of a pixel.
+
+    Without coarse levels the halves cancel; undistorted positions come with theirs.
+    """
+    scaled = 1 << (config.position_frac - 1)
+    if config.formats.event_frac:
+        return 0, scaled
+    return (1 << (config.dt_frac + config.v_frac - 1), scaled) if config.max_level else (0, 0)
+
+
+def start_of(config, coordinate):
+    """A coordinate, and half a pixel where positions have it, with the fraction bits of dt·v; and its width."""
+    align = config.dt_frac + config.v_frac - config.formats.dithered_frac
+    return (coordinate << align) + _halves(config)[0], len(coordinate) + align
+
+
+def of_level(m, config, position, axis, level, *, name):
+    """A position of :func:`start_of`'s format in the level's pixels, floored and clamped.
+
+    A cycle later with coarse levels.
+    """
+    frac = config.dt_frac + config.v_frac - config.position_frac
+    levels = [floor_shift(position, frac + number) for number in range(config.max_level + 1)]
+    position = select(level, levels) - _halves(config)[1]
+    if config.max_level:
+        position = delay(m, position, 1, name=f"position_{name}")
+    size = config.roi_width if axis == "x" else config.roi_height
+    return saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
+
+
 class Warp(wiring.Component):
     """x' = x − dt·vx, y' = y − dt·vy (Eq. x'_k of the article), floored to ``position_frac`` bits.
 
@@ -53,36 +84,20 @@ class Warp(wiring.Component):
             m.d.comb += [flow.basis.eq(event.basis), flow.v.eq(v)]
             event = {name: delay(m, event[name], flow.latency, name=f"{name}_flow") for name in ("dt", "x", "y")}
             v = flow.o
-        frac = config.dt_frac + config.v_frac
-        # Without coarse levels the halves cancel; undistorted positions come with theirs.
-        half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)
-        if config.formats.event_frac:
-            half, scaled_half = 0, 1 << (config.position_frac - 1)
-        for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
-            coordinate = event[axis]
-            align = frac - config.formats.dithered_frac
+        for axis in ("x", "y"):
+            start, width = start_of(config, event[axis])
             product_s1 = Signal(signed(config.formats.dt.width + fmt.width), reset_less=True, name=f"product_{axis}_s1")
             # Both terms at full precision: x' + ½ cannot overflow before it is clamped.
-            full = signed(max(len(coordinate) + align, len(product_s1)) + 2)
+            full = signed(max(width, len(product_s1)) + 2)
             start_s1 = Signal(full, reset_less=True, name=f"start_{axis}_s1")
             inverse_s2 = Signal(full, reset_less=True, name=f"inverse_{axis}_s2")
             m.d.sync += [  # stage 1: multiply
                 product_s1.eq(event["dt"] * v[axis]),
-                start_s1.eq((coordinate << align) + half),
+                start_s1.eq(start),
             ]
             # Stage 2: subtract. a − b = ~(~a + b), because an addition is what all tools find in a DSP.
             m.d.sync += inverse_s2.eq(~start_s1 + product_s1)
-            position_s2 = ~inverse_s2
-            # Stage 3, with coarse levels only: the level's pixels. Last stage: floor, clamp.
-            levels = [
-                floor_shift(position_s2, frac - config.position_frac + level) for level in range(config.max_level + 1)
-            ]
-            position = select(self.level, levels) - scaled_half
-            if config.max_level:
-                position = delay(m, position, 1, name=f"position_{axis}")
-            m.d.sync += self.o.payload[axis].eq(
-                saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
-            )
+            m.d.sync += self.o.payload[axis].eq(of_level(m, config, ~inverse_s2, axis, self.level, name=axis))
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
             self.o.payload.dt.eq(delay(m, event["dt"], self._moving - 1, name="dt")),
