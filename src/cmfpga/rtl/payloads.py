@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from amaranth.hdl import Const, Shape, ShapeCastable, Value
 from amaranth.lib import data, stream
 
-from ..config.schedule import STRIDES
+from ..config.schedule import DISTANCES, STRIDES
 from ..fixed import Q, bits_for, signed_bits_for
 from ..protocol.results import curvature_shape, fields_of, squares_shape, sums_shape, trace_shape
 from ..protocol.settings import settings_of, velocity_shape
@@ -275,6 +275,11 @@ def schedule_entry(config):
     """One iteration of the sign ascent: pixels 2^level px wide, v moves by 2^shift raw units, one event in 2^stride."""
     widths = {"level": bits_for(config.max_level), "shift": bits_for(config.formats.v.width - 2), "stride": STRIDE_BITS}
     return data.StructLayout(widths)
+
+
+def distance(config):
+    """How far beside the centre a round evaluates: the number of one of :data:`DISTANCES`; more counts as the last."""
+    return Shape(bits_for(len(DISTANCES) - 1))
 
 
 def subset(config):

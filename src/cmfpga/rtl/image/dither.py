@@ -6,7 +6,6 @@ from amaranth.lib.wiring import In, Out
 
 from ...config.dither import DITHER_BITS, FACTORS
 from ...config.schedule import STRIDES
-from ...protocol.settings import by_signs
 from .. import payloads
 from ..arithmetic import select
 
@@ -43,7 +42,7 @@ class Dither(wiring.Component):
             {
                 "i": In(payloads.flow(payloads.replayed_event(config))),
                 "o": Out(payloads.flow(payloads.dithered_event(config))),
-                **(subset if by_signs(config) else {}),
+                **(subset if config.ascent_rule.strides else {}),
             }
         )
 
@@ -65,7 +64,7 @@ class Dither(wiring.Component):
         top, first, step = 1 << DITHER_BITS, factor // 2, factor
         phase = Signal(DITHER_BITS, init=first, name=f"phase_{axis}")
         begin, start = self.i.valid & self.i.payload.last, first
-        if by_signs(self.config):
+        if self.config.ascent_rule.strides:
             begin = self.started
             start = select(self.subset.first, [(first + k * factor) % top for k in range(STRIDES[-1])])
             step = select(self.subset.stride, [stride * factor % top for stride in STRIDES])

@@ -4,13 +4,14 @@ from amaranth.lib.wiring import connect
 
 from .basis import Basis
 from .dither import Dither
+from .evaluators import Evaluators
 from .time_scaler import TimeScaler
 from .voter import BilinearVoter
 from .warp import Warp
 
 
 class EventPath:
-    """Dither, where there is one, scaler, warp and voter; one event a cycle.
+    """Dither, where there is one, scaler, warp and voter, or in place of these evaluators; one event a cycle.
 
     Parameters
     ----------
@@ -21,13 +22,18 @@ class EventPath:
     blocks : dict
         By name, in the order of data flow.
     latency : int
+    evaluating : int
+        Cycles of it in which an event has a velocity.
     """
 
     def __init__(self, config):
         self.config = config
         self.blocks = {"dither": Dither(config)} if config.dither_frac else {}
-        self.blocks |= {"time_scaler": TimeScaler(config), "warp": Warp(config), "voter": BilinearVoter(config)}
+        rounds = config.ascent_rule.evaluations > 1
+        last = {"evaluators": Evaluators(config)} if rounds else {"warp": Warp(config), "voter": BilinearVoter(config)}
+        self.blocks |= {"time_scaler": TimeScaler(config), **last}
         self.latency = sum(block.latency for block in self.blocks.values())
+        self.evaluating = sum(block.latency for block in last.values())
         self.basis = Basis(config) if config.motion_model.basis else None
 
     @property
@@ -44,19 +50,27 @@ class EventPath:
                 m.d.comb += block.basis.eq(self.basis.o)
             connect(m, replayed, block.i)
             replayed = block.o
-        connect(m, replayed, image.votes)
+        votes = [replayed] if "voter" in self.blocks else list(replayed)
+        for each, taken in zip(votes, [image.votes] if len(votes) == 1 else image.votes, strict=True):
+            connect(m, each, taken)
 
-    def scale_and_warp(self, m, batch, reciprocal, v, level):
+    def scale_and_warp(self, m, batch, reciprocal, v, ascent):
         """What is the same for all events of an iteration."""
-        scaler, warp, voter = (self.blocks[name] for name in ("time_scaler", "warp", "voter"))
+        scaler, level = self.blocks["time_scaler"], ascent.level
         m.d.comb += [
             scaler.span.eq(batch.span),
             scaler.shift.eq(reciprocal.shift),
             scaler.mantissa.eq(reciprocal.mantissa),
-            warp.v.eq(v),
-            warp.level.eq(level),
-            voter.level.eq(level),
         ]
+        if evaluators := self.blocks.get("evaluators"):
+            m.d.comb += [
+                evaluators.centre.eq(v),
+                evaluators.distance.eq(ascent.distance),
+                evaluators.level.eq(level),
+            ]
+        else:
+            warp, voter = self.blocks["warp"], self.blocks["voter"]
+            m.d.comb += [warp.v.eq(v), warp.level.eq(level), voter.level.eq(level)]
         if hasattr(self.basis, "centre"):
             m.d.comb += [
                 self.basis.centre.eq(batch.settings.centre),
@@ -66,7 +80,7 @@ class EventPath:
 
     def look_from(self, m, job):
         """Where a region has the middle that its motion is about."""
-        for block in (self.basis, self.blocks["voter"]):
+        for block in (self.basis, self.blocks.get("voter")):
             if hasattr(block, "middle"):
                 m.d.comb += block.middle.eq(job.middle)
 

@@ -7,7 +7,6 @@ from amaranth.lib.wiring import In, Out
 from ...config.schedule import FEWEST
 from ...fixed import bits_for
 from ...protocol.results import thins
-from ...protocol.settings import by_signs
 from .. import payloads
 from ..arithmetic import delay, select
 
@@ -36,6 +35,7 @@ class EventBuffer(wiring.Component):
     (:func:`cmfpga.config.schedule.used`). With two buffers, one is filled while the other is replayed.
     One event per cycle in and out, as long as there is ``room`` for what comes out; the first event appears
     :attr:`latency` cycles after ``replay``, and each one :attr:`latency` − 1 after the cycle in which there was room.
+    Where evaluations of an event take turns, an event comes out in the first cycle of each turn.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ class EventBuffer(wiring.Component):
                 "replay": In(1),
                 "room": In(1, init=1),
                 "stored": Out(stored(config)),
-                **(subset if by_signs(config) else {}),
+                **(subset if config.ascent_rule.strides else {}),
             }
         )
 
@@ -112,16 +112,21 @@ class EventBuffer(wiring.Component):
         reading_s1 = Signal()
         address_s1 = Signal(range(max(2, depth)))
         last_s1 = Signal()
-        first, step, next_step = self._subset(m, replayed) if by_signs(self.config) else (0, 1, 1)
+        first, step, next_step = self._subset(m, replayed) if self.config.ascent_rule.strides else (0, 1, 1)
         # From there on an event is the last one: in a register, so that only a comparison is left. A step is never
         # larger than the number of events.
         final = Signal.like(replayed)
         with m.If(self.replay):
             m.d.sync += final.eq(replayed - next_step)
         m.d.comb += last_s1.eq(address_s1 >= final)
+        goes = reading_s1 & self.room
+        if self.config.geometry.turn_bits:
+            turn = Signal(self.config.geometry.turn_bits)
+            goes &= turn == 0
+            m.d.sync += turn.eq(Mux(self.replay, 0, turn + 1))
         with m.If(self.replay):
             m.d.sync += [reading_s1.eq(1), address_s1.eq(first)]
-        with m.Elif(reading_s1 & self.room):
+        with m.Elif(goes):
             m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(address_s1 + step)]
 
         # Stage 2: where that is. Stage 3: the memory's own register. Stage 4: its output register, then which memory.
@@ -135,7 +140,7 @@ class EventBuffer(wiring.Component):
         if two:
             output = Mux(delay(m, replaying, 3, name="which"), outputs[1].as_value(), output.as_value())
         m.d.comb += [self.o.payload.eq(output), self.o.payload.last.eq(delay(m, last_s1, 3, name="last"))]
-        m.d.sync += self.o.valid.eq(delay(m, reading_s1 & self.room, 2, name="reading", valid=True))
+        m.d.sync += self.o.valid.eq(delay(m, goes, 2, name="reading", valid=True))
         return m
 
     def _drop(self, m, full):
