@@ -137,7 +137,7 @@ class Table:
             RegionOutcome(
                 roi=(row.x, row.y), roi_next=(row.x + 1, row.y), v=(2.0, 1.0), iterations=4, flags=flag, roi_events=9,
                 outside=len(events) - 9, overflow=0, thinned=0, restarted=0, confidence_limit=90, sum_squares=9,
-                curvature=(9e5, 9e5, 0), sums=(0,) * 5, trace=Trace.without_iterations((128, 64)),
+                curvature=(9e5, 9e5, 0), sums=(0,) * 5, trace=Trace.without_iterations(self.config, (128, 64)),
             )
             for row, flag in zip(self.regions, flags, strict=True)
         ]  # fmt: skip

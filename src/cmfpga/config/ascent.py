@@ -18,13 +18,21 @@ class ConstantAscent:
         The fields of the configuration that only it reads, the settings among them.
     has_table : bool
         Whether a table of schedules says what each iteration does.
+    evaluations : int
+        Of the image in an iteration.
+    strides : bool
+        Whether an iteration may leave out events.
+    needs : tuple of (str, value)
+        Fields of the configuration, and the values without which it does not work.
     latency : int
         Clock cycles from a gradient to the new v.
     """
 
     settings = ("iterations", "eta")
     fields = (*settings, "eta_int", "eta_frac")
-    has_table = False
+    has_table, strides = False, False
+    evaluations = 1
+    needs = ()
     latency = 5
 
     def warm(self, settings, followed):
@@ -41,7 +49,9 @@ class SignAscent:
 
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
-    has_table = True
+    has_table, strides = True, True
+    evaluations = 1
+    needs = ()
     latency = 2
 
     def warm(self, settings, followed):
@@ -51,4 +61,15 @@ class SignAscent:
         return settings.warm if warm else settings.cold
 
 
-ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent()}
+class NewtonAscent(SignAscent):
+    """v ← v + M⁻¹·g of four evaluations beside v, in rounds of a schedule."""
+
+    fields = (*SignAscent.fields, "evaluators")
+    strides = False
+    evaluations = 4
+    # Only then an event's derivatives are opposite, and the sums are the gradient.
+    needs = (("gradient", "one_pass"), ("border", "whole"), ("motion", "translation"))
+    latency = 31
+
+
+ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent(), "newton": NewtonAscent()}

@@ -11,13 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ..config.schedule import DISTANCES
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
 
 
 def by_signs(config):
-    """Only with ``ascent="sign"``."""
+    """Only with an ascent by a schedule."""
     return "cold" in config.ascent_rule.settings
 
 
@@ -300,7 +301,7 @@ class BatchSettings(_OfBatch):
     """Run-time inputs of the hardware for one batch, as raw integers of their formats.
 
     The fields are ``roi``, and those of :data:`SETTINGS` that tools choose: pairs have x and y; ``cold`` and ``warm``
-    are the iterations of the sign ascent without and with a last v, ``ScheduleEntry`` each.
+    are the iterations without and with a last v, ``ScheduleEntry`` or ``Round`` each.
 
     Parameters
     ----------
@@ -331,7 +332,13 @@ def schedule_table(config, settings):
 
 
 def table_entry(config, entry):
-    """(level, shift, stride) of a ``ScheduleEntry`` in the table of schedules: v's raw units, log2 of the stride."""
+    """An entry of a schedule as numbers of the hardware's table.
+
+    (level, shift, stride) of a ``ScheduleEntry``: v's raw units, log2 of the stride; (level, distance, limit) of a
+    ``Round``: the distance's number, the limit's code.
+    """
+    if config.ascent_rule.evaluations > 1:
+        return entry.level, DISTANCES.index(entry.distance), entry.code(config.formats.v)
     return entry.level, entry.log2_step + config.formats.v.f, entry.stride.bit_length() - 1
 
 

@@ -80,9 +80,7 @@ class Evaluators(wiring.Component):
         else:
             places = self._side_by_side(m, centres, beside)
         # Stages 4, 5: pixels of the level, clamped.
-        dt, last = (
-            delay(m, value, self._moving - 1, name=name) for name, value in (("dt", dt_s1), ("last", last_s1))
-        )
+        dt, last = (delay(m, value, self._moving - 1, name=name) for name, value in (("dt", dt_s1), ("last", last_s1)))
         valid = delay(m, valid_s1, self._moving - 1, name="valid", valid=True)
         placed = {}  # those that several voters have are made once
         for voter, place in zip(self.voters, places, strict=True):
@@ -127,7 +125,11 @@ class Evaluators(wiring.Component):
     def _begin(self, m):
         """Whether there is an event in stage 1, whether it is the last, and which evaluation's turn it is."""
         if self.config.evaluators > 1:
-            return delay(m, self.i.valid, 1, name="begin", valid=True), delay(m, self.i.payload.last, 1, name="last"), None
+            return (
+                delay(m, self.i.valid, 1, name="begin", valid=True),
+                delay(m, self.i.payload.last, 1, name="last"),
+                None,
+            )
         left = Signal(4)  # a bit for each turn that is left
         last, number = Signal(), Signal(2)
         m.d.sync += [left.eq(Mux(self.i.valid, 0b1111, left >> 1)), number.eq(Mux(self.i.valid, 0, number + 1))]
