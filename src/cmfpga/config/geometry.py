@@ -18,7 +18,7 @@ class Geometry:
         #: Address bits of a bank's column; the row stands above them, so that no multiplier is needed.
         self.bank_column_bits = bits_for(self.bank_columns - 1)
         rounds = config.ascent_rule.evaluations > 1
-        #: Images that a round fills side by side, and the bits of an address that tell those apart that it fills in turn.
+        #: Images that a round fills side by side; address bits that tell those apart that it fills in turn.
         self.images, self.turn_bits = (config.evaluators, 2 if config.evaluators == 1 else 0) if rounds else (1, 0)
         #: Words of one parity bank's memory, the unused ends of rows included, of all images that lie in it.
         self.bank_depth = self.bank_rows << self.bank_column_bits + self.turn_bits

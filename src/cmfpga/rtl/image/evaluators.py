@@ -104,8 +104,7 @@ class Evaluators(wiring.Component):
                 m.d.comb += bank.address.eq(Cat(number, vote.address))
         return m
 
-    @staticmethod
-    def _times_dt(quarters, dt, three):
+    def _times_dt(self, quarters, dt, three):
         """``quarters``·dt, of a number 2^k or 3·2^k."""
         return three << (quarters // 3).bit_length() - 1 if quarters % 3 == 0 else dt << quarters.bit_length() - 1
 
