@@ -1,17 +1,18 @@
 """The iterating half of a core: everything from the event buffer to the judge."""
 
-from amaranth.hdl import Mux
+from amaranth.hdl import Mux, Signal
 from amaranth.lib.wiring import connect, flipped
 
 from ..config.schedule import ScheduleEntry, used_events
-from ..protocol.settings import by_signs
 from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
 from .confidence.judge import Judge
 from .confidence.least_judge import LeastJudge
+from .confidence.means import Means
 from .confidence.probe import Probe
-from .image import IMAGES
+from .confidence.verdict import Verdict
+from .image import image_of
 from .image.event_path import EventPath
 from .ingest.event_buffer import EventBuffer
 from .iteration_control import IterationControl
@@ -30,18 +31,22 @@ class Iterating:
         ``judge`` is a :class:`Judge`, or the :class:`~.confidence.curvature.Curvature` for one who decides elsewhere.
         """
         config = self.config
+        self.rounds = config.ascent_rule.evaluations > 1
         self.event_buffer = EventBuffer(config)
         self.path = EventPath(config)
-        self.warp, self.voter = (self.path.blocks[name] for name in ("warp", "voter"))
         in_flight = self.event_buffer.latency + self.path.latency - 1
-        self.image = IMAGES[config.gradient](config, in_flight=in_flight)
+        self.image = image_of(config)(config, in_flight=in_flight)
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
-        self.probe = Probe(config) if config.confidence else None
-        judge = LeastJudge if config.motion_model.basis else judge
-        self.judge = judge(config) if config.confidence else None
+        self.means = Means(config) if self.rounds else None
+        self.probe = Probe(config) if config.confidence and not self.rounds else None
+        if self.rounds:
+            judge = Verdict if judge is Judge else None
+        elif config.motion_model.basis:
+            judge = LeastJudge
+        self.judge = judge(config) if config.confidence and judge else None
         # From a replay to the warp; from the last vote to the next v.
-        self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
+        self._feed = in_flight + 1 - self.path.evaluating
         self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
         self.iteration_control = IterationControl(
             config,
@@ -64,7 +69,7 @@ class Iterating:
         The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
         in one pass the last vote.
         """
-        return self.warp.latency + self.voter.latency - 1 + max(self._evaluate, self._feed)
+        return self.path.evaluating - 1 + max(self._evaluate, self._feed)
 
     @property
     def sweep_cycles(self):
@@ -74,6 +79,8 @@ class Iterating:
     @property
     def judge_latency(self):
         """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
+        if self.rounds:  # the verdict begins with the last gradients, as the ascent does
+            return max(1, self.judge.latency + 1 - self.ascent.latency) if self.judge else 0
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def iterated_cycles(self, roi_events, iterations, judge=None):
@@ -81,14 +88,18 @@ class Iterating:
         judged = self.config.confidence and (self.config.judge if judge is None else judge)
         every = ScheduleEntry(0, None)
         plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
-        plan, more = ((*plan, *[every] * self.probe.count), self.judge_latency) if judged else (plan, 0)
-        votes = sum(used_events(plan, roi_events))
+        probes = [every] * self.probe.count if self.probe and judged else []
+        plan, more = (*plan, *probes), self.judge_latency if judged else 0
+        votes = sum(used_events(plan, roi_events)) << self.config.geometry.turn_bits
         return votes + len(plan) * (self.sweep_cycles + self.iteration_latency) + more
 
     def iterated_formula(self, beside):
         """The same as text, where a schedule says which events are used, and ``beside`` cycles more."""
         each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
         each = f"({each})" if self.sweep_cycles else each
+        if self.rounds:
+            events = "4·n" if self.config.geometry.turn_bits else "n"
+            return f"T·({events} + {self.iteration_latency}) + {beside + self.judge_latency}"
         if self.judge is None:
             return f"Σ n_k + T·{each} + {beside}"
         probes = self.probe.count
@@ -104,13 +115,13 @@ class Iterating:
         control, image = self.iteration_control, self.image
         self.path.connect(m, self.event_buffer, image)
         m.d.comb += [self.event_buffer.replay.eq(control.replay), self.event_buffer.room.eq(image.room)]
-        v = self.ascent.warped if self.config.confidence else self.ascent.v
-        self.path.scale_and_warp(m, batch, reciprocal, v, self.ascent.level)
+        v = self.ascent.warped if self.probe else self.ascent.v
+        self.path.scale_and_warp(m, batch, reciprocal, v, self.ascent)
         m.d.comb += [
             control.complete.eq(image.complete),
-            image.next.eq(control.run.updated | self._probed(m) if self.config.confidence else control.run.updated),
+            image.next.eq(control.run.updated | self._probed(m) if self.probe else control.run.updated),
         ]
-        if by_signs(self.config):
+        if self.config.ascent_rule.strides:
             stride = self.ascent.stride
             m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
             self.path.replay_subsets(m, self.event_buffer)
@@ -126,6 +137,9 @@ class Iterating:
 
     def _confide(self, m, events):
         """Behind the last iteration: more replays beside v; the gradients tell. ``events`` is n."""
+        if self.rounds:
+            self._confide_in_round(m, events)
+            return
         control, probe, judge = self.iteration_control, self.probe, self.judge
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [
@@ -154,6 +168,41 @@ class Iterating:
             judge.events.eq(events),
             judge.limit.eq(control.run.settings.confidence_limit),
             control.run.doubtful.eq(judge.doubtful),
+        ]
+
+    def _found_beside(self):
+        """What a result has of v's confidence, but for the verdict."""
+        if self.rounds:
+            return {"sum_squares": self.means.o_squares, "curvature": self.ascent.curvature}
+        last, squares = self.probe.last, self.probe.last_squares
+        return {"sums": last, "sum_squares": squares, "curvature": self.judge.curvature}
+
+    def _average(self, m):
+        """The means of a round's sums."""
+        m.d.comb += [
+            self.means.new_batch.eq(self.iteration_control.run.take),
+            self.means.i.valid.eq(self.image.sums.valid),
+            self.means.i.payload.eq(self.image.sums.payload),
+        ]
+        if self.config.confidence:
+            m.d.comb += self.means.squares.eq(self.image.squares)
+
+    def _confide_in_round(self, m, events):
+        """The last round's evaluations tell, as soon as they are there."""
+        control, verdict = self.iteration_control, self.judge
+        if not verdict:
+            return
+        judged = Signal(name="judged")
+        m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)
+        m.d.comb += [
+            verdict.begin.eq(self.means.done & control.run.final),
+            verdict.sum_i.eq(self.means.o.i),
+            verdict.squares.eq(self.means.o_squares),
+            verdict.curvature.eq(self.ascent.curvature),
+            verdict.events.eq(events),
+            verdict.limit.eq(control.run.settings.confidence_limit),
+            control.judged.eq(judged | verdict.done),
+            control.run.doubtful.eq(verdict.doubtful & control.run.settings.judge),
         ]
 
     def _probed(self, m):

@@ -72,7 +72,8 @@ class OnePassGradient(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         votes, sums = self.votes.payload, self.o.payload
-        first, over = Signal(init=1), self.votes.valid
+        first = Signal(init=1)
+        over = self.votes.valid
         if self._turns > 1:
             turn = Signal(range(self._turns))
             m.d.sync += turn.eq(turn + self.votes.valid)
