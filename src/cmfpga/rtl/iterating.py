@@ -80,7 +80,7 @@ class Iterating:
     def judge_latency(self):
         """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
         if self.rounds:  # the verdict begins with the last gradients, as the ascent does
-            return max(1, self.judge.latency + 1 - self.ascent.latency) if self.judge else 0
+            return max(1, self.judge.latency + 1 - self.ascent.latency) if self.judge else 1
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def iterated_cycles(self, roi_events, iterations, judge=None):
@@ -190,7 +190,8 @@ class Iterating:
     def _confide_in_round(self, m, events):
         """The last round's evaluations tell, as soon as they are there."""
         control, verdict = self.iteration_control, self.judge
-        if not verdict:
+        if not verdict:  # who decides elsewhere has all that it takes
+            m.d.comb += control.judged.eq(1)
             return
         judged = Signal(name="judged")
         m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)

@@ -42,8 +42,8 @@ class Evaluators(wiring.Component):
     level : ``In``
         Centre, distance and level change only while no event is in flight.
     o : ``Out``, array of flows of :func:`payloads.votes`
-        For each evaluator. One evaluator's addresses have the evaluation's number in their lowest bits, and ``last``
-        marks the last evaluation of the last event.
+        For each evaluator. One evaluator's addresses have two bits more, the lowest, which differ between the
+        evaluations of an event; and ``last`` marks the last evaluation of the last event.
     """
 
     def __init__(self, config):
@@ -99,9 +99,9 @@ class Evaluators(wiring.Component):
         for voter, o in zip(self.voters, self.o, strict=True):
             connect(m, voter.o, wiring.flipped(o))
         if config.evaluators == 1:
-            number = delay(m, number_s1, self.latency - 1, name="number")
+            # Whichever turn that is: evaluations of one turn have one number, and others have others.
             for bank, vote in zip(self.o[0].payload.banks, self.voters[0].o.payload.banks, strict=True):
-                m.d.comb += bank.address.eq(Cat(number, vote.address))
+                m.d.comb += bank.address.eq(Cat(number_s1, vote.address))
         return m
 
     def _times_dt(self, quarters, dt, three):
