@@ -23,8 +23,8 @@ AUTO = "auto"
 # Measured best on synthetic and real batches; see docs/accuracy.md and docs/motion.md.
 MEASURED = {
     "newton": {
-        "cold": "2:3:4 2:2:3 1:3/2:2 1:1:1 0:3/4:3/4",
-        "warm": "1:1:3/2 1:3/4:1 0:3/4:1/16",
+        "cold": "2:3:4 2:2:3 2:3/2:2 1:1:1 0:3/4:1/4",
+        "warm": "1:1:3/2 1:3/4:1 0:3/4:1/8",
     },
     "translation": {
         "cold": "2:2/4 2:1/4*2 2:0/4*2 2:-1/4 1:0/2 1:-1/2*2 1:-2/2 1:-2 1:-3*3 0:-4",

@@ -112,7 +112,7 @@ def newton_step(gradients, distance, limit):
     if 4 * det < trace * trace / 2:
         xx, yy, det = xx + trace / 8, yy + trace / 8, det + trace * trace * 9 / 64
     if trace <= 0 or det <= 0:
-        return [limit * ((one > 0) - (one < 0)) for one in (x, y)]
+        return [0 if 2 * abs(one) < max(abs(x), abs(y)) else limit * ((one > 0) - (one < 0)) for one in (x, y)]
     step = (yy * x - cross / 2 * y) / det, (xx * y - cross / 2 * x) / det
     least = min(limit, 2 * distance)
     return [saturate(one, -least, least) for one in step]

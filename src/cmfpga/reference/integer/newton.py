@@ -18,7 +18,7 @@ gradient at v; how much they fall from one side to the other is the curvature M.
    v + step, limited to v's format, is the next v.
 
 If trace ≤ 0, or det ≤ 0 after 4, there is no peak near: the step is the limit along each axis, with the sign of x and
-of y as of 2, or 0 where that is 0.
+of y as of 2; or 0 where that is 0, or lesser: where twice its size, in the sense of 6, is less than the other's.
 
 Step 7 is M⁻¹·g = h·(2·yy·x − cross·y)/det, since g = (x, y)/4 and M = [[xx, cross/2], [cross/2, yy]]/(2·h). Numerators
 and det have the same power of two, so no exponent is kept.
@@ -62,7 +62,11 @@ def solve(config, gradients, entry):
         xx, yy, det = xx + more, yy + more, det + (square >> 1) + (square >> 4)
     limit = int(entry.limit * (1 << fmt.f))
     if not (peak := trace > 0 and det > 0):
-        step = tuple(limit * ((one > 0) - (one < 0)) for one in (x, y))
+        sizes = [one if one >= 0 else ~one for one in (x, y)]
+        step = tuple(
+            0 if 2 * size < max(sizes) else limit * ((one > 0) - (one < 0))
+            for one, size in zip((x, y), sizes, strict=True)
+        )
         return Solved(sums, five, damped, det, peak, (0, 0), step)
     over = 2 * yy * x - cross * y, 2 * xx * y - cross * x
     sizes = (n if n >= 0 else ~n for n in over)
