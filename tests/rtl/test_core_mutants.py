@@ -2,15 +2,14 @@
 
 import pytest
 
-from cmfpga.rtl import iterating, iteration_control
+from cmfpga.rtl import iteration_control
 from cmfpga.rtl.ascent import sign
 from cmfpga.rtl.confidence import least_judge, probe
 from cmfpga.rtl.core import Core
-from cmfpga.rtl.image import basis, dither, flow, gradient_reader, moments, one_pass_gradient, voter, warp
-from cmfpga.rtl.image.lanes import lane_image, lane_sums, parity_class
-from cmfpga.rtl.ingest import event_buffer, ingest_control
+from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, voter, warp
+from cmfpga.rtl.ingest import ingest_control
 from support.bench import Repeated
-from support.core_batches import CENTER, CONFIGS, LANES, centered, random_batch, run, spread
+from support.core_batches import CONFIGS, random_batch, run, spread
 from support.mutation import break_blocks
 
 MUTANTS = {  # module, old, new, configuration
@@ -75,33 +74,3 @@ def test_a_broken_block_is_noticed(name, monkeypatch, rng):
     batches += [random_batch(config, rng) for _ in range(4)]
     with pytest.raises(AssertionError):
         run(config, batches, rng, stall=0.5, core=Repeated(Core(config)))
-
-
-#: With lanes, of what stands around queues and routers, which have proofs of their own (``tests/formal``).
-MUTANTS_OF_LANES = {  # module, old, new
-    "queues not waited for": (lane_image, "self.complete.eq(closing & ", "self.complete.eq(closing | closing & "),
-    "lanes go on without room": (lane_image, "room = ~Cat(", "room = 1 | Cat("),
-    "banks not swept": (lane_image, "each.sweep.valid.eq(idle)", "each.sweep.valid.eq(0)"),
-    "first votes not summed": (lane_sums, "self.plain_latency - 1", "self.plain_latency"),
-    "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),
-    "squares not waited for": (iterating, "self.image.squares_late, name", "0, name"),
-    "product of another vote": (lane_sums, "max(2, number + 1)", "number + 2"),
-    "v of an iteration before": (warp, "v[axis], self._waiting,", "v[axis], self._waiting + 1,"),
-    "both rows of a bank": (parity_class, "Cat(column[geometry.lane_bits :], row)", "column[geometry.lane_bits :]"),
-    "an event too many": (event_buffer, "reading_s2 & exists", "reading_s2"),
-    "the buffer that is filled": (event_buffer, "Cat(place, replaying)", "Cat(place, ~replaying)"),
-    "events dithered alike": (dither, "self.lane * factor)", "0 * self.lane * factor)"),
-}
-
-
-@pytest.mark.parametrize("name", [None, *MUTANTS_OF_LANES])
-def test_broken_lanes_are_noticed(name, monkeypatch, rng):
-    """And those that nothing is wrong with pass."""
-    batches = [spread(LANES, rng, 30), centered(LANES, range(90), roi=CENTER), spread(LANES, rng, 61)]
-    batches += [random_batch(LANES, rng) for _ in range(2)]
-    if name is None:
-        run(LANES, batches, rng, stall=0.5)
-        return
-    break_blocks(monkeypatch, *MUTANTS_OF_LANES[name])
-    with pytest.raises(AssertionError):
-        run(LANES, batches, rng, stall=0.5, core=Repeated(Core(LANES)))

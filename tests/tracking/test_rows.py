@@ -249,7 +249,6 @@ def test_a_configuration_gets_a_table():
 
 @pytest.mark.parametrize("config, message", [
     (preset("paper"), "gradient = one_pass is needed"),
-    (preset("fast-4"), "lanes = 1 is needed"),
     (preset("rotation"), "motion = rotation: a region sees too little of the field"),
     (preset("fast").replace(buffers=1), "buffers = 2 is needed"),
     (preset("fast").replace(thin_target=900), "each region has a stride of its own instead"),

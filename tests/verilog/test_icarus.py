@@ -66,7 +66,6 @@ FULL = {"fast": preset("fast"), "default": CONFIGS["default"]}
 OTHERS = {name: config for name, config in CONFIGS.items() if name not in FULL} | {
     "fast, small": FAST,
     "fast, one buffer": FAST.replace(buffers=1, roi_width=15),
-    "fast, lanes": FAST.replace(lanes=2),
     "fast, by sweep": FAST.replace(gradient="sweep"),
     "paper, in one pass": SMALL.replace(gradient="one_pass"),
     "similarity": preset("similarity").replace(**SIZE, tag_bits=4),

@@ -20,18 +20,20 @@ class ConstantAscent:
         Whether a table of schedules says what each iteration does.
     evaluations : int
         Of the image in an iteration.
+    strides : bool
+        Whether an iteration may leave out events.
     needs : tuple of (str, value)
         Fields of the configuration, and the values without which it does not work.
-    latency, lanes_latency : int
-        Clock cycles from a gradient to the new v, with one lane and with several.
+    latency : int
+        Clock cycles from a gradient to the new v.
     """
 
     settings = ("iterations", "eta")
     fields = (*settings, "eta_int", "eta_frac")
-    has_table = False
+    has_table, strides = False, False
     evaluations = 1
     needs = ()
-    latency, lanes_latency = 5, 5
+    latency = 5
 
     def warm(self, settings, followed):
         """Whether a batch starts from the last v; ``followed``: the last batch measured it, and the ROI was not set."""
@@ -47,10 +49,10 @@ class SignAscent:
 
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
-    has_table = True
+    has_table, strides = True, True
     evaluations = 1
     needs = ()
-    latency, lanes_latency = 2, 3
+    latency = 2
 
     def warm(self, settings, followed):
         return settings.start_last and followed
@@ -63,10 +65,11 @@ class NewtonAscent(SignAscent):
     """v ← v + M⁻¹·g of four evaluations beside v, in rounds of a schedule."""
 
     fields = (*SignAscent.fields, "evaluators")
+    strides = False
     evaluations = 4
     # Only then an event's derivatives are opposite, and the sums are the gradient.
-    needs = (("gradient", "one_pass"), ("border", "whole"), ("motion", "translation"), ("lanes", 1))
-    latency, lanes_latency = 31, 31
+    needs = (("gradient", "one_pass"), ("border", "whole"), ("motion", "translation"))
+    latency = 31
 
 
 ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent(), "newton": NewtonAscent()}

@@ -180,9 +180,6 @@ class Config:
     roi_gain_int: int = _field(2, "integer bits of roi_gain", unit="bits", low=1, high=4)
     roi_gain_frac: int = _field(4, "fraction bits of roi_gain", unit="bits", low=0, high=8)
     dither_frac: int = _field(0, "fraction bits of the dither of positions; 0: none", unit="bits", low=0, high=8)
-    lanes: int = _field(
-        1, "events that an iteration takes in a cycle; more than 1 for the shortest latency", choices=(1, 2, 4, 8)
-    )
     tag_bits: int = _field(8, "width of the iteration's number in the one-pass banks", unit="bits", low=2, high=20)
 
     # Memories

@@ -14,7 +14,6 @@ from .confidence import confidence, probes
 from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
-from .lanes import waits
 from .motion import basis, flow, moments
 from .newton import newton
 from .sign import lesser, sign_updater
@@ -54,21 +53,17 @@ class IntegerCore(Sequence):
         Scaled times of the last batch's ROI events.
     iterations : list of IntegerIteration
         Intermediates of the last batch, where ``run`` was asked to keep them.
-    count_waits : bool
-        Count ``waited``: cycles for which the last batch's votes wait for each other, where there are lanes. Off at
-        first, because it takes as long as all else.
     """
 
     def __init__(self, config):
         super().__init__(config, 1 << config.formats.roi_x.f)
         self.dt = None
         self.iterations = []
-        self.count_waits, self.waited = False, 0
         self._keep = False
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
         """Process one batch; ``keep`` every iteration's images in ``iterations`` (memory: T images)."""
-        self._keep, self.iterations, self.waited = keep, [], 0
+        self._keep, self.iterations = keep, []
         return super().run(t, x, y, settings, cut=cut)
 
     @property
@@ -138,8 +133,6 @@ class IntegerCore(Sequence):
         """``(Images, Sums, G)`` at the raw velocity ``v``; other parameters as of :meth:`iterate`."""
         config = self.config
         votes = voter(config, *warp(config, x, y, dt, flow(config, v, b), level), dt, level)
-        if self.count_waits and config.lanes > 1:
-            self.waited += waits(config, votes)
         images = accumulator(config, votes)
         sums = gradient_reader(images)
         if b:

@@ -6,7 +6,6 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import delay
 from .velocity import Velocity
 
 
@@ -80,7 +79,6 @@ class Ascent(wiring.Component):
 
     def __init__(self, config, *, target_bits, members=None):
         self.config = config
-        self._far = payloads.wire_cycles(config)
         layout, probes = payloads.velocity(config), bool(config.confidence)
         probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout), "restarted": Out(1)} if probes else {}
         self.velocity = Velocity(layout, target_bits=target_bits, probes=probes)
@@ -105,9 +103,8 @@ class Ascent(wiring.Component):
         """A module with the velocity in it, which begins with the batch's start unless it is ``warm``."""
         m = Module()
         m.submodules.velocity = velocity = self.velocity
-        self._taken = delay(m, self.run.take, self._far, name="taken")
         m.d.comb += [
-            velocity.new_batch.eq(self._taken),
+            velocity.new_batch.eq(self.run.take),
             velocity.load.eq(self.run.start & ~warm),
             velocity.start.eq(self.run.settings.v_start),
             self.v.eq(velocity.v),

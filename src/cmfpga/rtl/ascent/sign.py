@@ -36,7 +36,6 @@ class SignAscent(Ascent):
             "stride": Out(payloads.STRIDE_BITS),
         }
         super().__init__(config, target_bits=None, members=members)
-        self.latency = SignAscent.latency + self._far
 
     @property
     def blocks(self):
@@ -63,7 +62,7 @@ class SignAscent(Ascent):
             self.level.eq(schedule.level),
             self.limited.eq(schedule.limited),
             self.stride.eq(schedule.stride),
-            self.velocity.move.eq(delay(m, self.i.valid, 1 + self._far, name="valid", valid=True)),
+            self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
         ]
         lesser, parameters = self._lesser(m), self.config.motion_model.parameters
         clipped = [self._target(m, one.name, one.fmt, lesser[one.name]) for one in parameters]
@@ -114,11 +113,8 @@ class SignAscent(Ascent):
         ]
 
         whole, half = (Mux(negative_s1, down, up) for up, down in (whole, half))
-        chosen, moves, negative = (
-            delay(m, one, self._far, name=f"{what}_{name}")
-            for one, what in ((Mux(lesser, half, whole), "chosen"), (some_s1.any(), "moves"), (negative_s1, "negative"))
-        )
-        limited = Mux(chosen[-1], Mux(negative, fmt.min, fmt.max), chosen[:-1].as_signed())
+        chosen, moves = Mux(lesser, half, whole), some_s1.any()
+        limited = Mux(chosen[-1], Mux(negative_s1, fmt.min, fmt.max), chosen[:-1].as_signed())
         m.d.comb += self.velocity.target[name].eq(Mux(moves, limited, v))
         return moves & chosen[-1]
 
@@ -132,7 +128,7 @@ class SignAscent(Ascent):
         m.d.comb += restart.eq(warm & doubtful & run.settings.cold_after_doubtful)
         with m.If(run.done):
             m.d.sync += doubtful.eq(run.doubtful)
-        with m.If(self._taken):
+        with m.If(run.take):
             m.d.sync += self.restarted.eq(0)
         with m.Elif(run.start):
             m.d.sync += self.restarted.eq(restart)
