@@ -234,7 +234,7 @@ def per_iteration(config):
     if config.ascent == "newton":  # serial sums, and the ascent
         levels = 1 if config.max_level else 0
         division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-        return levels + 3 + 3 + 8 + (3 if config.evaluators == 4 else 0) + division + config.ascent_rule.latency
+        return levels + 3 + 3 + 8 + (3 if config.evaluators == 4 else 0) + division + solver_cycles(config)
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
     division = division if config.motion == "translation" else 3  # flow and moments take four cycles, the gradient none
     ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
@@ -253,7 +253,15 @@ def judge_cycles(config):
 def verdict_cycles(config):
     """Cycles of a batch whose v is judged in rounds: what the verdict takes longer than the ascent."""
     drop = config.widths.curvature_bits - 17
-    return max(1, 22 + drop // 4 + 3 - config.ascent_rule.latency)
+    squares = 1 if config.widths.sum_i_bits <= 17 else 4
+    return max(1, squares + 21 + drop // 4 + min(3, drop) - solver_cycles(config))
+
+
+def solver_cycles(config):
+    """Cycles from a round's last gradient to the next v: those of normalising, a bit of the quotient each, and 17."""
+    drop = config.widths.round_bits - 17
+    fours = max(0, drop - 3) // 4
+    return fours + (drop - 4 * fours) + config.v_frac + 17
 
 
 def constant_cycles(config):

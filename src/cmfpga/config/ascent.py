@@ -24,8 +24,6 @@ class ConstantAscent:
         Whether an iteration may leave out events.
     needs : tuple of (str, value)
         Fields of the configuration, and the values without which it does not work.
-    latency : int
-        Clock cycles from a gradient to the new v.
     """
 
     settings = ("iterations", "eta")
@@ -33,7 +31,10 @@ class ConstantAscent:
     has_table, strides = False, False
     evaluations = 1
     needs = ()
-    latency = 5
+
+    def latency(self, config):
+        """Clock cycles from a gradient, or from a round's last, to the new v."""
+        return 5
 
     def warm(self, settings, followed):
         """Whether a batch starts from the last v; ``followed``: the last batch measured it, and the ROI was not set."""
@@ -52,7 +53,9 @@ class SignAscent:
     has_table, strides = True, True
     evaluations = 1
     needs = ()
-    latency = 2
+
+    def latency(self, config):
+        return 2
 
     def warm(self, settings, followed):
         return settings.start_last and followed
@@ -69,7 +72,9 @@ class NewtonAscent(SignAscent):
     evaluations = 4
     # Only then an event's derivatives are opposite, and the sums are the gradient.
     needs = (("gradient", "one_pass"), ("border", "whole"), ("motion", "translation"))
-    latency = 31
+
+    def latency(self, config):
+        return len(config.widths.round_shifts) + config.v_frac + 17
 
 
 ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent(), "newton": NewtonAscent()}

@@ -22,7 +22,7 @@ class OnePass(Derived):
         feed = 10 + (self._c.dither_frac > 0)
         if self._c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2
-        return warp + voter + max(sums + gradient + self._c.ascent_rule.latency, feed) - 1
+        return warp + voter + max(sums + gradient + self._c.ascent_rule.latency(self._c), feed) - 1
 
     @property
     def fewest_idle_cycles(self):

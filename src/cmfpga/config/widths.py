@@ -75,6 +75,13 @@ class Widths(Derived):
         return max(self.kept_bits, signed_bits_for(4 * self.g_max >> self.g_zeros))
 
     @property
+    def round_shifts(self):
+        """Bits of each shift by which those sums are normalised: by four or by one; as many as they have too many."""
+        drop = self.round_bits - self.kept_bits
+        fours = max(0, (drop - 3) // 4)
+        return (4,) * fours + (1,) * (drop - 4 * fours)
+
+    @property
     def s_max(self):
         """Bound of |S| = |Σ I·D| ≤ ΣI · max|D|."""
         return self.sum_i_max * self.derivative_image_max

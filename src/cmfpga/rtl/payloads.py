@@ -271,10 +271,21 @@ def settings(config):
     return data.StructLayout(members)
 
 
+def schedule_highest(config):
+    """The largest number that each part of an entry of the table of schedules may have, by name.
+
+    Pixels are 2^level px wide. The sign ascent moves v by 2^shift raw units, and uses one event in 2^stride. A round
+    has the number of one of :data:`DISTANCES` and the code of a limit (:meth:`~cmfpga.config.schedule.Round.code`).
+    """
+    largest = config.formats.v.width - 2
+    if config.ascent_rule.evaluations > 1:
+        return {"level": config.max_level, "distance": len(DISTANCES) - 1, "limit": 2 * largest}
+    return {"level": config.max_level, "shift": largest, "stride": len(STRIDES) - 1}
+
+
 def schedule_entry(config):
-    """One iteration of the sign ascent: pixels 2^level px wide, v moves by 2^shift raw units, one event in 2^stride."""
-    widths = {"level": bits_for(config.max_level), "shift": bits_for(config.formats.v.width - 2), "stride": STRIDE_BITS}
-    return data.StructLayout(widths)
+    """One iteration: what :func:`schedule_highest` names."""
+    return data.StructLayout({name: bits_for(high) for name, high in schedule_highest(config).items()})
 
 
 def distance(config):
