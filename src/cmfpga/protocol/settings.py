@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from ..config.schedule import DISTANCES
+from ..config.schedule import DISTANCES, STRIDES
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
@@ -329,6 +329,18 @@ def settings_values(config, settings):
 def schedule_table(config, settings):
     """The table of schedules, cold then warm, as :func:`settings_values` points at it: tuple of :func:`table_entry`."""
     return tuple(table_entry(config, entry) for entry in (*settings.cold, *settings.warm))
+
+
+def schedule_highest(config):
+    """The largest number that each part of an entry of the hardware's table of schedules may have, by name.
+
+    Pixels are 2^level px wide. The sign ascent moves v by 2^shift raw units, and uses one event in 2^stride. A round
+    has the number of one of :data:`~cmfpga.config.schedule.DISTANCES` and the code of a limit.
+    """
+    largest = config.formats.v.width - 2
+    if config.ascent_rule.evaluations > 1:
+        return {"level": config.max_level, "distance": len(DISTANCES) - 1, "limit": 2 * largest}
+    return {"level": config.max_level, "shift": largest, "stride": len(STRIDES) - 1}
 
 
 def table_entry(config, entry):

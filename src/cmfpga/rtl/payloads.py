@@ -8,7 +8,7 @@ from amaranth.lib import data, stream
 from ..config.schedule import DISTANCES, STRIDES
 from ..fixed import Q, bits_for, signed_bits_for
 from ..protocol.results import curvature_shape, fields_of, squares_shape, sums_shape, trace_shape
-from ..protocol.settings import settings_of, velocity_shape
+from ..protocol.settings import schedule_highest, settings_of, velocity_shape
 
 #: Width of a stride's logarithm.
 STRIDE_BITS = bits_for(len(STRIDES) - 1)
@@ -271,20 +271,8 @@ def settings(config):
     return data.StructLayout(members)
 
 
-def schedule_highest(config):
-    """The largest number that each part of an entry of the table of schedules may have, by name.
-
-    Pixels are 2^level px wide. The sign ascent moves v by 2^shift raw units, and uses one event in 2^stride. A round
-    has the number of one of :data:`DISTANCES` and the code of a limit (:meth:`~cmfpga.config.schedule.Round.code`).
-    """
-    largest = config.formats.v.width - 2
-    if config.ascent_rule.evaluations > 1:
-        return {"level": config.max_level, "distance": len(DISTANCES) - 1, "limit": 2 * largest}
-    return {"level": config.max_level, "shift": largest, "stride": len(STRIDES) - 1}
-
-
 def schedule_entry(config):
-    """One iteration: what :func:`schedule_highest` names."""
+    """One iteration: what :func:`~cmfpga.protocol.settings.schedule_highest` names."""
     return data.StructLayout({name: bits_for(high) for name, high in schedule_highest(config).items()})
 
 

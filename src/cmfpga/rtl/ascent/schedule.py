@@ -7,6 +7,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
+from ...protocol.settings import schedule_highest
 from .. import payloads
 from ..arithmetic import delay
 from .ascent import Ascent
@@ -36,7 +37,7 @@ class Schedule(wiring.Component):
     first : ``In``
         In the second cycle after ``new_batch``.
     level, shift, distance, limit : ``Out``
-        The entry's parts (:func:`payloads.schedule_highest`): of those the ones that it has.
+        The entry's parts (:func:`~cmfpga.protocol.settings.schedule_highest`): of those the ones that it has.
     stride : ``Out``
         One event in 2^stride, two cycles after ``start`` or ``advance``; not of rounds.
     limited : ``Out(1)``
@@ -70,7 +71,7 @@ class Schedule(wiring.Component):
             read.addr.eq(pointer),
         ]
         out_of_range = Signal()
-        entry, highest = read.data, payloads.schedule_highest(config)
+        entry, highest = read.data, schedule_highest(config)
         beyond = {name: entry[name] > high for name, high in highest.items()}
         limited = {name: Mux(beyond[name], high, entry[name]) for name, high in highest.items()}
         if "stride" in limited:
