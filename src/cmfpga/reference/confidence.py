@@ -39,8 +39,7 @@ def probe(x, y, dt, v, found, settings, *, limits, level=0, **size):
 def of_round(pixels, done, settings):
     """The same of the last round of an :class:`~.float_ascent.Ascent`, whose evaluations are the probes."""
     squares = pixels * (done.contrast[-1] + (done.sum_i[-1] / pixels) ** 2)
-    shape = curvature(*done.g[-1].tolist()) if settings.judge else (0.0,) * 3
-    return _told(float(squares.mean()), tuple(shape), settings)
+    return _told(float(squares.mean()), tuple(curvature(*done.g[-1].tolist())), settings)
 
 
 def probe_flow(x, y, dt, v, found, b, settings, *, at_pixels, **size):

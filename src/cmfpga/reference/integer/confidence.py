@@ -37,7 +37,8 @@ def confidence(config, sums, last, probed, settings, n):
     """
     squares = sum(int((one.images.i**2).sum()) for one in last) // len(last)
     found = not_judged(config) | {"sum_squares": squares}
-    if not settings.judge:
+    if not settings.judge:  # a round has its curvature all the same
+        found |= {"curvature": tuple(curvature(*(one.g for one in probed)))} if len(last) > 1 else {}
         return found, Flag(0)
     limit, gradients = settings.confidence_limit, [one.g for one in probed]
     if config.motion_model.basis:
