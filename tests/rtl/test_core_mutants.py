@@ -2,22 +2,32 @@
 
 import pytest
 
-from cmfpga.rtl import iteration_control
+from cmfpga.rtl import iterating, iteration_control
 from cmfpga.rtl.ascent import sign
-from cmfpga.rtl.confidence import least_judge, probe
+from cmfpga.rtl.confidence import least_judge, means, probe
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, voter, warp
-from cmfpga.rtl.ingest import ingest_control
+from cmfpga.rtl.ingest import event_buffer, ingest_control
 from support.bench import Repeated
 from support.core_batches import CONFIGS, random_batch, run, spread
 from support.mutation import break_blocks
 
 MUTANTS = {  # module, old, new, configuration
     "a pair does not cancel": (one_pass_gradient, "Mux(valid[a] ^ valid[b], Mux(", "Mux(1, Mux(", "one pass"),
-    "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, total)", "growth + total", "one pass"),
+    "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, before)", "growth + before", "one pass"),
     "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
     "warped by the last probe": (probe, "self.complete & turn.any()", "self.complete & turn[:3].any()", "fast"),
     "sums of the last probe": (probe, "self.sums.valid & self.iterating", "self.sums.valid", "fast"),
+    "means of three": (means, "Mux(turn == 0, 0, total)", "Mux(turn[1] == 0, 0, total)", "four evaluators"),
+    "means of the batch before": (means, "mean.eq(total >> 2)", "mean.eq(total >> 1)", "one evaluator"),
+    "a verdict of any round": (iterating, "self.means.done & control.run.final", "self.means.done & ~control.run.final",
+                               "four evaluators"),
+    "a verdict not waited for": (iteration_control, "with m.If(self.judged):", "with m.If(1):", "three bits of v"),
+    "a verdict of the batch before": (iterating, "(judged | verdict.done) & ~control.run.take", "judged | verdict.done",
+                                      "three bits of v"),
+    "events come too soon": (event_buffer, "goes &= turn == 0", "goes &= turn[0] == 0", "one evaluator"),
+    "events come at any time": (event_buffer, "turn.eq(Mux(self.replay, 0, turn + 1))", "turn.eq(turn + 1)",
+                                "one evaluator"),
     "half a pixel too far": (basis, "1 << motion.place_frac) >> 1 if", "1 << motion.place_frac) >> 2 if", "rotation"),
     "the ROI's corner forgotten": (basis, "self.corner[axis] << motion.place_frac", "0", "rotation"),
     "a centre beside the ROI's": (basis, "2 * (size - 1)", "2 * size", "similarity"),
@@ -36,7 +46,7 @@ MUTANTS = {  # module, old, new, configuration
     "the corner of coarse pixels": (voter, "((1 << (level + unit)) // 2 -", "((1 << unit) // 2 -", "similarity"),
     "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
     "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
-    "zoom without a limit": (sign, "Mux(chosen[-1], Mux(negative", "Mux(0, Mux(negative", "similarity"),
+    "zoom without a limit": (sign, "Mux(chosen[-1], Mux(negative_s1", "Mux(0, Mux(negative_s1", "similarity"),
     "steps as long for lesser slopes": (sign, 'ways(step >> 1, "_halved")', 'ways(step, "_halved")', "similarity"),
     "lesser than the next slope": (sign, "others.any()", "others[-1]", "similarity"),
     "lesser by any size": (sign, "double - sizes[other]", "sizes[name] - sizes[other]", "rotation"),

@@ -42,6 +42,10 @@ CONFIGS = {
     "dither, constant": Config(
         gradient="one_pass", dither_frac=3, roi_width=14, roi_height=18, buffer_events=100, **NARROW
     ),
+    "four evaluators": preset("fast").replace(ascent="newton", evaluators=4),
+    "one evaluator, odd sizes": preset("fast").replace(
+        ascent="newton", roi_width=31, roi_height=21, buffer_events=200, tag_bits=5, buffers=1
+    ),
     "similarity": preset("similarity").replace(buffer_events=500),
     "rotation": preset("rotation").replace(
         roi_width=90, roi_height=50, buffer_events=500, ram_style="auto", camera="200,200,120,90"

@@ -46,6 +46,11 @@ CONFIGS = {
     "one evaluator": preset("fast").replace(
         **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, **ROUNDS, tag_bits=4, buffers=1
     ),
+    # So short a solver that the verdict is waited for.
+    "three bits of v": preset("fast").replace(
+        **SMALL | {"roi_height": 8}, **LIMITS, tag_bits=4, ascent="newton", evaluators=4, v_frac=3, v_int=3, dt_frac=4,
+        dither_frac=3, cold="2:3:4 1:3/2:2 0:3/4:3/4", warm="1:1:3/2 0:3/4:1/4",
+    ),
     "rounds, no confidence": preset("fast").replace(
         **SMALL, **LIMITS, **ROUNDS, tag_bits=4, confidence=0, evaluators=4
     ),
@@ -132,6 +137,8 @@ def random_batch(config, rng, *, bad_times=0.15):
     plans = {}
     if config.ascent_rule.has_table:
         known = PLANS if config.ascent == "sign" else ROUND_PLANS
+        if config.formats.v != CONFIGS["fast"].formats.v:  # which has those limits
+            known = [config.schedules.cold, config.schedules.warm] if config.ascent == "newton" else known
         plans = {name: ((), *known)[int(rng.integers(len(known) + 1))] for name in ("cold", "warm")}
     return Batch(
         events=moving_points(config, rng, count, bad_times=bad_times, span=span, around=around),
