@@ -11,7 +11,7 @@ from ..protocol.settings import BatchSettings
 from ..reference import floating
 from ..reference.float_core import FloatCore
 from ..reference.ingest import take_in
-from ..reference.integer.core import IntegerCore
+from ..reference.integer.core import IntegerCore, IntegerIteration
 from ..reference.integer.dither import dither
 from ..reference.integer.motion import basis, flow
 from ..reference.integer.time_scaler import time_scaler
@@ -28,11 +28,12 @@ class IterationTrace:
     Parameters
     ----------
     v, v_next : [2], or one for each parameter of the motion
-        Velocity that the iteration used, and the one that it found; px per half batch.
+        Velocity that the iteration used, and the one that it found; px per half batch. Of a round its centre, where
+        all that follows was computed, too.
     level : int
         The image's pixels are 2^level px wide. Positions, images and derivatives are in these pixels.
     log2_step : int or None
-        The step is 2^log2_step px per half batch; None for a constant η.
+        The step is 2^log2_step px per half batch; None for a constant η, and in a round.
     x, y : [n_k]
         Warped columns and rows of the events that the iteration uses (:func:`cmfpga.config.schedule.used`), relative
         to the ROI.
@@ -107,7 +108,7 @@ class BatchTrace:
         if result.trace is None:
             raise ConfigError(f"trace: the {engine} engine gives only results; rtl, model or float is needed")
         self.config, self.result, self.plan = config, result, tuple(plan)
-        self._real = engine == "float"
+        self._real, self._rounds = engine == "float", config.ascent_rule.evaluations > 1
         self._name = name
         settings = BatchSettings.from_config(config.replace(thinning=thinning, thin_target=0))
         marks = marks or (False, False)
@@ -152,7 +153,10 @@ class BatchTrace:
         trace, mine = self.result.trace, done if self._real else done.raw
         mine = mine if isinstance(mine, dict) else vars(mine)
         pairs = [(trace.v[k], mine["v"]), (trace.v[k + 1], mine["v_next"])]
-        pairs += [(getattr(trace, name)[k], mine[name]) for name in ("sum_i", "sum_d", "s")]
+        if self._rounds:  # the engine's sums are those beside the centre
+            pairs = pairs[:1]
+        else:
+            pairs += [(getattr(trace, name)[k], mine[name]) for name in ("sum_i", "sum_d", "s")]
         if not all(np.allclose(a, b, rtol=1e-9, atol=1e-9) if self._real else np.array_equal(a, b) for a, b in pairs):
             raise self._changed()
 
@@ -167,7 +171,12 @@ class BatchTrace:
         x, y, dt = self._used(k)
         v = tuple(int(axis) for axis in self.result.trace.v[k])
         b = basis(config, x, y, roi=self.result.roi, camera=self._settings.camera)
-        done, _ = IntegerCore(config).iterate(x, y, dt, v, eta=self._settings.eta, entry=entry, b=b)
+        core = IntegerCore(config)
+        if self._rounds:
+            v_next = tuple(int(axis) for axis in self.result.trace.v[k + 1])
+            done = IntegerIteration(v, *core.evaluate(x, y, dt, v, level), v_next=v_next)
+        else:
+            done, _ = core.iterate(x, y, dt, v, eta=self._settings.eta, entry=entry, b=b)
         warped_x, warped_y = warp(config, x, y, dt, flow(config, v, b), level)
         raw = {
             "v": np.array(done.v, np.int64),
@@ -192,7 +201,8 @@ class BatchTrace:
             **dict.fromkeys(("s", "g"), weight * derivative * 2.0**-frac),
         }
         real = {name: value * steps[name] for name, value in raw.items()}
-        return IterationTrace(**real, level=level, log2_step=entry.log2_step, raw=raw)
+        step = None if self._rounds else entry.log2_step
+        return IterationTrace(**real, level=level, log2_step=step, raw=raw)
 
     def _real_iteration(self, k):
         config, entry = self.config, self.plan[k]
@@ -208,7 +218,7 @@ class BatchTrace:
             self.v[k],
             self.v[k + 1],
             level,
-            entry.log2_step,
+            None if self._rounds else entry.log2_step,
             *warped,
             *images,
             float(now.sum_i),
