@@ -178,3 +178,27 @@ class Judge(Deciding):
         with m.If(self.new_batch):
             m.d.sync += self.doubtful.eq(0)
         return m
+
+
+class SerialVerdict(Deciding):
+    """The comparison of :func:`cmfpga.protocol.confidence.is_trusted` by itself, of curvatures that are there already.
+
+    ``done`` is high :attr:`latency` cycles after ``begin``, and ``doubtful`` right from the cycle after that on.
+
+    Parameters and members are those of :class:`~.verdict.Verdict`.
+    """
+
+    def __init__(self, config):
+        super().__init__(config, {"curvature": In(payloads.curvature(config))})
+        self._squaring = len(self.sum_i) + 1
+        self.latency = self._squaring + self._steps - 1
+
+    def elaborate(self, platform):
+        m = Module()
+        timer = Signal(range(self._squaring + 1))
+        with m.If(self.begin):
+            m.d.sync += timer.eq(self._squaring)
+        with m.Elif(timer != 0):
+            m.d.sync += timer.eq(timer - 1)
+        self._decide(m, timer == 1)
+        return m
