@@ -2,7 +2,8 @@
 # make RECORDING=rec.h5 ROI=100,30   the same with your recording; more options in TRACK="--batches 20 …"
 # make EXTRAS=all                    the same with all that is optional: torch, plotly, Dask … (default: what --report needs)
 # make docs                          the documentation as a site, build/site/index.html
-# make test                          everything that the tests need, and all of them
+# make test                          what the tests need, and all tests that are not long: minutes
+# make test-all                      the same, then the long ones
 
 PYTHON ?= python3
 VENV ?= .venv
@@ -23,7 +24,7 @@ INSTALLED = $(VENV)/installed-$(EXTRAS)
 PIP = $(VENV)/bin/pip --disable-pip-version-check
 RUN = $(VENV)/bin/python -m
 
-.PHONY: demo docs test clean
+.PHONY: demo docs test test-all clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -34,7 +35,10 @@ demo: $(INSTALLED)
 test: $(VENV)/installed-for-tests
 	$(RUN) ruff check
 	$(RUN) ruff format --check
-	$(RUN) pytest -n 2 --dist worksteal
+	$(RUN) pytest -n 2 --dist worksteal -m 'not long'
+
+test-all: test
+	$(RUN) pytest -n 2 --dist worksteal -m long
 
 docs: $(INSTALLED)
 	$(PIP) install --quiet -c constraints.txt -e '.[docs]'

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest_plugins = ["support.small_core", "support.browser", "support.commands", "support.flowing"]
+pytest_plugins = ["support.asks", "support.small_core", "support.browser", "support.commands", "support.flowing"]
 
 #: Rooms with tests of half a minute. They come first, so that two workers meet at short ones, and neither waits long.
 LONG = ("formal", "simulation", "verilog", "driver", "docs", "cli", "accuracy")

@@ -5,6 +5,7 @@ line: what is wrong, where, and what is allowed. The command lines print it and 
 """
 
 import contextlib
+import sys
 from pathlib import Path
 
 
@@ -38,13 +39,19 @@ class DeviceTimeout(DeviceError, TimeoutError):
 
 @contextlib.contextmanager
 def needs(package, extra, what):
-    """Where ``package`` is missing, :exc:`MissingPackage` says that ``what`` needs it and which extra installs it."""
+    """Where ``package`` is missing, :exc:`MissingPackage` says that ``what`` needs it and which extra installs it.
+
+    An empty ``extra`` is what the package itself depends on; an empty ``package`` is any but our own and Python's.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] != package:
+        missing = (error.name or "").partition(".")[0]
+        own = missing in ("", "cmfpga") or missing in sys.stdlib_module_names
+        if own if not package else missing != package:
             raise
-        raise MissingPackage(f"{what}: {package} is not installed; pip install 'cmfpga[{extra}]'") from None
+        install = f"'cmfpga[{extra}]'" if extra else "cmfpga (--no-deps leaves it out)"
+        raise MissingPackage(f"{what}: {missing} is not installed; pip install {install}") from None
 
 
 @contextlib.contextmanager

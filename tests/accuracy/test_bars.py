@@ -139,7 +139,6 @@ def test_track_can_fail(data_dir):
     assert track_scores(np.full((2, 2), math.nan), "track")["within_bounds"] == 0
 
 
-@pytest.mark.slow
 def test_cold_and_warm_whole(synthetic):
     cold, warm = (measure("model", FAST, errors, synthetic, warm=warm) for warm in (False, True))
     assert reaches(error_scores(cold), **COLD)
@@ -149,7 +148,6 @@ def test_cold_and_warm_whole(synthetic):
         assert reaches(error_scores(values[fast]), **{"below_0.6_px": 0.99, "below_0.3_px": 0.96})
 
 
-@pytest.mark.slow
 def test_real_whole(real):
     assert reaches(score_shares(FAST, real), **REAL)
     # The best contrast is that of the corners, which the border pulls towards v = 0: its own ascent comes nearest.
@@ -157,7 +155,6 @@ def test_real_whole(real):
     assert reaches(score_shares(corners, real), **REAL, at_least_99_percent=0.92)
 
 
-@pytest.mark.slow
 def test_real_whole_is_what_the_readme_says(real):
     """Of the preset as shipped; the integer model has one result, so these are no bars."""
     scores = score_shares(FAST, real)
@@ -167,7 +164,6 @@ def test_real_whole_is_what_the_readme_says(real):
     assert f"{scores['batches_that_drop_events']} of {scores['batches']} drop events" in row
 
 
-@pytest.mark.slow
 def test_the_objectives_peak_is_the_limit(synthetic):
     """An ascent that found the peak exactly would not be nearer to the truth."""
     peaks = error_scores(np.array([peak_error(case) for case in synthetic]))
@@ -176,7 +172,6 @@ def test_the_objectives_peak_is_the_limit(synthetic):
     assert found["below_0.6_px"] >= peaks["below_0.6_px"] - 0.01
 
 
-@pytest.mark.slow
 def test_rtl_finds_the_same(synthetic):
     def find(engine):
         return [run_case(engine, case, warm=warm).v for case in synthetic[:30] for warm in (False, True)]

@@ -115,7 +115,6 @@ def test_truth_of_the_spinner(data_dir):
     assert math.hypot(*one.truth(first, first + 450)) == pytest.approx(13_050, rel=0.01) and not one.in_sum
 
 
-@pytest.mark.slow
 def test_truth_of_long_recordings(data_dir):
     board, pan = known._checkerboard(data_dir), known._gyroscope(data_dir)
     for share in (0.1, 0.9):

@@ -31,7 +31,7 @@ def test_side_by_side():
     machine = Machine()
     steps = []
     actions = [machine.action("short", 1e-5), machine.action("long", 0.5)]
-    options = {"runs": 3, "seconds": 0.02, "clocks": [machine.clock] * 2, "step": lambda: steps.append(1)}
+    options = {"runs": 3, "seconds": 0.02, "clock": machine.clock, "step": lambda: steps.append(1)}
     short, long = side_by_side(actions, **options)
     for times, seconds in ((short, 1e-5), (long, 0.5)):
         assert (times.low, times.median, times.high) == pytest.approx((seconds,) * 3)
@@ -42,5 +42,5 @@ def test_side_by_side():
 
 def test_a_clock_that_stands_still_ends_too():
     machine = Machine()
-    (times,) = side_by_side([machine.action("nothing", 0.0)], runs=1, seconds=0.01, clocks=[machine.clock])
+    (times,) = side_by_side([machine.action("nothing", 0.0)], runs=1, seconds=0.01, clock=machine.clock)
     assert times.median == 0.0

@@ -124,12 +124,10 @@ NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confid
           **{name: REGIONS for name in ("units", "slices", "bin_bits", "store_style")},
           "motion": FAST | {"border": "whole", "roi_width": 16, "roi_height": 8, "sensor_width": 16, "sensor_height": 8,
                             "confidence": 0, "schedule_entries": 64}}  # fmt: skip
-QUICK = ("sensor_width", "max_batch_events", "span_bits", "eta_frac")
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in Config().hardware_fields]
-)
+@pytest.mark.usefixtures("long_tools")
+@pytest.mark.parametrize("name", Config().hardware_fields)
 def test_hardware_fields_change_the_verilog(emitted, name):
     fields = {**TINY, **(FAST if name in FAST_ONLY else {}), **NEEDED.get(name, {})}
     base = emitted(**fields)
@@ -171,13 +169,14 @@ CONFIGURATIONS = {
     "fast": {**TINY, **FAST},
     "odd one pass": {**TINY, "gradient": "one_pass", "roi_width": 5, "roi_height": 3},
     "signs of a sweep": {**TINY, "ascent": "sign", "max_level": 2},
+    "full sensor": {"roi_width": 240, "roi_height": 180},
     "roi is sensor": {"sensor_width": 16, "sensor_height": 12, "roi_width": 16, "roi_height": 12},
 }  # fmt: skip
 
 
-@pytest.fixture(params=[*CONFIGURATIONS, pytest.param("full sensor", marks=pytest.mark.slow)])
+@pytest.fixture(params=[pytest.param(Config(**fields), id=name) for name, fields in CONFIGURATIONS.items()])
 def files(request, emitted):
-    return emitted(**CONFIGURATIONS.get(request.param, {"roi_width": 240, "roi_height": 180}))
+    return emitted(**CONFIGURATIONS[request.node.callspec.id])
 
 
 def test_one_module_per_block(files):

@@ -35,7 +35,6 @@ def made_up():
     }  # fmt: skip
 
 
-@pytest.mark.slow
 def test_the_command(command, tmp_path, monkeypatch):
     every = resources.blocks
     monkeypatch.setattr(resources, "blocks", lambda verilog: every(verilog)[:2])  # each takes seconds

@@ -236,7 +236,6 @@ def test_the_table_has_rows():
     assert len(names) == len({*names}) and {*names} >= {windows.file for windows in WINDOWS}
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name, cells", documented(), ids=[name for name, _ in documented()])
 def test_the_table_is_what_the_command_says(command, data_dir, name, cells):
     path = next(folder / name for folder in (data_dir, data_dir / "original_formats") if (folder / name).exists())

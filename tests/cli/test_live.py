@@ -16,8 +16,8 @@ import cmfpga
 from cmfpga import info, track
 from cmfpga.errors import RecordingError
 from cmfpga.events import LiveSource
+from support.designs import FAST, PAPER
 from support.recordings import evt2, evt3, make_events
-from support.small_core import FAST, PAPER
 
 HEADS = {"evt2": b"% evt 2.0\n% geometry 32x24\n", "evt3": b"% camera x\n% format EVT3;height=24;width=32\n% end\n"}
 ENCODE = {"evt2": evt2, "evt3": evt3}

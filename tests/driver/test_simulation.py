@@ -19,7 +19,8 @@ from cmfpga.protocol.words import encode, read_raw, swap_halves
 from cmfpga.reference.wire import BatchEnds, to_beats
 from cmfpga.tracking.loop import track
 from support.axi.expected import Expected
-from support.driving import CONFIG, SMALL, batch, differences, model_run, streamed
+from support.designs import SHELL_SIZES as SMALL
+from support.driving import CONFIG, batch, differences, model_run, streamed
 
 
 @pytest.mark.parametrize("form", FORMATS)

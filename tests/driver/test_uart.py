@@ -20,7 +20,8 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.simulation.uart_top import SimulatedLine
 from support import region_driving
-from support.driving import CONFIG, SMALL, batch, differences, model_run, works
+from support.designs import SHELL_SIZES as SMALL
+from support.driving import CONFIG, batch, differences, model_run, works
 from support.genx320 import levels, to_bytes
 from support.regions import model_of
 from support.small_core import sets
@@ -52,7 +53,6 @@ def test_batches_equal_the_model(line, rng, form):
     assert not any(accelerator.backend.counters().values())
 
 
-@pytest.mark.slow
 def test_many_regions(compiler, rng):
     """Rows go there, and packets of all regions come back."""
     line, model = SimulatedLine(region_driving.CONFIG), model_of(region_driving.CONFIG)

@@ -15,7 +15,8 @@ from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS
 from cmfpga.protocol.settings import BatchSettings
-from support.small_core import CONFIG, HARDWARE, engine_of, make_events, settings, without_cycles
+from support.designs import HARDWARE
+from support.small_core import CONFIG, engine_of, make_events, settings, without_cycles
 
 
 @pytest.fixture(params=ENGINES)
@@ -232,7 +233,7 @@ def test_an_event_outside_the_sensor_is_refused(engine, rng, axis, value, larges
 
 
 def test_without_a_compiler_amaranth_simulates(monkeypatch, rng):
-    monkeypatch.setattr(engines, "find_compiler", lambda: None)
+    monkeypatch.setattr(engines, "cannot_compile", lambda: "no C++ compiler found")
     engine = make_engine("rtl", CONFIG)
     assert type(engine) is AmaranthEngine and engine.name == "rtl"
     assert engine.note.startswith("no C++ compiler found: using Amaranth's simulator")

@@ -93,9 +93,7 @@ def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_pa
     assert "a calibration is needed" in refused.error
 
 
-@pytest.mark.parametrize(
-    ("verilog", "slices"), [("rtl", 1), ("rtl", 2), pytest.param("axi", 2, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("verilog", "slices"), [("rtl", 1), ("rtl", 2), ("axi", 2)])
 def test_the_verilog_finds_the_same_as_the_model(command, compiler, slide, tmp_path, verilog, slices):
     files, length = [], ("--window-events", 4000, "--windows", 2, "--slices", slices)
     for engine in (verilog, "model"):

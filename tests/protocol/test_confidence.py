@@ -27,6 +27,7 @@ from cmfpga.protocol.confidence import (
 )
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import RegionOutcome
+from support.values import required
 
 CONFIG = preset("fast")
 RAW = 3 << (CONFIG.v_frac - 2)
@@ -127,10 +128,9 @@ def peak(n, hessian, contrast_of_all):
     pixels, sum_i = CONFIG.geometry.pixels, 1 << 13
     xx, yy, xy = (round(2 * PROBE * pixels * axis) for axis in hessian)
     squares = (contrast_of_all + sum_i**2) // pixels
-    return RegionOutcome(
-        v=(1.0, -1.0), roi_events=n, sums=(sum_i, 0, 0, 0, 0), curvature=(xx, yy, 2 * xy), sum_squares=squares,
-        confidence_limit=90, flags=Flag(0), outside=0, overflow=0, thinned=0, roi=(0, 0), roi_next=(0, 0), iterations=1,
-    )  # fmt: skip
+    measured = {"sums": (sum_i, 0, 0, 0, 0), "curvature": (xx, yy, 2 * xy), "sum_squares": squares}
+    judged = {"confidence_limit": 90, "flags": Flag(0), "iterations": 1}
+    return RegionOutcome(**required("region", v=(1.0, -1.0), roi_events=n, **measured, **judged))
 
 
 def test_confidence_and_covariance_of_a_known_peak():

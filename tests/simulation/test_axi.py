@@ -52,17 +52,13 @@ def test_in_verilator(tmp_path):
     check("verilator", "small fast", {module: names_in(module) for module in modules}, tmp_path)
 
 
-@pytest.mark.parametrize("motion", [pytest.param("similarity", marks=pytest.mark.slow), "rotation"])
+@pytest.mark.parametrize("motion", ["similarity", "rotation"])
 def test_motions_in_verilator(motion, tmp_path):
     """Stalls on every channel, batches back to back, a reset in the middle of a packet."""
     tests = {BATCHES: ["all_formats_under_back_pressure", "ten_batches_back_to_back"], CONTROL: ["reset_in_traffic"]}
     check("verilator", f"small {motion}", tests, tmp_path)
 
 
-@pytest.mark.parametrize(
-    "tests",
-    [{REGISTERS: names_in(REGISTERS)}, pytest.param(ON_ICARUS, marks=pytest.mark.slow)],
-    ids=[REGISTERS, BATCHES],
-)
+@pytest.mark.parametrize("tests", [{REGISTERS: names_in(REGISTERS)}, ON_ICARUS], ids=[REGISTERS, BATCHES])
 def test_in_icarus(tests, tmp_path):
     check("icarus", "tiny paper", tests, tmp_path)

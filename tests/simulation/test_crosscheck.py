@@ -45,7 +45,7 @@ def test_all_of_a_configuration_is_drawn():
 @pytest.fixture
 def no_compiler(monkeypatch):
     for module in ("cmfpga.verilog.compiler", "cmfpga.engines", "cmfpga.crosscheck.compare"):
-        monkeypatch.setattr(f"{module}.find_compiler", lambda: None)
+        monkeypatch.setattr(f"{module}.cannot_compile", lambda: "no C++ compiler found")
     monkeypatch.setattr("cmfpga.crosscheck.compare.SLOW_CYCLES", 5_000)
 
 

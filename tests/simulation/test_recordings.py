@@ -21,7 +21,6 @@ RECORDINGS = {  # file: ROI of the first batch, events of a batch
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_whole_recording(data_dir, name):
     torch.set_num_threads(1)

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from support.designs import TINY
 from support.small_core import sets
 from support.verilog_tools import verilator_lint
 
-TINY = {"sensor_width": 16, "sensor_height": 12, "roi_width": 4, "roi_height": 4, "buffer_events": 8}
 TINY_SETS = sets(TINY)
 WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
 

@@ -13,7 +13,8 @@ import pytest
 
 from cmfpga import cli
 from cmfpga.events import Events, write_hdf5
-from support.small_core import PAPER, options
+from support.designs import PAPER
+from support.small_core import options
 
 HEADER = (
     "batch,t_ref_us,events,roi_events,roi_x,roi_y,vx,vy,vx_px_per_s,vy_px_per_s,iterations,cycles,contrast,"

@@ -49,7 +49,7 @@ CONFIGS = {
     # So short a solver that the verdict is waited for.
     "three bits of v": preset("fast").replace(
         **SMALL | {"roi_height": 8}, **LIMITS, tag_bits=4, ascent="newton", evaluators=4, v_frac=3, v_int=3, dt_frac=4,
-        dither_frac=3, cold="2:3:4 1:3/2:2 0:3/4:3/4", warm="1:1:3/2 0:3/4:1/4",
+        dither_frac=3, buffers=1, cold="2:3:4 1:3/2:2 0:3/4:3/4", warm="1:1:3/2 0:3/4:1/4",
     ),
     "rounds, no confidence": preset("fast").replace(
         **SMALL, **LIMITS, **ROUNDS, tag_bits=4, confidence=0, evaluators=4

@@ -5,7 +5,6 @@ import time
 import numpy as np
 import pytest
 
-from cmfpga.config import preset
 from cmfpga.driver import Accelerator
 from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.model import ModelEngine
@@ -14,9 +13,9 @@ from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.simulation.axi_top import SimulatedTop
+from support.designs import SHELL
 
-SMALL = {"sensor_width": 48, "sensor_height": 32, "roi_width": 16, "roi_height": 16, "buffer_events": 64}
-CONFIG = preset("fast").replace(**SMALL)
+CONFIG = SHELL
 REGISTERS = register_map(CONFIG)
 
 

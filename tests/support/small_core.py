@@ -5,28 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cmfpga.config import Config
 from cmfpga.engines.rtl import RtlEngine
 from cmfpga.engines.verilated import VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.simulation.core import VerilatedCore
 from cmfpga.verilog.compiler import find_compiler
+from support.designs import SMALL
 
-HARDWARE = {
-    "sensor_width": 32, "sensor_height": 24, "roi_width": 8, "roi_height": 8, "buffer_events": 96,
-    "max_batch_events": 100, "time_bits": 16, "span_bits": 10, "max_iterations": 15, "v_int": 3,
-}  # fmt: skip
-CONFIG = Config(**HARDWARE, iterations=3)
-
-#: The same hardware of both ascents, for recordings that say how large their sensor is: options of ``cmfpga.track``.
-_SIZES = {name: value for name, value in HARDWARE.items() if not name.startswith("sensor_")}
-PAPER = {"preset": "paper", **_SIZES, "iterations": 15, "eta": 0.1, "min_roi_events": 3}
-FAST = {
-    "preset": "fast", **_SIZES, "min_roi_events": 3, "max_level": 2, "cold": "2:0*2 1:0 1:-1*2 0:-2*3",
-    "warm": "1:-1 0:-2*2",
-}  # fmt: skip
-ROUNDS = {**FAST, "ascent": "newton", "cold": "2:3/2:2 1:1:1 0:3/4:3/4", "warm": "1:1:3/2 0:3/4:1/8"}
+CONFIG = SMALL
 
 
 def sets(fields):

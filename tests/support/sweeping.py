@@ -12,7 +12,8 @@ import h5py
 from cmfpga import sweep
 from cmfpga.events import generate, write_hdf5
 from support.commands import Done, run
-from support.small_core import PAPER, options
+from support.designs import PAPER
+from support.small_core import options
 
 #: Eight configurations of one hardware.
 VARY = ("iterations=4,15", "roi_gain=1,2", "eta=0.1,0.5")

@@ -1,4 +1,4 @@
-"""Values of ports: plain integers, lists and dictionaries for the bits of a shape, and random ones."""
+"""Values: of ports, as integers, lists and dictionaries for the bits of a shape, and random ones; of a result."""
 
 import itertools
 
@@ -6,6 +6,9 @@ import numpy as np
 import torch
 from amaranth.hdl import Shape, Value
 from amaranth.lib import data
+
+from cmfpga.protocol.results import fields_of
+from cmfpga.protocol.shapes import REQUIRED
 
 
 class Codec:
@@ -97,3 +100,8 @@ def random_gaps(rng, count, probability):
 def tensor(values):
     """int64 tensor."""
     return torch.tensor(np.asarray(values, np.int64))
+
+
+def required(*scopes, **values):
+    """``values`` of a result, and one for each other field of the scopes that has no default."""
+    return {f.name: f.nothing for f in fields_of(*scopes) if f.default is REQUIRED} | values

@@ -11,7 +11,8 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.rtl.top import verilog_top
-from cmfpga.verilog.compile import kept_verilog, verilator_root
+from cmfpga.verilog.compile import kept_verilog
+from cmfpga.verilog.compiler import find_verilator
 from cmfpga.verilog.emit import TOP
 
 CONFIGS = {
@@ -51,9 +52,9 @@ def verilator_lint(text, folder, *options, top=TOP):
     """Exit status, and the names of the warnings and errors, of Verilator on ``text``."""
     path = folder / f"{top}.v"
     path.write_text(text)
-    root = verilator_root()
-    command = [root / "bin" / "verilator_bin", "--lint-only", *options, "--top-module", top, path]
-    status, output = run(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
+    found = find_verilator()
+    command = [found.program, "--lint-only", *options, "--top-module", top, path]
+    status, output = run(command, env={**os.environ, "VERILATOR_ROOT": str(found.root)})
     names = re.findall(r"^%Warning-(\w+):", output, re.MULTILINE)
     names += ["error"] * len(re.findall(r"^%Error(?!: Exiting due to)", output, re.MULTILINE))
     assert len(names) == len(re.findall(r"^%(?!Error: Exiting due to)", output, re.MULTILINE)), output

@@ -15,6 +15,7 @@ from cmfpga.protocol.results import BatchResult
 from cmfpga.tracking.fit import FittedCutter, batch_cutter, fit
 from cmfpga.tracking.loop import _Course, track
 from cmfpga.tracking.verdict import Verdict
+from support.values import required
 
 CONFIG = preset("fast").replace(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8)
 
@@ -49,13 +50,13 @@ class Moving:
         speed = self.speed(first + span / 2)
         self.asked.append((first, len(events), settings))
         doubt = Flag.DEGENERATE if not span else Flag(0) if speed else Flag.DOUBTFUL
-        counts = dict.fromkeys(("outside", "overflow", "thinned", "time_back", "time_span", "restarted"), 0)
         sharp = {"sums": (0,) * 5, "sum_squares": len(events), "curvature": (self.curvature, self.curvature, 0)}
-        return BatchResult(
-            **counts, **sharp, events=len(events), roi_events=len(events), span=span, roi=self.roi, roi_next=self.roi,
-            v=((speed or 0) * span / 2e6, *self.still), iterations=15, flags=doubt, trace=None, confidence_limit=90,
-            thinning_used=1,
+        known = required(
+            "batch", "region", events=len(events), roi_events=len(events), span=span, roi=self.roi, roi_next=self.roi,
+            v=((speed or 0) * span / 2e6, *self.still), iterations=15, flags=doubt, confidence_limit=90,
+            thinning_used=1, restarted=0,
         )  # fmt: skip
+        return BatchResult(**known, **sharp)
 
 
 def followed(speed, count=20_000, roi=(4, 5), first=None, confidence=40, **size):

@@ -19,6 +19,7 @@ from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.loop import CsvConsumer, TrackedBatch, track
 from support.commands import HEADER
+from support.values import required
 
 CONFIG = Config(sensor_width=40, sensor_height=30, roi_width=12, roi_height=8, start="given", v_start_x=1.0)
 NO_TRACE = Trace(v=np.zeros((1, 2)), sum_i=np.zeros(0), sum_d=np.zeros((0, 2)), s=np.zeros((0, 2)))
@@ -39,11 +40,10 @@ class Recorder(Engine):
         self.asked.append((events, settings))
         self._at = settings.roi or self._at
         roi, self._at = self._at, (self._at[0] + 2, self._at[1] + 1)
-        values = {
-            "events": len(events), "roi_events": 3, "outside": len(events) - 3, "overflow": 0, "thinned": 0,
-            "time_back": 0, "time_span": 0, "span": int(events.t[-1] - events.t[0]), "roi": roi, "roi_next": self._at,
-            "v": self.v, "iterations": 5, "flags": Flag(0), "trace": NO_TRACE,
-        }  # fmt: skip
+        values = required(
+            "batch", "region", events=len(events), roi_events=3, outside=len(events) - 3, roi=roi, roi_next=self._at,
+            span=int(events.t[-1] - events.t[0]), v=self.v, iterations=5, flags=Flag(0), trace=NO_TRACE,
+        )  # fmt: skip
         return BatchResult(**{**values, **self._result})
 
 

@@ -25,7 +25,7 @@ from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.result import Tracking
 from cmfpga.tracking.trace import BatchTrace
 from cmfpga.verilog.compiler import find_compiler
-from support.small_core import FAST, PAPER, ROUNDS
+from support.designs import FAST, PAPER, ROUNDS
 
 ENGINES = ["rtl", "model", "float"]
 

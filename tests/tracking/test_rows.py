@@ -18,6 +18,7 @@ from cmfpga.tracking.fit import FittedCutter, batch_cutter
 from cmfpga.tracking.loop import follow
 from cmfpga.tracking.rows import Rows, with_rows
 from support.regions import CONFIGS, without_clock
+from support.values import required
 
 CONFIG = CONFIGS["two units"].replace(max_level=2, min_roi_events=3, confidence_limit=1.0)
 ROIS = [(3, 4), (20, 12), (8, 15)]
@@ -134,15 +135,15 @@ class Table:
         self.asked.append(events)
         flags = self.flags.pop(0) if self.flags else [Flag(0)] * len(self.regions)
         outcomes = [
-            RegionOutcome(
-                roi=(row.x, row.y), roi_next=(row.x + 1, row.y), v=(2.0, 1.0), iterations=4, flags=flag, roi_events=9,
-                outside=len(events) - 9, overflow=0, thinned=0, restarted=0, confidence_limit=90, sum_squares=9,
-                curvature=(9e5, 9e5, 0), sums=(0,) * 5, trace=Trace.without_iterations(self.config, (128, 64)),
-            )
+            RegionOutcome(**required(
+                "region", roi=(row.x, row.y), roi_next=(row.x + 1, row.y), v=(2.0, 1.0), iterations=4, flags=flag,
+                roi_events=9, outside=len(events) - 9, restarted=0, confidence_limit=90, sum_squares=9, sums=(0,) * 5,
+                curvature=(9e5, 9e5, 0), trace=Trace.without_iterations(self.config, (128, 64)),
+            ))
             for row, flag in zip(self.regions, flags, strict=True)
         ]  # fmt: skip
         span = int(events.t[-1] - events.t[0])
-        return BatchResult(events=len(events), span=span, time_back=0, time_span=0, t_first=0, regions=outcomes)
+        return BatchResult(**required("batch", events=len(events), span=span, t_first=0, regions=outcomes))
 
 
 def recording(count=2000, step=10):
@@ -273,11 +274,11 @@ def test_the_fastest_that_is_trusted_chooses_the_length():
         cutter = FittedCutter(recording(), CONFIG, first=60, max_events=150)
         batches = []
         for v, sure in zip((2.0, 8.0), trusted, strict=True):
-            result = BatchResult(
-                events=60, span=600, time_back=0, time_span=0, t_first=0, v=(v, 0.0), roi=(0, 0), roi_next=(0, 0),
-                flags=Flag(0) if sure else Flag.DOUBTFUL, confidence_limit=90, roi_events=9, outside=51, overflow=0,
-                thinned=0, iterations=1,
-            )  # fmt: skip
+            known = {"flags": Flag(0) if sure else Flag.DOUBTFUL, "confidence_limit": 90, "iterations": 1}
+            result = BatchResult(**required(
+                "batch", "region", events=60, span=600, v=(v, 0.0), roi=(0, 0), roi_next=(0, 0), roi_events=9,
+                outside=51, **known,
+            ))  # fmt: skip
             batches.append(type("Batch", (), {"result": result}))
         cutter.add(*batches)
         return cutter.size

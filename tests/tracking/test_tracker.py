@@ -9,7 +9,7 @@ import cmfpga
 from cmfpga.errors import ConfigError, RecordingError
 from cmfpga.events import Events, generate
 from cmfpga.events.units import TIME_UNITS
-from support.small_core import FAST
+from support.designs import FAST
 
 START = {"roi": (8, 9), "sensor": (32, 24), "engine": "model", **FAST}
 

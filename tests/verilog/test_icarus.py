@@ -78,7 +78,7 @@ OTHERS = {name: config for name, config in CONFIGS.items() if name not in FULL} 
 }
 
 
-@pytest.mark.parametrize("name", [*(pytest.param(name, marks=pytest.mark.slow) for name in FULL), *OTHERS])
+@pytest.mark.parametrize("name", [*FULL, *OTHERS])
 def test_passes(name, tmp_path):
     vectors = make_vectors.make_vectors((FULL | OTHERS)[name], batches=KINDS, seed=2)
     vectors.write(tmp_path)

@@ -149,7 +149,6 @@ def assert_like_baseline(row, stored):
         assert row[kind] == stored[kind], kind
 
 
-@pytest.mark.slow
 def test_fast_is_like_its_baseline():
     """By one seed, in two minutes, where its Verilog has changed; else it would give what is kept."""
     assert_like_baseline(baselines.placed_of("fast", seeds=1)[0], baselines.BASELINES["placed"]["fast"])

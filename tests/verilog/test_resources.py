@@ -58,7 +58,6 @@ def test_rams_and_dsps_of_every_block():
 # What follows takes minutes where Verilog has changed; else Yosys would give what is kept.
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", update.PRESETS)
 def test_every_block_is_like_its_baseline(name):
     (found, _), stored = update.core_of(name), BASELINES["presets"][name]
@@ -68,7 +67,6 @@ def test_every_block_is_like_its_baseline(name):
     assert_like_baseline(found["total"], stored["total"], name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", update.PRESETS)
 def test_the_axi_top_is_like_its_baseline_and_fits(name):
     (row, _), stored = update.axi_of(name), BASELINES["presets"][name]["axi"]
@@ -76,25 +74,21 @@ def test_the_axi_top_is_like_its_baseline_and_fits(name):
     assert all(stored[kind] < has for kind, has in DEFAULT.resources.items() if kind != "uram")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", update.PLAIN)
 def test_cores_without_confidence_are_like_their_baselines(name):
     assert_like_baseline(update.core_alone("plain", name, update.PLAIN[name])[0], BASELINES["plain"][name], name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", ["rotation", "similarity"])
 def test_motions_are_like_their_baselines(name):
     assert_like_baseline(update.core_alone("motions", name, {})[0], BASELINES["motions"][name], name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", update.REGIONS)
 def test_regions_are_like_their_baselines(name):
     assert_like_baseline(update.core_alone("regions", name, update.REGIONS[name])[0], BASELINES["regions"][name], name)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("widths", WIDTHS, ids=str)
 def test_word_widths_are_like_their_baselines(widths):
     assert_like_baseline(update.widths_of(widths)[0], BASELINES["widths"][", ".join(map(str, widths))], widths)

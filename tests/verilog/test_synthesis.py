@@ -9,12 +9,8 @@ import re
 from collections import Counter
 from pathlib import Path
 
-import pytest
-
 from cmfpga.verilog.emit import TOP
 from support.verilog_tools import CONFIGS, emitted, yosys
-
-pytestmark = pytest.mark.slow
 
 OPTIONS = f"-noiopad -noclkbuf -top {TOP} -run begin:map_ffs"
 

@@ -11,7 +11,7 @@ from tqdm import tqdm
 from .. import __version__, cli
 from ..errors import ConfigError, MissingPackage, needs, write_text
 from ..verilog import article
-from ..verilog.compiler import find_compiler
+from ..verilog.compiler import cannot_compile
 from .cases import WARM, make_cases
 from .cycles import measure
 from .opponents import make_programs
@@ -58,11 +58,12 @@ def main(arguments=None):
         return _flow(options, runs, seconds)
     started = time.perf_counter()
     programs, missing = make_programs()
-    if find_compiler() is None:
-        missing.append("no C++ compiler was found: the core's cycles are computed by its formula, not measured")
+    if why := cannot_compile():
+        missing.append(f"{why}: the core's cycles are computed by its formula, not measured")
     cases = make_cases(options.quick)
     measured = []
-    steps = sum(len(case.designs) for case in cases) + 2 * runs * len(cases) * len(programs)
+    signs = sum(case.schedule is not None for case in cases)
+    steps = sum(len(case.designs) for case in cases) + 2 * runs * (len(cases) + signs) * len(programs)
     with tqdm(total=steps, unit="step", disable=None, leave=False) as bar:
         for case in cases:
             bar.set_description(f"{case.workload.name}, {ASCENTS[case.ascent]}")
@@ -94,8 +95,8 @@ def _flow(options, runs, seconds):
     from .flow import measure, text
 
     missing, units = [], (4,) if options.quick else (1, 2, 4, 8)
-    if find_compiler() is None:
-        missing.append("no C++ compiler was found: the hardware's cycles are not measured")
+    if why := cannot_compile():
+        missing.append(f"{why}: the hardware's cycles are not measured")
         units = ()
     with tqdm(total=len(units) + 2, unit="step", disable=None, leave=False) as bar:
 
@@ -120,7 +121,7 @@ def _accuracy(options, missing):
         with needs("torch", "reference", "accuracy"):
             from .. import accuracy
 
-            engine = "model" if find_compiler() is None else "rtl"
+            engine = "model" if cannot_compile() else "rtl"
             return accuracy.brief(engine, **({"batches": 30} if options.quick else {"data": options.data}))
     except MissingPackage as error:
         missing.append(str(error))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
-from ..verilog.compiler import find_compiler
+from ..verilog.compiler import cannot_compile
 from .cases import WARM
 
 
@@ -15,7 +15,7 @@ class CoreRow:
     Parameters
     ----------
     measured : bool
-        Counted in the simulated Verilog; otherwise computed by ``Core.cycles`` because there is no C++ compiler.
+        Counted in the simulated Verilog; otherwise computed by ``Core.cycles``, for want of a tool.
     cycles : int
         From the offer of the batch's first event to its result.
     formula : int
@@ -43,10 +43,10 @@ class CoreRow:
 
 
 def measure(case, name):
-    """The :class:`CoreRow` of one of the case's cores, from the simulated Verilog where there is a C++ compiler."""
+    """The :class:`CoreRow` of one of the case's cores, from the simulated Verilog where it can be compiled."""
     config, iterations = case.designs[name], case.iterations
     size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events, "judge": config.judge}
-    found = _simulate(case, config) if find_compiler() else {}
+    found = {} if cannot_compile() else _simulate(case, config)
     core = simulated(config).core if found else _unsimulated(config)
     formula, shorter = (core.cycles(**size, iterations=case.plan(count)) for count in (iterations, iterations - 1))
     cycles = found.pop("cycles", formula)

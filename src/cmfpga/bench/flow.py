@@ -16,8 +16,8 @@ from ..flow.demo import scene
 from ..flow.tiles import TILE, grid
 from ..protocol.flags import Flag
 from ..protocol.settings import BatchSettings
+from .opponents.c_program import Unavailable
 from .opponents.flow_program import FlowProgram
-from .opponents.job import Unavailable
 from .opponents.timing import Times, side_by_side
 from .programs import processor
 
@@ -33,7 +33,7 @@ def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what
     Parameters
     ----------
     units : sequence of int
-        Each is simulated; none where there is no C++ compiler.
+        Each is simulated; none where Verilator or a C++ compiler is missing.
     runs, seconds : int, float
         As of :func:`~.opponents.timing.side_by_side`.
     clock : float
@@ -107,8 +107,7 @@ def _programs(config, tiles, settings, events, runs, seconds, missing, step):
     threads = sorted({1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1})
     step("C")
     runners = [program.load_window(config, tiles.regions, events, settings, count) for count in threads]
-    options = {"runs": runs, "seconds": seconds, "clocks": [time.perf_counter] * len(runners)}
-    times = side_by_side(runners, **options)
+    times = side_by_side(runners, runs=runs, seconds=seconds, clock=time.perf_counter)
     rows = [
         _row(f"C, gathering, {count} thread{'s' if count > 1 else ''}", program.how, each, len(events))
         for count, each in zip(threads, times, strict=True)

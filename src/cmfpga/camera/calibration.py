@@ -5,10 +5,9 @@ import re
 from dataclasses import dataclass
 
 import h5py
-import yaml
 
 from ..config.camera import NAMES, parse_camera
-from ..errors import ConfigError
+from ..errors import ConfigError, needs
 from .camera import Camera
 
 #: The data set of an HDF5 file: nine numbers in the order of :data:`~cmfpga.config.camera.NAMES`.
@@ -54,6 +53,8 @@ def read_calibration(path):
     lines = [line.partition("#")[0] for line in text.splitlines()]
     if not any(":" in line for line in lines):
         return Calibration(_camera(" ".join(lines), path))
+    with needs("yaml", "", f"{path}, a YAML file"):
+        import yaml
     try:
         content = next(yaml.safe_load_all(text), None)
     except yaml.YAMLError as error:

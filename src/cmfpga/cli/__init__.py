@@ -15,7 +15,7 @@ from pathlib import Path
 from .. import __version__
 from ..config import DEFAULT_PRESET, PRESETS, Config, preset
 from ..config.defaults import CLOCK_MHZ
-from ..errors import ConfigError, UserError
+from ..errors import ConfigError, UserError, needs
 
 #: What stands before a command's name in its help: that of ``python -m cmfpga.NAME``, or of the command ``cmfpga``.
 _prefix = "python -m cmfpga."
@@ -306,7 +306,8 @@ def run(main, arguments=None):
             stream.reconfigure(errors="backslashreplace")
     hook, sys.unraisablehook = sys.unraisablehook, functools.partial(_unraisable, sys.unraisablehook)
     try:
-        return main(arguments)
+        with needs("", "", "this command"):
+            return main(arguments)
     except UserError as error:
         return _fail(str(error))
     except BrokenPipeError:

@@ -39,7 +39,7 @@ def _parser():
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
-    from ..verilog.compiler import find_compiler
+    from ..verilog.compiler import cannot_compile
     from .compare import check  # loads torch, or says what to install
 
     count = options.configs or (None if options.seconds else 5)
@@ -64,7 +64,7 @@ def main(arguments=None):
     else:
         interruption = None
     outcome = {
-        "engine": "verilator" if find_compiler() else "amaranth",
+        "engine": "amaranth" if cannot_compile() else "verilator",
         "configurations": seed - options.seed,
         "refused": refused,
         "batches": int(totals[0]),

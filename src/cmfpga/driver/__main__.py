@@ -5,7 +5,7 @@ import json
 import sys
 
 from .. import cli
-from ..errors import UserError
+from ..errors import UserError, needs
 from . import Accelerator
 
 BACKENDS = ("simulation", "uio", "serial")
@@ -58,8 +58,8 @@ def _backend(options, config):
         from .uio import UioBackend
 
         return UioBackend()
-    from .simulation import SimulationBackend
-
+    with needs("", "", "--backend simulation (on a board --backend uio or serial is needed)"):
+        from .simulation import SimulationBackend
     return SimulationBackend(config)
 
 

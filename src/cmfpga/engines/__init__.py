@@ -4,7 +4,7 @@ import pkgutil
 
 from ..config.regions import check_one_region
 from ..errors import ConfigError, needs
-from ..verilog.compiler import CompilerError, find_compiler
+from ..verilog.compiler import CompilerError, cannot_compile
 from .base import Engine, check_roi
 
 ENGINES = ("rtl", "model", "float")
@@ -39,8 +39,8 @@ def engine_name(text):
 def make_engine(name, config):
     """The engine ``rtl``, ``axi``, ``model``, ``float``, or ``serial:PORT`` for ``config``.
 
-    ``rtl`` compiles the emitted Verilog, or, where there is no C++ compiler, uses Amaranth's simulator (its
-    ``note`` says so). ``axi`` needs the compiler; its results have no trace, and neither have those of a board at a
+    ``rtl`` compiles the emitted Verilog, or, where Verilator or a C++ compiler is missing, uses Amaranth's simulator
+    (its ``note`` says so). ``axi`` needs both; its results have no trace, and neither have those of a board at a
     serial port. Only ``model`` and ``float`` import torch.
     """
     check_one_region(config)
@@ -49,9 +49,9 @@ def make_engine(name, config):
 
 
 def _make_rtl_engine(config):
-    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where there is no C++ compiler that works."""
-    why = "no C++ compiler found"
-    if find_compiler():
+    """The emitted Verilog compiled by Verilator, or Amaranth's simulator where that or a C++ compiler is missing."""
+    why = cannot_compile()
+    if not why:
         from .verilated import VerilatedEngine
 
         try:

@@ -25,7 +25,7 @@ class AmaranthEngine(RtlEngine):
         super().__init__(config)
         self.note = (
             f"{why}: using Amaranth's simulator, about 5,000 clock cycles a second "
-            "(install g++ or clang++ for a thousand times that)"
+            "(Verilator with g++ or clang++ does a thousand times that)"
         )
         self.core = Core(config)
         self._job = None  # (events, settings, table of schedules, words of mask and nodes) of the batch to simulate

@@ -134,7 +134,8 @@ def parse_fast(block, power, layout=PLAIN):
     kinds = {layout.t: f"S{_TIME_BYTES}"} | dict.fromkeys((layout.x, layout.y, layout.p), np.int64)
     kinds = [(str(k), kinds.get(k, "S1")) for k in range(layout.fields)]
     try:
-        with warnings.catch_warnings(action="error"):  # NumPy's, of whole numbers with a point
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # NumPy's, of whole numbers with a point
             table = np.loadtxt(io.BytesIO(block), kinds, ndmin=1)
         t = _decimals(table[str(layout.t)], power)
     except (ValueError, OverflowError, DeprecationWarning):  # more fields, or fewer, or no such numbers

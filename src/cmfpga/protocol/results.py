@@ -37,7 +37,6 @@ class ResultField:
     read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
     default: Any = REQUIRED  # of the attribute
     nothing: Any = 0  # the attribute of a batch without events
-    when: Callable = always  # when(config): the hardware has it; the attribute is None of others
     places: tuple = ()  # Place, in the result registers; word k is also the k-th 32-bit word of a result packet
     total: Place | None = None  # the counter that adds it up over all results
     doc: str

@@ -238,12 +238,14 @@ def _subject(name, roi, run):
             note = unit_note(recording, "--time-unit")
             sensor = None if recording.width is None else (recording.width, recording.height)
         truth = read_truth(path)
+        digest = hashlib.sha256()
         with path.open("rb") as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
+            while block := file.read(1 << 20):
+                digest.update(block)
     except (UserError, OSError) as error:
         return Subject(name=name, path=path, roi=roi, problem=" ".join(str(error).splitlines()))
     return Subject(
-        name=name, path=path.resolve(), roi=roi, digest=digest, sensor=sensor,
+        name=name, path=path.resolve(), roi=roi, digest=digest.hexdigest(), sensor=sensor,
         first_us=int(first.t[0]) if first else 0, truth=truth, note=note,
     )  # fmt: skip
 

@@ -21,7 +21,7 @@ from ..errors import ConfigError, naming
 from ..protocol.settings import BatchSettings, settings_values
 from ..rtl.payloads import Fixed
 from ..rtl.top import VerilogCore, flatten
-from ..verilog.compiler import find_compiler
+from ..verilog.compiler import cannot_compile
 
 #: Top scope of the file.
 SCOPE = "cmfpga"
@@ -137,7 +137,7 @@ class WaveTaker:
     Raises
     ------
     ConfigError
-        The engine has other numbers than the hardware, or no trace; or there is no C++ compiler.
+        The engine has other numbers than the hardware, or no trace; or there is no Verilator or C++ compiler.
     """
 
     def __init__(self, config, engine, wanted):
@@ -147,8 +147,8 @@ class WaveTaker:
             raise ConfigError("--wave: the axi engine gives only results, and a trace is needed: take rtl or model")
         if config.background:
             raise ConfigError("--wave: one batch by itself does not know what background = 1 remembers of those before")
-        if not find_compiler():
-            raise ConfigError("--wave: a C++ compiler is needed; install g++ or clang++")
+        if why := cannot_compile():
+            raise ConfigError(f"--wave: {why}; Verilator and g++ or clang++ are needed")
         self.config, self.wanted = config, wanted
         self._found = None
 

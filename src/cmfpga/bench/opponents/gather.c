@@ -1,4 +1,4 @@
-// The fastest form that we found for one core of a processor with vector registers.
+// The fastest form that we found in float32 for one core of a processor with vector registers.
 //
 // 1. S = sum of I*D over pixels is the sum over events k and corners c of I[c] * d(k, c): vote into I alone, then let each
 //    event read its four pixels back. Neither D nor a sweep is needed.
@@ -10,7 +10,13 @@
 //
 // Vectors are those of GCC (12 or newer) and Clang, not of one instruction set.
 
+typedef float Number;
+
 #include "program.h"
+
+static Number place(int pixel, int size) { return (void)size, (float)pixel; }
+static Number offset_of(int32_t dither) { return (float)dither * 0x1p-32f; }
+static Number scaled(int32_t since, float scale) { return (float)since * scale - 1.0f; }
 
 typedef float Two __attribute__((vector_size(8)));
 typedef float Four __attribute__((vector_size(16)));
@@ -41,7 +47,7 @@ static inline void add(float *to, Two what) {
 // Fill up to fours with events far outside that have no time.
 static void prepare(Work *work, const Job *job) {
     (void)job;
-    for (int k = work->n; k % ROUND; ++k) {
+    for (int k = work->n; k % 4; ++k) {
         work->x[k] = work->y[k] = -1e6f;
         work->dt[k] = 0;
     }
@@ -50,11 +56,11 @@ static void prepare(Work *work, const Job *job) {
 static void gradient(Work *work, const Job *job, const double v[2], int level, double g[2]) {
     const int width = -(-job->width >> level), height = -(-job->height >> level);
     const int stride = width + 2;  // the right border of a row is the left one of the next
-    const int n = (work->n + ROUND - 1) / ROUND * ROUND;
+    const int n = (work->n + 3) / 4 * 4;
     const float scale = 1.0f / (float)(1 << level), offset = 0.5f * scale - 0.5f;
     const float vx = (float)v[0] * scale, vy = (float)v[1] * scale;
     const float *restrict x = work->x, *restrict y = work->y, *restrict dt = work->dt;
-    float *restrict fx = work->fx, *restrict fy = work->fy, *restrict image = work->image[0];
+    float *restrict fx = work->fx, *restrict fy = work->fy, *restrict image = work->image;
     int32_t *restrict address = work->address;
 
     for (int k = 0; k < n; ++k) {

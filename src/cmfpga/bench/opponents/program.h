@@ -1,6 +1,4 @@
-// What both C programs share: the job, cropping, the ascent. The including file has the gradient.
-//
-// float32 throughout, except v and the few operations per iteration that decide its step.
+// What the C programs share: the job, cropping, the ascent. The including file says what a Number is, and has the gradient.
 
 #include <math.h>
 #include <stdint.h>
@@ -13,28 +11,33 @@ typedef struct {
     const uint16_t *x, *y;
     int64_t events;
     int32_t roi_x, roi_y, width, height;
-    int32_t iterations, dither;
+    int32_t iterations, dither, probes;
     const int32_t *levels;  // sign ascent, one per iteration; null: constant eta
     const double *steps;
     const int32_t *strides;  // of the events, one in so many, as far as there are enough
     double eta;
     double v_start[2];
     double v[2];  // returned
+    double g[8];  // with probes: gradients below and above v along x, along y
 } Job;
 
 typedef struct {
     int total, n;         // events in the ROI, and those of the iteration
-    float *all[3];        // column, row and dt of each event in the ROI
-    float *x, *y, *dt;    // of the events of the iteration
+    Number *all[3];       // column, row and dt of each event in the ROI
+    Number *x, *y, *dt;   // of the events of the iteration
     int first, stride;    // which those are
     int32_t *since;       // time since the first event of the batch
-    float *fx, *fy;       // fractions, and ...
+    Number *fx, *fy;      // fractions, and ...
     int32_t *address;     // ... the pixel of each event's cell
-    float *image[3];
+    Number *image;
 } Work;
 
-// Room for events in fours, and for two pixels and more around the image; events that a stride leaves, at least about.
-enum { ROUND = 4, BORDER = 4, FEWEST = 128 };
+// Room for events in so many, and for two pixels and more around the image; events that a stride leaves, at least about.
+enum { ROUND = 16, MARGIN = 4, FEWEST = 128 };
+
+static Number place(int pixel, int size);             // a coordinate in an image of that size
+static Number offset_of(int32_t dither);              // a share of a pixel, in 2^-32
+static Number scaled(int32_t since, float scale);     // time in -1 ... 1
 
 static void prepare(Work *work, const Job *job);
 static void gradient(Work *work, const Job *job, const double v[2], int level, double g[2]);
@@ -43,26 +46,20 @@ static void *room(size_t bytes) { return aligned_alloc(64, (bytes + 127) / 64 * 
 
 void work_free(Work *work) {
     if (!work) return;
-    float *floats[] = {work->all[0], work->all[1], work->all[2], work->x,       work->y,
-                       work->dt,     work->fx,     work->fy,     work->image[0]};
-    for (size_t k = 0; k < sizeof floats / sizeof *floats; ++k) free(floats[k]);
-    free(work->since);
-    free(work->address);
+    void *arrays[] = {work->all[0], work->all[1], work->all[2], work->x,       work->y,    work->dt,
+                      work->fx,     work->fy,     work->image,  work->address, work->since};
+    for (size_t k = 0; k < sizeof arrays / sizeof *arrays; ++k) free(arrays[k]);
     free(work);
 }
 
 Work *work_new(const Job *job) {
-    const size_t events = (job->events + ROUND) * sizeof(float);
-    const size_t pixels = (size_t)(job->width + 2 * BORDER) * (job->height + 2 * BORDER) * sizeof(float);
+    const size_t events = (job->events + ROUND) * sizeof(int32_t);
     Work *work = calloc(1, sizeof *work);
     if (!work) return NULL;
-    float **arrays[] = {&work->all[0], &work->all[1], &work->all[2], &work->x, &work->y, &work->dt, &work->fx, &work->fy};
+    Number **arrays[] = {&work->all[0], &work->all[1], &work->all[2], &work->x, &work->y, &work->dt, &work->fx, &work->fy};
     int ok = 1;
     for (size_t k = 0; k < sizeof arrays / sizeof *arrays; ++k) ok &= (*arrays[k] = room(events)) != NULL;
-    // Not a multiple of a page apart: the same pixel of the images would compete for the same places in the cache.
-    const size_t apart = (pixels + 4095) / 4096 * 4096 + 1344;
-    ok &= (work->image[0] = room(3 * apart)) != NULL;
-    for (int k = 1; k < 3; ++k) work->image[k] = work->image[0] + k * (apart / sizeof(float));
+    ok &= (work->image = room((size_t)(job->width + 2 * MARGIN) * (job->height + 2 * MARGIN) * 4)) != NULL;
     ok &= (work->since = room(events)) != NULL;
     ok &= (work->address = room(events)) != NULL;
     if (ok) return work;
@@ -75,8 +72,8 @@ Work *work_new(const Job *job) {
 static void dither(Work *work) {
     for (uint32_t k = 0; k < (uint32_t)work->total; ++k) {
         const uint32_t along_x = 1621087444u + k * 3242174889u, along_y = 1223722707u + k * 2447445414u;
-        work->all[0][k] += (float)(int32_t)(along_x ^ 0x80000000u) * 0x1p-32f;
-        work->all[1][k] += (float)(int32_t)(along_y ^ 0x80000000u) * 0x1p-32f;
+        work->all[0][k] += offset_of((int32_t)(along_x ^ 0x80000000u));
+        work->all[1][k] += offset_of((int32_t)(along_y ^ 0x80000000u));
     }
 }
 
@@ -93,8 +90,8 @@ static void crop(Work *work, const Job *job) {
     }
     const int64_t first = job->events ? job->t[0] : 0;
     for (int k = 0; k < n; ++k) {
-        work->all[0][k] = (float)(x[index[k]] - left);
-        work->all[1][k] = (float)(y[index[k]] - top);
+        work->all[0][k] = place(x[index[k]] - left, job->width);
+        work->all[1][k] = place(y[index[k]] - top, job->height);
         work->since[k] = (int32_t)(job->t[index[k]] - first);
     }
     work->total = n;
@@ -106,13 +103,19 @@ static void use(Work *work, const Job *job, int first, int stride) {
     if (first == work->first && stride == work->stride) return;
     work->first = first;
     work->stride = stride;
-    work->n = 0;
-    for (int k = first; k < work->total; k += stride, ++work->n) {
-        work->x[work->n] = work->all[0][k];
-        work->y[work->n] = work->all[1][k];
-        work->dt[work->n] = work->all[2][k];
-    }
+    work->n = (work->total - first + stride - 1) / stride;
+    Number *to[3] = {work->x, work->y, work->dt};
+    for (int axis = 0; axis < 3; ++axis)
+        if (stride == 1) memcpy(to[axis], work->all[axis], work->n * sizeof(Number));
+        else
+            for (int k = 0; k < work->n; ++k) to[axis][k] = work->all[axis][first + k * stride];
     prepare(work, job);
+}
+
+// At one v, after a batch.
+void run_gradient(Work *work, const Job *job, const double *v, int32_t level, double *g) {
+    use(work, job, 0, 1);
+    gradient(work, job, v, level, g);
 }
 
 static void ascend(Work *work, Job *job) {
@@ -121,7 +124,7 @@ static void ascend(Work *work, Job *job) {
     job->v[1] = job->v_start[1];
     if (!work->total || !span) return;
     const float scale = (float)(2.0 / (double)span);
-    for (int k = 0; k < work->total; ++k) work->all[2][k] = (float)work->since[k] * scale - 1.0f;
+    for (int k = 0; k < work->total; ++k) work->all[2][k] = scaled(work->since[k], scale);
     work->stride = 0;  // what was used before is of another batch
     const double rate = 2.0 * job->eta / ((double)job->width * job->height);
     for (int k = 0; k < job->iterations; ++k) {
@@ -131,10 +134,16 @@ static void ascend(Work *work, Job *job) {
         use(work, job, order[k % 4] * stride / 4, stride);
         double g[2];
         gradient(work, job, job->v, job->levels ? job->levels[k] : 0, g);
+        if (isnan(g[0])) job->v[0] = NAN;
         for (int axis = 0; axis < 2; ++axis) {
             const double share = 2 * fabs(g[axis]) < fabs(g[1 - axis]) ? 0.5 : 1.0;
             job->v[axis] += job->levels ? job->steps[k] * share * ((g[axis] > 0) - (g[axis] < 0)) : rate * g[axis];
         }
+    }
+    for (int probe = 0; job->probes && probe < 4; ++probe) {
+        double v[2] = {job->v[0], job->v[1]};
+        v[probe / 2] += probe % 2 ? 0.75 : -0.75;
+        run_gradient(work, job, v, job->levels ? job->levels[job->iterations - 1] : 0, job->g + 2 * probe);
     }
 }
 
@@ -147,10 +156,4 @@ void run_batch(Work *work, Job *job, int64_t count) {
 
 void run_ascent(Work *work, Job *job, int64_t count) {
     for (int64_t k = 0; k < count; ++k) ascend(work, job);
-}
-
-// At one v, after a batch.
-void run_gradient(Work *work, const Job *job, const double *v, int32_t level, double *g) {
-    use(work, job, 0, 1);
-    gradient(work, job, v, level, g);
 }

@@ -19,7 +19,7 @@ class Times:
         return cls(median=statistics.median(seconds), low=min(seconds), high=max(seconds))
 
 
-def side_by_side(actions, *, runs, seconds, clocks=None, step=lambda: None):
+def side_by_side(actions, *, runs, seconds, clock=time.thread_time, step=lambda: None):
     """Time ``actions``, functions of a count of repetitions, in turn, so that a slow moment of the machine hits all.
 
     Parameters
@@ -30,9 +30,8 @@ def side_by_side(actions, *, runs, seconds, clocks=None, step=lambda: None):
         How often each is timed.
     seconds : float
         A run repeats an action until it lasts about this long; short work could not be timed otherwise.
-    clocks : list of callables, optional
-        The clock of each action. By default the time that the processor gave to this thread, which other
-        work on the machine does not lengthen.
+    clock : callable
+        By default the time that the processor gave to this thread, which other work on the machine does not lengthen.
     step : callable
         Called after every run, for a progress bar.
 
@@ -40,11 +39,10 @@ def side_by_side(actions, *, runs, seconds, clocks=None, step=lambda: None):
     -------
     list of Times, per repetition
     """
-    clocks = clocks or [time.thread_time] * len(actions)
-    counts = [_count(action, clock, seconds) for action, clock in zip(actions, clocks, strict=True)]
+    counts = [_count(action, clock, seconds) for action in actions]
     taken = [[] for _ in actions]
     for _ in range(runs):
-        for action, clock, count, into in zip(actions, clocks, counts, taken, strict=True):
+        for action, count, into in zip(actions, counts, taken, strict=True):
             start = clock()
             action(count)
             into.append((clock() - start) / count)

@@ -1,0 +1,254 @@
+"""Which tests are long: found by what a test asks for, through its fixtures, helpers, parameters and configurations.
+
+A test asks for what is named in its code, in that of its fixtures, and in that of all helpers of ``tests`` that these
+name. It is long if one of these is a door of :data:`DOORS`, or one to hardware that is not in :data:`designs.QUICK`.
+What no name tells, such as the engine in a command's options, a fixture says: ``long_tools``. While a test that is not
+long runs, a guard refuses every process, and every design outside ``QUICK``, in one line.
+"""
+
+import contextlib
+import functools
+import inspect
+import sys
+import types
+from pathlib import Path
+
+import pytest
+from amaranth.back import verilog
+
+from cmfpga.config import Config
+from cmfpga.verilog import compile
+from support import designs
+
+ROOT = Path(__file__).parents[1]
+
+#: Doors to what takes long, by module and name, and what lies behind them. An empty name: all that the module has.
+DOORS = {
+    ("subprocess", ""): "process",
+    ("support.formal.harness", "solve"): "solver",
+    ("support.verilog_tools", "icarus_compile"): "Icarus",
+    ("support.verilog_tools", "require_icarus"): "Icarus",
+    ("support.axi.simulators", ""): "cocotb",
+    ("support.verilog_tools", "yosys"): "Yosys",
+    ("support.verilog_tools", "verilator_lint"): "lint",
+    **{("cmfpga.verilog.resources", name): "Yosys" for name in ("estimate", "core", "hard_blocks")},
+    ("cmfpga.verilog.levels", "levels"): "Yosys",
+    ("cmfpga.verilog.tools", "run"): "Yosys",
+    ("cmfpga.verilog.tools", "yosys"): "Yosys",
+    ("cmfpga.verilog.place", "place"): "place and route",
+    ("cmfpga.verilog.place", "netlist_of"): "place and route",
+    ("cmfpga.verilog.bitstream", "bitstream"): "place and route",
+    ("support.mutation", ""): "mutants",
+    ("cmfpga.crosscheck", "main"): "random designs",
+}
+
+#: Doors to a compiled or emitted design: quick where all configurations that the test names are.
+HARDWARE_DOORS = {
+    ("cmfpga.simulation.core", "VerilatedCore"),
+    ("cmfpga.simulation.regions", "VerilatedRegions"),
+    ("cmfpga.simulation.axi_top", "SimulatedTop"),
+    ("cmfpga.simulation.uart_top", "SimulatedLine"),
+    ("cmfpga.engines.verilated", "VerilatedEngine"),
+    ("cmfpga.engines.amaranth_sim", "AmaranthEngine"),
+    ("cmfpga.verilog.emit", "emit_verilog"),
+    ("cmfpga.verilog.compile", "compile_library"),
+    ("cmfpga.verilog.compile", "kept_verilog"),
+}
+HARDWARE_FIXTURES = {"compiler", "emitted"}
+
+#: Fixtures that are doors.
+FIXTURES = {
+    "browser": "browser",
+    "data_dir": "recordings",
+    "process": "process",
+    "long_tools": "long tools",
+}
+#: One of each kind that ``make test`` runs nevertheless.
+SMOKE = {
+    "boards/test_bit2bin.py::test_fields_as_json",
+    "cli/test_build.py::test_hardware_fields_change_the_verilog[sensor_width]",
+    "cli/test_command.py::test_without_arguments_it_helps_and_fails",
+    "examples/test_examples.py::test_block_in_a_design",
+    "formal/test_accumulator_proof.py::test_right_for_any_number_of_cycles[bank]",
+    "report/test_browser.py::test_a_click_on_a_chart_goes_to_its_batch",
+    "rtl/regions/test_regions.py::test_a_batch_without_any_event_in_a_region_is_degenerate_in_all[one unit]",
+    "rtl/test_core_mutants.py::test_a_broken_block_is_noticed[an iteration too many]",
+    "simulation/test_axi.py::test_in_icarus[cocotb_registers]",
+    "simulation/test_crosscheck.py::test_interrupted_it_says_what_it_has",
+    "protocol/test_words.py::test_a_real_file",
+    "verilog/test_icarus.py::test_passes[two by two]",
+    "verilog/test_place.py::test_nextpnr_fails",
+    "verilog/test_resources.py::test_a_register_that_others_read_is_not_lost",
+    "verilog/test_verilator_lint.py::test_no_warning_beside_them_and_all_are_needed[two by two]",
+}
+
+#: What is long about each test that was found, by its name.
+collected = {}
+
+
+def _is_ours(code):
+    return Path(code.co_filename).is_relative_to(ROOT)
+
+
+class Asked:
+    """What a test function and its fixtures name; ``kinds`` of long tools, and the configurations."""
+
+    def __init__(self):
+        self.kinds, self.designs, self.compiles, self._seen = set(), set(), False, set()
+
+    def visit(self, thing, depth=0):
+        """One object: a door, a configuration, a helper of ours, or a collection of these."""
+        if id(thing) in self._seen:
+            return
+        if isinstance(thing, Config):
+            self.designs.add(thing.hardware_hash)
+        elif any(thing is options for options in designs.OPTIONS):
+            self.designs.add(next(iter(designs.QUICK))[0])
+        elif isinstance(thing, dict) and depth < 3:
+            for value in thing.values():
+                self.visit(value, depth + 1)
+        elif isinstance(thing, list | tuple | set | frozenset) and depth < 3:
+            for value in thing:
+                self.visit(value, depth + 1)
+        elif inspect.isfunction(thing) or inspect.isclass(thing) or inspect.ismethod(thing):
+            self._seen.add(id(thing))
+            self._callable(thing)
+        elif isinstance(thing, functools.partial):
+            for part in (thing.func, *thing.args, *thing.keywords.values()):
+                self.visit(part, depth + 1)
+        elif isinstance(thing, functools._lru_cache_wrapper):
+            self.visit(thing.__wrapped__, depth)
+
+    def _callable(self, thing):
+        where = getattr(thing, "__module__", None), getattr(thing, "__name__", None)
+        if where in DOORS or (where[0], "") in DOORS:
+            self.kinds.add(DOORS.get(where) or DOORS[where[0], ""])
+        self.compiles |= where in HARDWARE_DOORS
+        if inspect.isclass(thing):
+            if str(where[0]).partition(".")[0] not in ("cmfpga", "amaranth", "numpy"):
+                for value in vars(thing).values():
+                    self.visit(getattr(value, "fget", None) or getattr(value, "__func__", None) or value)
+            return
+        if hasattr(thing, "__wrapped__"):
+            self.visit(thing.__wrapped__)
+        function = getattr(thing, "__func__", thing)
+        for cell in function.__closure__ or ():
+            with contextlib.suppress(ValueError):  # not filled yet
+                self.visit(cell.cell_contents)
+        if _is_ours(function.__code__):
+            self._code(function.__code__, function.__globals__)
+
+    def _code(self, code, names):
+        for name in code.co_names:
+            found = names.get(name, sys.modules.get(name))
+            if isinstance(found, types.ModuleType):
+                for member in code.co_names:
+                    self.visit(vars(found).get(member))
+            elif found is not None:
+                self.visit(found)
+        for inner in code.co_consts:
+            if isinstance(inner, types.CodeType):
+                self._code(inner, names)
+
+    @property
+    def why(self):
+        """The kinds of what is long about it; empty of a quick test."""
+        quick = {hardware for hardware, _ in designs.QUICK}
+        other = {"design"} if self.compiles and not (self.designs and self.designs <= quick) else set()
+        return self.kinds | other
+
+
+def asked(item):
+    """What a collected test asks for."""
+    found = Asked()
+    found.visit(item.obj)
+    for value in (getattr(item, "callspec", None) and item.callspec.params.values()) or ():
+        found.visit(value)
+    for name, (*_, definition) in item._fixtureinfo.name2fixturedefs.items():
+        found.compiles |= name in HARDWARE_FIXTURES
+        if name in FIXTURES:
+            found.kinds.add(FIXTURES[name])
+        found.visit(definition.func)
+    return found
+
+
+@pytest.fixture(scope="session")
+def long_tools():
+    """Asks for what no name in a test tells: processes, and designs that are not among ``designs.QUICK``."""
+
+
+def pytest_addoption(parser):
+    parser.addoption("--why-long", action="store_true", help="say what is long about each test that is chosen")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config, items):
+    for item in items:
+        name = item.nodeid.removeprefix("tests/")
+        why = collected[name] = asked(item).why
+        if why and name not in SMOKE:
+            item.add_marker(pytest.mark.long(*sorted(why)))
+        if config.getoption("--why-long"):
+            print(item.nodeid, *sorted(why), sep="  ")
+
+
+# ---------------------------------------------------------------- the guard
+
+#: The running test that is not long, what it was refused, and how deep it is within what is allowed.
+_running = types.SimpleNamespace(quick=None, refused=[], allowed=0)
+
+
+#: Programs that packages ask for something when they are imported.
+INSTANT = {"git"}
+
+
+def _refuse(what):
+    _running.refused.append(f"{what}: not in a quick test; one that asks for fixture long_tools is long")
+    pytest.fail(_running.refused[-1], pytrace=False)
+
+
+def _audit(event, arguments):
+    if _running.quick and event in ("subprocess.Popen", "os.posix_spawn", "os.fork") and not _running.allowed:
+        command = arguments[1] if event == "subprocess.Popen" else arguments[:1]
+        words = [str(word) for word in command] if isinstance(command, list | tuple) else str(command).split()
+        if Path(words[0] if words else event).name not in INSTANT and words[1:] != ["--version"]:
+            _refuse(" ".join([Path((words or [event])[0]).name, *words[1:]])[:80])
+
+
+sys.addaudithook(_audit)
+
+
+def _guarded(function, top_of):
+    """``function`` of a design, which a quick test may call for those of ``QUICK`` alone."""
+
+    def guarded(design, *arguments, **options):
+        config, top = getattr(design, "config", None), top_of(arguments, options)
+        if _running.quick and isinstance(config, Config) and (config.hardware_hash, top) not in designs.QUICK:
+            _refuse(f"{top} of other hardware than designs.QUICK")
+        _running.allowed += 1
+        try:
+            return function(design, *arguments, **options)
+        finally:
+            _running.allowed -= 1
+
+    return guarded
+
+
+compile._library = _guarded(compile._library, lambda arguments, options: options["top"])
+verilog.convert = _guarded(verilog.convert, lambda arguments, options: options.get("name", "top"))
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item, nextitem):
+    _running.quick = None if item.get_closest_marker("long") or item.nodeid.removeprefix("tests/") in SMOKE else item
+    yield
+    _running.quick = None
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_call(item):
+    outcome = yield
+    if _running.refused:
+        refused, _running.refused[:] = _running.refused[0], []
+        if not outcome.excinfo:
+            outcome.force_exception(pytest.fail.Exception(refused, pytrace=False))

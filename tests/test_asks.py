@@ -1,0 +1,84 @@
+"""What makes a test long is found, and a test that is not long cannot start what is."""
+
+import contextlib
+import importlib
+import subprocess
+
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.simulation.core import VerilatedCore
+from cmfpga.verilog import levels
+from support import asks, designs
+
+OTHER = preset("fast")
+
+
+def starts():
+    subprocess.run(["true"], check=True)
+
+
+@contextlib.contextmanager
+def through():
+    yield [starts() for _ in range(2)]
+
+
+def decorated():
+    with through():
+        pass
+
+
+class Holder:
+    @property
+    def value(self):
+        return levels.levels("")
+
+
+def quick_core():
+    return VerilatedCore(designs.SMALL)
+
+
+def other_core():
+    return VerilatedCore({"a": [OTHER]}["a"][0])
+
+
+def core_of_options():
+    return VerilatedCore(designs.configured(designs.FAST))
+
+
+def nothing():
+    return OTHER, designs.QUICK
+
+
+@pytest.mark.parametrize(
+    ("function", "why"),
+    [(starts, {"process"}), (through, {"process"}), (decorated, {"process"}), (Holder, {"Yosys"}),
+     (quick_core, set()), (core_of_options, set()), (other_core, {"design"}), (nothing, set())],
+)  # fmt: skip
+def test_what_a_function_asks_for_is_found(function, why):
+    found = asks.Asked()
+    found._callable(function)
+    assert found.why == why
+
+
+def test_what_is_not_asked_for_is_refused(request):
+    """By names that tell nothing, as a command's options do."""
+    assert not request.node.get_closest_marker("long")
+    run = vars(importlib.import_module("sub" + "process"))["run"]
+    make = vars(importlib.import_module("cmfpga.simulation.core"))["Verilated" + "Core"]
+    with pytest.raises(pytest.fail.Exception, match=r"^true: not in a quick test"):
+        run(["/bin/true"])
+    with pytest.raises(pytest.fail.Exception, match=r"^cmfpga_core of other hardware than"):
+        make(OTHER)
+    assert len(asks._running.refused) == 2
+    asks._running.refused.clear()  # or this test fails of it
+
+
+def test_one_test_of_each_kind_and_of_each_room_is_quick(request):
+    found = asks.collected
+    if request.config.args != ["tests"]:
+        pytest.skip("of the whole suite")
+    assert set(asks.SMOKE) <= set(found)
+    quick = {name for name, why in found.items() if not why or name in asks.SMOKE}
+    assert {kind for why in found.values() for kind in why} == {kind for name in quick for kind in found[name]}
+    assert {name.partition("/")[0] for name in found} == {name.partition("/")[0] for name in quick}
