@@ -134,6 +134,7 @@ def test_cycle_formula_is_exact(name, rng):
 def test_the_configuration_knows_the_latency_of_one_pass(dither_frac, max_level, roi_height, ascent):
     """The rule on ``tag_bits`` relies on it."""
     changes = {"gradient": "one_pass", "roi_width": 16, "roi_height": roi_height}
+    changes |= dict(ASCENTS[ascent].needs)
     config = Config(**changes, dither_frac=dither_frac, max_level=max_level, ascent=ascent)
     assert Core(config).iteration_latency == config.one_pass.latency
 
