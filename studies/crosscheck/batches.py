@@ -3,7 +3,7 @@
 import numpy as np
 
 from cmfpga.imaging.camera import Camera
-from cmfpga.config.schedule import FEWEST, STRIDES, ScheduleEntry
+from cmfpga.config.schedule import DISTANCES, FEWEST, STRIDES, Round, ScheduleEntry
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
@@ -229,15 +229,18 @@ def random_lens(config, rng):
 
 
 def random_schedules(config, rng):
-    """Two schedules of random length, also empty, with any level, step and stride."""
-    return {
-        name: tuple(
-            ScheduleEntry(
-                int(rng.integers(config.max_level + 1)),
-                int(rng.integers(-config.formats.v.f, config.formats.v.i)),
-                int(rng.choice(STRIDES)),
-            )
-            for _ in range(rng.integers(0, config.schedule_entries // 2 + 1))
+    """Two schedules of random length, also empty, with any level, step and stride, or distance and limit."""
+
+    def entry():
+        level, power = (
+            int(rng.integers(config.max_level + 1)),
+            int(rng.integers(-config.formats.v.f, config.formats.v.i)),
         )
+        if config.ascent_rule.evaluations == 1:
+            return ScheduleEntry(level, power, int(rng.choice(STRIDES)))
+        return Round(level, int(rng.choice(DISTANCES)), 2.0**power)
+
+    return {
+        name: tuple(entry() for _ in range(rng.integers(0, config.schedule_entries // 2 + 1)))
         for name in ("cold", "warm")
     }
