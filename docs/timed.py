@@ -35,9 +35,8 @@ def placed_table():
     rows = []
     for name, row in stored.items():
         core = elaborated(preset(name))
-        least = "" if core.image.exact_cycles else "≥ "
         waits = [
-            f"{least}{(cycles - article.BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
+            f"{(cycles - article.BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
             for count, cycles in article_cycles(core, judge=0)
         ]
         seeds, area = ", ".join(map(str, row["seeds"])), (f"{row[kind]:,}" for kind in place.RESOURCES)

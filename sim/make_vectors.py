@@ -21,6 +21,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import fields_of, sums_shape
 from cmfpga.protocol.settings import settings_values, table_entry
 from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.rtl.payloads import schedule_entry
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP, emit_verilog
 
@@ -66,7 +67,7 @@ class Vectors:
         self.config = config
         self.core = VerilogCore(config)
         self.verilog = emit_verilog(self.core)
-        self.model = self._new_model()
+        self.model = IntegerCore(config)
         self.seen = Flag(0)
         self.ports = {**self.core.inputs, **self.core.outputs}
         self.columns = {
@@ -89,7 +90,7 @@ class Vectors:
         """Have the bench fill the core's table of schedules."""
         self.table = table
         for address, values in enumerate(table):
-            entry = dict(zip(("level", "shift", "stride"), table_entry(self.config, values), strict=True))
+            entry = dict(zip(schedule_entry(self.config).members, table_entry(self.config, values), strict=True))
             self._put("schedule", leaves({"address": address, "entry": entry}, "schedule"))
 
     def write_nodes(self):
@@ -119,24 +120,21 @@ class Vectors:
         cycles, reset_after = None, 0
         sums = dict.fromkeys(sums_shape(config))  # they mean nothing in a degenerate batch
         if Flag.DEGENERATE not in result.flags:
-            sums = self.model.iterations[-1].sums.named(config)
+            sums = dict(zip(sums, result.trace.last_sums, strict=True))
             work = {"roi_events": result.roi_events, "iterations": self.model.plan}
             # The formula holds for a batch that finds the core idle.
             if batch.alone or config.buffers == 1:
-                cycles = self.core.cycles(events=n + int(batch.gaps[1:].sum()), **work) + self.model.waited
+                cycles = self.core.cycles(events=n + int(batch.gaps[1:].sum()), **work)
             reset_after = int(batch.reset_at * self.core.cycles(events=0, **work))
         t = batch.t & ((1 << config.time_bits) - 1)
         for k in range(n):
             event = {"t": t[k], "x": batch.x[k], "y": batch.y[k], "last": k == n - 1 and not batch.by_count}
             self._put("events", {"gap": batch.gaps[k], **leaves(event, "event")})
         names = config.motion_model.names
-        for iteration in self.model.iterations:
-            self._put(
-                "trace",
-                leaves(
-                    {"v": dict(zip(names, iteration.v, strict=True)), "sums": iteration.sums.named(config)}, "trace"
-                ),
-            )
+        each = config.ascent_rule.evaluations  # of an iteration, whose v is that of a round's centre
+        for k, iteration in enumerate(self.model.iterations):
+            v = dict(zip(names, result.trace.v[k // each].tolist(), strict=True))
+            self._put("trace", leaves({"v": v, "sums": iteration.sums.named(config)}, "trace"))
         header = {"count": n, "stall": batch.stall, "reset_after": reset_after, "alone": batch.alone}
         self._put("batches", header | leaves(inputs, "settings"))
         outputs = {
@@ -147,17 +145,12 @@ class Vectors:
             "flags": int(result.flags),
         }
         outputs = {field.name: getattr(result, field.name) for field in fields_of("batch", "region")} | outputs
-        self._put("results", {"count": result.iterations, **leaves(outputs, "result")})
+        self._put("results", {"count": result.iterations * each, **leaves(outputs, "result")})
         if reset_after:
-            self.model = self._new_model()
+            self.model = IntegerCore(self.config)
         else:
             self.seen |= result.flags
         return result
-
-    def _new_model(self):
-        model = IntegerCore(self.config)
-        model.count_waits = self.config.lanes > 1
-        return model
 
     def _put(self, memory, row):
         self.rows[memory].append({name: row[name] for name in self.columns[memory]})
@@ -173,7 +166,7 @@ class Vectors:
             # After a reset the banks are swept; with a sweep per iteration, the sums of this one settle.
             "CLEARING": 1 + core.sweep_cycles + core.image.latency
             if config.gradient == "sweep"
-            else config.geometry.words + (config.lanes > 1),
+            else config.geometry.bank_depth,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
         }

@@ -1,6 +1,5 @@
 """Verilog of what tb_cmfpga_core.v does with every port of the core: lines, from the tables of ports and columns."""
 
-from cmfpga.rtl.image.lanes.vote_queue import VoteQueue
 from cmfpga.rtl.image.sliced_memory import slices
 from cmfpga.verilog.emit import TOP
 
@@ -16,32 +15,18 @@ def declarations(core):
 
 
 def fill_banks(core):
-    """Words in tagged banks and in queues of votes, as in a device: 0·X, in a simulator, is X.
-
-    Random ones, but for votes, whose addresses may not be beyond the banks.
-    """
-    some, memories = "{$random, $random, $random}", []  # path, number of words, contents
+    """Words in tagged banks, as in a device: 0·X, in a simulator, is X. Random ones."""
+    memories = []
     if "tagged_accumulator" in core.blocks:
         bank = core.blocks["tagged_accumulator"].banks[0]
         names = [f"ram.{name}" for name in slices(bank.word.size)] if bank.deep else ["ram"]
-        memories += [
-            (f"tagged_accumulator.bank_{n}.{name}", core.config.geometry.bank_depth, some)
-            for name in names
-            for n in range(4)
-        ]
-    if "lane_sums" in core.blocks:
-        lanes, words = range(core.config.lanes), core.config.geometry.words
-        for k in range(4):
-            memories += [(f"parity_class_{k}.bank_{n}.{name}", words, some) for n in lanes for name in ("ram", "tags")]
-            memories += [
-                (f"parity_class_{k}.queue_{lane}_{half}.operations", VoteQueue.depth, 0)
-                for lane in lanes for half in range(2)
-            ]  # fmt: skip
+        memories += [f"tagged_accumulator.bank_{n}.{name}" for name in names for n in range(4)]
     if memories:
         yield "integer word;"
         yield "initial begin"
-        for path, words, contents in memories:
-            yield f"  for (word = 0; word < {words}; word = word + 1) core.image.{path}[word] = {contents};"
+        for path in memories:
+            some, words = "{$random, $random, $random}", core.config.geometry.bank_depth
+            yield f"  for (word = 0; word < {words}; word = word + 1) core.image.{path}[word] = {some};"
         yield "end"
 
 

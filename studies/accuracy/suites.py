@@ -31,7 +31,7 @@ def run_suites(options, config, report):
     """Print the tables of all suites; of the synthetic batches only, without a folder of recordings."""
     names = ENGINES if options.engine == "all" else (options.engine,)
     runs = {name: (name, config) for name in names}
-    if config.ascent_rule.has_table and config.cold == config.warm == AUTO:
+    if config.ascent == "sign" and config.cold == config.warm == AUTO:
         runs[f"{names[0]}, without strides"] = names[0], config.replace(**BEFORE)
     cases = synthetic_cases(options.batches, seeds=options.seeds)
     rows, found = [], {}

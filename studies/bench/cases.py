@@ -39,8 +39,7 @@ def make_cases(quick=False):
     designs = {"core, preset paper": paper}
     if not quick:
         designs["core, paper in one pass"] = paper.replace(gradient="one_pass")
-    lanes = () if quick else (4, 8)
-    cases = [constant_case(batch, designs, 100), *sign_cases(batch, "fast", fast, lanes)]
+    cases = [constant_case(batch, designs, 100), *sign_cases(batch, "fast", fast)]
     if quick:
         return cases
 
@@ -67,13 +66,9 @@ def constant_case(batch, designs, iterations):
     return Case(workload=batch, ascent=CONSTANT, designs=designs, iterations=iterations)
 
 
-def sign_cases(batch, name, config, lanes=()):
-    """The sign ascent on a batch, cold and then warm; first without the confidence, which no program computes.
-
-    ``lanes`` are those of further cores.
-    """
+def sign_cases(batch, name, config):
+    """The sign ascent on a batch, cold and then warm; first without the confidence, which no program computes."""
     shipped = config.replace(roi_gain=0.0)
     designs = {f"core, preset {name}, judge=0": shipped.replace(judge=0), f"core, preset {name}": shipped}
-    designs |= {f"core, {name} with lanes={k}, judge=0": shipped.replace(judge=0, lanes=k) for k in lanes}
     for ascent, schedule in ((COLD, config.schedules.cold), (WARM, config.schedules.warm)):
         yield Case(workload=batch, ascent=ascent, designs=designs, iterations=len(schedule), schedule=schedule)

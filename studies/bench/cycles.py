@@ -20,7 +20,7 @@ class CoreRow:
     cycles : int
         From the offer of the batch's first event to its result.
     formula : int
-        ``Core.cycles`` for the same batch; with lanes the most.
+        ``Core.cycles`` for the same batch.
     per_iteration : int
         What one iteration more takes.
     after_last : int
@@ -49,9 +49,7 @@ def measure(case, name):
     size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events, "judge": config.judge}
     found = {} if cannot_compile() else _simulate(case, config)
     core = simulated(config).core if found else _unsimulated(config)
-    formula, shorter = (
-        core.cycles(**size, iterations=case.plan(count), most=True) for count in (iterations, iterations - 1)
-    )
+    formula, shorter = (core.cycles(**size, iterations=case.plan(count)) for count in (iterations, iterations - 1))
     cycles = found.pop("cycles", formula)
     return CoreRow(
         name=name, measured=bool(found), iterations=iterations, cycles=cycles, formula=formula,

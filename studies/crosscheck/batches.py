@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from cmfpga.config.schedule import FEWEST, STRIDES, ScheduleEntry
+from cmfpga.config.schedule import DISTANCES, FEWEST, STRIDES, Round, ScheduleEntry
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.imaging.camera import Camera
@@ -238,21 +238,21 @@ def random_schedules(config, rng):
 
 
 def random_plan(config, rng, most):
-    """Up to ``most`` iterations with any level, step and stride."""
-    return tuple(
-        ScheduleEntry(
-            int(rng.integers(config.max_level + 1)),
-            int(rng.integers(-config.formats.v.f, config.formats.v.i)),
-            int(rng.choice(STRIDES)),
-        )
-        for _ in range(rng.integers(0, most + 1))
-    )
+    """Up to ``most`` iterations with any level, step and stride, or distance and limit."""
+
+    def entry():
+        level, power = int(rng.integers(config.max_level + 1)), rng.integers(-config.formats.v.f, config.formats.v.i)
+        if config.ascent_rule.evaluations == 1:
+            return ScheduleEntry(level, int(power), int(rng.choice(STRIDES)))
+        return Round(level, int(rng.choice(DISTANCES)), 2.0 ** int(power))
+
+    return tuple(entry() for _ in range(rng.integers(0, most + 1)))
 
 
 def random_regions(config, rng, count=None):
     """A table: regions anywhere, of any size, some of them over the sensor's edge, some off every event."""
     plans = [random_plan(config, rng, config.schedule_entries // 6) for _ in range(3)]
-    if config.confidence:  # the last iteration needs all events
+    if config.confidence and config.ascent_rule.evaluations == 1:  # the last iteration needs all events
         plans = [plan[:-1] + tuple(last._replace(stride=1) for last in plan[-1:]) for plan in plans]
     plans += [None] * 7
     regions = []

@@ -65,7 +65,7 @@ def check(config, seed, shell=False):
 def _one_by_one(config, rng):
     """By the engines, as ``track`` runs them; the first batch with the configuration's own settings."""
     rtl, model = make_engine("rtl", config), make_engine("model", config)
-    core, model.core.count_waits = rtl.core, True
+    core = rtl.core
     limit = SLOW_CYCLES if cannot_compile() else CYCLES
     counts, cycles = np.zeros(2, int), 0
     for number in range(BATCHES):
@@ -80,9 +80,8 @@ def _one_by_one(config, rng):
         _same(where, found, expected)
         if found.iterations and found.events >= core.shortest_batch:
             done = {"events": found.events, "roi_events": found.roi_events, "iterations": model.core.plan}
-            wanted = core.cycles(**done, judge=settings.judge) + model.core.waited
+            wanted = core.cycles(**done, judge=settings.judge)
             equal(where, "cycles", found.cycles, wanted, "formula")
-            equal(where, "at most", wanted <= core.cycles(**done, judge=settings.judge, most=True), True, "formula")
         counts += 1, found.iterations
         cycles += found.cycles or 0
         if cycles > limit:
@@ -203,9 +202,7 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
         rows.append(settings_values(config, settings))
         expected.append(model.run(events, settings))
         done = expected[-1]
-        cycles += core.core.cycles(
-            events=done.events, roi_events=done.roi_events, iterations=model.core.plan, most=True
-        )
+        cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
     core.write_tables(settings)
     late = _late(rng, sum(len(t) for t, _, _ in batches), 40, gaps)
     results, traces = core.stream(batches, rows, gaps=late, stalls=_late(rng, len(batches), 3000, stalls))

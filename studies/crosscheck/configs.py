@@ -1,13 +1,15 @@
 """Random configurations, small enough to be compiled and simulated in seconds."""
 
 import dataclasses
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 
 from cmfpga.config import Config, unread
+from cmfpga.config.ascent import ASCENTS
 from cmfpga.config.motion import MOTIONS, needs
-from cmfpga.config.schedule import AUTO, STRIDES
+from cmfpga.config.schedule import AUTO, DISTANCES, STRIDES
 from cmfpga.errors import ConfigError
 from cmfpga.fixed import Q
 from cmfpga.protocol.registers import check
@@ -27,7 +29,7 @@ LARGEST_OF_REGIONS = {
 }  # fmt: skip
 OF_REGIONS = ("regions", "units", "slices", "bin_bits", "store_style")
 #: What such hardware, and the AXI top, cannot be without.
-NEEDED = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "lanes": 1, "thinning": 1, "thin_target": 0}
+NEEDED = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "thinning": 1, "thin_target": 0}
 WRAPPED = {"hot_pixels": 0, "hot_mask": "", "background": 0, "background_us": 0}
 
 
@@ -81,13 +83,16 @@ def _fields(rng, regions, shell):
         values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng, largest))
     if values.get("background"):  # or a reset would sweep millions of cells
         values["background_cell"] = max(values.get("background_cell", 1), 4)
-    values["lanes"] = int(rng.choice([1, 2, 4, 8], p=[0.85, 0.08, 0.05, 0.02]))  # eight take minutes to compile
     values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
     if regions:
         values |= _of_regions(rng, largest) | {"motion": values["motion"].replace("rotation", "translation")}
     if shell:
         values |= WRAPPED
     values |= needs(values["motion"])
+    if values["motion"] == "translation":
+        values |= dict(ASCENTS[values.get("ascent", "constant")].needs)
+    elif values.get("ascent") == "newton":
+        values["ascent"] = "sign"
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
     marked = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
@@ -101,7 +106,9 @@ def _fields(rng, regions, shell):
         fmt = Q(known[f"{name}_int"], known[f"{name}_frac"], signed=False)
         values[name] = fmt.real(int(rng.integers(fmt.max + 1) >> rng.integers(fmt.width)))
     for name in ("cold", "warm"):
-        values[name] = AUTO if rng.random() < 0.3 else _schedule(rng, known["max_level"], v, known["confidence"])
+        given = _rounds(rng, known["max_level"], v) if values.get("ascent") == "newton" else None
+        given = given or _schedule(rng, known["max_level"], v, known["confidence"])
+        values[name] = AUTO if rng.random() < 0.3 else given
     idle = unread(defaults | values)
     return {name: value for name, value in values.items() if name not in idle}
 
@@ -139,4 +146,13 @@ def _schedule(rng, max_level, v, judged):
         stride = rng.choice(STRIDES) if left or not judged else 1
         step = f"{rng.integers(max_level + 1)}:{rng.integers(-v.f, v.i)}/{stride}"
         words.append(step + (f"*{count}" if count > 1 else ""))
+    return " ".join(words)
+
+
+def _rounds(rng, max_level, v):
+    """A schedule of rounds; limits are 2^k or 3·2^k."""
+    words = []
+    for _ in range(rng.integers(1, 8)):
+        limit = Fraction(2) ** int(rng.integers(-v.f, v.i)) * Fraction(3, 2) ** int(rng.integers(2))
+        words.append(f"{rng.integers(max_level + 1)}:{Fraction(int(rng.choice(DISTANCES)), 4)}:{limit}")
     return " ".join(words)

@@ -106,7 +106,7 @@ def test_runtime_fields_do_not_change_the_verilog(emitted):
 
 
 # Fields that only shape the fast architecture, and words that are others than the default.
-FAST_ONLY = ("schedule_entries", "max_level", "tag_bits", "lanes", "dither_frac", "ram_style")
+FAST_ONLY = ("schedule_entries", "max_level", "tag_bits", "dither_frac", "ram_style")
 WORDS = {
     "gradient": "one_pass",
     "ascent": "sign",

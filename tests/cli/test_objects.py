@@ -153,7 +153,6 @@ def test_two_that_are_found(command, tmp_path, two, how):
     ([*TWO, "--engine", "serial:/dev/x"], "engine 'serial:/dev/x': one of rtl, axi, model, float is needed where"),
     ([*TWO, "--preset", "paper"], "several objects are regions of one hardware, which this cannot have: regions = 32: "
      "gradient = one_pass is needed; without --preset and --set it can, and with one --roi it need not"),
-    ([*TWO, "--set", "lanes=4"], "several objects are regions of one hardware, which this cannot have: regions = 32"),
     ([*TWO, "--preset", "objects", "--set", "regions=1"], "regions = 1: 2 objects need as many; --set regions=2"),
     ([*TWO, "--set", "max_batch_events=1000"], "--batch-events 1500: at most 1000 is allowed (max_batch_events)"),
 ])  # fmt: skip

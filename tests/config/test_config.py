@@ -67,7 +67,7 @@ def refusal(**changes):
 def test_the_defaults_are_the_presets_and_no_limit_is_missing():
     assert PRESETS["paper"] == Config() == preset("paper")
     assert all(FIELDS[name].metadata["low"] is not None and FIELDS[name].metadata["high"] for name in BOUNDED)
-    assert set(BOUNDED) | set(REAL) | TEXT | {"confidence_limit", "lanes"} == set(FIELDS)
+    assert set(BOUNDED) | set(REAL) | TEXT | {"confidence_limit", "evaluators"} == set(FIELDS)
     for field in FIELDS.values():
         assert len(field.metadata["doc"]) > 5
 
@@ -151,18 +151,31 @@ def test_a_narrower_format_allows_less():
 ])  # fmt: skip
 def test_choices(name, choices):
     for choice in choices:
-        assert getattr(Config(max_level=2, **{name: choice}), name) == choice
+        needed = dict(ASCENTS["newton"].needs) if choice == "newton" else {}
+        assert getattr(Config(max_level=2, **needed, **{name: choice}), name) == choice
     for value in ("", "LAST", " sweep", 1, None, ["last"]):
         assert refusal(**{name: value}) == f"{name} = {value!r}: one of {', '.join(choices)} is needed"
 
 
-def test_lanes():
-    for lanes in (1, 2, np.int64(4), 8):
-        found = Config(gradient="one_pass", lanes=lanes).lanes
-        assert found == lanes and type(found) is int
-    for value in (0, 3, 16, True, 4.0, "4", None):
-        assert refusal(gradient="one_pass", lanes=value) == f"lanes = {value!r}: one of 1, 2, 4, 8 is needed"
-    assert refusal(lanes=4) == "lanes = 4: gradient = one_pass is needed; gradient = sweep ignores it"
+ROUNDS = {"ascent": "newton", **dict(ASCENTS["newton"].needs)}
+
+
+def test_evaluators():
+    for evaluators in (1, np.int64(4)):
+        found = Config(**ROUNDS, evaluators=evaluators).evaluators
+        assert found == evaluators and type(found) is int
+    assert refusal(**ROUNDS, evaluators=2) == "evaluators = 2: one of 1, 4 is needed"
+    assert refusal(evaluators=4) == "evaluators = 4: ascent = newton is needed; ascent = constant ignores it"
+
+
+@pytest.mark.parametrize("changes, message", [
+    ({"border": "corners"}, "border = whole is needed"),
+    ({"gradient": "sweep"}, "gradient = one_pass is needed"),
+    ({"v_frac": 1}, "v_frac = 1: 2 or more is needed, for v is probed ¾ px beside it"),
+])  # fmt: skip
+def test_what_rounds_need(changes, message):
+    assert refusal(**ROUNDS | changes).startswith("ascent = newton: ")
+    assert refusal(**ROUNDS | changes).endswith(message)
 
 
 # ---------------------------------------------------------------- fields together
@@ -334,7 +347,6 @@ REGIONS = Config(**MANY, regions=2)
         (Config(), {"store_style": "ultra"}, "store_style = ultra: regions of 1 or more are needed"),
         (Config(), {"regions": 2}, "regions = 2: gradient = one_pass is needed"),
         (REGIONS, {"buffers": 1}, "regions = 2: buffers = 2 is needed"),
-        (REGIONS, {"lanes": 2}, "regions = 2: lanes = 1 is needed"),
         (REGIONS, {"thinning": 2}, "regions = 2: thinning: each region has a stride of its own instead"),
         (REGIONS, {"max_batch_events": 300000},
          "max_batch_events = 300000: at most 262144 are allowed, for the store holds them all"),

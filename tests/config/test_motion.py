@@ -35,7 +35,7 @@ def test_parameters_and_basis(name, names, members):
 @pytest.mark.parametrize("motion", [name for name in MOTIONS if name != "translation"])
 def test_what_a_motion_needs(motion):
     good = preset(motion)
-    others = {"gradient": "sweep", "border": "corners", "lanes": 2, "undistortion": "off", "confidence": 1}
+    others = {"gradient": "sweep", "border": "corners", "undistortion": "off", "confidence": 1}
     for name in needs(motion):
         if name in others:
             with pytest.raises(ConfigError) as caught:

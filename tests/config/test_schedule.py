@@ -3,7 +3,7 @@
 import pytest
 
 from cmfpga.config import Config, preset
-from cmfpga.config.schedule import MEASURED, parse_schedule
+from cmfpga.config.schedule import MEASURED, Round, parse_schedule
 from cmfpga.errors import ConfigError
 from cmfpga.fixed import Q
 
@@ -55,3 +55,56 @@ def test_the_fast_preset_has_fifteen_cold_and_six_warm_iterations():
     assert (len(config.schedules.cold), len(config.schedules.warm)) == (15, 6)
     with pytest.raises(ConfigError, match=r"^warm: "):
         config.replace(warm="0:9")
+
+
+ROUNDS = LIMITS | {"rounds": True, "best": "newton"}
+FORM = "LEVEL:H:LIMIT*COUNT is needed, *COUNT if not 1; H and LIMIT such as 1 or 3/4"
+
+
+def test_rounds():
+    found = parse_schedule("2:3:4 1:3/2:3/2*2  0:3/4:1/16 0:1:3/64 0:6/3:16", **ROUNDS)
+    assert found == (
+        (2, 12, 4.0), (1, 6, 1.5), (1, 6, 1.5), (0, 3, 0.0625), (0, 4, 3 / 64), (0, 8, 16.0),
+    )  # fmt: skip
+    assert all(type(entry) is Round and entry.stride == 1 for entry in found)
+
+
+@pytest.mark.parametrize("text, message", [
+    ("", "cold: 0 iterations: 1 to 16 are needed (schedule_entries)"),
+    ("3:1:1", "cold: '3:1:1': level 0 to 2 is needed (max_level)"),
+    ("0:1/2:1", "cold: '0:1/2:1': a distance of 3/4, 1, 3/2, 2, 3 is needed"),
+    ("0:0:1", "cold: '0:0:1': a distance of 3/4, 1, 3/2, 2, 3 is needed"),
+    *((f"0:1:{limit}", f"cold: '0:1:{limit}': a limit of 2^k or 3·2^k is needed, 1/64 to 16 (Q5.6)")
+      for limit in ("0", "5/4", "1/3", "1/128", "3/128", "24", "32", "7")),
+    ("0:1:1*0", "cold: '0:1:1*0': a count of 1 to 16 is needed (schedule_entries)"),
+    ("0:1:1*9 0:1:1*9", "cold: 18 iterations: 1 to 16 are needed (schedule_entries)"),
+    *((text, f"cold: '{text}': {FORM}")
+      for text in ("0:1", "1:-1", "0:1:1/0", "0:0.75:1", "0:1:-1", "0:1:1/4*", "0:1:1:1")),
+])  # fmt: skip
+def test_refusals_of_rounds(text, message):
+    with pytest.raises(ConfigError) as caught:
+        parse_schedule(text, **ROUNDS)
+    assert str(caught.value) == message
+
+
+def test_a_limit_has_a_code_that_gives_its_raw_value_back():
+    codes = set()
+    for fmt in (Q(5, 6), Q(1, 2), Q(3, 16)):
+        for power in range(-fmt.f, fmt.i):
+            for limit in (2.0**power, 1.5 * 2.0**power):
+                raw = limit * (1 << fmt.f)
+                if raw == int(raw) and limit <= 1 << fmt.i - 1:
+                    code = Round(0, 3, limit).code(fmt)
+                    assert ((2 + code % 2) << code // 2) >> 1 == raw
+                    assert code <= 2 * (fmt.width - 2)
+                    codes.add(code)
+    assert codes == {0, *range(2, 37)}
+
+
+def test_auto_of_rounds_goes_as_far_as_the_hardware():
+    best = preset("fast").replace(ascent="newton")
+    assert best.schedules.warm == parse_schedule(MEASURED["newton"]["warm"], **ROUNDS)
+    narrow = best.replace(max_level=1, v_int=1, v_frac=2, dither_frac=4, dt_frac=8)
+    assert narrow.schedules.cold == tuple(
+        (min(level, 1), distance, max(0.25, min(limit, 1.0))) for level, distance, limit in best.schedules.cold
+    )

@@ -56,24 +56,6 @@ def test_batches_of_the_article_equal_the_model(compiler, rng):
         assert accelerator.self_test()["golden batch"].endswith("as the integer model")
 
 
-def test_lanes_behind_the_axi_top(compiler, rng):
-    """Of the preset fast-4, in a small size: results and cycles are those of the models."""
-    from cmfpga.rtl.core import Core
-
-    config = preset("fast-4").replace(**SMALL)
-    model = ModelEngine(config)
-    model.core.count_waits = True
-    core = Core(config)
-    with Accelerator(SimulationBackend(config)) as accelerator:
-        for number in range(4):
-            events = batch(rng, 250, begin=3000 * number)
-            result = accelerator.run(events)
-            assert differences(result, model_run(model, events, config=config)) == []
-            counts = {"events": result.events, "roi_events": result.roi_events}
-            assert result.cycles == core.cycles(**counts, iterations=model.core.plan) + model.core.waited
-        assert accelerator.self_test()["golden batch"].endswith("as the integer model")
-
-
 def test_cycles_are_those_of_the_core(accelerator, rng):
     from cmfpga.rtl.core import Core
 

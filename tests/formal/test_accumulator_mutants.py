@@ -4,11 +4,10 @@ import pytest
 
 from cmfpga.rtl.image import tagged_accumulator
 from support.formal.accumulator_proof import TINY, AccumulatorHarness, TaggedAccumulatorHarness, small_bank, tiny
-from support.formal.bank_proof import LaneBankHarness, TaggedBankHarness
+from support.formal.bank_proof import TaggedBankHarness
 from support.formal.harness import needs_solver, solve
 from support.formal.mutants import (
     ACCUMULATOR,
-    LANE_BANK,
     READ_ADD_WRITE,
     SLICED_MEMORY,
     TAGGED_ACCUMULATOR,
@@ -22,7 +21,6 @@ CYCLES = 14
 HARNESSES = {
     "bank": (READ_ADD_WRITE, lambda module: small_bank(module.ReadAddWrite)),
     "tagged-bank": (TAGGED_BANK, lambda module: TaggedBankHarness(module.TaggedBank(tiny(6, 4)))),
-    "lane-bank": (LANE_BANK, lambda module: LaneBankHarness(module.LaneBank(tiny(6, 4)))),
     "accumulator": (ACCUMULATOR, lambda module: AccumulatorHarness(module.Accumulator(TINY))),
     "tagged-accumulator": (
         TAGGED_ACCUMULATOR, lambda module: TaggedAccumulatorHarness(module.TaggedAccumulator(tiny(2, 2)), 1, [2])

@@ -10,7 +10,6 @@ from amaranth.hdl import Elaboratable, Module, Signal
 from cmfpga.fpga.packing import pack_registers
 from cmfpga.fpga.tools import yosys
 from cmfpga.rtl.arithmetic import delay
-from cmfpga.rtl.image.lanes.lane_sums import add_products
 from support.ecp5_cells import adder, cell, difference, register, twice_waiting
 
 
@@ -131,7 +130,14 @@ class Products(Elaboratable):
     def elaborate(self, platform):
         m = Module()
         factors = [[delay(m, term, 1, name=f"in_{term.name}", valid=True) for term in terms] for terms in self.terms]
-        m.d.sync += self.o.eq(add_products(m, factors, "sum"))
+        total = 0
+        for number, each in enumerate(factors):  # all registers around a multiplier have the same reset
+            waits = max(2, number + 1) + 1
+            a, c, b = (delay(m, part, waits, name=f"{number}_{k}", valid=True) for k, part in enumerate(each))
+            a, b = (delay(m, x, 1, name=f"factor_{number}_{k}", valid=True) for k, x in enumerate((a + c, b)))
+            product = delay(m, a * b, 1, name=f"product_{number}", valid=True)
+            total = delay(m, total + product, 1, name=f"sum_{number}") if number else product
+        m.d.sync += self.o.eq(total)
         return m
 
 

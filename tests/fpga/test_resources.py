@@ -35,7 +35,7 @@ def fast():
 
 def test_the_fast_core_takes_less_than_the_articles():
     """Same scope as its table: the core without AXI, 64×64 px, and without the confidence, which it has not."""
-    config, row = preset("fast"), BASELINES["lanes"]["fast, no confidence"]
+    config, row = preset("fast"), BASELINES["plain"]["fast, no confidence"]
     assert (config.roi_width, config.roi_height) == (64, 64)
     assert all(0 < row[kind] < article.RESOURCES[kind] for kind in ("lut", "ff", "bram36", "dsp"))
 
@@ -75,9 +75,9 @@ def test_the_axi_top_is_like_its_baseline_and_fits(name):
     assert all(stored[kind] < has for kind, has in DEFAULT.resources.items() if kind != "uram")
 
 
-@pytest.mark.parametrize("name", update.LANES)
-def test_lanes_are_like_their_baselines(name):
-    assert_like_baseline(update.core_alone("lanes", name, update.LANES[name])[0], BASELINES["lanes"][name], name)
+@pytest.mark.parametrize("name", update.PLAIN)
+def test_cores_without_confidence_are_like_their_baselines(name):
+    assert_like_baseline(update.core_alone("plain", name, update.PLAIN[name])[0], BASELINES["plain"][name], name)
 
 
 @pytest.mark.parametrize("name", ["rotation", "similarity"])

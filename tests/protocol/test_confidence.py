@@ -20,6 +20,7 @@ from cmfpga.protocol.confidence import (
     is_judged,
     is_sharp,
     is_trusted,
+    kept,
     least_fall,
     probe_velocities,
     probes_towards_zero,
@@ -98,7 +99,7 @@ def test_votes_and_derivatives_may_have_other_fractions(fractions):
     ],
 )  # fmt: skip
 def test_another_comparison_would_be_noticed(old, new):
-    source = inspect.getsource(is_trusted)
+    source = inspect.getsource(kept) + inspect.getsource(is_trusted)
     assert source.count(old) == 1
     mutant = dict(vars(module))
     exec(source.replace(old, new), mutant)

@@ -4,21 +4,30 @@ import pytest
 
 from cmfpga.rtl import iterating, iteration_control
 from cmfpga.rtl.ascent import sign
-from cmfpga.rtl.confidence import least_judge, probe
+from cmfpga.rtl.confidence import least_judge, means, probe
 from cmfpga.rtl.core import Core
-from cmfpga.rtl.image import basis, dither, flow, gradient_reader, moments, one_pass_gradient, voter, warp
-from cmfpga.rtl.image.lanes import lane_image, lane_sums, parity_class
+from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, voter, warp
 from cmfpga.rtl.ingest import event_buffer, ingest_control
 from support.bench import Repeated
-from support.core_batches import CENTER, CONFIGS, LANES, centered, random_batch, run, spread
+from support.core_batches import CONFIGS, random_batch, run, spread
 from support.mutation import break_blocks
 
 MUTANTS = {  # module, old, new, configuration
     "a pair does not cancel": (one_pass_gradient, "Mux(valid[a] ^ valid[b], Mux(", "Mux(1, Mux(", "one pass"),
-    "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, total)", "growth + total", "one pass"),
+    "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, before)", "growth + before", "one pass"),
     "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
     "warped by the last probe": (probe, "self.complete & turn.any()", "self.complete & turn[:3].any()", "fast"),
     "sums of the last probe": (probe, "self.sums.valid & self.iterating", "self.sums.valid", "fast"),
+    "means of three": (means, "Mux(turn == 0, 0, total)", "Mux(turn[1] == 0, 0, total)", "four evaluators"),
+    "means of the batch before": (means, "mean.eq(total >> 2)", "mean.eq(total >> 1)", "one evaluator"),
+    "a verdict of any round": (iterating, "self.means.done & control.run.final", "self.means.done",
+                               "three bits of v"),
+    "a verdict not waited for": (iteration_control, "with m.If(self.judged):", "with m.If(1):", "three bits of v"),
+    "a verdict of the batch before": (iterating, "(judged | verdict.done) & ~control.run.take", "judged | verdict.done",
+                                      "three bits of v"),
+    "events come too soon": (event_buffer, "goes &= turn == 0", "goes &= turn[0] == 0", "one evaluator"),
+    "events come at any time": (event_buffer, "turn.eq(Mux(self.replay, 0, turn + 1))", "turn.eq(turn + 1)",
+                                "one evaluator"),
     "half a pixel too far": (basis, "1 << motion.place_frac) >> 1 if", "1 << motion.place_frac) >> 2 if", "rotation"),
     "the ROI's corner forgotten": (basis, "self.corner[axis] << motion.place_frac", "0", "rotation"),
     "a centre beside the ROI's": (basis, "2 * (size - 1)", "2 * size", "similarity"),
@@ -37,7 +46,7 @@ MUTANTS = {  # module, old, new, configuration
     "the corner of coarse pixels": (voter, "((1 << (level + unit)) // 2 -", "((1 << unit) // 2 -", "similarity"),
     "moments go on": (moments, "Mux(begin_s1, 0, register)", "register", "rotation"),
     "the wrong moment": (moments, "s + part if sign > 0 else s - part", "s + part", "rotation"),
-    "zoom without a limit": (sign, "Mux(chosen[-1], Mux(negative", "Mux(0, Mux(negative", "similarity"),
+    "zoom without a limit": (sign, "Mux(chosen[-1], Mux(negative_s1", "Mux(0, Mux(negative_s1", "similarity"),
     "steps as long for lesser slopes": (sign, 'ways(step >> 1, "_halved")', 'ways(step, "_halved")', "similarity"),
     "lesser than the next slope": (sign, "others.any()", "others[-1]", "similarity"),
     "lesser by any size": (sign, "double - sizes[other]", "sizes[name] - sizes[other]", "rotation"),
@@ -75,33 +84,3 @@ def test_a_broken_block_is_noticed(name, monkeypatch, rng):
     batches += [random_batch(config, rng) for _ in range(4)]
     with pytest.raises(AssertionError):
         run(config, batches, rng, stall=0.5, core=Repeated(Core(config)))
-
-
-#: With lanes, of what stands around queues and routers, which have proofs of their own (``tests/formal``).
-MUTANTS_OF_LANES = {  # module, old, new
-    "queues not waited for": (lane_image, "self.complete.eq(closing & ", "self.complete.eq(closing | closing & "),
-    "lanes go on without room": (lane_image, "room = ~Cat(", "room = 1 | Cat("),
-    "banks not swept": (lane_image, "each.sweep.valid.eq(idle)", "each.sweep.valid.eq(0)"),
-    "first votes not summed": (lane_sums, "self.plain_latency - 1", "self.plain_latency"),
-    "first products not summed": (lane_sums, "self._ahead + self.latency - 1", "self._ahead + self.latency"),
-    "squares not waited for": (iterating, "self.image.squares_late, name", "0, name"),
-    "product of another vote": (lane_sums, "max(2, number + 1)", "number + 2"),
-    "v of an iteration before": (warp, "v[axis], self._waiting,", "v[axis], self._waiting + 1,"),
-    "both rows of a bank": (parity_class, "Cat(column[geometry.lane_bits :], row)", "column[geometry.lane_bits :]"),
-    "an event too many": (event_buffer, "reading_s2 & exists", "reading_s2"),
-    "the buffer that is filled": (event_buffer, "Cat(place, replaying)", "Cat(place, ~replaying)"),
-    "events dithered alike": (dither, "self.lane * factor)", "0 * self.lane * factor)"),
-}
-
-
-@pytest.mark.parametrize("name", [None, *MUTANTS_OF_LANES])
-def test_broken_lanes_are_noticed(name, monkeypatch, rng):
-    """And those that nothing is wrong with pass."""
-    batches = [spread(LANES, rng, 30), centered(LANES, range(90), roi=CENTER), spread(LANES, rng, 61)]
-    batches += [random_batch(LANES, rng) for _ in range(2)]
-    if name is None:
-        run(LANES, batches, rng, stall=0.5)
-        return
-    break_blocks(monkeypatch, *MUTANTS_OF_LANES[name])
-    with pytest.raises(AssertionError):
-        run(LANES, batches, rng, stall=0.5, core=Repeated(Core(LANES)))

@@ -22,14 +22,14 @@ from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "fpga" / "baselines.json"
 PRESETS = ("paper", "fast")
-#: Of these only the whole core: with lanes, and beside it without confidence; motions, and what they stand beside.
-LANES = {"fast-4": {}, **{f"{name}, no confidence": {"confidence": 0} for name in ("fast-4", "fast")}}
+#: Of these only the whole core: without confidence; motions, and what they stand beside.
+PLAIN = {"fast, no confidence": {"confidence": 0}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
 #: Presets that fit the device, and seeds of each.
-PLACED, SEEDS = ("fast", "fast-4", "fast-128", "paper"), 5
-BASELINES = {"fingerprints": {}, "placed": {}, "lanes": {}, "motions": {}, "regions": {}} | json.loads(
+PLACED, SEEDS = ("fast", "fast-128", "paper"), 5
+BASELINES = {"fingerprints": {}, "placed": {}, "plain": {}, "motions": {}, "regions": {}} | json.loads(
     PATH.read_text(encoding="utf-8")
 )
 
@@ -124,7 +124,7 @@ def main(what=None):
         fingerprints[name] = fingerprint(text, rows[name])
         write(BASELINES)
 
-    for kind, cores in (("lanes", LANES), ("motions", MOTIONS), ("regions", REGIONS)):
+    for kind, cores in (("plain", PLAIN), ("motions", MOTIONS), ("regions", REGIONS)):
         for name, changes in cores.items():
             BASELINES[kind][name], text = core_alone(kind, name, changes)
             fingerprints[name] = fingerprint(text, BASELINES[kind][name])

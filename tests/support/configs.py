@@ -39,3 +39,15 @@ LEVELS = {
         position_frac=5, cold="1:0 0:-1", warm="0:-1",
     ),
 }  # fmt: skip
+
+#: Of rounds: few tags; sizes that are odd, and a P that is no power of two; other formats; no levels and no dither.
+ROUNDS = {
+    "fast": preset("fast").replace(
+        ascent="newton", sensor_width=40, sensor_height=30, roi_width=16, roi_height=8, buffer_events=48, tag_bits=3
+    ),
+    "fast odd": LEVELS["fast odd"].replace(ascent="newton"),
+    "fast wide": LEVELS["fast wide"].replace(ascent="newton", border="whole", cold="1:1:1", warm="0:1:1", confidence=1),
+    "flat": Config(
+        **ODD, gradient="one_pass", ascent="newton", border="whole", v_int=1, confidence=1, cold="0:1:1", warm="0:1:1"
+    ),
+}

@@ -91,7 +91,8 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
     for batch in batches:
         chosen = batch.settings
         iterations = max(chosen.iterations, len(chosen.cold), len(chosen.warm)) + 6 * config.confidence
-        busy = iterations * (len(batch.events) + config.geometry.bank_words + core.iteration_latency)
+        events = len(batch.events) << config.geometry.turn_bits
+        busy = iterations * (events + config.geometry.bank_words + core.iteration_latency)
         limit += 2 * (len(batch.events) + busy + core.batch_latency) + 20
     limit = int(limit / (1 - min(0.9, max(gap, stall))))
 
@@ -104,7 +105,7 @@ def drive_core(core, batches, *, rng, gap=0.0, stall=0.0, eager=True, before_tic
         taken_in = [batch.raw_settings(config, table) for batch in batches]
         position, offering, held, finished = 0, False, None, 0
         for address, values in enumerate(table):
-            entry = dict(zip(("level", "shift", "stride"), table_entry(config, values), strict=True))
+            entry = dict(zip(payloads.schedule_entry(config).members, table_entry(config, values), strict=True))
             write.set(ctx, {"address": address, "entry": entry})
             write_valid.set(ctx, 1)
             await ctx.tick()
@@ -185,13 +186,16 @@ def check_core(config, batches, outcomes, *, model=None, free=False):
             f"batch {number}"
         )
         assert wanted.events == sum(result[name] for name in COUNTS)
-        steps = [{"v": dict(zip(names, i.v, strict=True)), "sums": i.sums.named(config)} for i in model.iterations]
+        each = config.ascent_rule.evaluations  # of an iteration, whose v is that of a round's centre
+        velocities = [dict(zip(names, v, strict=True)) for v in wanted.trace.v.tolist()]
+        steps = [{"v": velocities[k // each], "sums": i.sums.named(config)} for k, i in enumerate(model.iterations)]
         assert outcome.trace == steps, f"batch {number}"
         if config.gradient == "sweep":
             images = [words for iteration in model.iterations for words in bank_pixels(config, iteration.images)]
             assert outcome.pixels == images, f"batch {number}: images"
         if not degenerate:
-            assert sums == steps[-1]["sums"]
+            last = [step["sums"] for step in steps[-each:]]
+            assert sums == {name: sum(one[name] for one in last) // each for name in sums}
         elif config.confidence:
             assert not any(sums.values())
         assert cycles == outcome.done - outcome.opened
@@ -211,7 +215,11 @@ def cycles_of(config, result, plan):
     """:meth:`Core.cycles` without a core: N + Σ n_k + T·(P/4 + L) + constant, its latencies as numbers."""
     events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
     iterated = sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
-    if result.confidence_limit:
+    if config.ascent == "newton":
+        turns = 5 - config.evaluators  # cycles of an event
+        iterated = len(plan) * (turns * result.roi_events + per_iteration(config))
+        iterated += verdict_cycles(config) * bool(result.confidence_limit)
+    elif result.confidence_limit:
         probes = 4 if config.motion == "translation" else len(result.v)
         iterated += probes * (result.roi_events + per_iteration(config)) + judge_cycles(config)
     return events + iterated + constant_cycles(config)
@@ -223,6 +231,10 @@ SHORTEST = 7
 
 def per_iteration(config):
     """P/4 + L as a number, L in one pass."""
+    if config.ascent == "newton":  # serial sums, and the ascent
+        levels = 1 if config.max_level else 0
+        division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
+        return levels + 3 + 3 + 8 + (3 if config.evaluators == 4 else 0) + division + solver_cycles(config)
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
     division = division if config.motion == "translation" else 3  # flow and moments take four cycles, the gradient none
     ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
@@ -236,6 +248,20 @@ def judge_cycles(config):
     more = config.weight_frac - config.derivative_frac
     factors = max((4 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
     return 4 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
+
+
+def verdict_cycles(config):
+    """Cycles of a batch whose v is judged in rounds: what the verdict takes longer than the ascent."""
+    drop = config.widths.curvature_bits - 17
+    squares = 1 if config.widths.sum_i_bits <= 17 else 4
+    return max(1, squares + 21 + drop // 4 + min(3, drop) - solver_cycles(config))
+
+
+def solver_cycles(config):
+    """Cycles from a round's last gradient to the next v: those of normalising, a bit of the quotient each, and 17."""
+    drop = config.widths.round_bits - 17
+    fours = max(0, drop - 3) // 4
+    return fours + (drop - 4 * fours) + config.v_frac + 17
 
 
 def constant_cycles(config):

@@ -15,6 +15,7 @@ from support.values import edge_integers
 
 SMALL = {"sensor_width": 40, "sensor_height": 30, "roi_width": 16, "roi_height": 12}
 LIMITS = {"buffer_events": 48, "max_batch_events": 90, "max_iterations": 7}
+ROUNDS = {"ascent": "newton", "cold": "2:3:4 1:3/2:2 0:3/4:3/4", "warm": "1:1:3/2 1:3/4:1 0:3/4:1/16"}
 CONFIGS = {
     "small": Config(**SMALL, **LIMITS, iterations=3),
     # P a power of two: the gradient costs no multiplication.
@@ -38,6 +39,21 @@ CONFIGS = {
         **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, buffers=1, weight_frac=3,
         derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
     ),
+    # Rounds: four evaluators, and one; with one also one buffer, and a P that is no power of two.
+    "four evaluators": preset("fast").replace(
+        **SMALL | {"roi_height": 8}, **LIMITS, **ROUNDS, tag_bits=3, evaluators=4
+    ),
+    "one evaluator": preset("fast").replace(
+        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, **ROUNDS, tag_bits=4, buffers=1
+    ),
+    # So short a solver that the verdict is waited for.
+    "three bits of v": preset("fast").replace(
+        **SMALL | {"roi_height": 8}, **LIMITS, tag_bits=4, ascent="newton", evaluators=4, v_frac=3, v_int=3, dt_frac=4,
+        dither_frac=3, buffers=1, cold="2:3:4 1:3/2:2 0:3/4:3/4", warm="1:1:3/2 0:3/4:1/4",
+    ),
+    "rounds, no confidence": preset("fast").replace(
+        **SMALL, **LIMITS, **ROUNDS, tag_bits=4, confidence=0, evaluators=4
+    ),
     # Motions beyond translation: a lever arm of 8 px, which a fast zoom or roll leaves.
     "similarity": preset("similarity").replace(
         **SMALL | {"roi_width": 20}, **LIMITS, tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
@@ -51,9 +67,6 @@ CONFIGS = {
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
 }  # fmt: skip
-
-#: Two lanes, whose queues the events of one pixel fill.
-LANES = CONFIGS["fast"].replace(buffer_events=90, lanes=2)
 
 FLOWS = {"free": (0.0, 0.0), "gaps": (0.4, 0.0), "stalls": (0.0, 0.8), "both": (0.4, 0.8)}
 
@@ -86,6 +99,17 @@ PLANS = tuple(
     parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4)
     for text in ("0:-2", "2:2/4 0:-6", "1:0*2 0:4/2", "2:1 1:-1/2 0:-3/4 0:-5", "0:-3 0:-5", "1:4*2")
 )
+#: The same of rounds: all distances, the largest and the smallest limit.
+ROUND_PLANS = tuple(
+    parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4, best="newton", rounds=True)
+    for text in (
+        "0:3/4:1/16",
+        "2:3:16 0:2:1/64",
+        "1:1:1*2 0:3/2:3/2",
+        "2:2:4 1:3/2:2 0:1:3/4 0:3/4:1/16",
+        "1:3/4:3/32*2",
+    )
+)
 
 
 def settings(config, **changes):
@@ -111,8 +135,11 @@ def random_batch(config, rng, *, bad_times=0.15):
     around = tuple(c + s // 2 for c, s in zip(roi, size, strict=True)) if roi else None
     span = 0 if rng.random() < 0.1 else None
     plans = {}
-    if config.ascent == "sign":
-        plans = {name: ((), *PLANS)[int(rng.integers(len(PLANS) + 1))] for name in ("cold", "warm")}
+    if config.ascent_rule.has_table:
+        known = PLANS if config.ascent == "sign" else ROUND_PLANS
+        if config.formats.v != CONFIGS["fast"].formats.v:  # which has those limits
+            known = [config.schedules.cold, config.schedules.warm] if config.ascent == "newton" else known
+        plans = {name: ((), *known)[int(rng.integers(len(known) + 1))] for name in ("cold", "warm")}
     return Batch(
         events=moving_points(config, rng, count, bad_times=bad_times, span=span, around=around),
         settings=settings(

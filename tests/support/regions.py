@@ -15,7 +15,7 @@ from cmfpga.rtl.payloads import schedule_entry
 from cmfpga.rtl.regions import payloads
 from cmfpga.rtl.regions.regions import Regions
 from support.bench import simulate
-from support.core_batches import PLANS, moving_points, settings
+from support.core_batches import ROUNDS, moving_points, settings
 
 _SMALL = preset("fast").replace(
     sensor_width=40, sensor_height=30, roi_width=16, roi_height=12, buffer_events=37, max_batch_events=150,
@@ -33,7 +33,16 @@ CONFIGS = {
     ),
     "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
     "similarity": _SMALL.replace(motion="similarity"),
+    "four evaluators": _SMALL.replace(**ROUNDS, evaluators=4),
+    "one evaluator": _SMALL.replace(**ROUNDS, undistortion="on", tag_bits=4),
 }  # fmt: skip
+
+
+def _plans(config):
+    """Schedules that the configuration may have."""
+    if config.ascent == "newton":
+        return ROUND_PLANS
+    return [plan for plan in PLANS if not config.confidence or plan[-1].stride == 1]
 
 
 def random_window(config, rng, kind="any"):
@@ -47,7 +56,7 @@ def random_window(config, rng, kind="any"):
 
 
 def random_settings(config, rng):
-    plans = [plan for plan in PLANS if not config.confidence or plan[-1].stride == 1]
+    plans = _plans(config)
     cold, warm = (plans[int(rng.integers(len(plans)))] for _ in range(2))
     chosen = settings(
         config, min_roi_events=int(rng.integers(1, 4)), roi_gain=int(rng.integers(1 << 6)), cold=cold, warm=warm

@@ -138,7 +138,7 @@ class Table:
             RegionOutcome(**required(
                 "region", roi=(row.x, row.y), roi_next=(row.x + 1, row.y), v=(2.0, 1.0), iterations=4, flags=flag,
                 roi_events=9, outside=len(events) - 9, restarted=0, confidence_limit=90, sum_squares=9, sums=(0,) * 5,
-                curvature=(9e5, 9e5, 0), trace=Trace.without_iterations((128, 64)),
+                curvature=(9e5, 9e5, 0), trace=Trace.without_iterations(self.config, (128, 64)),
             ))
             for row, flag in zip(self.regions, flags, strict=True)
         ]  # fmt: skip
@@ -250,7 +250,6 @@ def test_a_configuration_gets_a_table():
 
 @pytest.mark.parametrize("config, message", [
     (preset("paper"), "gradient = one_pass is needed"),
-    (preset("fast-4"), "lanes = 1 is needed"),
     (preset("rotation"), "motion = rotation: a region sees too little of the field"),
     (preset("fast").replace(buffers=1), "buffers = 2 is needed"),
     (preset("fast").replace(thin_target=900), "each region has a stride of its own instead"),

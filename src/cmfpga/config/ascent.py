@@ -18,14 +18,23 @@ class ConstantAscent:
         The fields of the configuration that only it reads, the settings among them.
     has_table : bool
         Whether a table of schedules says what each iteration does.
-    latency, lanes_latency : int
-        Clock cycles from a gradient to the new v, with one lane and with several.
+    evaluations : int
+        Of the image in an iteration.
+    strides : bool
+        Whether an iteration may leave out events.
+    needs : tuple of (str, value)
+        Fields of the configuration, and the values without which it does not work.
     """
 
     settings = ("iterations", "eta")
     fields = (*settings, "eta_int", "eta_frac")
-    has_table = False
-    latency, lanes_latency = 5, 5
+    has_table, strides = False, False
+    evaluations = 1
+    needs = ()
+
+    def latency(self, config):
+        """Clock cycles from a gradient, or from a round's last, to the new v."""
+        return 5
 
     def warm(self, settings, followed):
         """Whether a batch starts from the last v; ``followed``: the last batch measured it, and the ROI was not set."""
@@ -41,8 +50,12 @@ class SignAscent:
 
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
-    has_table = True
-    latency, lanes_latency = 2, 3
+    has_table, strides = True, True
+    evaluations = 1
+    needs = ()
+
+    def latency(self, config):
+        return 2
 
     def warm(self, settings, followed):
         return settings.start_last and followed
@@ -51,4 +64,17 @@ class SignAscent:
         return settings.warm if warm else settings.cold
 
 
-ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent()}
+class NewtonAscent(SignAscent):
+    """v ← v + M⁻¹·g of four evaluations beside v, in rounds of a schedule."""
+
+    fields = (*SignAscent.fields, "evaluators")
+    strides = False
+    evaluations = 4
+    # Only then an event's derivatives are opposite, and the sums are the gradient.
+    needs = (("gradient", "one_pass"), ("border", "whole"), ("motion", "translation"))
+
+    def latency(self, config):
+        return len(config.widths.round_shifts) + config.v_frac + 17
+
+
+ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent(), "newton": NewtonAscent()}

@@ -3,7 +3,7 @@
 from .ascent import ASCENTS
 
 #: Gradient architectures.
-GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "lanes", "confidence")}
+GRADIENTS = {"sweep": (), "one_pass": ("tag_bits", "confidence")}
 #: Whether positions are undistorted.
 UNDISTORTION = {"off": (), "on": ("undistortion_cell", "undistortion_frac", "camera")}
 

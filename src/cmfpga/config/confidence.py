@@ -13,12 +13,15 @@ def check_confidence(config):
             raise ConfigError(
                 f"confidence = 1: the last iteration of {name} has stride {stride}: it needs all events, as the probes"
             )
-    if config.v_frac < 2:
-        raise ConfigError(
-            f"confidence = 1: v_frac = {config.v_frac}: 2 or more is needed, for v is probed ¾ px beside it"
-        )
+    check_beside(config, "confidence = 1")
     if config.widths.sum_i_bits > MOST_SUM_BITS:
         raise ConfigError(
             f"confidence = 1: ΣI needs {config.widths.sum_i_bits} bits, at most {MOST_SUM_BITS} are allowed: "
             "a smaller buffer_events or weight_frac is needed"
         )
+
+
+def check_beside(config, why):
+    """Raise :exc:`ConfigError` unless velocities ¾ px beside v can be written."""
+    if config.v_frac < 2:
+        raise ConfigError(f"{why}: v_frac = {config.v_frac}: 2 or more is needed, for v is probed ¾ px beside it")

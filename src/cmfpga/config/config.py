@@ -18,7 +18,7 @@ from .ascent import ASCENTS
 from .camera import parse_camera
 from .checks import check_field, check_real, check_size
 from .choices import CHOICES, GRADIENTS, UNDISTORTION
-from .confidence import check_confidence
+from .confidence import check_beside, check_confidence
 from .formats import Formats
 from .geometry import Geometry
 from .motion import MOTIONS, check_motion, motion_model
@@ -46,7 +46,9 @@ def unread(fields):
     for choice, own in CHOICES.items():
         chosen = fields[choice]
         for other, names in own.items():
-            for name in names if chosen != other and chosen in [*own] else ():
+            for name in names if chosen in [*own] else ():
+                if name in own[chosen] or name in found:
+                    continue
                 found[name] = f"{name} = {fields[name]!r}: {choice} = {other} is needed; {choice} = {chosen} ignores it"
                 fields[name] = getattr(Config, name)
     return found
@@ -130,7 +132,10 @@ class Config:
 
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=tuple(GRADIENTS))
-    ascent: str = _field("constant", "constant: v + η·∂C/∂v; sign: steps of a schedule", choices=tuple(ASCENTS))
+    ascent: str = _field(
+        "constant", "constant: v + η·∂C/∂v; sign: steps of a schedule; newton: rounds of one", choices=tuple(ASCENTS)
+    )
+    evaluators: int = _field(1, "images that an iteration of ascent = newton fills at a time", choices=(1, 4))
     border: str = _field(
         "corners",
         "what changes the derivatives at the image's border: corners inside; or whole, events with all four inside",
@@ -138,8 +143,8 @@ class Config:
     )
     iterations: int = _field(100, "iterations of a batch (T)", low=1, high=65535, runtime=True)
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
-    cold: str = _field(AUTO, "schedule of the sign ascent without a last v; auto: the best measured", runtime=True)
-    warm: str = _field(AUTO, "schedule of the sign ascent from the last v; auto: the best measured", runtime=True)
+    cold: str = _field(AUTO, "schedule without a last v; auto: the best measured", runtime=True)
+    warm: str = _field(AUTO, "schedule from the last v; auto: the best measured", runtime=True)
     schedule_entries: int = _field(32, "iterations that the table of schedules holds, cold and warm", low=2, high=256)
     max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
     eta: float = _field(
@@ -151,7 +156,7 @@ class Config:
     roi_gain: float = _field(2.0, "ROI displacement per v; 2 because v is per half batch", low=0.0, runtime=True)
 
     # Confidence
-    confidence: int = _field(0, "1: the hardware can tell how sure v is; needs one_pass and sign", low=0, high=1)
+    confidence: int = _field(0, "1: the hardware can tell how sure v is; not with sweep or constant", low=0, high=1)
     judge: int = _field(1, "1: probe how sure v is, and flag doubtful batches", low=0, high=1, runtime=True)
     confidence_limit: float = _field(
         30.0, "smallest confidence of a batch that is not doubtful", unit="1/px²", low=1.0, high=341.0, runtime=True
@@ -175,9 +180,6 @@ class Config:
     roi_gain_int: int = _field(2, "integer bits of roi_gain", unit="bits", low=1, high=4)
     roi_gain_frac: int = _field(4, "fraction bits of roi_gain", unit="bits", low=0, high=8)
     dither_frac: int = _field(0, "fraction bits of the dither of positions; 0: none", unit="bits", low=0, high=8)
-    lanes: int = _field(
-        1, "events that an iteration takes in a cycle; more than 1 for the shortest latency", choices=(1, 2, 4, 8)
-    )
     tag_bits: int = _field(8, "width of the iteration's number in the one-pass banks", unit="bits", low=2, high=20)
 
     # Memories
@@ -211,6 +213,11 @@ class Config:
         for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
             check_real(self, name, fmt)
         check_regions(self)
+        for name, value in self.ascent_rule.needs:
+            if getattr(self, name) != value:
+                raise ConfigError(f"ascent = {self.ascent}: {name} = {value} is needed")
+        if self.ascent_rule.evaluations > 1:
+            check_beside(self, "ascent = newton")
         if self.ascent_rule.has_table:
             self.schedules.check()
         else:

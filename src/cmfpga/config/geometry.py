@@ -17,14 +17,13 @@ class Geometry:
         self.bank_words = self.bank_columns * self.bank_rows  #: of one parity bank, that hold a pixel: P/4
         #: Address bits of a bank's column; the row stands above them, so that no multiplier is needed.
         self.bank_column_bits = bits_for(self.bank_columns - 1)
-        #: Words of one parity bank's memory, the unused ends of rows included.
-        self.bank_depth = self.bank_rows << self.bank_column_bits
-        #: With lanes, a parity bank's pixels lie in as many memories, that of (column + row) modulo their number. The
-        #: column in one of them has so many bits fewer.
-        self.lane_bits = config.lanes.bit_length() - 1
-        columns = max(0, self.bank_column_bits - self.lane_bits)
-        self.word_bits = columns + bits_for(self.bank_rows - 1)  #: address bits of such a memory
-        self.words = self.bank_rows << columns  #: its words
+        rounds = config.ascent_rule.evaluations > 1
+        #: Images that a round fills side by side; address bits that tell those apart that it fills in turn.
+        self.images, self.turn_bits = (config.evaluators, 2 if config.evaluators == 1 else 0) if rounds else (1, 0)
+        #: Words of one parity bank's memory, the unused ends of rows included, of all images that lie in it.
+        self.bank_depth = self.bank_rows << self.bank_column_bits + self.turn_bits
+        #: Of that memory: row, column, and whose turn it is.
+        self.bank_address_bits = self.bank_column_bits + bits_for(self.bank_rows - 1) + self.turn_bits
         self.roi_x_max = config.sensor_width - width  #: largest column of the ROI's left edge
         self.roi_y_max = config.sensor_height - height  #: largest row of its top edge
         self.x_bits = bits_for(config.sensor_width - 1)  #: of a sensor column

@@ -162,7 +162,7 @@ def motion_model(config):
 
 def needs(motion):
     """``{field: value}`` of what the hardware of a motion builds on."""
-    beyond = {"gradient": "one_pass", "ascent": "sign", "border": "whole", "lanes": 1}
+    beyond = {"gradient": "one_pass", "ascent": "sign", "border": "whole"}
     return {"translation": {}, "similarity": beyond, "rotation": {**beyond, "undistortion": "on"}}[motion]
 
 

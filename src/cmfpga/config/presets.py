@@ -28,7 +28,8 @@ _FAST = Config(
 PRESETS = {
     "paper": Config(),
     "fast": _FAST,
-    "fast-4": _FAST.replace(lanes=4),
+    # Rounds: four evaluations of each event in a cycle, and a Newton step of them.
+    "quad": _FAST.replace(ascent="newton", evaluators=4),
     "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9),
     "similarity": _FAST.replace(
         motion="similarity",

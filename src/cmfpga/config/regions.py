@@ -30,10 +30,10 @@ def check_regions(config):
             if getattr(config, name) != config.__dataclass_fields__[name].default:
                 raise ConfigError(f"{name} = {getattr(config, name)}: regions of 1 or more are needed")
         return
-    beyond = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "lanes": 1}
-    for name, value in beyond.items():
-        if getattr(config, name) != value:
-            raise ConfigError(f"regions = {config.regions}: {name} = {value} is needed")
+    beyond = {"gradient": ("one_pass",), "ascent": ("sign", "newton"), "buffers": (2,)}
+    for name, values in beyond.items():
+        if getattr(config, name) not in values:
+            raise ConfigError(f"regions = {config.regions}: {name} = {' or '.join(map(str, values))} is needed")
     if config.motion == "rotation":
         raise ConfigError(
             f"regions = {config.regions}: motion = rotation: a region sees too little of the field to tell a turn from "

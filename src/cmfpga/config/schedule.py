@@ -1,12 +1,18 @@
-"""Schedules of the sign ascent: which pixel size, which step and which of the events each iteration uses.
+"""Schedules: which pixel size, which step and which of the events each iteration uses.
 
 A schedule is written as entries ``LEVEL:LOG2STEP``, with ``/STRIDE`` and ``*COUNT`` where they are not 1, separated by
 blanks: ``2:1/4*3 0:-5`` is three iterations with pixels 4 px wide, a step of 2 px per half batch and every fourth
 event, then one with full resolution, a step of 1/32 and all events.
+
+The entries of ``ascent = newton`` are rounds, ``LEVEL:H:LIMIT``: ``1:3/4:1 0:3/4:1/16`` is a round with pixels 2 px
+wide, which evaluates 3/4 px per half batch beside v and moves v by at most 1 along each axis, then one with full
+resolution that moves it by at most 1/16.
+
 ``auto`` is the schedule that was measured best, as far as the hardware's levels and format of v allow it.
 """
 
 import re
+from fractions import Fraction
 from typing import NamedTuple
 
 from ..errors import ConfigError
@@ -16,6 +22,10 @@ AUTO = "auto"
 
 # Measured best on synthetic and real batches; see docs/accuracy.md and docs/motion.md.
 MEASURED = {
+    "newton": {
+        "cold": "2:3:4 2:2:3 2:3/2:2 1:1:1 0:3/4:1/4",
+        "warm": "1:1:3/2 1:3/4:1 0:3/4:1/8",
+    },
     "translation": {
         "cold": "2:2/4 2:1/4*2 2:0/4*2 2:-1/4 1:0/2 1:-1/2*2 1:-2/2 1:-2 1:-3*3 0:-4",
         "warm": "1:-1/2 1:-2/2 1:-2 1:-3*2 0:-4",
@@ -36,7 +46,11 @@ STRIDES = (1, 2, 4)
 #: A stride leaves at least about so many events, or it is halved.
 FEWEST = 128
 
+#: How far beside v a round evaluates, in quarters of a px per half batch, in the order of the hardware's numbers.
+DISTANCES = (3, 4, 6, 8, 12)
+
 _ENTRY = re.compile(r"(\d{1,9}):(-?\d{1,9})(?:/(\d{1,9}))?(?:\*(\d{1,9}))?")
+_ROUND = re.compile(r"(\d{1,9}):(\d{1,9}(?:/[1-9]\d{0,8})?):(\d{1,9}(?:/[1-9]\d{0,8})?)(?:\*(\d{1,9}))?")
 
 
 class ScheduleEntry(NamedTuple):
@@ -48,6 +62,25 @@ class ScheduleEntry(NamedTuple):
     level: int
     log2_step: int
     stride: int = 1
+
+
+class Round(NamedTuple):
+    """One round of ``ascent = newton``: four evaluations ``distance``/4 px per half batch beside v, then a step.
+
+    ``limit``: v moves by so much at most along each axis, px per half batch: 2^k or 1½·2^k, exact in binary.
+    """
+
+    level: int
+    distance: int
+    limit: float
+
+    stride = 1  # all events
+
+    def code(self, v):
+        """The limit as the hardware's table has it: its raw value in ``v``, a Q, is ((2 + c mod 2) << c div 2) >> 1."""
+        raw = int(self.limit * (1 << v.f))
+        top = raw.bit_length() - 1
+        return 2 * top + (raw != 1 << top)
 
 
 def used(entry, iteration, n):
@@ -72,8 +105,44 @@ def used_events(plan, n):
     return [len(range(n)[used(entry, k, n)]) for k, entry in enumerate(plan)]
 
 
-def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
-    """The iterations of a schedule, a tuple of :class:`ScheduleEntry`.
+def _sign_entry(word, match, *, name, v, auto):
+    """:class:`ScheduleEntry` and count of a word, and its level apart."""
+    level, log2_step, stride, count = (int(number or 1) for number in match.groups())
+    if auto:
+        log2_step = max(-v.f, min(log2_step, v.i - 1))
+    if not -v.f <= log2_step < v.i:
+        raise ConfigError(f"{name}: {word!r}: a log2 step of {-v.f} to {v.i - 1} is needed ({v})")
+    if stride not in STRIDES:
+        raise ConfigError(f"{name}: {word!r}: a stride of {', '.join(map(str, STRIDES))} is needed")
+    return ScheduleEntry(level, log2_step, stride), count
+
+
+def _round(word, match, *, name, v, auto):
+    """The same of a :class:`Round`."""
+    level, distance, limit, count = match.groups()
+    distance, limit = 4 * Fraction(distance), Fraction(limit) * (1 << v.f)
+    if distance not in DISTANCES:
+        allowed = ", ".join(str(Fraction(one, 4)) for one in DISTANCES)
+        raise ConfigError(f"{name}: {word!r}: a distance of {allowed} is needed")
+    most = 1 << v.f + v.i - 1
+    if auto:
+        limit = min(max(limit, 1), most)
+    odd = limit.numerator >> ((limit.numerator & -limit.numerator).bit_length() - 1) if limit else 0
+    if limit.denominator > 1 or odd not in (1, 3) or limit > most:
+        least = Fraction(1, 1 << v.f)
+        raise ConfigError(f"{name}: {word!r}: a limit of 2^k or 3·2^k is needed, {least} to {1 << v.i - 1} ({v})")
+    return Round(int(level), int(distance), int(limit) / (1 << v.f)), int(count or 1)
+
+
+#: By whether entries are rounds: how a word looks, what it makes, and what to say of one that looks otherwise.
+_FORMS = {
+    False: (_ENTRY, _sign_entry, "LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"),
+    True: (_ROUND, _round, "LEVEL:H:LIMIT*COUNT is needed, *COUNT if not 1; H and LIMIT such as 1 or 3/4"),
+}
+
+
+def parse_schedule(text, *, name, max_level, v, entries, best="translation", rounds=False):
+    """The iterations of a schedule, a tuple of :class:`ScheduleEntry`, or of :class:`Round`.
 
     Parameters
     ----------
@@ -87,8 +156,10 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
         Format of v: steps from its unit to half its range.
     entries : int
         Length of the hardware's table.
-    motion : str
-        For ``auto``.
+    best : str
+        For ``auto``: whose of :data:`MEASURED`.
+    rounds : bool
+        Its entries are rounds.
 
     Raises
     ------
@@ -96,23 +167,19 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
         The text is malformed or empty, too long, or has a level, step or stride out of range.
     """
     auto = text == AUTO
+    form, make, needed = _FORMS[rounds]
     iterations = []
-    for word in (MEASURED[motion][name] if auto else text).split():
-        match = _ENTRY.fullmatch(word)
+    for word in (MEASURED[best][name] if auto else text).split():
+        match = form.fullmatch(word)
         if not match:
-            raise ConfigError(f"{name}: {word!r}: LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1")
-        level, log2_step, stride, count = (int(number or 1) for number in match.groups())
-        if auto:
-            level, log2_step = min(level, max_level), max(-v.f, min(log2_step, v.i - 1))
-        if level > max_level:
+            raise ConfigError(f"{name}: {word!r}: {needed}")
+        level = int(match[1])
+        if level > max_level and not auto:
             raise ConfigError(f"{name}: {word!r}: level 0 to {max_level} is needed (max_level)")
-        if not -v.f <= log2_step < v.i:
-            raise ConfigError(f"{name}: {word!r}: a log2 step of {-v.f} to {v.i - 1} is needed ({v})")
-        if stride not in STRIDES:
-            raise ConfigError(f"{name}: {word!r}: a stride of {', '.join(map(str, STRIDES))} is needed")
+        entry, count = make(word, match, name=name, v=v, auto=auto)
         if not 1 <= count <= entries:
             raise ConfigError(f"{name}: {word!r}: a count of 1 to {entries} is needed (schedule_entries)")
-        iterations += [ScheduleEntry(level, log2_step, stride)] * count
+        iterations += [entry._replace(level=min(level, max_level))] * count
     if not 1 <= len(iterations) <= entries:
         raise ConfigError(f"{name}: {len(iterations)} iterations: 1 to {entries} are needed (schedule_entries)")
     return tuple(iterations)
@@ -123,7 +190,8 @@ class Schedules(Derived):
 
     def _parse(self, name):
         limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}
-        limits["motion"] = self._c.motion
+        rounds = self._c.ascent_rule.evaluations > 1
+        limits |= {"rounds": rounds, "best": "newton" if rounds else self._c.motion}
         return parse_schedule(getattr(self._c, name), name=name, **limits)
 
     @property

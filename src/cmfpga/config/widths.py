@@ -10,7 +10,8 @@ class Widths(Derived):
     #: Width of the thinning's factor, and its largest value.
     thinning_bits, thinning_max = 8, 255
 
-    #: Bits of the confidence's limit, and of a curvature that is compared with it (its highest, with the sign).
+    #: Bits of the confidence's limit, and of a round's sum, or a curvature that is compared with it (its highest, with
+    #: the sign).
     limit_bits, kept_bits = 10, 17
 
     @property
@@ -67,6 +68,18 @@ class Widths(Derived):
     def sum_d_bits(self):
         """Width of ΣDx and ΣDy (two's complement)."""
         return signed_bits_for(self.sum_d_max)
+
+    @property
+    def round_bits(self):
+        """Width of each sum of a round's four G, less their lowest bits that are always 0 (two's complement)."""
+        return max(self.kept_bits, signed_bits_for(4 * self.g_max >> self.g_zeros))
+
+    @property
+    def round_shifts(self):
+        """Bits of each shift by which those sums are normalised: by four or by one; as many as they have too many."""
+        drop = self.round_bits - self.kept_bits
+        fours = max(0, (drop - 3) // 4)
+        return (4,) * fours + (1,) * (drop - 4 * fours)
 
     @property
     def s_max(self):
@@ -201,6 +214,7 @@ class Widths(Derived):
             + self._c.v_frac
             + self._c.v_int
             + 2,
+            **({"four G": self.round_bits + self.g_zeros} if self._c.ascent_rule.evaluations > 1 else {}),
             **({"curvature of the contrast": self.curvature_bits} if self._c.confidence else {}),
             "ROI position": self._c.formats.roi_x.width + self._c.formats.roi_gain.width + 2,
         }

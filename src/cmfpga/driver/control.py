@@ -109,8 +109,9 @@ class Control:
             self._write_once(self.registers[name], word)
         if "SCHEDULE" in self.registers:
             declared = self.registers["SCHEDULE"]
-            for k, (level, shift, stride) in enumerate(schedule):
-                self._write_once(declared, declared.pack(LEVEL=level, SHIFT=shift, STRIDE=stride), 4 * k)
+            names = [f.name for f in declared.fields]
+            for k, entry in enumerate(schedule):
+                self._write_once(declared, declared.pack(**dict(zip(names, entry, strict=True))), 4 * k)
         self._write_tables(rows, settings.camera)
         if "ROI_LOAD" in self.registers:
             self.write("ROI_LOAD", LOAD=load)

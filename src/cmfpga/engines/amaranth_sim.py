@@ -52,7 +52,7 @@ class AmaranthEngine(RtlEngine):
         # An upper bound of the batch's time: every event in the ROI, and the sweep after a reset.
         n, iterations = len(events), max(settings.iterations, len(table))
         cycles = (
-            2 * self.core.cycles(events=n, roi_events=n, iterations=iterations, most=True)
+            2 * self.core.cycles(events=n, roi_events=n, iterations=iterations)
             + 2 * (self.config.geometry.bank_words + self.config.geometry.cell_depth * self.config.background)
             + len(writes)
             + 1000

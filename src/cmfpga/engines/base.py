@@ -95,7 +95,7 @@ class Engine(ABC):
 
     def _nothing(self, settings):
         """A batch without events never reaches the hardware; a new ROI waits for the next one."""
-        trace = Trace.without_iterations(self._trace_v())
+        trace = Trace.without_iterations(self.config, self._trace_v())
         return BatchResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v, trace=trace)
 
     def _trace_v(self):

@@ -38,10 +38,15 @@ class Curvature(NamedTuple):
     cross: int
 
 
+def beside(v, distance):
+    """Four velocities, in order: below and above ``v`` along x, then along y; no format limits them."""
+    x, y = v
+    return (x - distance, y), (x + distance, y), (x, y - distance), (x, y + distance)
+
+
 def probe_velocities(v, distance, low, high):
-    """The velocities that are probed, in order: below and above ``v`` along x, then along y; ``low`` to ``high``."""
-    x, y = ([saturate(axis + side * distance, low, high) for side in (-1, 1)] for axis in v)
-    return *((one, v[1]) for one in x), *((v[0], one) for one in y)
+    """The velocities that are probed: those :func:`beside`, ``low`` to ``high``."""
+    return tuple((saturate(x, low, high), saturate(y, low, high)) for x, y in beside(v, distance))
 
 
 def curvature(below_x, above_x, below_y, above_y):
@@ -72,6 +77,12 @@ def contrast(pixels, sums, sum_squares):
     return pixels * sum_squares - sums[0] ** 2
 
 
+def kept(bits, *values):
+    """``values``, all shifted right by as few bits as leave ``bits`` of each in two's complement, floored."""
+    drop = max(0, *((value if value >= 0 else ~value).bit_length() + 1 - bits for value in values))
+    return tuple(value >> drop for value in values)
+
+
 def is_trusted(config, n, limit, shape, contrast):
     """The hardware's verdict: whether the confidence is at least ``limit`` / :data:`LIMIT_SCALE`.
 
@@ -89,9 +100,7 @@ def is_trusted(config, n, limit, shape, contrast):
     contrast : int
         As :func:`contrast` gives it.
     """
-    values = *shape, contrast
-    drop = max(0, *((value if value >= 0 else ~value).bit_length() + 1 - config.widths.kept_bits for value in values))
-    xx, yy, cross, contrast = (value >> drop for value in values)
+    xx, yy, cross, contrast = kept(config.widths.kept_bits, *shape, contrast)
     by_n, by_limit = (scale * factor for scale, factor in zip(config.widths.judge_scales, (n, limit), strict=True))
     a, c, b = by_n * xx - by_limit * contrast, by_n * yy - by_limit * contrast, by_n * cross
     return a > 0 and 4 * a * c > b * b  # then c > 0, too

@@ -11,13 +11,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from ..config.schedule import DISTANCES, STRIDES
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
 
 
 def by_signs(config):
-    """Only with ``ascent="sign"``."""
+    """Only with an ascent by a schedule."""
     return "cold" in config.ascent_rule.settings
 
 
@@ -300,7 +301,7 @@ class BatchSettings(_OfBatch):
     """Run-time inputs of the hardware for one batch, as raw integers of their formats.
 
     The fields are ``roi``, and those of :data:`SETTINGS` that tools choose: pairs have x and y; ``cold`` and ``warm``
-    are the iterations of the sign ascent without and with a last v, ``ScheduleEntry`` each.
+    are the iterations without and with a last v, ``ScheduleEntry`` or ``Round`` each.
 
     Parameters
     ----------
@@ -330,8 +331,26 @@ def schedule_table(config, settings):
     return tuple(table_entry(config, entry) for entry in (*settings.cold, *settings.warm))
 
 
+def schedule_highest(config):
+    """The largest number that each part of an entry of the hardware's table of schedules may have, by name.
+
+    Pixels are 2^level px wide. The sign ascent moves v by 2^shift raw units, and uses one event in 2^stride. A round
+    has the number of one of :data:`~cmfpga.config.schedule.DISTANCES` and the code of a limit.
+    """
+    largest = config.formats.v.width - 2
+    if config.ascent_rule.evaluations > 1:
+        return {"level": config.max_level, "distance": len(DISTANCES) - 1, "limit": 2 * largest}
+    return {"level": config.max_level, "shift": largest, "stride": len(STRIDES) - 1}
+
+
 def table_entry(config, entry):
-    """(level, shift, stride) of a ``ScheduleEntry`` in the table of schedules: v's raw units, log2 of the stride."""
+    """An entry of a schedule as numbers of the hardware's table.
+
+    (level, shift, stride) of a ``ScheduleEntry``: v's raw units, log2 of the stride; (level, distance, limit) of a
+    ``Round``: the distance's number, the limit's code.
+    """
+    if config.ascent_rule.evaluations > 1:
+        return entry.level, DISTANCES.index(entry.distance), entry.code(config.formats.v)
     return entry.level, entry.log2_step + config.formats.v.f, entry.stride.bit_length() - 1
 
 

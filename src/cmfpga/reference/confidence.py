@@ -36,6 +36,12 @@ def probe(x, y, dt, v, found, settings, *, limits, level=0, **size):
     return _told(float(last.image.square().sum()), tuple(shape), settings)
 
 
+def of_round(pixels, done, settings):
+    """The same of the last round of an :class:`~.float_ascent.Ascent`, whose evaluations are the probes."""
+    squares = pixels * (done.contrast[-1] + (done.sum_i[-1] / pixels) ** 2)
+    return _told(float(squares.mean()), tuple(curvature(*done.g[-1].tolist())), settings)
+
+
 def probe_flow(x, y, dt, v, found, b, settings, *, at_pixels, **size):
     """The same of a motion beyond translation; ``b``, ``at_pixels`` and ``size`` are as of :func:`.flow.sums`."""
     last, *probed = (

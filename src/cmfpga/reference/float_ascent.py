@@ -1,4 +1,4 @@
-"""The ascents in float64: the article's by a constant η, and the robust one by signs.
+"""The ascents in float64: the article's by a constant η, the robust one by signs, and Newton's in rounds.
 
 See :mod:`.floating` for what ``x``, ``y``, ``dt`` and ``v`` are.
 """
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import torch
 
 from ..config.schedule import ScheduleEntry, used
+from ..fixed import saturate
+from ..protocol.confidence import beside, curvature
 from .floating import evaluate, float64
 
 
@@ -27,6 +29,8 @@ class Ascent:
         ΣI at ``v[k]``.
     sum_d, s, g : float64 [T, 2]
         ΣD, S and G at ``v[k]``, along x and y.
+
+    Of rounds all but ``v`` are [T, 4] or [T, 4, 2]: of each evaluation beside ``v[k]``.
     """
 
     v: torch.Tensor
@@ -38,21 +42,30 @@ class Ascent:
     g: torch.Tensor
 
 
-def _follow(x, y, dt, v_start, plan, step, **size):
-    """An :class:`Ascent`: v ← v + step(k, iteration k), for each ``ScheduleEntry`` of a plan."""
+def _follow(x, y, dt, v_start, plan, step, around=None, **size):
+    """An :class:`Ascent`: v ← v + step(k, iteration k), for each entry of a plan.
+
+    ``around(k, v)``: the velocities that are evaluated, where that is not v; ``step`` has a list then.
+    """
     with torch.no_grad():  # a trace, not a graph
         x, y, dt = float64(x), float64(y), float64(dt)
         v = torch.empty(len(plan) + 1, 2, dtype=torch.float64, device=dt.device)
         v[0] = float64(v_start)
-        scalars = torch.empty(len(plan), 10, dtype=torch.float64, device=dt.device)
+        scalars = [v.new_empty(0, *((4,) if around else ()), 10)]
         for k, entry in enumerate(plan):
-            events = (axis[used(entry, k, len(dt))] for axis in (x, y, dt))
-            now = evaluate(*events, v[k], level=entry.level, **size)
-            sums = (now.sum_i, now.sum_dx, now.sum_dy, now.s_x, now.s_y, now.g_x, now.g_y)
-            scalars[k] = torch.stack((now.contrast, *now.gradient, *sums))
-            v[k + 1] = v[k] + step(k, now)
-    contrasts, gradients, sum_i, sum_d, s, g = scalars.split((1, 2, 1, 2, 2, 2), dim=1)
-    return Ascent(v, contrasts[:, 0], gradients, sum_i[:, 0], sum_d, s, g)
+            events = [axis[used(entry, k, len(dt))] for axis in (x, y, dt)]
+            places = around(k, v[k]) if around else [v[k]]
+            each = [evaluate(*events, one, level=entry.level, **size) for one in places]
+            made = torch.stack([_scalars(now) for now in each])
+            scalars.append(made[None] if around else made)
+            v[k + 1] = v[k] + step(k, each if around else each[0])
+    contrasts, gradients, sum_i, sum_d, s, g = torch.cat(scalars).split((1, 2, 1, 2, 2, 2), dim=-1)
+    return Ascent(v, contrasts[..., 0], gradients, sum_i[..., 0], sum_d, s, g)
+
+
+def _scalars(now):
+    sums = (now.sum_i, now.sum_dx, now.sum_dy, now.s_x, now.s_y, now.g_x, now.g_y)
+    return torch.stack((now.contrast, *now.gradient, *sums))
 
 
 def ascend(x, y, dt, *, v_start, eta, iterations, **size):
@@ -88,3 +101,35 @@ def ascend_by_signs(x, y, dt, *, v_start, schedule, **size):
         return by_signs(torch.stack((now.g_x, now.g_y)), schedule[k].log2_step)
 
     return _follow(x, y, dt, v_start, schedule, step, **size)
+
+
+def newton_step(gradients, distance, limit):
+    """M⁻¹·g, a list of two, of the gradients (G_x, G_y) at four velocities ``distance`` beside v: see
+    :mod:`.integer.newton`."""
+    x, y = (sum(axis) / 4 for axis in zip(*gradients, strict=True))
+    xx, yy, cross = (one / (2 * distance) for one in curvature(*gradients))
+    det, trace = xx * yy - cross * cross / 4, xx + yy
+    if 4 * det < trace * trace / 2:
+        xx, yy, det = xx + trace / 8, yy + trace / 8, det + trace * trace * 9 / 64
+    if trace <= 0 or det <= 0:
+        return [0 if 2 * abs(one) < max(abs(x), abs(y)) else limit * ((one > 0) - (one < 0)) for one in (x, y)]
+    step = (yy * x - cross / 2 * y) / det, (xx * y - cross / 2 * x) / det
+    least = min(limit, 2 * distance)
+    return [saturate(one, -least, least) for one in step]
+
+
+def ascend_by_rounds(x, y, dt, *, v_start, schedule, **size):
+    """Newton's ascent: v ← v + :func:`newton_step` of each of a ``schedule`` of :class:`cmfpga.config.schedule.Round`.
+
+    Returns an :class:`Ascent`. ``size`` is as for :func:`ascend_by_signs`; v does not saturate here, as it does in the
+    hardware.
+    """
+
+    def around(k, v):
+        return [v.new_tensor(one) for one in beside(v.tolist(), schedule[k].distance / 4)]
+
+    def step(k, each):
+        gradients = [(float(now.g_x), float(now.g_y)) for now in each]
+        return each[0].g_x.new_tensor(newton_step(gradients, schedule[k].distance / 4, schedule[k].limit))
+
+    return _follow(x, y, dt, v_start, schedule, step, around, **size)

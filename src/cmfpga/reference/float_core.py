@@ -7,8 +7,8 @@ import numpy as np
 from ..protocol.flags import Flag
 from ..protocol.trace import Trace
 from . import flow
-from .confidence import is_doubtful, probe, probe_flow
-from .float_ascent import ascend, ascend_by_signs
+from .confidence import is_doubtful, of_round, probe, probe_flow
+from .float_ascent import ascend, ascend_by_rounds, ascend_by_signs
 from .floating import dither, float64, scaled_times
 from .sequence import Sequence
 
@@ -22,8 +22,12 @@ def _sign(events, settings, plan, *, config, **start):
     return ascend_by_signs(*events, **start, schedule=plan)
 
 
+def _newton(events, settings, plan, *, config, **start):
+    return ascend_by_rounds(*events, **start, schedule=plan)
+
+
 #: By the value of ``ascent``.
-ASCENTS = {"constant": _constant, "sign": _sign}
+ASCENTS = {"constant": _constant, "sign": _sign, "newton": _newton}
 
 
 class FloatCore(Sequence):
@@ -60,6 +64,9 @@ class FloatCore(Sequence):
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
         if not config.confidence:
             return trace, Flag(0), {}
+        if config.ascent_rule.evaluations > 1:
+            judged = of_round(config.geometry.pixels, done, settings)
+            return trace, self._doubt(judged, trace, batch), judged
         limits = config.formats.v.real(config.formats.v.min), config.formats.v.real(config.formats.v.max)
         judged = probe(*events, *done.v[-2:].tolist(), settings, limits=limits, level=plan[-1].level, **size)
         return trace, self._doubt(judged, trace, batch), judged

@@ -163,7 +163,7 @@ class RegionSequence:
                 state.position, clamped = move_within(state.position, core.step(settings), limits)
         else:
             core.v = state.v
-            trace = Trace.without_iterations(state.v)
+            trace = Trace.without_iterations(config, state.v)
             flags |= Flag.DEGENERATE
         state.doubtful = Flag.DOUBTFUL in flags
         flags |= Flag.ROI_CLAMPED if clamped else Flag(0)

@@ -84,7 +84,7 @@ class Sequence(ABC):
             self.v = tuple(trace.v[-1].tolist())
             step = self.step(settings)
         else:
-            trace = Trace.without_iterations(self.v)
+            trace = Trace.without_iterations(config, self.v)
             flags |= Flag.DEGENERATE
         self.doubtful = Flag.DOUBTFUL in flags
         limited |= self.follower.move(step)

@@ -33,8 +33,7 @@ class Core(CycleFormula, Iterating, wiring.Component):
 
     One event per cycle at ingest and in every iteration, which with a schedule may use every second or fourth of
     them. A batch of N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its
-    first event to its result. With ``lanes``, dither to voter are there several times, and an iteration has as many
-    events a cycle as long as no queue in the image is full.
+    first event to its result.
 
     Parameters
     ----------
@@ -111,9 +110,9 @@ class Core(CycleFormula, Iterating, wiring.Component):
     def boxes(self):
         """What stands directly in the core, by name, in the order of data flow."""
         first = ("roi_filter", "thinner", "event_buffer", "reciprocal")
-        last = ("image", "gradient", "ascent", "probe", "judge", "roi_updater", "iteration_control")
+        last = ("image", "gradient", "means", "ascent", "probe", "judge", "roi_updater", "iteration_control")
         first, last = ({name: getattr(self, name) for name in names} for names in (first, last))
-        boxes = [{"ingest_control": self.ingest_control}, self.front, first, *(lane.boxes for lane in self.lanes), last]
+        boxes = [{"ingest_control": self.ingest_control}, self.front, first, self.path.boxes, last]
         return {name: block for part in boxes for name, block in part.items() if block is not None}
 
     def elaborate(self, platform):
@@ -125,6 +124,8 @@ class Core(CycleFormula, Iterating, wiring.Component):
         self._scale(m, batch)
         self._ascend(m)
         self._follow(m)
+        if self.rounds:
+            self._average(m)
         if self.config.confidence:
             self._confide(m, batch.roi_events)
         self._result(m)
@@ -218,16 +219,13 @@ class Core(CycleFormula, Iterating, wiring.Component):
             "roi_next": corner.roi_next,
             "v": self.ascent.v,
             "iterations": control.iterations,
-            "sums": sums.payload,
+            "sums": self.means.o if self.rounds else sums.payload,
             "cycles": control.cycles,
         }
         if self.config.confidence:
             judged = control.run.settings.judge & ~control.run.degenerate
-            flags[Flag.DOUBTFUL] = self.judge.doubtful
-            found |= {
-                "sums": self.probe.last,
-                "sum_squares": self.probe.last_squares,
-                "curvature": self.judge.curvature,
+            flags[Flag.DOUBTFUL] = judged & self.judge.doubtful if self.rounds else self.judge.doubtful
+            found |= self._found_beside() | {
                 "confidence_limit": Mux(judged, control.run.settings.confidence_limit, 0),
                 "restarted": self.ascent.restarted,
             }

@@ -26,11 +26,9 @@ class CycleFormula:
         """
         return 0 if self.config.buffers == 1 else self.roi_updater.settle + 2 - self.drain
 
-    def cycles(self, *, events, roi_events, iterations, judge=None, most=False):
-        """Clock cycles of a batch: N + Σ ⌈n_k/K⌉ + T·(sweep + L) + constant, with K lanes.
+    def cycles(self, *, events, roi_events, iterations, judge=None):
+        """Clock cycles of a batch: N + Σ n_k + T·(sweep + L) + constant.
 
-        Where the image is not ``exact_cycles`` these are the fewest, if no vote has to wait, or the ``most``; what lies
-        between depends on the images (:func:`cmfpga.reference.integer.lanes.waits`).
         n_k events of the batch's n are used in iteration k. ``iterations`` says how many there are, each of which
         uses all n; or it is the plan, a ``ScheduleEntry`` for each. If v's confidence is measured (setting ``judge``,
         by default the configuration's), there are four more, or one for each parameter of another motion than
@@ -38,14 +36,13 @@ class CycleFormula:
         the one in which the result is; events offered in every cycle, no other batch under way, batch not degenerate,
         at least :attr:`shortest_batch` events.
         """
-        iterated = self.iterated_cycles(roi_events, iterations, judge, most)
+        iterated = self.iterated_cycles(roi_events, iterations, judge)
         return max(events, self.shortest_batch) + iterated + self.batch_latency
 
     @property
     def cycle_formula(self):
-        """:meth:`cycles` as text; "≥" where the image is not ``exact_cycles``."""
-        least = "" if self.image.exact_cycles else "≥ "
+        """:meth:`cycles` as text."""
         if by_signs(self.config):
-            return f"{least}N + {self.iterated_formula(self.batch_latency)}"
+            return f"N + {self.iterated_formula(self.batch_latency)}"
         each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
-        return f"{least}N + T·(n + {each}) + {self.batch_latency}"
+        return f"N + T·(n + {each}) + {self.batch_latency}"

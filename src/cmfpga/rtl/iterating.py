@@ -1,19 +1,19 @@
 """The iterating half of a core: everything from the event buffer to the judge."""
 
-from amaranth.hdl import Mux
+from amaranth.hdl import Mux, Signal
 from amaranth.lib.wiring import connect, flipped
 
 from ..config.schedule import ScheduleEntry, used_events
-from ..protocol.settings import by_signs
-from . import payloads
 from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
 from .confidence.judge import Judge
 from .confidence.least_judge import LeastJudge
+from .confidence.means import Means
 from .confidence.probe import Probe
+from .confidence.verdict import Verdict
 from .image import image_of
-from .image.lane import Lane
+from .image.event_path import EventPath
 from .ingest.event_buffer import EventBuffer
 from .iteration_control import IterationControl
 
@@ -31,20 +31,22 @@ class Iterating:
         ``judge`` is a :class:`Judge`, or the :class:`~.confidence.curvature.Curvature` for one who decides elsewhere.
         """
         config = self.config
-        # Several lanes push apart what is there once: then what it says of itself waits for a cycle.
-        self._far = payloads.wire_cycles(config)
+        self.rounds = config.ascent_rule.evaluations > 1
         self.event_buffer = EventBuffer(config)
-        self.lanes = [Lane(config, number) for number in range(config.lanes)]
-        self.warp, self.voter = (self.lanes[0].blocks[name] for name in ("warp", "voter"))
-        in_flight = self.event_buffer.latency + self.lanes[0].latency - 1
+        self.path = EventPath(config)
+        in_flight = self.event_buffer.latency + self.path.latency - 1
         self.image = image_of(config)(config, in_flight=in_flight)
         self.gradient = Gradient(config, lead=self.image.lead)
         self.ascent = ASCENTS[config.ascent](config)
-        self.probe = Probe(config) if config.confidence else None
-        judge = LeastJudge if config.motion_model.basis else judge
-        self.judge = judge(config) if config.confidence else None
+        self.means = Means(config) if self.rounds else None
+        self.probe = Probe(config) if config.confidence and not self.rounds else None
+        if self.rounds:
+            judge = Verdict if judge is Judge else None
+        elif config.motion_model.basis:
+            judge = LeastJudge
+        self.judge = judge(config) if config.confidence and judge else None
         # From a replay to the warp; from the last vote to the next v.
-        self._feed = in_flight + 1 - self.warp.latency - self.voter.latency
+        self._feed = in_flight + 1 - self.path.evaluating
         self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
         self.iteration_control = IterationControl(
             config,
@@ -67,7 +69,7 @@ class Iterating:
         The sweep's first address follows the last vote by one cycle; what is evaluated is its last address, or
         in one pass the last vote.
         """
-        return self.warp.latency + self.voter.latency - 1 + max(self._evaluate, self._feed)
+        return self.path.evaluating - 1 + max(self._evaluate, self._feed)
 
     @property
     def sweep_cycles(self):
@@ -77,93 +79,87 @@ class Iterating:
     @property
     def judge_latency(self):
         """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
-        return self.probe.latency + self.judge.latency - self.ascent.latency + 2 * self._far
+        if self.rounds:  # the verdict begins with the last gradients, as the ascent does
+            return max(1, self.judge.latency + 1 - self.ascent.latency) if self.judge else 1
+        return self.probe.latency + self.judge.latency - self.ascent.latency
 
-    def iterated_cycles(self, roi_events, iterations, judge=None, most=False):
+    def iterated_cycles(self, roi_events, iterations, judge=None):
         """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`CycleFormula.cycles`."""
         judged = self.config.confidence and (self.config.judge if judge is None else judge)
         every = ScheduleEntry(0, None)
         plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
-        plan, more = ((*plan, *[every] * self.probe.count), self.judge_latency) if judged else (plan, 0)
-        groups = [-(-n // self.config.lanes) for n in used_events(plan, roi_events)]
-        votes = sum(map(self.image.most_cycles, groups) if most else groups)
+        probes = [every] * self.probe.count if self.probe and judged else []
+        plan, more = (*plan, *probes), self.judge_latency if judged else 0
+        votes = sum(used_events(plan, roi_events)) << self.config.geometry.turn_bits
         return votes + len(plan) * (self.sweep_cycles + self.iteration_latency) + more
 
     def iterated_formula(self, beside):
         """The same as text, where a schedule says which events are used, and ``beside`` cycles more."""
         each = " + ".join(str(cycles) for cycles in (self.sweep_cycles, self.iteration_latency) if cycles)
         each = f"({each})" if self.sweep_cycles else each
-        n, n_k = (f"⌈{n}/{self.config.lanes}⌉" if self.config.lanes > 1 else n for n in ("n", "n_k"))
+        if self.rounds:
+            events = "4·n" if self.config.geometry.turn_bits else "n"
+            return f"T·({events} + {self.iteration_latency}) + {beside + self.judge_latency}"
         if self.judge is None:
-            return f"Σ {n_k} + T·{each} + {beside}"
+            return f"Σ n_k + T·{each} + {beside}"
         probes = self.probe.count
-        return f"Σ {n_k} + {probes}·{n} + (T + {probes})·{each} + {beside + self.judge_latency}"
+        return f"Σ n_k + {probes}·n + (T + {probes})·{each} + {beside + self.judge_latency}"
 
     def _add_boxes(self, m):
         """Put the boxes into the module."""
-        pausing = {name: lane for lane in self.lanes for name in lane.boxes}
         for name, block in self.boxes.items():
-            m.submodules[name] = pausing[name].pausing(block, self.image) if name in pausing else block
+            m.submodules[name] = block
 
     def _iterate(self, m, batch, reciprocal):
         """Replay while there is room, scale, warp, vote, sum; ``batch`` and ``reciprocal`` say how times are scaled."""
         control, image = self.iteration_control, self.image
-        for lane in self.lanes:
-            lane.connect(m, self.event_buffer, image)
-        for lane in self.lanes[1:]:
-            lane.dither_as(m, self.lanes[0])
-        paused, room = (payloads.by_lane(self.config, block.room) for block in (self.event_buffer, image))
-        m.d.comb += [
-            self.event_buffer.replay.eq(control.replay),
-            *(to.eq(of) for to, of in zip(paused, room, strict=True)),
-        ]
-        for lane in self.lanes:
-            v = self.ascent.warped if self.config.confidence else self.ascent.v
-            lane.scale_and_warp(m, batch, reciprocal, v, self.ascent.level)
+        self.path.connect(m, self.event_buffer, image)
+        m.d.comb += [self.event_buffer.replay.eq(control.replay), self.event_buffer.room.eq(image.room)]
+        v = self.ascent.warped if self.probe else self.ascent.v
+        self.path.scale_and_warp(m, batch, reciprocal, v, self.ascent)
         m.d.comb += [
             control.complete.eq(image.complete),
-            image.next.eq(control.run.updated | self._probed(m) if self.config.confidence else control.run.updated),
+            image.next.eq(control.run.updated | self._probed(m) if self.probe else control.run.updated),
         ]
-        if by_signs(self.config):
+        if self.config.ascent_rule.strides:
             stride = self.ascent.stride
             m.d.comb += self.event_buffer.stride.eq(Mux(control.whole, 0, stride) if self.config.confidence else stride)
-            for lane in self.lanes:
-                lane.replay_subsets(m, self.event_buffer)
+            self.path.replay_subsets(m, self.event_buffer)
 
     def _ascend(self, m):
         """The gradient of the sums moves v."""
         connect(m, self.image.sums, self.gradient.i)
         connect(m, self.iteration_control.run, self.ascent.run)
-        self._iterating = self._late(m, "iterating")
-        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & self._iterating)
+        m.d.comb += self.ascent.i.valid.eq(self.gradient.o.valid & self.iteration_control.iterating)
         m.d.comb += self.ascent.i.payload.eq(self.gradient.o.payload)
         if hasattr(self, "schedule_write"):
             connect(m, flipped(self.schedule_write), self.ascent.schedule_write)
 
     def _confide(self, m, events):
         """Behind the last iteration: more replays beside v; the gradients tell. ``events`` is n."""
+        if self.rounds:
+            self._confide_in_round(m, events)
+            return
         control, probe, judge = self.iteration_control, self.probe, self.judge
-        taken = delay(m, control.run.take, 2 * self._far, name="taken")
-        came = self.gradient.o.valid & self._late(m, "probing")
         connect(m, probe.o, self.ascent.probe)
         m.d.comb += [
-            *(block.new_batch.eq(taken) for block in (probe, judge)),
+            *(block.new_batch.eq(control.run.take) for block in (probe, judge)),
             probe.begin.eq(control.begin),
-            probe.iterating.eq(self._iterating),
+            probe.iterating.eq(control.iterating),
             probe.complete.eq(control.complete),
             probe.v.eq(self.ascent.v),
             probe.sums.valid.eq(delay(m, self.image.sums.valid, self.image.squares_late, name="summed", valid=True)),
             probe.sums.payload.eq(self.image.sums.payload),
             probe.squares.eq(self.image.squares),
-            judge.i.valid.eq(delay(m, came, self._far, name="gradient_came", valid=True)),  # and stays
+            judge.i.valid.eq(self.gradient.o.valid & control.probing),
             judge.i.payload.eq(self.gradient.o.payload),
             control.more.eq(probe.more),
-            control.judged.eq(delay(m, judge.done, self._far, name="judged", valid=True)),
+            control.judged.eq(judge.done),
         ]
         if isinstance(judge, LeastJudge):
             m.d.comb += [judge.v.eq(self.ascent.v), judge.last.eq(probe.last)]
         elif isinstance(judge, Judge):
-            begin = delay(m, control.begin, 1 + self._far, name="begin", valid=True)  # no hurry; many wait for it
+            begin = delay(m, control.begin, 1, name="begin", valid=True)  # no hurry; many wait for it
             m.d.comb += [judge.begin.eq(begin), judge.sum_i.eq(probe.last.i)]
         else:
             return
@@ -174,10 +170,42 @@ class Iterating:
             control.run.doubtful.eq(judge.doubtful),
         ]
 
-    def _late(self, m, name):
-        """What iteration control says that it does, a cycle later with several lanes: no gradient comes in between."""
-        return delay(m, getattr(self.iteration_control, name), self._far, name=name, valid=True)
+    def _found_beside(self):
+        """What a result has of v's confidence, but for the verdict."""
+        if self.rounds:
+            return {"sum_squares": self.means.o_squares, "curvature": self.ascent.curvature}
+        last, squares = self.probe.last, self.probe.last_squares
+        return {"sums": last, "sum_squares": squares, "curvature": self.judge.curvature}
+
+    def _average(self, m):
+        """The means of a round's sums."""
+        m.d.comb += [
+            self.means.new_batch.eq(self.iteration_control.run.take),
+            self.means.i.valid.eq(self.image.sums.valid),
+            self.means.i.payload.eq(self.image.sums.payload),
+        ]
+        if self.config.confidence:
+            m.d.comb += self.means.squares.eq(self.image.squares)
+
+    def _confide_in_round(self, m, events):
+        """The last round's evaluations tell, as soon as they are there."""
+        control, verdict = self.iteration_control, self.judge
+        if not verdict:  # who decides elsewhere has all that it takes
+            m.d.comb += control.judged.eq(1)
+            return
+        judged = Signal(name="judged")
+        m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)
+        m.d.comb += [
+            verdict.begin.eq(self.means.done & control.run.final),
+            verdict.sum_i.eq(self.means.o.i),
+            verdict.squares.eq(self.means.o_squares),
+            verdict.curvature.eq(self.ascent.curvature),
+            verdict.events.eq(events),
+            verdict.limit.eq(control.run.settings.confidence_limit),
+            control.judged.eq(judged | verdict.done),
+            control.run.doubtful.eq(verdict.doubtful & control.run.settings.judge),
+        ]
 
     def _probed(self, m):
         """A pulse: a probe is over, as ``updated`` says of an iteration."""
-        return delay(m, self.judge.i.valid, self.ascent.latency - self._far, name="probed", valid=True)
+        return delay(m, self.judge.i.valid, self.ascent.latency, name="probed", valid=True)

@@ -22,7 +22,8 @@ class IterationControl(wiring.Component):
         evaluated, so that its first event meets the new v in the cycle in which v appears.
     PROBE
         Where v's confidence is measured, and wanted: replay the buffer for each probe, as in iterations, and wait for
-        the judge. The first replay is so much later that its velocity is there.
+        the judge. The first replay is so much later that its velocity is there. In rounds, which need no probes, only
+        wait for the verdict.
     MOVE
         With one event buffer: wait for the ROI's update.
     RESULT
@@ -73,7 +74,8 @@ class IterationControl(wiring.Component):
     whole : ``Out(1)``
         With ``replay``: that of a probe, which uses all events, whatever the schedule says.
     more, judged : ``In(1)``
-        Another probe follows; it is known whether v is in doubt. These five only where v's confidence is measured.
+        Another probe follows; it is known whether v is in doubt. These five only where v's confidence is measured, of
+        which rounds have ``judged`` alone.
     iterations, cycles : ``Out``
         Iterations done, clock cycles since the first event was offered.
     taken : ``In(1)``
@@ -89,7 +91,10 @@ class IterationControl(wiring.Component):
         self.config = config
         self._replay_delay, self._move, self._settle = replay_delay, move, settle
         self._probe_delay = probe_delay
+        self._probes = config.confidence and config.ascent_rule.evaluations == 1
         probes = dict.fromkeys(("begin", "probing", "whole"), Out(1)) | dict.fromkeys(("more", "judged"), In(1))
+        if not self._probes:
+            probes = {"judged": In(1)}
         super().__init__(
             {
                 "handover": In(handover(config)),
@@ -121,17 +126,18 @@ class IterationControl(wiring.Component):
         ]
         judged = delay(m, run.take, self.hand_over - 1, name="take", valid=True)
         another = self.complete & self.iterating & ~final
-        if config.confidence:
+        if self._probes:
             another |= self.complete & self.more
         next_replay = delay(m, another, self._replay_delay, name="next_replay", valid=True)
         after_last = "MOVE" if config.buffers == 1 else "RESULT"
-        if config.confidence:
+        if self._probes:
             first = self.complete & self.iterating & final & run.settings.judge
             soon = delay(m, first, self._replay_delay + self._probe_delay - 1, name="first_probe", valid=True)
             first = delay(m, soon, 1, name="first", valid=True)
             next_replay |= first
             # A register, for much hangs on it; in the first cycle of PROBE no other replay begins.
             m.d.sync += self.whole.eq(soon | self.probing)
+        if config.confidence:
             m.d.comb += run.final.eq(final)
         m.d.comb += self.replay.eq(self.divided | next_replay)  # neither comes but in a state that waits for it
         m.d.sync += self.cycles.eq(Mux(run.take, self.handover.cycles, self.cycles) + 1)
@@ -164,11 +170,13 @@ class IterationControl(wiring.Component):
                             m.d.comb += self.move.eq(1)
                         if config.confidence:
                             with m.If(run.settings.judge):
-                                m.d.comb += self.begin.eq(1)
+                                if self._probes:
+                                    m.d.comb += self.begin.eq(1)
                                 m.next = "PROBE"
             if config.confidence:
                 with m.State("PROBE"):
-                    m.d.comb += self.probing.eq(1)
+                    if self._probes:
+                        m.d.comb += self.probing.eq(1)
                     with m.If(self.judged):
                         m.next = after_last
             if config.buffers == 1:

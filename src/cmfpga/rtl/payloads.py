@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from amaranth.hdl import Const, Shape, ShapeCastable, Value
 from amaranth.lib import data, stream
 
-from ..config.schedule import STRIDES
+from ..config.schedule import DISTANCES, STRIDES
 from ..fixed import Q, bits_for, signed_bits_for
 from ..protocol.results import curvature_shape, fields_of, squares_shape, sums_shape, trace_shape
-from ..protocol.settings import settings_of, velocity_shape
+from ..protocol.settings import schedule_highest, settings_of, velocity_shape
 
 #: Width of a stride's logarithm.
 STRIDE_BITS = bits_for(len(STRIDES) - 1)
@@ -54,21 +54,6 @@ def shaped(shape):
 def flow(layout):
     """A stream that is never stalled: one item in every cycle in which ``valid`` is high."""
     return stream.Signature(layout, always_ready=True)
-
-
-def of_lanes(config, member):
-    """What each lane has: an array of ``member``, or with one lane ``member`` itself."""
-    return member.array(config.lanes) if config.lanes > 1 else member
-
-
-def by_lane(config, member):
-    """What :func:`of_lanes` made, as a list of all lanes'."""
-    return member if config.lanes > 1 else [member]
-
-
-def wire_cycles(config):
-    """Clock cycles that a long wire between lanes, or between them and what they share, has for itself."""
-    return 1 if config.lanes > 1 else 0
 
 
 def event(config):
@@ -204,7 +189,7 @@ def votes(config):
     """One event's votes, sorted by parity bank: bank 2·(row % 2) + (column % 2)."""
     vote = layout(
         valid=1,
-        address=config.geometry.bank_column_bits + bits_for(config.geometry.bank_rows - 1),
+        address=config.geometry.bank_address_bits,
         i=Fixed(Q(1, config.weight_frac, signed=False)),
         **dict.fromkeys(("dx", "dy"), Fixed(Q(1, config.derivative_frac))),
     )
@@ -227,19 +212,7 @@ def tagged_operation(config):
     """What a tagged bank is asked to do: add to a word, which is zero unless it carries this tag."""
     vote = votes(config)["banks"].shape.elem_shape
     add = {name: vote[name].shape for name in pixel(config).members}
-    address = config.geometry.word_bits
-    return layout(address=address, tag=config.tag_bits, add=data.StructLayout(add))
-
-
-def lane_operation(config):
-    """What the router hands to a bank: the tag is that of all of them."""
-    operation = tagged_operation(config)
-    return data.StructLayout({name: operation[name].shape for name in ("address", "add")})
-
-
-def lane_vote(config):
-    """A vote in a queue, which is for every second bank of its parity class: which of them."""
-    return layout(operation=lane_operation(config), bank=config.geometry.lane_bits - 1)
+    return layout(address=config.geometry.bank_address_bits, tag=config.tag_bits, add=data.StructLayout(add))
 
 
 def tagged_step(config):
@@ -299,9 +272,13 @@ def settings(config):
 
 
 def schedule_entry(config):
-    """One iteration of the sign ascent: pixels 2^level px wide, v moves by 2^shift raw units, one event in 2^stride."""
-    widths = {"level": bits_for(config.max_level), "shift": bits_for(config.formats.v.width - 2), "stride": STRIDE_BITS}
-    return data.StructLayout(widths)
+    """One iteration: what :func:`~cmfpga.protocol.settings.schedule_highest` names."""
+    return data.StructLayout({name: bits_for(high) for name, high in schedule_highest(config).items()})
+
+
+def distance(config):
+    """How far beside the centre a round evaluates: the number of one of :data:`DISTANCES`; more counts as the last."""
+    return Shape(bits_for(len(DISTANCES) - 1))
 
 
 def subset(config):

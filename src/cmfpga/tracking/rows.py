@@ -116,5 +116,5 @@ class Rows:
         """A batch without events never reaches the hardware."""
         still = (0,) * len(self.config.motion_model.names)
         v, path = (last.v, last.trace) if last else (still, None)
-        trace = Trace.without_iterations(tuple(path.v[-1].tolist()) if path else still)
+        trace = Trace.without_iterations(self.config, tuple(path.v[-1].tolist()) if path else still)
         return BatchResult.nothing(roi=place, roi_next=place, v=v, trace=trace)

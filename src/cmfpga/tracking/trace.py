@@ -7,20 +7,23 @@ import torch
 
 from ..config.schedule import used
 from ..errors import ConfigError, RecordingError
+from ..protocol.confidence import beside
 from ..protocol.settings import BatchSettings
 from ..reference import floating
+from ..reference.float_ascent import newton_step
 from ..reference.float_core import FloatCore
 from ..reference.ingest import take_in
-from ..reference.integer.core import IntegerCore
+from ..reference.integer.core import IntegerCore, IntegerIteration
 from ..reference.integer.dither import dither
 from ..reference.integer.motion import basis, flow
+from ..reference.integer.newton import newton
 from ..reference.integer.time_scaler import time_scaler
 from ..reference.integer.warp import warp
 
 
 @dataclass(frozen=True, eq=False)
 class IterationTrace:
-    """One iteration: what the engine has between its blocks.
+    """One iteration, or one evaluation of a round: what the engine has between its blocks.
 
     Real numbers, float64. Those of the engines ``rtl`` and ``model`` are raw integers times the step of their format,
     so nothing is lost; ``raw`` holds the integers.
@@ -28,11 +31,11 @@ class IterationTrace:
     Parameters
     ----------
     v, v_next : [2], or one for each parameter of the motion
-        Velocity that the iteration used, and the one that it found; px per half batch.
+        Velocity that the iteration used, and the one that it, or its round, found; px per half batch.
     level : int
         The image's pixels are 2^level px wide. Positions, images and derivatives are in these pixels.
     log2_step : int or None
-        The step is 2^log2_step px per half batch; None for a constant η.
+        The step is 2^log2_step px per half batch; None for a constant η, and in rounds.
     x, y : [n_k]
         Warped columns and rows of the events that the iteration uses (:func:`cmfpga.config.schedule.used`), relative
         to the ROI.
@@ -63,6 +66,8 @@ class IterationTrace:
 class BatchTrace:
     """A batch, iteration by iteration: ``trace[k]`` is the :class:`IterationTrace` of iteration k, ``len(trace)`` is T.
 
+    Rounds have four evaluations each: then ``trace[k]`` is evaluation k mod 4 of round k div 4, ``len(trace)`` is 4·T.
+
     Parameters
     ----------
     config : Config
@@ -73,7 +78,7 @@ class BatchTrace:
     result : BatchResult
         What the engine returned.
     plan : tuple
-        A ``ScheduleEntry`` per iteration.
+        A ``ScheduleEntry`` per iteration, or a ``Round``.
     thinning : int
         The engine stored one ROI event in so many.
     name : str
@@ -83,10 +88,10 @@ class BatchTrace:
 
     Attributes
     ----------
-    v : float64 [T + 1, 2]
-        Velocity that each iteration used, then the result; px per half batch.
-    levels : int64 [T]
-        Level of each iteration.
+    v : float64 [len + 1, 2]
+        Velocity that each iteration, or evaluation, used, then the result; px per half batch.
+    levels : int64 [len]
+        Level of each.
     t, x, y : int64 [n]
         Stored ROI events: µs since the batch's first event, column and row in the ROI, px; float64 where the hardware
         undistorts.
@@ -106,7 +111,8 @@ class BatchTrace:
     def __init__(self, config, engine, events, result, *, plan, thinning, name, marks=None):
         if result.trace is None:
             raise ConfigError(f"trace: the {engine} engine gives only results; rtl, model or float is needed")
-        self.config, self.result, self.plan = config, result, tuple(plan)
+        self._each = config.ascent_rule.evaluations
+        self.config, self.result, self.plan = config, result, tuple(one for one in plan for _ in range(self._each))
         self._real = engine == "float"
         self._name = name
         settings = BatchSettings.from_config(config.replace(thinning=thinning, thin_target=0))
@@ -121,7 +127,8 @@ class BatchTrace:
         self.t = batch.t.numpy()
         self.x, self.y = (axis.numpy() * 2.0**-frac if frac else axis.numpy() for axis in (batch.x, batch.y))
         self.levels = np.array([entry.level for entry in self.plan], np.int64)
-        self.v = np.array(result.trace.v, np.float64) * (1 if self._real else config.formats.v.step)
+        self._v = self._velocities()
+        self.v = np.array(self._v, np.float64) * (1 if self._real else config.formats.v.step)
         self._settings = settings
         if self._real:
             self._events, steps = FloatCore(config).place(batch), (1, 1, 1)
@@ -132,6 +139,15 @@ class BatchTrace:
         self.x_dithered, self.y_dithered, self.dt = (
             axis.numpy() * step for axis, step in zip(self._events, steps, strict=True)
         )
+
+    def _velocities(self):
+        """As the engine's trace has them, but with those of each evaluation of a round."""
+        v = self.result.trace.v
+        if self._each == 1:
+            return v
+        quarter = 0.25 if self._real else 1 << (self.config.v_frac - 2)
+        rounds = zip(v.tolist(), self.plan[:: self._each], strict=False)
+        return np.array([*(one for at, entry in rounds for one in beside(at, quarter * entry.distance)), v[-1]])
 
     def _changed(self):
         return RecordingError(f"{self._name}: the events are not those that were tracked; the recording has changed")
@@ -151,8 +167,11 @@ class BatchTrace:
         """What was computed here is what the engine found."""
         trace, mine = self.result.trace, done if self._real else done.raw
         mine = mine if isinstance(mine, dict) else vars(mine)
-        pairs = [(trace.v[k], mine["v"]), (trace.v[k + 1], mine["v_next"])]
-        pairs += [(getattr(trace, name)[k], mine[name]) for name in ("sum_i", "sum_d", "s")]
+        pairs = [(self._v[k], mine["v"]), (trace.v[k // self._each + 1], mine["v_next"])]
+        for name in ("sum_i", "sum_d", "s"):
+            theirs = getattr(trace, name)
+            theirs = theirs.reshape(-1, *theirs.shape[2:]) if self._each > 1 else theirs
+            pairs.append((theirs[k], mine[name]))
         if not all(np.allclose(a, b, rtol=1e-9, atol=1e-9) if self._real else np.array_equal(a, b) for a, b in pairs):
             raise self._changed()
 
@@ -165,9 +184,13 @@ class BatchTrace:
         level = entry.level
         columns, rows = config.geometry.level_size(level)
         x, y, dt = self._used(k)
-        v = tuple(int(axis) for axis in self.result.trace.v[k])
+        v = tuple(int(axis) for axis in self._v[k])
         b = basis(config, x, y, roi=self.result.roi, camera=self._settings.camera)
-        done, _ = IntegerCore(config).iterate(x, y, dt, v, eta=self._settings.eta, entry=entry, b=b)
+        core = IntegerCore(config)
+        if self._each > 1:
+            done = IntegerIteration(v, *core.evaluate(x, y, dt, v, level), v_next=self._step(k))
+        else:
+            done, _ = core.iterate(x, y, dt, v, eta=self._settings.eta, entry=entry, b=b)
         warped_x, warped_y = warp(config, x, y, dt, flow(config, v, b), level)
         raw = {
             "v": np.array(done.v, np.int64),
@@ -192,7 +215,15 @@ class BatchTrace:
             **dict.fromkeys(("s", "g"), weight * derivative * 2.0**-frac),
         }
         real = {name: value * steps[name] for name, value in raw.items()}
-        return IterationTrace(**real, level=level, log2_step=entry.log2_step, raw=raw)
+        return IterationTrace(**real, level=level, log2_step=getattr(entry, "log2_step", None), raw=raw)
+
+    def _step(self, k):
+        """Where an evaluation's round goes, from what the engine found in it."""
+        config, number, entry = self.config, k // self._each, self.plan[k]
+        s = config.geometry.pixels * self.result.trace.s[number]
+        if not self._real:
+            return newton(config, tuple(self.result.trace.v[number].tolist()), s.tolist(), entry)[0]
+        return self.result.trace.v[number] + newton_step(s.tolist(), entry.distance / 4, entry.limit)
 
     def _real_iteration(self, k):
         config, entry = self.config, self.plan[k]
@@ -206,9 +237,9 @@ class BatchTrace:
         pairs = ((now.sum_dx, now.sum_dy), (now.s_x, now.s_y), (now.g_x, now.g_y))
         return IterationTrace(
             self.v[k],
-            self.v[k + 1],
+            self._step(k) if self._each > 1 else self.v[k + 1],
             level,
-            entry.log2_step,
+            getattr(entry, "log2_step", None),
             *warped,
             *images,
             float(now.sum_i),

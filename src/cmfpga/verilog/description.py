@@ -78,14 +78,13 @@ def describe(config, core, verilog):
             "formula": core.cycle_formula,
             "N": "events of the batch",
             "n": "events in the ROI",
-            **({"n_k": "of them used in iteration k"} if config.ascent_rule.has_table else {}),
+            **({"n_k": "of them used in iteration k"} if config.ascent_rule.strides else {}),
             "T": "iterations",
             "example": {
                 "N": article.BATCH["events"],
                 "n": article.BATCH["roi_events"],
                 "T": len(plan),
                 "cycles": core.cycles(**article.BATCH, iterations=plan),
-                "most_cycles": core.cycles(**article.BATCH, iterations=plan, most=True),
             },
         },
         "ports": ports(core),
@@ -95,8 +94,6 @@ def describe(config, core, verilog):
 def summary(info):
     """``build-info.json`` as a page of Markdown."""
     config, example = info["configuration"], info["cycles"]["example"]
-    fewest, most = (f"{example[name]:,}" for name in ("cycles", "most_cycles"))
-    shown = fewest if fewest == most else f"{fewest} to {most}"
     lines = [
         f"# {info['top']}",
         "",
@@ -110,7 +107,7 @@ def summary(info):
         "",
         f"`{info['cycles']['formula']}`, with N events, n of them in the ROI, and T iterations"
         + (", of which iteration k uses n_k events." if "n_k" in info["cycles"] else "."),
-        f"For N = {example['N']}, n = {example['n']}, T = {example['T']}: {shown} cycles.",
+        f"For N = {example['N']}, n = {example['n']}, T = {example['T']}: {example['cycles']:,} cycles.",
         "",
         "## Latencies of the blocks",
         "",

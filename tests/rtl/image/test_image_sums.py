@@ -80,8 +80,6 @@ class LateImage(RegisterImage):
 class SlowImage(RegisterImage):
     """One event in three cycles, out of a queue that holds hardly more than what is in flight."""
 
-    exact_cycles = False
-
     def votes_to_add(self, m):
         shape = payloads.votes(self.config)
         m.submodules.queue = queue = SyncFIFO(width=data.Layout.cast(shape).size, depth=self.in_flight + 2)
@@ -138,8 +136,7 @@ def test_another_image_equals_the_model(image, buffers, rng, monkeypatch):
 
 @pytest.mark.parametrize("buffers", [1, 2])
 def test_an_image_that_is_short_of_room_equals_the_model(buffers, rng, monkeypatch):
-    core, results, outcomes = run(SlowImage, CONFIG.replace(buffers=buffers), rng, monkeypatch, gap=0.2, stall=0.5)
-    assert not core.image.exact_cycles
+    _, results, outcomes = run(SlowImage, CONFIG.replace(buffers=buffers), rng, monkeypatch, gap=0.2, stall=0.5)
     longest = max(results, key=lambda result: result.roi_events)
     assert outcomes[results.index(longest)].result["cycles"] > 2 * longest.roi_events * longest.iterations
 
@@ -151,6 +148,6 @@ def test_votes_that_are_lost_are_found(rng, monkeypatch):
 
 @pytest.mark.parametrize("name", ["paper", "fast"])
 def test_images_of_the_presets_always_have_room(name):
-    """So that the formula of cycles holds; and their members are those of the seam."""
+    """So that the formula of cycles holds: nothing but a constant drives it. Their members are those of the seam."""
     image = IMAGES[preset(name).gradient](preset(name), in_flight=9)
-    assert image.exact_cycles and list(image.blocks) != ["image"]
+    assert list(image.blocks) != ["image"]

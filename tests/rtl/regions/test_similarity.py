@@ -110,7 +110,7 @@ MUTANTS = {  # module, old, new
     "pixels from the image's middle": (voter, "((self.middle[axis] + 1) << 1)", "Const(2 * size)"),
     "pixels half a pixel aside": (voter, "(self.middle[axis] + 1) << 1", "self.middle[axis] << 1"),
     "the end for the middle": (distributor, "row.begin[axis] + row.end[axis] - 1", "row.end[axis] - 1"),
-    "the middle of the region that is loaded": (unit, "lane.look_from(m, self._job)", "lane.look_from(m, self.job)"),
+    "the middle of the region that is loaded": (unit, "path.look_from(m, self._job)", "path.look_from(m, self.job)"),
     "never doubtful": (unit, "flags[Flag.DOUBTFUL] = self.judge.doubtful", "flags[Flag.DOUBTFUL] = 0"),
     "doubt is not kept": (collector, "outcome.flags[Flag.DOUBTFUL.bit_length() - 1]", "Const(0, 1)"),
 }  # fmt: skip

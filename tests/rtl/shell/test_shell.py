@@ -56,8 +56,9 @@ def writes_of(config, settings):
     registers, values = register_map(config), links(config, settings)
     for name, word in setting_words(registers, values).items():
         yield registers[name].offset, word
-    for k, (level, shift, stride) in enumerate(values.get("schedule", ())):
-        word = registers["SCHEDULE"].pack(LEVEL=level, SHIFT=shift, STRIDE=stride)
+    for k, entry in enumerate(values.get("schedule", ())):
+        names = (f.name for f in registers["SCHEDULE"].fields)
+        word = registers["SCHEDULE"].pack(**dict(zip(names, entry, strict=True)))
         yield registers["SCHEDULE"].offset + 4 * k, word
     for name, fields in {"IER": ["DONE"], "GIE": ["ENABLE"], "CTRL": ["START", "AUTO_RESTART"]}.items():
         yield registers[name].offset, registers[name].pack(**dict.fromkeys(fields, 1))

@@ -135,9 +135,9 @@ class Board:
         """Write settings by their links, the schedules that they point at, and the nodes of a camera."""
         for name, word in setting_words(self.registers, settings).items():
             await self.write(name, word)
-        for k, (level, shift, stride) in enumerate(settings.get("schedule", ())):
+        for k, entry in enumerate(settings.get("schedule", ())):
             register = self.registers["SCHEDULE"]
-            word = register.pack(LEVEL=level, SHIFT=shift, STRIDE=stride)
+            word = register.pack(**dict(zip((f.name for f in register.fields), entry, strict=True)))
             await self.write_word(register.offset + 4 * k, word)
         for node in settings.get("nodes", ()):
             values = dict(zip(("column", "row", "x", "y"), node, strict=True))

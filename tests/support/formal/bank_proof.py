@@ -1,7 +1,7 @@
 """The properties of a bank of either accumulator: a shadow of one row, and what must agree with it."""
 
 from amaranth.asserts import AnySeq
-from amaranth.hdl import Assert, Assume, Cat, Cover, Mux, Signal, Value
+from amaranth.hdl import Assert, Cat, Cover, Mux, Signal, Value
 from amaranth.lib import data
 
 from cmfpga.rtl import payloads
@@ -162,7 +162,7 @@ class TaggedBankHarness(BankHarness):
     COVERS = 13
 
     def __init__(self, dut):
-        super().__init__(dut, dut.config.geometry.words)
+        super().__init__(dut, dut.config.geometry.bank_depth)
 
     def operation(self):
         pixel, operation, answer = payloads.pixel(self.dut.config), self.dut.i.payload, self.dut.o.payload
@@ -207,50 +207,4 @@ class TaggedBankHarness(BankHarness):
             hit[4] & collided[3] & (before[4].i != 0),  # an answer whose read collided
             grows[4] & alone,  # a word of this tag out of the RAM
             anew[4] & alone,  # a word of another tag out of the RAM
-        ]
-
-
-class LaneBankHarness(TaggedBankHarness):
-    """Of :class:`LaneBank`: operations of one tag and sweeps, and no other tag less than five operations later."""
-
-    COVERS = 13
-
-    def check_memories(self, m, memories):
-        *words, tags = memories
-        self.shadow.check_memory(m, words, tuple(self.dut.word.members))
-        self.shadow.check_memory(m, [tags], ("tag",), self.shadow.write - 1)
-        operation = self.dut.i.payload
-        valid, tag = (
-            self.shadow.line(m, f"offered_{name}", now, len(now))
-            for name, now in (("valid", self.dut.i.valid), ("tag", operation.tag))
-        )
-        m.d.comb += Assume((operation.tag != 0) | (operation.add.as_value() == 0))
-        for n in range(1, 5):
-            m.d.comb += Assume(~(valid[0] & valid[n]) | (tag[0] == 0) | (tag[n] == 0) | (tag[0] == tag[n]))
-
-    def counts(self, word, operation):
-        return (word.tag == operation.tag) & (operation.tag != 0)
-
-    def cases(self, m):
-        hit, valid, elsewhere, collided = self.shadow.hit, self.valid, self.elsewhere, self.collided
-        before, after, stages = self.shadow.before, self.shadow.after, self.shadow.stages
-        tag = self.shadow.line(m, "tag", self.dut.i.payload.tag, self.dut.config.tag_bits)
-        votes = [hit[n] & (tag[n] != 0) & (before[n].i != after[n].i) for n in stages]
-        grows = [votes[n] & (before[n].tag == tag[n]) & (before[n].i != 0) for n in stages]
-        swept = [hit[n] & (tag[n] == 0) & (before[n].i != 0) for n in stages]
-        alone = ~Cat(hit[:5]).any() & ~collided[3] & ~collided[4]
-        return [
-            grows[0] & grows[1] & grows[2] & grows[3] & grows[4],  # five in a row
-            grows[0] & elsewhere[1] & grows[2],  # two apart, another row between
-            grows[0] & elsewhere[1] & ~valid[2] & grows[3],  # three apart
-            grows[0] & elsewhere[1] & elsewhere[2] & ~valid[3] & grows[4],  # four apart
-            swept[0] & votes[1],  # a sweep right behind a vote
-            votes[0] & swept[1],  # a vote right behind a sweep
-            votes[0] & elsewhere[1] & swept[2],  # two behind
-            votes[0] & elsewhere[1] & elsewhere[2] & swept[3],  # three behind
-            votes[0] & elsewhere[1] & elsewhere[2] & elsewhere[3] & swept[4],  # four behind
-            grows[0] & (after[0].i < before[0].i),  # a total that wraps
-            hit[4] & collided[3] & (before[4].i != 0),  # an answer whose read collided
-            grows[5] & alone,  # a word of this tag out of the RAM
-            votes[5] & (before[5].tag != tag[5]) & (before[5].i != 0) & alone,  # a word of another tag out of the RAM
         ]

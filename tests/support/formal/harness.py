@@ -36,6 +36,23 @@ needs_solver = pytest.mark.skipif(
 TIME_OUT = 600
 
 
+class FreeHarness(Elaboratable):
+    """A block whose inputs are free; its memories start with anything and are read as they are written."""
+
+    platform = None
+
+    def __init__(self, dut):
+        self.dut = dut
+        self.sync = ClockDomain("sync", reset_less=True)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.domains.sync = self.sync
+        m.submodules.dut = self.dut
+        self.properties(m)
+        return m
+
+
 class AnyOnCollision:
     """A platform whose memories are known in one row only, and whose reads may return anything elsewhere.
 

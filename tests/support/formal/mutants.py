@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 from cmfpga.rtl import read_modify_write
 from cmfpga.rtl.image import accumulator, sliced_memory, tagged_accumulator
-from cmfpga.rtl.image.lanes import lane_bank
 from support.mutation import mutated
 
 
@@ -104,7 +103,7 @@ TAGGED_BANK = [
     tagged("words stay under a forwarded sum", "(forwarded == 0) & ~match[2]", "~match[2]"),
     tagged("words count with any tag", _RAM, "1"),
     tagged("words with any tag but zero count", _RAM, "read_s2.tag != 0"),
-    tagged("words compared with a younger tag", "tag = pipeline[2][2]", "tag = pipeline[2][1]"),
+    tagged("words compared with a younger tag", "tag == tag[2]", "tag == tag[1]"),
     tagged("tag not written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(0)"),
     tagged("tag of a younger operation written", "write.data.tag.eq(tag[4])", "write.data.tag.eq(tag[3])"),
     tagged("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
@@ -112,27 +111,6 @@ TAGGED_BANK = [
     tagged("told of the sum before", "self.o.payload.i.eq(base.i)", "self.o.payload.i.eq(total[4].i)"),
     tagged("told of a word that does not count", "counts_s3.eq(counts)", "counts_s3.eq(~behind_s2)"),
     tagged("told early", "self.o.valid.eq(valid[4])", "self.o.valid.eq(valid[3])"),
-]
-
-#: What it has of its own; where older operations are found is the tagged bank's.
-LANE_BANK = [
-    Mutant(name, old, new, lane_bank)
-    for name, old, new in (
-        ("youngest sum not forwarded", "drops[2]", "1"),
-        ("third sum not forwarded", "for stage in (3, 4, 5)]", "for stage in (3, 5)]"),
-        ("oldest sum not forwarded", "for stage in (3, 4, 5)]", "for stage in (3, 4)]"),
-        ("sums of one operation", "total[stage + 1]", "total[4]"),
-        ("all sums at once", "~(none & match[stage])", "~match[stage]"),
-        ("sweeps take on what is there", "none, drops = votes_s1, {}", "none, drops = 1, {}"),
-        ("sums of a cycle ago end it", "none &= ~match[stage]", "none &= drops[stage]"),
-        ("words beside a sum", "(none & (tag_s1", "(votes_s1 & (tag_s1"),
-        ("words count with any tag", "(tag_s1 == tag[1])", "1"),
-        ("words of a younger operation's tag", "(tag_s1 == tag[1])", "(tag_s1 == tag[0])"),
-        ("tags of a younger operation", "write.data.eq(tag[3])", "write.data.eq(tag[2])"),
-        ("tags written late", "write.en.eq(valid[3])", "write.en.eq(valid[4])"),
-        ("tags written elsewhere", "write.addr.eq(address[3])", "write.addr.eq(address[4])"),
-        ("sum of the wrong operation", "add[3][name] + base[name]", "add[2][name] + base[name]"),
-    )
 ]
 
 SLICED_MEMORY = [

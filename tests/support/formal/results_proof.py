@@ -3,7 +3,7 @@
 from amaranth.asserts import AnyConst, AnySeq
 from amaranth.hdl import Assert, Assume, Cat, Cover, Mux, Signal
 
-from support.formal.lanes_proof import Harness
+from support.formal.harness import FreeHarness
 from support.formal.store_proof import tiny
 
 UNITS, ROWS = 2, 3
@@ -13,7 +13,7 @@ def config():
     return tiny().replace(regions=4, units=UNITS, roi_gain=1.0, roi_gain_int=1, roi_gain_frac=0)
 
 
-class CollectorHarness(Harness):
+class CollectorHarness(FreeHarness):
     """The collector with any units: each has outcomes of any numbers, whenever it likes; results may have to wait.
 
     Batches have one to three rows. The next one begins when all of one were handed over, before they have finished.

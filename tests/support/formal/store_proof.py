@@ -5,7 +5,7 @@ from amaranth.hdl import Assert, Assume, Cat, Const, Cover, Signal
 
 from cmfpga.config import Config
 from support.formal.bank_proof import anything
-from support.formal.lanes_proof import Harness
+from support.formal.harness import FreeHarness
 
 EVENTS = 4
 
@@ -31,7 +31,7 @@ def half_of(module):
 FILL = range(5, 5 + EVENTS + 1)
 
 
-class StoreHarness(Harness):
+class StoreHarness(FreeHarness):
     """Cleared, filled with any events in any cycles of :data:`FILL`, then both bins are read, in any order."""
 
     COVERS = 2

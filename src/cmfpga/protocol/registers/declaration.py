@@ -9,9 +9,9 @@ Imports neither Amaranth nor NumPy.
 
 from ... import __version__
 from ...config.motion import MOTIONS
-from ...config.schedule import STRIDES
 from ...errors import ConfigError
 from ..results import packet_beats
+from ..settings import schedule_highest
 from ..tables import tables_of
 from .contract import counters, results, settings, tables
 from .layout import BASE, Register, RegisterMap, command, constants, flag, in_order, status, sticky, stored
@@ -256,10 +256,16 @@ def _regions(config):
 def _schedule(config):
     if not config.ascent_rule.has_table:
         return []
-    fields = (
-        stored("LEVEL", 0, 8, "pixels are 2^LEVEL px wide", high=config.max_level, link="level"),
-        stored("SHIFT", 8, 8, "v moves by 2^SHIFT raw units", high=config.formats.v.width - 2, link="shift"),
-        stored("STRIDE", 16, 8, "one stored event in 2^STRIDE", high=len(STRIDES) - 1, link="stride"),
+    docs = {
+        "level": "pixels are 2^LEVEL px wide",
+        "shift": "v moves by 2^SHIFT raw units",
+        "stride": "one stored event in 2^STRIDE",
+        "distance": "evaluated so far beside v: ¾, 1, 1½, 2 or 3 px, by its number from 0",
+        "limit": "v moves by at most ((2 + c mod 2)·2^(c div 2))/2 raw units, c = LIMIT",
+    }
+    fields = tuple(
+        stored(name.upper(), 8 * k, 8, docs[name], high=high, link=name)
+        for k, (name, high) in enumerate(schedule_highest(config).items())
     )
     return [
         Register(

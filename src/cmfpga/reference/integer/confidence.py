@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.confidence`: the probes behind the last iteration, and the verdict."""
+"""Model of :mod:`cmfpga.rtl.confidence`: the evaluations beside v, and the verdict."""
 
 from ...protocol.confidence import (
     contrast,
@@ -13,28 +13,39 @@ from ...protocol.flags import Flag
 from ...protocol.results import not_judged
 
 
-def confidence(config, evaluate, last, settings, n):
+def probes(config, v):
+    """The raw velocities that are evaluated behind a batch's last iteration, whose result is ``v``; not of rounds."""
+    fmt, distance = config.formats.v, 3 << (config.v_frac - 2)
+    if config.motion_model.basis:
+        return probes_towards_zero(v, distance)
+    return probe_velocities(v, distance, fmt.min, fmt.max)
+
+
+def confidence(config, sums, last, probed, settings, n):
     """What the hardware finds behind a batch's last iteration: (fields of the result, flags).
 
     Parameters
     ----------
     config : Config
-    evaluate : callable
-        ``evaluate(v)``: :class:`~.core.IntegerIteration` of the batch's ``n`` events at a raw velocity, at the level of
-        the last iteration.
-    last : IntegerIteration
+    sums : tuple of int
+        Of the last iteration; of a round the means, floored.
+    last, probed : sequences of IntegerIteration
+        The evaluations of the last iteration; those beside v. A round's are the same four.
     settings : BatchSettings
+    n : int
+        Events of each.
     """
-    found = not_judged(config) | {"sum_squares": int((last.images.i**2).sum())}
-    if not settings.judge:
+    squares = sum(int((one.images.i**2).sum()) for one in last) // len(last)
+    found = not_judged(config) | {"sum_squares": squares}
+    if not settings.judge:  # a round has its curvature all the same
+        found |= {"curvature": tuple(curvature(*(one.g for one in probed)))} if len(last) > 1 else {}
         return found, Flag(0)
-    v, squares = last.v_next, found["sum_squares"]
-    fmt, limit, distance = config.formats.v, settings.confidence_limit, 3 << (config.v_frac - 2)
+    limit, gradients = settings.confidence_limit, [one.g for one in probed]
     if config.motion_model.basis:
-        shape = (least_fall(v, last.g, [evaluate(one).g for one in probes_towards_zero(v, distance)]),)
+        shape = (least_fall(last[0].v_next, last[0].g, gradients),)
         trusted = is_sharp(config, n, limit, *shape, squares)
     else:
-        shape = curvature(*(evaluate(one).g for one in probe_velocities(v, distance, fmt.min, fmt.max)))
-        trusted = is_trusted(config, n, limit, shape, contrast(config.geometry.pixels, last.sums, squares))
+        shape = curvature(*gradients)
+        trusted = is_trusted(config, n, limit, shape, contrast(config.geometry.pixels, sums, squares))
     found |= {"curvature": tuple(shape), "confidence_limit": limit}
     return found, Flag(0) if trusted else Flag.DOUBTFUL

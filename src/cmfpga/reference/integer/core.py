@@ -5,16 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...config.schedule import used
+from ...protocol.confidence import beside
 from ...protocol.flags import Flag
 from ...protocol.trace import Trace
 from ..sequence import Sequence
 from .accumulator import Images, accumulator
-from .confidence import confidence
+from .confidence import confidence, probes
 from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
-from .lanes import waits
 from .motion import basis, flow, moments
+from .newton import newton
 from .sign import lesser, sign_updater
 from .time_scaler import time_scaler
 from .voter import voter
@@ -23,13 +24,13 @@ from .warp import warp
 
 @dataclass(frozen=True)
 class IntegerIteration:
-    """Every intermediate of one iteration, raw integers."""
+    """Every intermediate of one iteration, or of one evaluation of a round, raw integers."""
 
     v: tuple[int, ...]
     images: Images
     sums: Sums
     g: tuple[int, ...]
-    v_next: tuple[int, ...]
+    v_next: tuple[int, ...] | None  # None of an evaluation
 
 
 #: By the value of ``ascent``: the step of one parameter from raw v, ``(next v, saturated)``.
@@ -52,21 +53,17 @@ class IntegerCore(Sequence):
         Scaled times of the last batch's ROI events.
     iterations : list of IntegerIteration
         Intermediates of the last batch, where ``run`` was asked to keep them.
-    count_waits : bool
-        Count ``waited``: cycles for which the last batch's votes wait for each other, where there are lanes. Off at
-        first, because it takes as long as all else.
     """
 
     def __init__(self, config):
         super().__init__(config, 1 << config.formats.roi_x.f)
         self.dt = None
         self.iterations = []
-        self.count_waits, self.waited = False, 0
         self._keep = False
 
     def run(self, t, x, y, settings, *, cut=False, keep=False):
         """Process one batch; ``keep`` every iteration's images in ``iterations`` (memory: T images)."""
-        self._keep, self.iterations, self.waited = keep, [], 0
+        self._keep, self.iterations = keep, []
         return super().run(t, x, y, settings, cut=cut)
 
     @property
@@ -81,30 +78,43 @@ class IntegerCore(Sequence):
         self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
         x, y = dither(config, batch.x, batch.y)
         b = basis(config, x, y, roi=roi, camera=settings.camera, middle=middle)
-        velocities, sums, flags = [self.v], [], Flag(0)
+        velocities, sums, flags, rounds = [self.v], [], Flag(0), config.ascent_rule.evaluations > 1
         for k, entry in enumerate(plan):
             part = used(entry, k, len(x))
             events = (axis[part] for axis in (x, y, self.dt))
             its = {name: member[part] for name, member in b.items()}
-            done, saturated = self.iterate(*events, velocities[-1], entry=entry, eta=settings.eta, b=its, middle=middle)
+            if rounds:
+                made, v, saturated = self.round(*events, velocities[-1], entry=entry)
+            else:
+                done, saturated = self.iterate(
+                    *events, velocities[-1], entry=entry, eta=settings.eta, b=its, middle=middle
+                )
+                made, v = (done,), done.v_next
             flags |= Flag.SATURATED if saturated else Flag(0)
-            velocities.append(done.v_next)
-            sums.append((*done.sums[:3], *done.sums.s))
+            velocities.append(v)
+            sums += [(*one.sums[:3], *one.sums.s) for one in made]
             if self._keep:
-                self.iterations.append(done)
+                self.iterations += made
+        trace = Trace.of_table(np.array(velocities, np.int64), np.array(sums, np.int64))
         judged = {}
         if config.confidence:
-            judged, doubt = confidence(
-                config,
-                lambda v: self.iterate(x, y, self.dt, v, entry=entry, b=b, middle=middle)[0],
-                done,
-                settings,
-                batch.counts["roi_events"],
-            )
+            probed = made
+            if not rounds:
+                probed = [
+                    self.iterate(x, y, self.dt, v, entry=entry, b=b, middle=middle)[0]
+                    for v in (probes(config, done.v_next) if settings.judge else ())
+                ]
+            judged, doubt = confidence(config, trace.last_sums, made, probed, settings, batch.counts["roi_events"])
             flags |= doubt
-        table = np.array(sums, np.int64)
-        v = np.array(velocities, np.int64)
-        return Trace(v=v, sum_i=table[:, 0], sum_d=table[:, 1:3], s=table[:, 3:]), flags, judged
+        return trace, flags, judged
+
+    def round(self, x, y, dt, v, *, entry):
+        """One round, parameters as of :meth:`iterate`: (its four evaluations, next v, saturated)."""
+        made = tuple(
+            IntegerIteration(one, *self.evaluate(x, y, dt, one, entry.level), v_next=None)
+            for one in beside(v, entry.distance << (self.config.v_frac - 2))
+        )
+        return made, *newton(self.config, v, [one.g for one in made], entry)
 
     def iterate(self, x, y, dt, v, *, entry, eta=0, b=None, middle=None):
         """One iteration, of these events, from the raw velocity ``v``: (:class:`IntegerIteration`, saturated).
@@ -112,16 +122,19 @@ class IntegerCore(Sequence):
         ``x`` and ``y`` have ``dithered_frac`` fraction bits; ``entry`` is the iteration's :class:`ScheduleEntry`, and
         ``eta`` raw; ``b`` the events' :func:`basis`, about ``middle``.
         """
-        config, level = self.config, entry.level
-        votes = voter(config, *warp(config, x, y, dt, flow(config, v, b), level), dt, level)
-        if self.count_waits and config.lanes > 1:
-            self.waited += waits(config, votes)
-        images = accumulator(config, votes)
-        sums = gradient_reader(images)
-        if b:
-            sums = sums._replace(s=tuple(moments(config, votes, images, b, level, middle)))
-        g = gradient(config, sums)
+        config = self.config
+        images, sums, g = self.evaluate(x, y, dt, v, entry.level, b, middle)
         step, formats = STEPS[config.ascent], (parameter.fmt for parameter in config.motion_model.parameters)
         each = zip(formats, v, g, lesser(config, g), strict=True)
         found, saturated = zip(*(step(config, *parameter, eta, entry) for parameter in each), strict=True)
         return IntegerIteration(tuple(v), images, sums, g, found), any(saturated)
+
+    def evaluate(self, x, y, dt, v, level, b=None, middle=None):
+        """``(Images, Sums, G)`` at the raw velocity ``v``; other parameters as of :meth:`iterate`."""
+        config = self.config
+        votes = voter(config, *warp(config, x, y, dt, flow(config, v, b), level), dt, level)
+        images = accumulator(config, votes)
+        sums = gradient_reader(images)
+        if b:
+            sums = sums._replace(s=tuple(moments(config, votes, images, b, level, middle)))
+        return images, sums, gradient(config, sums)

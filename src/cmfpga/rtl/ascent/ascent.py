@@ -6,7 +6,6 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import delay
 from .velocity import Velocity
 
 
@@ -64,7 +63,7 @@ class Ascent(wiring.Component):
     restarted : ``Out(1)``
         The batch began cold, because the one before was doubtful. Only where v's confidence is measured.
     probe, warped
-        As the :class:`~.velocity.Velocity` has them. Only where v's confidence is measured.
+        As the :class:`~.velocity.Velocity` has them. Only where v's confidence is measured, and not by rounds.
     saturated : ``Out(1)``
         A number was limited to its format since ``run.take``.
     limited : ``Out(1)``
@@ -80,10 +79,10 @@ class Ascent(wiring.Component):
 
     def __init__(self, config, *, target_bits, members=None):
         self.config = config
-        self._far = payloads.wire_cycles(config)
-        layout, probes = payloads.velocity(config), bool(config.confidence)
-        probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout), "restarted": Out(1)} if probes else {}
-        self.velocity = Velocity(layout, target_bits=target_bits, probes=probes)
+        layout, self._probes = payloads.velocity(config), config.confidence and config.ascent_rule.evaluations == 1
+        probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout)} if self._probes else {}
+        probed |= {"restarted": Out(1)} if config.confidence else {}
+        self.velocity = Velocity(layout, target_bits=target_bits, probes=bool(self._probes))
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.gradient(config))),
@@ -105,16 +104,15 @@ class Ascent(wiring.Component):
         """A module with the velocity in it, which begins with the batch's start unless it is ``warm``."""
         m = Module()
         m.submodules.velocity = velocity = self.velocity
-        self._taken = delay(m, self.run.take, self._far, name="taken")
         m.d.comb += [
-            velocity.new_batch.eq(self._taken),
+            velocity.new_batch.eq(self.run.take),
             velocity.load.eq(self.run.start & ~warm),
             velocity.start.eq(self.run.settings.v_start),
             self.v.eq(velocity.v),
             self.saturated.eq(velocity.saturated),
             self.run.updated.eq(velocity.moved),
         ]
-        if self.config.confidence:
+        if self._probes:
             m.d.comb += [velocity.probe.valid.eq(self.probe.valid), velocity.probe.payload.eq(self.probe.payload)]
             m.d.comb += self.warped.eq(velocity.warped)
         return m

@@ -15,9 +15,10 @@ class Gradient(wiring.Component):
     cycles earlier. P is a constant; where it is a power of two, P·S is a shift and costs no cycle.
 
     Where only whole cells have derivatives (``border = whole``), an event's are opposite, ΣD = 0, and G is P·S. In a
-    motion beyond translation, which has that border, it is S itself, at once; so is P·S with lanes, if it is a shift.
+    motion beyond translation, which has that border, it is S itself, at once. In a round, whose four evaluations' sums
+    come one after the other, it is P·S, at once if that is a shift.
 
-    One item per ``lead`` cycles; latency :attr:`latency` cycles.
+    One item per ``lead`` cycles, or of a round one a cycle; latency :attr:`latency` cycles.
 
     Parameters
     ----------
@@ -38,10 +39,10 @@ class Gradient(wiring.Component):
     def __init__(self, config, *, lead=lead):
         self.config = config
         self._early = lead > self.lead
-        shifts = self._is_shift(config.geometry.pixels)
-        self.latency = 1 if shifts else 1 + self.lead
-        if config.motion_model.basis or (config.lanes > 1 and config.border == "whole" and shifts):
-            self.latency = 0
+        self._rounds = config.ascent_rule.evaluations > 1
+        self.latency = 0 if self._is_shift(config.geometry.pixels) else self.lead
+        if not self._rounds:
+            self.latency = 0 if config.motion_model.basis else 1 + self.latency
         super().__init__(
             {"i": In(payloads.flow(payloads.sums(config))), "o": Out(payloads.flow(payloads.gradient(config)))}
         )
@@ -51,7 +52,7 @@ class Gradient(wiring.Component):
         m = Module()
         if not self.latency:
             m.d.comb += self.o.valid.eq(self.i.valid)
-            shift = 0 if config.motion_model.basis else config.geometry.pixels.bit_length() - 1
+            shift = config.geometry.pixels.bit_length() - 1 if self._rounds else 0
             for name in config.motion_model.names:
                 m.d.comb += self.o.payload[name].eq(self.i.payload[f"s{name}"].shift_left(shift))
             return m
@@ -61,8 +62,12 @@ class Gradient(wiring.Component):
             scaled = self.i.payload[f"s{name}"] * config.geometry.pixels
             if not self._is_shift(config.geometry.pixels):
                 scaled = delay(m, scaled, self.lead, name=f"scaled_{name}")
-            m.d.sync += self.o.payload[name].eq(scaled - mean)
-        m.d.sync += self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True))
+            if self._rounds:
+                m.d.comb += self.o.payload[name].eq(scaled)
+            else:
+                m.d.sync += self.o.payload[name].eq(scaled - mean)
+        valid = delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)
+        m.d.sync += self.o.valid.eq(valid)
         return m
 
     def _means(self, m):

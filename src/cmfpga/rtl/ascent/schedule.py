@@ -1,12 +1,16 @@
-"""Schedule: the table that says which level, step and stride each iteration of the sign ascent uses."""
+"""Schedule: the table that says what each iteration does; and the ascents that follow it."""
+
+from functools import reduce
+from operator import or_
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import memory, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect, flipped
 
-from ...config.schedule import STRIDES
+from ...protocol.settings import schedule_highest
 from .. import payloads
 from ..arithmetic import delay
+from .ascent import Ascent
 
 
 class Schedule(wiring.Component):
@@ -32,10 +36,10 @@ class Schedule(wiring.Component):
         With ``advance``: the entry was the batch's last, and stays. Only where v's confidence is measured.
     first : ``In``
         In the second cycle after ``new_batch``.
-    level, shift : ``Out``
-        Pixels are 2^level px wide; v moves by 2^shift raw units.
+    level, shift, distance, limit : ``Out``
+        The entry's parts (:func:`~cmfpga.protocol.settings.schedule_highest`): of those the ones that it has.
     stride : ``Out``
-        One event in 2^stride, two cycles after ``start`` or ``advance``.
+        One event in 2^stride, two cycles after ``start`` or ``advance``; not of rounds.
     limited : ``Out(1)``
         An entry used since ``new_batch`` was out of range.
     """
@@ -48,9 +52,7 @@ class Schedule(wiring.Component):
                 "write": In(payloads.flow(payloads.schedule_write(config))),
                 **dict.fromkeys(("new_batch", "start", "advance", *(("hold",) if config.confidence else ())), In(1)),
                 "first": In(range(config.schedule_entries)),
-                "level": Out(entry["level"].shape),
-                "shift": Out(entry["shift"].shape),
-                "stride": Out(entry["stride"].shape),
+                **{name: Out(part.shape) for name, part in entry},
                 "limited": Out(1),
             }
         )
@@ -69,10 +71,11 @@ class Schedule(wiring.Component):
             read.addr.eq(pointer),
         ]
         out_of_range = Signal()
-        too_coarse = read.data.level > config.max_level
-        too_far = read.data.shift > config.formats.v.width - 2
-        too_few = read.data.stride > len(STRIDES) - 1
-        m.d.sync += self.stride.eq(Mux(too_few, len(STRIDES) - 1, read.data.stride))
+        entry, highest = read.data, schedule_highest(config)
+        beyond = {name: entry[name] > high for name, high in highest.items()}
+        limited = {name: Mux(beyond[name], high, entry[name]) for name, high in highest.items()}
+        if "stride" in limited:
+            m.d.sync += self.stride.eq(limited.pop("stride"))
         with m.If(self.new_batch):
             m.d.sync += self.limited.eq(0)
         with m.If(delay(m, self.new_batch, 2, name="new_batch", valid=True)):
@@ -81,11 +84,71 @@ class Schedule(wiring.Component):
         with m.If(self.start | following):
             m.d.sync += [
                 pointer.eq(Mux(pointer == config.schedule_entries - 1, 0, pointer + 1)),
-                self.level.eq(Mux(too_coarse, config.max_level, read.data.level)),
-                self.shift.eq(Mux(too_far, config.formats.v.width - 2, read.data.shift)),
+                *(getattr(self, name).eq(value) for name, value in limited.items()),
             ]
-            m.d.sync += out_of_range.eq(too_coarse | too_far | too_few)
+            m.d.sync += out_of_range.eq(reduce(or_, beyond.values()))
         # Only an entry that was used counts, not the one behind the last.
         with m.If(self.advance & out_of_range):
             m.d.sync += self.limited.eq(1)
         return m
+
+
+class ScheduledAscent(Ascent):
+    """An ascent by a schedule, which has a part for batches that begin with the last v, and one for all others.
+
+    See :class:`~.ascent.Ascent` for parameters and the other members.
+
+    Members
+    -------
+    schedule_write : ``In``, flow of :func:`payloads.schedule_write`
+        Fills the table. Only while no batch is under way.
+    """
+
+    def __init__(self, config, *, target_bits, members):
+        self.schedule = Schedule(config)
+        write = {"schedule_write": In(payloads.flow(payloads.schedule_write(config)))}
+        super().__init__(config, target_bits=target_bits, members=write | members)
+
+    @property
+    def blocks(self):
+        return {"schedule": self.schedule, "ascent": self}
+
+    def scheduled(self):
+        """A module with velocity and schedule in it, which goes on with each move."""
+        run, settings, schedule = self.run, self.run.settings, self.schedule
+        # Warm only while an object is followed: a new ROI, or a batch that found nothing, begins cold.
+        tracking = Signal()
+        warm = Signal()
+        m = self.begin(warm)
+        m.submodules.schedule = schedule
+        connect(m, flipped(self.schedule_write), schedule.write)
+        with m.If(run.done):
+            m.d.sync += tracking.eq(~run.degenerate)
+        m.d.sync += warm.eq(self._unless_in_doubt(m, settings.start_last & tracking & ~settings.roi_load))
+        plan = {name: Mux(warm, settings.warm[name], settings.cold[name]) for name in ("first", "count")}
+        m.d.comb += [
+            run.planned.eq(plan["count"]),
+            schedule.new_batch.eq(run.take),
+            schedule.start.eq(run.start),
+            schedule.first.eq(plan["first"]),
+            schedule.advance.eq(self.velocity.move),
+            self.level.eq(schedule.level),
+            self.limited.eq(schedule.limited),
+        ]
+        return m
+
+    def _unless_in_doubt(self, m, warm):
+        """``warm``, but not after a doubtful batch, if the settings say so."""
+        run = self.run
+        if not self.config.confidence:
+            return warm
+        m.d.comb += self.schedule.hold.eq(run.final)
+        doubtful, restart = Signal(), Signal()
+        m.d.comb += restart.eq(warm & doubtful & run.settings.cold_after_doubtful)
+        with m.If(run.done):
+            m.d.sync += doubtful.eq(run.doubtful)
+        with m.If(run.take):
+            m.d.sync += self.restarted.eq(0)
+        with m.Elif(run.start):
+            m.d.sync += self.restarted.eq(restart)
+        return warm & ~restart

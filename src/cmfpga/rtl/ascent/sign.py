@@ -1,27 +1,24 @@
 """The fast ascent: a step of the schedule up the gradient, by its sign alone."""
 
 from amaranth.hdl import Cat, Const, Mux, Signal
-from amaranth.lib.wiring import In, Out, connect, flipped
+from amaranth.lib.wiring import Out
 
 from .. import payloads
 from ..arithmetic import delay
-from .ascent import Ascent
-from .schedule import Schedule
+from .schedule import ScheduledAscent
 
 
-class SignAscent(Ascent):
+class SignAscent(ScheduledAscent):
     """v ← v + 2^shift · sign(G), each parameter by itself; v saturates. No multiplier, no normalisation.
 
     Half of that step, rounded down, where |G| is less than half of the steepest parameter's: steps of one size go to
     and fro across a ridge, on which parameters balance each other.
 
-    The schedule says level, shift and stride of each iteration; it has a part for batches that begin with the last v,
-    and one for all others. A gradient every three cycles. See :class:`Ascent` for the other members and attributes.
+    The schedule says level, shift and stride of each iteration. A gradient every three cycles. See
+    :class:`~.ascent.Ascent` and :class:`~.schedule.ScheduledAscent` for the other members and attributes.
 
     Members
     -------
-    schedule_write : ``In``, flow of :func:`payloads.schedule_write`
-        Fills the table. Only while no batch is under way.
     stride : ``Out``
         The next replay uses one event in 2^stride; from the fourth cycle after ``run.take``, the third after
         ``run.updated`` on.
@@ -30,40 +27,13 @@ class SignAscent(Ascent):
     latency = 2
 
     def __init__(self, config):
-        self.schedule = Schedule(config)
-        members = {
-            "schedule_write": In(payloads.flow(payloads.schedule_write(config))),
-            "stride": Out(payloads.STRIDE_BITS),
-        }
-        super().__init__(config, target_bits=None, members=members)
-        self.latency = SignAscent.latency + self._far
-
-    @property
-    def blocks(self):
-        return {"schedule": self.schedule, "ascent": self}
+        super().__init__(config, target_bits=None, members={"stride": Out(payloads.STRIDE_BITS)})
 
     def elaborate(self, platform):
-        run, settings, schedule = self.run, self.run.settings, self.schedule
-        # Warm only while an object is followed: a new ROI, or a batch that found nothing, begins cold.
-        tracking = Signal()
-        warm = Signal()
-        m = self.begin(warm)
-        m.submodules.schedule = schedule
-        connect(m, flipped(self.schedule_write), schedule.write)
-        with m.If(run.done):
-            m.d.sync += tracking.eq(~run.degenerate)
-        m.d.sync += warm.eq(self._unless_in_doubt(m, settings.start_last & tracking & ~settings.roi_load))
-        plan = {name: Mux(warm, settings.warm[name], settings.cold[name]) for name in ("first", "count")}
+        m = self.scheduled()
         m.d.comb += [
-            run.planned.eq(plan["count"]),
-            schedule.new_batch.eq(run.take),
-            schedule.start.eq(run.start),
-            schedule.first.eq(plan["first"]),
-            schedule.advance.eq(self.velocity.move),
-            self.level.eq(schedule.level),
-            self.limited.eq(schedule.limited),
-            self.stride.eq(schedule.stride),
-            self.velocity.move.eq(delay(m, self.i.valid, 1 + self._far, name="valid", valid=True)),
+            self.stride.eq(self.schedule.stride),
+            self.velocity.move.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
         ]
         lesser, parameters = self._lesser(m), self.config.motion_model.parameters
         clipped = [self._target(m, one.name, one.fmt, lesser[one.name]) for one in parameters]
@@ -114,26 +84,7 @@ class SignAscent(Ascent):
         ]
 
         whole, half = (Mux(negative_s1, down, up) for up, down in (whole, half))
-        chosen, moves, negative = (
-            delay(m, one, self._far, name=f"{what}_{name}")
-            for one, what in ((Mux(lesser, half, whole), "chosen"), (some_s1.any(), "moves"), (negative_s1, "negative"))
-        )
-        limited = Mux(chosen[-1], Mux(negative, fmt.min, fmt.max), chosen[:-1].as_signed())
+        chosen, moves = Mux(lesser, half, whole), some_s1.any()
+        limited = Mux(chosen[-1], Mux(negative_s1, fmt.min, fmt.max), chosen[:-1].as_signed())
         m.d.comb += self.velocity.target[name].eq(Mux(moves, limited, v))
         return moves & chosen[-1]
-
-    def _unless_in_doubt(self, m, warm):
-        """``warm``, but not after a doubtful batch, if the settings say so."""
-        run = self.run
-        if not self.config.confidence:
-            return warm
-        m.d.comb += self.schedule.hold.eq(run.final)
-        doubtful, restart = Signal(), Signal()
-        m.d.comb += restart.eq(warm & doubtful & run.settings.cold_after_doubtful)
-        with m.If(run.done):
-            m.d.sync += doubtful.eq(run.doubtful)
-        with m.If(self._taken):
-            m.d.sync += self.restarted.eq(0)
-        with m.Elif(run.start):
-            m.d.sync += self.restarted.eq(restart)
-        return warm & ~restart

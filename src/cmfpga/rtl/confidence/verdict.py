@@ -1,6 +1,4 @@
-"""Verdict: whether the contrast's peak is sharp enough for v to be trusted, bit by bit."""
-
-from contextlib import nullcontext
+"""Verdict: whether the contrast's peak is sharp enough for v to be trusted."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
@@ -8,137 +6,24 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import delay, select
+from ..arithmetic import PIECE
+
+#: What a product is added to: nothing, the sum so far, or that with all its bits moved up by a piece.
+NOTHING, SUM, SHIFTED = range(3)
 
 
-class Deciding(wiring.Component):
-    """What :class:`Verdict` and :class:`~.judge.Judge` share: the comparison.
+class Verdict(wiring.Component):
+    """The comparison of :func:`cmfpga.protocol.confidence.is_trusted`, by one multiplier.
 
     It
 
     1. squares ΣI, for A = P·Σ I² − (ΣI)²;
-    2. waits for the curvatures xx, yy, cross;
-    3. shifts all four left until one fills its register, and keeps the highest bits;
-    4. makes a = 4·n·xx − R·A, c = 4·n·yy − R·A and b = 4·n·cross, one after the other, a bit of 4·n and R a cycle;
-    5. makes 4·a·c − b², a bit of a and b a cycle.
+    2. shifts A and the curvatures xx, yy, cross left, by four bits or by one a cycle, until one fills its register, and
+       keeps the highest bits;
+    3. makes a = 4·n·xx − R·A, c = 4·n·yy − R·A and b = 4·n·cross;
+    4. makes 4·a·c − b², of halves of :data:`PIECE` bits and the rest.
 
-    Steps 3 to 5 take ``_steps`` cycles. With several lanes 4 has a stage more, for its wires.
-    """
-
-    def __init__(self, config, members):
-        self.config = config
-        widths = config.widths
-        by_n, by_limit = widths.judge_scales
-        self._drop = widths.curvature_bits - widths.kept_bits  # steps of 3
-        self._factor_bits = max(bits_for(by_n * config.buffer_events), widths.limit_bits + by_limit.bit_length() - 1)
-        self._far = payloads.wire_cycles(config)
-        self._steps = 3 + self._drop + 3 * self._factor_bits + self._far + widths.judge_bits
-        super().__init__(
-            {
-                "begin": In(1),
-                "sum_i": In(payloads.sums(config)["i"].shape),
-                "squares": In(payloads.squares(config)),
-                "events": In(bits_for(config.buffer_events)),
-                "limit": In(widths.limit_bits),
-                "done": Out(1),
-                "doubtful": Out(1),
-                **members,
-            }
-        )
-
-    def _decide(self, m, known):
-        """Steps 1 and 3 to 5; ``known`` is a pulse: the curvatures are there."""
-        config, widths = self.config, self.config.widths
-        wide = {
-            name: Signal(signed(widths.curvature_bits), name=name, reset_less=True)
-            for name in ("xx", "yy", "cross", "contrast")
-        }
-        square = self._square(m)
-        timer = Signal(range(max(self._drop, self._factor_bits, widths.judge_bits) + 1))
-        m.d.sync += timer.eq(Mux(timer == 0, self._factor_bits - 1, timer - 1))
-
-        # 3: two's complement, so the highest bits of a register are its value, rounded down.
-        full = Cat(*(value[-1] ^ value[-2] for value in wide.values())).any()
-        kept = {name: value[-widths.kept_bits :].as_signed() for name, value in wide.items()}
-        # 4, in two stages, so that three numbers are never added at once.
-        factors = [Signal(self._factor_bits, name=f"factor_{name}") for name in ("n", "limit")]
-        a, c, b = (Signal(signed(widths.judge_bits), name=name, reset_less=True) for name in "acb")
-        side = Signal.like(b, name="side")
-        turn, adding, ends = Signal(2), Signal(), Signal()
-        curvature = select(turn, [kept[name] for name in ("xx", "yy", "cross")])
-        limit = Mux(factors[1][-1] & (turn != 2), kept["contrast"], 0)
-        counted = delay(m, Mux(factors[0][-1], curvature, 0), self._far, name="counted")
-        limit = delay(m, limit, self._far, name="limited")
-        addend = Signal(signed(widths.kept_bits + 1), reset_less=True)
-        m.d.sync += [addend.eq(counted - limit), adding.eq(0), ends.eq(timer == 0)]
-        adds, last = (
-            delay(m, when, self._far, name=name, valid=True) for name, when in (("adding", adding), ("ends", ends))
-        )
-        scaled = Signal.like(b, name="scaled")
-        m.d.comb += scaled.eq((side << 1) + addend)
-        with m.If(adds):
-            m.d.sync += side.eq(scaled)
-            with m.If(last):
-                m.d.sync += [a.eq(c), c.eq(b), b.eq(scaled), side.eq(Mux(turn == 3, scaled, 0))]
-        # 5, as well: the bits of a, and of b in ``side``, move up.
-        difference = Signal(signed(2 * widths.judge_bits + 3), reset_less=True)
-        growth = Signal(signed(widths.judge_bits + 3), reset_less=True)
-        first, none = Signal(), Signal()
-
-        with m.FSM(name="judge"):
-            with m.State("COLLECT"):
-                with m.If(known):
-                    m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
-                    m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - square)
-                    m.d.sync += timer.eq(self._drop - 1)
-                    m.next = "SHIFT"
-            with m.State("SHIFT"):
-                with m.If(~full):
-                    m.d.sync += [value.eq(value << 1) for value in wide.values()]
-                m.d.sync += [side.eq(0), turn.eq(0)]
-                for factor, value, scale in zip(factors, (self.events, self.limit), widths.judge_scales, strict=True):
-                    m.d.sync += factor.eq(value * scale)
-                with m.If(timer == 0):
-                    m.next = "SCALE"
-            with m.State("SCALE"):
-                m.d.sync += [adding.eq(1), *(factor.eq(factor.rotate_left(1)) for factor in factors)]
-                with m.If(timer == 0):
-                    m.d.sync += turn.eq(turn + 1)
-                    with m.If(turn == 2):
-                        m.next = "SCALED"
-            with m.State("SCALED"):
-                m.d.sync += [timer.eq(widths.judge_bits - 1), first.eq(1)]
-                with m.If(~adding) if self._far else nullcontext():
-                    m.next = "COMPARE"
-            with m.State("COMPARE"):
-                m.d.sync += [first.eq(0), a.eq(a << 1), side.eq(side << 1)]
-                m.d.sync += growth.eq(Mux(a[-2], c << 2, 0) - Mux(side[-2], b, 0))
-                # The sign's bit of b counts negative, and that of a is 0 where it matters.
-                with m.If(first):
-                    m.d.sync += [difference.eq(Mux(side[-1], b, 0)), none.eq(a <= 0)]
-                with m.Else():
-                    m.d.sync += difference.eq((difference << 1) + growth)
-                with m.If(timer == 0):
-                    m.next = "DONE"
-            with m.State("DONE"):
-                m.d.comb += self.done.eq(1)
-                m.d.sync += self.doubtful.eq(none | (difference <= 0))
-                m.next = "COLLECT"
-
-    def _square(self, m):
-        """(ΣI)²: as many cycles as ΣI has bits, which the probes take anyway."""
-        bits = Signal.like(self.sum_i, name="bits", reset_less=True)
-        square, left = Signal(2 * len(bits), reset_less=True), Signal(range(len(bits) + 1))
-        with m.If(self.begin):
-            m.d.sync += [bits.eq(self.sum_i), left.eq(len(bits)), square.eq(0)]
-        with m.Elif(left != 0):
-            m.d.sync += [bits.eq(bits << 1), left.eq(left - 1)]
-            m.d.sync += square.eq((square << 1) + Mux(bits[-1], self.sum_i, 0))
-        return square
-
-
-class Verdict(Deciding):
-    """The comparison of :func:`cmfpga.protocol.confidence.is_trusted` by itself: by shifting and adding, no multiplier.
+    A shift too many, of small numbers, changes nothing: it makes all of them larger alike.
 
     ``done`` is high :attr:`latency` cycles after ``begin``, and ``doubtful`` right from the cycle after that on.
 
@@ -151,9 +36,9 @@ class Verdict(Deciding):
     begin : ``In(1)``
         The numbers are there, and stay until ``done``.
     sum_i : ``In``
-        ΣI of the last iteration.
+        ΣI of the last iteration, or its mean in a round.
     squares : ``In``, :func:`payloads.squares`
-        Of the last iteration.
+        The same of Σ I².
     curvature : ``In``, :func:`payloads.curvature`
     events, limit : ``In``
         n, and the setting ``confidence_limit``: R.
@@ -161,16 +46,125 @@ class Verdict(Deciding):
     """
 
     def __init__(self, config):
-        super().__init__(config, {"curvature": In(payloads.curvature(config))})
-        self._squaring = len(self.sum_i) + 1
-        self.latency = self._squaring + self._steps - 1
+        self.config = config
+        widths = config.widths
+        super().__init__(
+            {
+                "begin": In(1),
+                "sum_i": In(payloads.sums(config)["i"].shape),
+                "squares": In(payloads.squares(config)),
+                "curvature": In(payloads.curvature(config)),
+                "events": In(bits_for(config.buffer_events)),
+                "limit": In(widths.limit_bits),
+                "done": Out(1),
+                "doubtful": Out(1),
+            }
+        )
+        drop = widths.curvature_bits - widths.kept_bits
+        self._fours = drop // 4
+        self._shifts = self._fours + min(drop, 3)
+        # The cycles in which each part of the program begins; a product is added up three cycles after it is asked for.
+        self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 2
+        self._scale = self._contrast + 1 + self._shifts
+        self._compare = self._scale + 7
+        self.latency = self._compare + 10
 
     def elaborate(self, platform):
+        config, widths = self.config, self.config.widths
         m = Module()
-        timer = Signal(range(self._squaring + 1))
+        step = Signal(range(self.latency + 1))
+        wide = {
+            name: Signal(signed(widths.curvature_bits), name=name, reset_less=True)
+            for name in ("xx", "yy", "cross", "contrast")
+        }
+        kept = {name: value[-widths.kept_bits :].as_signed() for name, value in wide.items()}
+        a, b = (Signal(signed(widths.judge_bits), name=name, reset_less=True) for name in "ab")
+        c = Signal(signed(widths.judge_bits + 2), reset_less=True)  # 4·c
+        by_n, by_limit = (
+            value * scale for value, scale in zip((self.events, self.limit), widths.judge_scales, strict=True)
+        )
+        program = {}  # by step: two factors, whether their product counts negative, and what it is added to
+        for begin, lines in (
+            (0, _square_of(self.sum_i)),
+            (self._scale, [(kept["xx"], by_n, 0, NOTHING), (kept["contrast"], by_limit, 1, SUM)]),
+            (self._scale + 2, [(kept["yy"], by_n, 0, NOTHING), (kept["contrast"], by_limit, 1, SUM)]),
+            (self._scale + 4, [(kept["cross"], by_n, 0, NOTHING)]),
+            (self._compare, _difference(a, c, b)),
+        ):
+            program |= {begin + k: line for k, line in enumerate(lines)}
+        total = self._multiply(m, step, program)
+
         with m.If(self.begin):
-            m.d.sync += timer.eq(self._squaring)
-        with m.Elif(timer != 0):
-            m.d.sync += timer.eq(timer - 1)
-        self._decide(m, timer == 1)
+            m.d.sync += step.eq(1)
+        with m.Elif(step != 0):
+            m.d.sync += step.eq(Mux(self.done, 0, step + 1))
+        with m.Switch(step):
+            with m.Case(self._contrast):
+                m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
+                m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - total)
+            with m.Case(self._scale + 4):
+                m.d.sync += a.eq(total)
+            with m.Case(self._scale + 6):
+                m.d.sync += c.eq(total << 2)
+            with m.Case(self._scale + 7):
+                m.d.sync += b.eq(total)
+            with m.Case(self.latency):
+                m.d.comb += self.done.eq(1)
+                m.d.sync += self.doubtful.eq((a <= 0) | (total <= 0))
+            for number in range(self._shifts):
+                with m.Case(self._contrast + 1 + number):
+                    by = 4 if number < self._fours else 1
+                    full = Cat((value[-1 - by : -1] ^ value[-1].replicate(by)).any() for value in wide.values()).any()
+                    with m.If(~full):
+                        m.d.sync += [value.eq(value << by) for value in wide.values()]
         return m
+
+    def _multiply(self, m, step, program):
+        """What the products of the program add up to: factors, product and sum have a register each."""
+        factors = [[line[k] for line in program.values()] for k in range(2)]
+        x, y = (
+            Signal(signed(max(len(value) + (not value.shape().signed) for value in values)), name=name, reset_less=True)
+            for name, values in zip("xy", factors, strict=True)
+        )
+        product = Signal(signed(len(x) + len(y)), reset_less=True)
+        total = Signal(signed(2 * self.config.widths.judge_bits + 3), reset_less=True)
+        base, minus = Signal.like(total), Signal()
+        m.d.sync += [product.eq(x * y), total.eq(Mux(minus, base - product, base + product))]
+        with m.Switch(step):
+            for number, (one, other, *_) in program.items():
+                with m.Case(number):
+                    m.d.sync += [x.eq(one), y.eq(other)]
+        with m.Switch(step):
+            for number, (*_, negative, to) in program.items():
+                with m.Case(number + 2):
+                    m.d.comb += [minus.eq(negative), base.eq({NOTHING: 0, SUM: total, SHIFTED: total << PIECE}[to])]
+        return total
+
+
+def _halves(value):
+    """A value's bits from :data:`PIECE` on, and those below."""
+    high = value[PIECE:]
+    return high.as_signed() if value.shape().signed else high, value[:PIECE]
+
+
+def _square_of(value):
+    """Lines of the program that square a value which is not negative."""
+    if len(value) <= PIECE:
+        return [(value, value, 0, NOTHING)]
+    high, low = _halves(value)
+    return [(high, high, 0, NOTHING), (high, low, 0, SHIFTED), (high, low, 0, SUM), (low, low, 0, SHIFTED)]
+
+
+def _difference(a, c, b):
+    """Lines of a·c − b²."""
+    (a_high, a_low), (c_high, c_low), (b_high, b_low) = map(_halves, (a, c, b))
+    return [
+        (a_high, c_high, 0, NOTHING),
+        (b_high, b_high, 1, SUM),
+        (a_high, c_low, 0, SHIFTED),
+        (a_low, c_high, 0, SUM),
+        (b_high, b_low, 1, SUM),
+        (b_high, b_low, 1, SUM),
+        (a_low, c_low, 0, SHIFTED),
+        (b_low, b_low, 1, SUM),
+    ]

@@ -1,7 +1,6 @@
 """Blocks from an event to the sums of the image of warped events and its derivatives."""
 
-from .lanes.lane_image import LaneImage
-from .one_pass_image import OnePassImage
+from .one_pass_image import FourImages, OnePassImage
 from .swept_image import SweptImage
 
 #: By the value of ``gradient``: the ways to sum, each an :class:`~cmfpga.rtl.image.image_sums.ImageSums`.
@@ -10,4 +9,4 @@ IMAGES = {"sweep": SweptImage, "one_pass": OnePassImage}
 
 def image_of(config):
     """The class of a configuration's image."""
-    return LaneImage if config.lanes > 1 else IMAGES[config.gradient]
+    return FourImages if config.geometry.images > 1 else IMAGES[config.gradient]

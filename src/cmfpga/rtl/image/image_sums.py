@@ -18,18 +18,20 @@ class ImageSums(wiring.Component):
         Events that may still come after ``room`` has gone away.
     pixels : bool
         Whether it shows its images.
+    images : int
+        Filled side by side, of a round's four evaluations.
 
     Members
     -------
     votes : ``In``, flow of :func:`payloads.votes`
-        The events of an iteration; ``last`` marks its last.
+        The events of an iteration; ``last`` marks its last. An array of flows, where images are filled side by side.
     room : ``Out(1)``
-        As many events as are in flight still fit: the event buffer issues the next one. With lanes, an array: for each
-        the same, of its own.
+        As many events as are in flight still fit: the event buffer issues the next one.
     complete : ``Out(1)``
         All of an iteration has been taken in: ``sums`` follow :attr:`latency` cycles later.
     sums : ``Out``, flow of :func:`payloads.sums`
-        One item an iteration; the payload stays until the next iteration's first vote.
+        One item an iteration; the payload stays until the next iteration's first vote. Of a round's four evaluations
+        four items, in successive cycles.
     squares : ``Out``, :func:`payloads.squares`
         Σ I², :attr:`squares_late` cycles after ``sums``. Only where v's confidence is measured.
     next : ``In(1)``
@@ -42,15 +44,13 @@ class ImageSums(wiring.Component):
     Attributes
     ----------
     latency : int
-        Cycles from ``complete`` to ``sums``.
+        Cycles from ``complete`` to the last item of ``sums``.
     lead : int
         ΣI and ΣD are final so many cycles before ``sums``, :attr:`Gradient.lead` or more.
     squares_late : int
         Cycles from ``sums`` to ``squares``, for which nobody waits.
     sweep_cycles : int
         Cycles from an iteration's last vote to ``complete``, if there is always room.
-    exact_cycles : bool
-        There is always room, so that a batch's cycles are known beforehand.
     blocks : dict
         The parts by name, in the order of data flow.
     """
@@ -58,13 +58,13 @@ class ImageSums(wiring.Component):
     lead = 3
     squares_late = 0
     sweep_cycles = 0
-    exact_cycles = True
 
-    def __init__(self, config, *, in_flight, pixels=False):
+    def __init__(self, config, *, in_flight, pixels=False, images=1):
         self.config, self.in_flight = config, in_flight
+        votes = In(payloads.flow(payloads.votes(config)))
         members = {
-            "votes": payloads.of_lanes(config, In(payloads.flow(payloads.votes(config)))),
-            "room": payloads.of_lanes(config, Out(1, init=1)),
+            "votes": votes.array(images) if images > 1 else votes,
+            "room": Out(1, init=1),
             "complete": Out(1),
             "sums": Out(payloads.flow(payloads.sums(config))),
             **dict.fromkeys(("next", "clear"), In(1)),
@@ -79,10 +79,6 @@ class ImageSums(wiring.Component):
     @property
     def blocks(self):
         return {"image": self}
-
-    def most_cycles(self, cycles):
-        """How long events that take so many ``cycles`` where there is always room take at most."""
-        return cycles
 
     def check(self, idle_cycles):
         """Whether it can work where no vote comes for ``idle_cycles`` between two iterations; else an error."""

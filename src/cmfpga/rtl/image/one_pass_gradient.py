@@ -1,5 +1,8 @@
 """One-pass gradient: the sums over the images, kept up to date vote by vote."""
 
+from functools import reduce
+from operator import or_
+
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
@@ -19,6 +22,9 @@ class OnePassGradient(wiring.Component):
     are two products, each of a difference of two I; with the four w·(D + d) that makes twelve products a cycle, narrow
     ones: a full pixel by a vote. The differences and the sums of two products fit the adders inside the DSPs.
 
+    Where four evaluations of an event come one after the other, each has its own sums, which go round through the same
+    adder: a sum comes back in the cycle of its evaluation. So all four items leave it one after the other, too.
+
     In a motion beyond translation an event's increments go on to the :class:`~.moments.Moments`, two cycles more.
 
     One event per cycle; the sums are valid :attr:`latency` cycles after the last votes enter the accumulator, and ΣI,
@@ -37,7 +43,7 @@ class OnePassGradient(wiring.Component):
         From the accumulator, ``accumulator_latency`` cycles later. Beside a valid step, one that is not has ``i`` = 0,
         and what it did not add is opposite, too.
     o : ``Out``, flow of :func:`payloads.sums`
-        One item per iteration.
+        One item per evaluation.
     squares : ``Out``, :func:`payloads.squares`
         Σ I², with ``o``. Only where v's confidence is measured.
     """
@@ -47,6 +53,7 @@ class OnePassGradient(wiring.Component):
     def __init__(self, config, *, accumulator_latency):
         self.config = config
         self.accumulator_latency = accumulator_latency
+        self._turns = 1 << config.geometry.turn_bits
         self.moments = None
         if config.motion_model.basis:
             self.moments = Moments(config, payloads.growth(config))
@@ -66,7 +73,12 @@ class OnePassGradient(wiring.Component):
         m = Module()
         votes, sums = self.votes.payload, self.o.payload
         first = Signal(init=1)
-        with m.If(self.votes.valid):
+        over = self.votes.valid
+        if self._turns > 1:
+            turn = Signal(range(self._turns))
+            m.d.sync += turn.eq(turn + self.votes.valid)
+            over &= turn == self._turns - 1
+        with m.If(over):
             m.d.sync += first.eq(votes.last)
         begin = delay(m, self.votes.valid & first, 1, name="begin", valid=True)
         self._sum_votes(m, begin)
@@ -79,7 +91,7 @@ class OnePassGradient(wiring.Component):
                 far[axis] = self._far(m, axis, pairs, growth)
             if not self.moments:
                 # Stage 4: sum.
-                self._total(m, sums[f"s{axis}"], grown[axis], begin)
+                self._total(m, sums[f"s{axis}"], grown[axis], begin, f"s{axis}")
         if self.moments:
             m.submodules.moments = moments = self.moments
             until = self.accumulator_latency + self._stages - 1
@@ -98,19 +110,30 @@ class OnePassGradient(wiring.Component):
             ]
         if self.config.confidence:
             growth = [self._growth_of_squares(m, *pair) for pair in ((0, 1), (2, 3))]
-            self._total(m, self.squares, growth[0] + growth[1], begin)
-        m.d.comb += self.o.valid.eq(delay(m, self.votes.valid & votes.last, self.latency, name="last", valid=True))
+            self._total(m, self.squares, growth[0] + growth[1], begin, "squares")
+        last = delay(m, self.votes.valid & votes.last, self.latency - self._turns + 1, name="last", valid=True)
+        turns = [last]  # each evaluation's, as long as there are others
+        for turn in range(1, self._turns):
+            turns.append(delay(m, turns[-1], 1, name=f"last_{turn}", valid=True))
+        m.d.comb += self.o.valid.eq(reduce(or_, turns))
         return m
 
-    def _total(self, m, total, growth, begin):
-        """Add ``growth`` to ``total``, or to zero; outside iterations there is no growth."""
-        m.d.sync += total.eq(growth + Mux(begin, 0, total))
+    def _total(self, m, total, growth, begin, name):
+        """Add ``growth`` to ``total``, or to zero; outside iterations there is no growth.
+
+        With several evaluations in turn, to what it was a turn ago.
+        """
+        before = delay(m, total, self._turns - 1, name=f"total_{name}")
+        m.d.sync += total.eq(growth + Mux(begin, 0, before))
 
     def _sum_votes(self, m, begin):
         """ΣI, ΣDx and ΣDy: two pairs, then both onto the total."""
         banks = self.votes.payload.banks
         valid = [self.votes.valid & bank.valid for bank in banks]
-        for name, pairs in (("i", ((0, 1), (2, 3))), ("dx", ((0, 1), (2, 3))), ("dy", ((0, 2), (1, 3)))):
+        plain = {"i": ((0, 1), (2, 3)), "dx": ((0, 1), (2, 3)), "dy": ((0, 2), (1, 3))}
+        if self.config.ascent_rule.evaluations > 1:  # whose border is whole: ΣD = 0
+            plain = {"i": plain["i"]}
+        for name, pairs in plain.items():
             growth = []
             for a, b in pairs:
                 first, second = banks[a][name], banks[b][name]
@@ -119,7 +142,12 @@ class OnePassGradient(wiring.Component):
                 else:  # the two are opposite
                     value = Mux(valid[a] ^ valid[b], Mux(valid[a], first, second), 0)
                 growth.append(delay(m, value, 1, name=f"pair_{name}_{a}"))
-            self._total(m, self.o.payload[name], growth[0] + growth[1], begin)
+            total = self.o.payload[name]
+            if self._turns > 1:  # the others wait for the sums of products, and go round meanwhile
+                total = Signal(total.shape(), name=f"total_{name}", reset_less=True)
+                waits = (self.latency - 2) % self._turns
+                m.d.comb += self.o.payload[name].eq(delay(m, total, waits, name=f"waiting_{name}"))
+            self._total(m, total, growth[0] + growth[1], begin, name)
 
     def _growth_of_squares(self, m, a, b):
         """What two banks add to Σ I²: w·(2·I + w) each; three cycles."""

@@ -1,9 +1,10 @@
 """The fast way to sum: the sums grow with every vote, and are complete with the last one."""
 
-from amaranth.hdl import Module
+from amaranth.hdl import Module, Signal
 from amaranth.lib.wiring import connect, flipped
 
 from ...errors import ConfigError
+from ..arithmetic import select
 from .image_sums import ImageSums
 from .one_pass_gradient import OnePassGradient
 from .tagged_accumulator import TaggedAccumulator
@@ -51,4 +52,44 @@ class OnePassImage(ImageSums):
         ]
         if self.config.confidence:
             m.d.comb += self.squares.eq(gradient.squares)
+        return m
+
+
+class FourImages(ImageSums):
+    """A one-pass image for each of a round's four evaluations, side by side; their sums come one after the other.
+
+    See :class:`ImageSums` for parameters, members and attributes.
+    """
+
+    def __init__(self, config, *, in_flight):
+        self.images = [OnePassImage(config, in_flight=in_flight) for _ in range(config.geometry.images)]
+        self.latency, self.lead = self.images[0].latency + len(self.images) - 1, self.images[0].lead
+        super().__init__(config, in_flight=in_flight, images=len(self.images))
+
+    @property
+    def blocks(self):
+        return {f"{name}_{k}": block for k, image in enumerate(self.images) for name, block in image.blocks.items()}
+
+    def check(self, idle_cycles):
+        self.images[0].check(idle_cycles)
+
+    def elaborate(self, platform):
+        m = Module()
+        first = self.images[0]
+        for number, (image, votes) in enumerate(zip(self.images, self.votes, strict=True)):
+            m.submodules[f"image_{number}"] = image
+            connect(m, flipped(votes), image.votes)
+            m.d.comb += image.next.eq(self.next)
+        turn = Signal(range(len(self.images)))
+        valid = first.sums.valid | (turn != 0)
+        m.d.sync += turn.eq(turn + valid)
+        m.d.comb += [
+            self.room.eq(1),
+            self.complete.eq(first.complete),
+            self.cleared.eq(first.cleared),
+            self.sums.valid.eq(valid),
+            self.sums.payload.eq(select(turn, [image.sums.payload.as_value() for image in self.images])),
+        ]
+        if self.config.confidence:
+            m.d.comb += self.squares.eq(select(turn, [image.squares for image in self.images]))
         return m

@@ -38,12 +38,11 @@ class TaggedBank(wiring.Component):
     """
 
     latency = 4
-    always = False
 
     def __init__(self, config):
         self.config = config
         self.word = data.StructLayout({**payloads.pixel(config).members, "tag": config.tag_bits})
-        self.deep = config.geometry.words > SHALLOW and config.ram_style != "ultra"
+        self.deep = config.geometry.bank_depth > SHALLOW and config.ram_style != "ultra"
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.tagged_operation(config))),
@@ -58,14 +57,14 @@ class TaggedBank(wiring.Component):
         word = self.word
         style = {} if config.ram_style == "auto" else {"ram_style": config.ram_style}
         if self.deep:
-            m.submodules.ram = ram = SlicedMemory(word, config.geometry.words, style)
+            m.submodules.ram = ram = SlicedMemory(word, config.geometry.bank_depth, style)
             write, read = ram.write, ram.read
         else:
-            m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.words, init=[], attrs=style)
+            m.submodules.ram = ram = memory.Memory(shape=word, depth=config.geometry.bank_depth, init=[], attrs=style)
             write, read = ram.write_port(), ram.read_port()
 
-        entered, first = self._entered(m)
-        valid = [entered] + [Signal(name=f"valid_s{stage}", init=self.always) for stage in range(1, 5)]
+        first = self.i.payload
+        valid = [self.i.valid] + [Signal(name=f"valid_s{stage}") for stage in range(1, 5)]
         operation = payloads.tagged_operation(config)
         address = [first.address] + [
             Signal(operation["address"].shape, name=f"address_s{stage}", reset_less=True) for stage in range(1, 5)
@@ -78,9 +77,7 @@ class TaggedBank(wiring.Component):
                 tag[stage].eq(tag[stage - 1]),
             ]
         add = [first.add] + [
-            # With lanes there are so many that they are to stay registers: with a reset, they become no LUTs.
-            Signal(operation["add"].shape, name=f"add_s{stage}", reset_less=config.lanes == 1 or stage != 2)
-            for stage in range(1, 4)
+            Signal(operation["add"].shape, name=f"add_s{stage}", reset_less=True) for stage in range(1, 4)
         ]
         m.d.sync += [add[stage].eq(add[stage - 1]) for stage in range(1, 4)]
         total = {stage: Signal(pixel, name=f"total_s{stage}", reset_less=True) for stage in (4, 5, 6)}
@@ -92,7 +89,7 @@ class TaggedBank(wiring.Component):
                 match[stage].eq(valid[stage - 1] & (address[stage - 1] == address[0])),
                 same[stage].eq(tag[stage - 1] == tag[0]),
             ]
-        base = self._base(m, read.data, (valid, address, tag), (match, same), add, total)
+        base = self._base(m, read.data, tag, (match, same), total)
 
         # Stage 3: add. Stage 4: write. Stages 5, 6 only remember.
         m.d.comb += [
@@ -101,9 +98,8 @@ class TaggedBank(wiring.Component):
             write.en.eq(valid[4]),
             self.o.valid.eq(valid[4]),
             self.o.payload.total.eq(total[4]),
+            write.data.tag.eq(tag[4]),
         ]
-        if "tag" in self.word.members:
-            m.d.comb += write.data.tag.eq(tag[4])
         m.d.sync += [
             total[5].eq(total[4]),
             total[6].eq(total[5]),
@@ -117,18 +113,13 @@ class TaggedBank(wiring.Component):
             m.d.sync += self.o.payload.i.eq(0)
         return m
 
-    def _entered(self, m):
-        """Stage 0: whether an operation is there, and which."""
-        return self.i.valid, self.i.payload
-
-    def _base(self, m, word, pipeline, known, add, total):
+    def _base(self, m, word, tag, known, total):
         """Stages 1 to 3: what stage 3 adds to, a pixel.
 
-        ``pipeline``: valid, address and tag, by stage, as ``add`` and ``total``. ``known``: does stage 1 match an older
-        operation, by its stage, and is its tag the same?
+        ``tag`` and ``total`` are by stage. ``known``: does stage 1 match an older operation, by its stage, and is its
+        tag the same?
         """
         match, same = known
-        tag = pipeline[2][2]
         pixel = payloads.pixel(self.config)
         read_s2 = Signal(self.word, reset_less=True)
         base_s3 = Signal(pixel, reset_less=True)
@@ -156,7 +147,7 @@ class TaggedBank(wiring.Component):
         words = [read_s2.as_value()[: pixel.size], *(total[stage].as_value() for stage in (4, 5, 6))]
         low, high = forwarded_s2
         m.d.comb += found.as_value().eq(Mux(high, Mux(low, words[3], words[2]), Mux(low, words[1], words[0])))
-        counts = sum_counts_s2 | (word_counts_s2 & (read_s2.tag == tag))
+        counts = sum_counts_s2 | (word_counts_s2 & (read_s2.tag == tag[2]))
         counts_s3 = Signal(reset_less=True)  # beside the word: a reset of all its bits would come late
         m.d.sync += [base_s3.eq(found), counts_s3.eq(counts)]
         m.d.comb += base.as_value().eq(Mux(counts_s3, base_s3.as_value(), 0) | Mux(behind_s3, total[4].as_value(), 0))

@@ -50,25 +50,19 @@ class TimeScaler(wiring.Component):
         numerator_s2 = Signal(signed(width), reset_less=True)
         numerator_s3 = Signal(signed(width), reset_less=True)
         low = width // 2
-        more = 3 if config.lanes > 1 else 0  # bits of the mantissa
-        low_s4 = Signal(low + config.reciprocal_bits + 1 + more, reset_less=True)
-        high_s4 = Signal(signed(width - low + config.reciprocal_bits + 1 + more), reset_less=True)
+        low_s4 = Signal(low + config.reciprocal_bits + 1, reset_less=True)
+        high_s4 = Signal(signed(width - low + config.reciprocal_bits + 1), reset_less=True)
         product_s5 = Signal(signed(width + config.reciprocal_bits + 1), reset_less=True)
 
         # Stage 1: twice the distance to t_ref.
         m.d.sync += numerator_s1.eq((self.i.payload.t << 1) - self.span)
-        # Stages 2, 3: normalise as the divisor was, in two steps; |2t − span| ≤ span, so nothing overflows. With lanes,
-        # the mantissa takes the second step, once for all of them.
-        fine, mantissa = self.shift[:2], self.mantissa
-        if config.lanes > 1:
-            # A register more, which can lie in the multiplier, as the last of the numerator.
-            fine, mantissa = 0, delay(m, mantissa << fine, 2, name="mantissa")
+        # Stages 2, 3: normalise as the divisor was, in two steps; |2t − span| ≤ span, so nothing overflows.
         m.d.sync += numerator_s2.eq(numerator_s1 << Cat(Const(0, 2), self.shift[2:]))
-        m.d.sync += numerator_s3.eq(numerator_s2 << fine)
+        m.d.sync += numerator_s3.eq(numerator_s2 << self.shift[:2])
         # Stage 4: multiply.
         m.d.sync += [
-            low_s4.eq(numerator_s3[:low] * mantissa),
-            high_s4.eq(numerator_s3[low:].as_signed() * mantissa),
+            low_s4.eq(numerator_s3[:low] * self.mantissa),
+            high_s4.eq(numerator_s3[low:].as_signed() * self.mantissa),
         ]
         # Stage 5: add.
         m.d.sync += product_s5.eq((high_s4 << low) + low_s4)
@@ -78,11 +72,8 @@ class TimeScaler(wiring.Component):
 
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
-            # Of several lanes all this is dearer in shift register LUTs than in registers, which a reset makes of it.
             *(
-                self.o.payload[name].eq(
-                    delay(m, self.i.payload[name], self.latency - 1, name=name, valid=config.lanes > 1)
-                )
+                self.o.payload[name].eq(delay(m, self.i.payload[name], self.latency - 1, name=name))
                 for name in ("x", "y", "last")
             ),
         ]

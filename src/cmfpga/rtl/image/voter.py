@@ -14,7 +14,7 @@ class BilinearVoter(wiring.Component):
 
     A 2×2 cell has one corner of each parity of (column, row), hence one vote per bank. A corner outside the ROI is
     dropped alone; with ``border = whole`` its event then changes no derivative. With fx, fy the fractions and one
-    product of each (fx·fy, dt·fx, dt·fy; with one lane in LUTs if the fractions have at most four bits), all others
+    product of each (fx·fy, dt·fx, dt·fy; in LUTs if the fractions have at most four bits), all others
     follow by subtraction: (1 − fx)·fy = fy − fx·fy, dt·(1 − fy) = dt − dt·fy.
 
     One event per cycle; latency :attr:`latency` cycles.
@@ -29,11 +29,10 @@ class BilinearVoter(wiring.Component):
         Of a region, from which its pixels are counted; only with ``regions``. Changes as seldom.
     """
 
+    latency = 3
+
     def __init__(self, config):
         self.config = config
-        # With lanes all waits for two cycles before the multipliers, as in the warp.
-        self._waiting = 2 * payloads.wire_cycles(config)
-        self.latency = 3 + self._waiting
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.warped_event(config))),
@@ -49,8 +48,6 @@ class BilinearVoter(wiring.Component):
         frac = config.position_frac
         one = 1 << frac
         event, valid = self.i.payload, self.i.valid
-        event = delay(m, event, self._waiting, name="event")
-        valid = delay(m, valid, self._waiting, name="came", valid=True)
         dt, fx, fy = event.dt, event.x[:frac], event.y[:frac]
 
         # Stage 1: products.
@@ -59,7 +56,7 @@ class BilinearVoter(wiring.Component):
 
         fx_fy_s1 = register(2 * frac, "fx_fy_s1")
         # dt·fx, dt·fy: in LUTs as two terms, which stage 2 adds, so that no stage has adders in a row.
-        small = frac <= 4 and config.lanes == 1
+        small = frac <= 4
         factors = partial_products if small else lambda value, factor: [value * factor]
         dt_fx_s1, dt_fy_s1 = (
             [delay(m, term, 1, name=f"{name}_{number}") for number, term in enumerate(factors(dt, factor))]

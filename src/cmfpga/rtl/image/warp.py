@@ -10,6 +10,37 @@ from ..arithmetic import delay, saturate, select
 from .flow import Flow
 
 
+def _halves(config):
+    """Half a pixel, as a coordinate and as a position has it: a level's are about the middle of a pixel.
+
+    Without coarse levels the halves cancel; undistorted positions come with theirs.
+    """
+    scaled = 1 << (config.position_frac - 1)
+    if config.formats.event_frac:
+        return 0, scaled
+    return (1 << (config.dt_frac + config.v_frac - 1), scaled) if config.max_level else (0, 0)
+
+
+def start_of(config, coordinate):
+    """A coordinate, and half a pixel where positions have it, with the fraction bits of dt·v; and its width."""
+    align = config.dt_frac + config.v_frac - config.formats.dithered_frac
+    return (coordinate << align) + _halves(config)[0], len(coordinate) + align
+
+
+def of_level(m, config, position, axis, level, *, name):
+    """A position of :func:`start_of`'s format in the level's pixels, floored and clamped.
+
+    A cycle later with coarse levels.
+    """
+    frac = config.dt_frac + config.v_frac - config.position_frac
+    levels = [floor_shift(position, frac + number) for number in range(config.max_level + 1)]
+    position = select(level, levels) - _halves(config)[1]
+    if config.max_level:
+        position = delay(m, position, 1, name=f"position_{name}")
+    size = config.roi_width if axis == "x" else config.roi_height
+    return saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
+
+
 class Warp(wiring.Component):
     """x' = x − dt·vx, y' = y − dt·vy (Eq. x'_k of the article), floored to ``position_frac`` bits.
 
@@ -18,7 +49,7 @@ class Warp(wiring.Component):
     subtraction).
 
     One event per cycle; latency :attr:`latency` cycles. ``v`` is used in the cycle in which an event enters, ``level``
-    two cycles later, three with lanes. In a motion beyond translation each event has its own velocity, by
+    two cycles later. In a motion beyond translation each event has its own velocity, by
     :class:`Flow`, which takes two cycles more.
 
     Members
@@ -34,10 +65,7 @@ class Warp(wiring.Component):
         self.config = config
         self.flow = Flow(config) if config.motion_model.basis else None
         self._moving = 4 if config.max_level else 3
-        # Several lanes' multipliers lie far apart: with them all waits for two cycles first, and v as well. A wire has
-        # one, and tools may move the other to the product, so that a wire from there has one.
-        self._waiting = 2 * payloads.wire_cycles(config)
-        self.latency = self._waiting + self._moving + (Flow.latency if self.flow else 0)
+        self.latency = self._moving + (Flow.latency if self.flow else 0)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.scaled_event(config))),
@@ -56,48 +84,24 @@ class Warp(wiring.Component):
             m.d.comb += [flow.basis.eq(event.basis), flow.v.eq(v)]
             event = {name: delay(m, event[name], flow.latency, name=f"{name}_flow") for name in ("dt", "x", "y")}
             v = flow.o
-        else:
-            event = {name: delay(m, event[name], self._waiting, name=f"{name}_s0") for name in ("dt", "x", "y")}
-            v = {axis: delay(m, v[axis], self._waiting, name=f"v_{axis}_s0") for axis in ("x", "y")}
-        frac = config.dt_frac + config.v_frac
-        # Without coarse levels the halves cancel; undistorted positions come with theirs.
-        half, scaled_half = (1 << (frac - 1), 1 << (config.position_frac - 1)) if config.max_level else (0, 0)
-        if config.formats.event_frac:
-            half, scaled_half = 0, 1 << (config.position_frac - 1)
-        for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
-            coordinate = event[axis]
-            align = frac - config.formats.dithered_frac
+        for axis in ("x", "y"):
+            start, width = start_of(config, event[axis])
             product_s1 = Signal(signed(config.formats.dt.width + fmt.width), reset_less=True, name=f"product_{axis}_s1")
             # Both terms at full precision: x' + ½ cannot overflow before it is clamped.
-            full = signed(max(len(coordinate) + align, len(product_s1)) + 2)
+            full = signed(max(width, len(product_s1)) + 2)
             start_s1 = Signal(full, reset_less=True, name=f"start_{axis}_s1")
             inverse_s2 = Signal(full, reset_less=True, name=f"inverse_{axis}_s2")
             m.d.sync += [  # stage 1: multiply
                 product_s1.eq(event["dt"] * v[axis]),
-                start_s1.eq((coordinate << align) + half),
+                start_s1.eq(start),
             ]
             # Stage 2: subtract. a − b = ~(~a + b), because an addition is what all tools find in a DSP.
             m.d.sync += inverse_s2.eq(~start_s1 + product_s1)
-            position_s2 = ~inverse_s2
-            # Stage 3, with coarse levels only: the level's pixels. Last stage: floor, clamp.
-            levels = [
-                floor_shift(position_s2, frac - config.position_frac + level) for level in range(config.max_level + 1)
-            ]
-            position = select(self.level, levels) - scaled_half
-            if config.max_level:
-                position = delay(m, position, 1, name=f"position_{axis}")
-            m.d.sync += self.o.payload[axis].eq(
-                saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
-            )
+            m.d.sync += self.o.payload[axis].eq(of_level(m, config, ~inverse_s2, axis, self.level, name=axis))
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
-            *(  # of several lanes in registers, as in the scaler
-                value.eq(delay(m, before, cycles - 1, name=name, valid=config.lanes > 1))
-                for name, value, before, cycles in (
-                    ("dt", self.o.payload.dt, event["dt"], self._moving),
-                    ("last", self.o.payload.last, self.i.payload.last, self.latency),
-                )
-            ),
+            self.o.payload.dt.eq(delay(m, event["dt"], self._moving - 1, name="dt")),
+            self.o.payload.last.eq(delay(m, self.i.payload.last, self.latency - 1, name="last")),
         ]
         if "basis" in self.o.payload.shape().members:
             m.d.sync += self.o.payload.basis.eq(delay(m, self.i.payload.basis, self.latency - 1, name="basis"))

@@ -1,16 +1,14 @@
 """Event buffer: stores a batch's ROI events and replays them in every iteration."""
 
-from amaranth.hdl import Cat, Const, EnableInserter, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out
 
 from ...config.schedule import FEWEST
 from ...fixed import bits_for
 from ...protocol.results import thins
-from ...protocol.settings import by_signs
 from .. import payloads
 from ..arithmetic import delay, select
-from ..image.sliced_memory import SHALLOW, SlicedMemory
 
 
 def stored(config):
@@ -37,6 +35,7 @@ class EventBuffer(wiring.Component):
     (:func:`cmfpga.config.schedule.used`). With two buffers, one is filled while the other is replayed.
     One event per cycle in and out, as long as there is ``room`` for what comes out; the first event appears
     :attr:`latency` cycles after ``replay``, and each one :attr:`latency` − 1 after the cycle in which there was room.
+    Where evaluations of an event take turns, an event comes out in the first cycle of each turn.
 
     Parameters
     ----------
@@ -48,8 +47,7 @@ class EventBuffer(wiring.Component):
     i : ``In``, flow of :func:`payloads.roi_event`
         Events to store.
     o : ``Out``, flow of :func:`payloads.replayed_event`
-        The stored events in order, or a subset; ``last`` marks the last one. With lanes, an array: each lane has the
-        next event, and ``last`` marks the last ones, also where a lane has none any more.
+        The stored events in order, or a subset; ``last`` marks the last one.
     clear : ``In(1)``
         Begin to fill: the other buffer, if there are two. No event in this cycle.
     take : ``In(1)``
@@ -61,25 +59,25 @@ class EventBuffer(wiring.Component):
     started, subset : ``Out(1)``, ``Out``, :func:`payloads.subset`
         A replay has begun, one cycle; what it replays, from then on until the next. Only with a schedule.
     room : ``In(1)``
-        Where it is low, the replay pauses: here alone, because nothing behind can be stalled. With lanes, all that
-        replays stands still.
+        Where it is low, the replay pauses: here alone, because nothing behind can be stalled.
     stored : ``Out``, :func:`stored`
     """
 
+    latency = 4
+
     def __init__(self, config):
         self.config = config
-        self.latency = 4 if config.lanes == 1 else 5
         subset = {"stride": In(payloads.STRIDE_BITS), "started": Out(1), "subset": Out(payloads.subset(config))}
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.roi_event(config))),
-                "o": payloads.of_lanes(config, Out(payloads.flow(payloads.replayed_event(config)))),
+                "o": Out(payloads.flow(payloads.replayed_event(config))),
                 "clear": In(1),
                 "take": In(1),
                 "replay": In(1),
-                "room": payloads.of_lanes(config, In(1, init=1)),
+                "room": In(1, init=1),
                 "stored": Out(stored(config)),
-                **(subset if by_signs(config) else {}),
+                **(subset if config.ascent_rule.strides else {}),
             }
         )
 
@@ -90,16 +88,10 @@ class EventBuffer(wiring.Component):
         two = self.config.buffers == 2
         # Rotated addresses are of all those bits.
         words = 1 << bits_for(depth - 1) if thins(self.config) else depth
-        # With lanes, two buffers are halves of one memory a lane: then nothing has to choose between two of each.
-        lanes, half, ports = self.config.lanes, bits_for(words - 1), []
-        memories, size = (lanes, words + (two << half)) if lanes > 1 else (self.config.buffers, words)
-        for number in range(memories):
-            if lanes > 1 and size > SHALLOW:
-                events = SlicedMemory(payloads.roi_event(self.config), size, {})
-                ports.append((events.write, events.read))
-            else:
-                events = memory.Memory(shape=payloads.roi_event(self.config), depth=size, init=[])
-                ports.append((events.write_port(), events.read_port()))
+        ports = []
+        for number in range(self.config.buffers):
+            events = memory.Memory(shape=payloads.roi_event(self.config), depth=words, init=[])
+            ports.append((events.write_port(), events.read_port()))
             m.submodules[f"events_{number}"] = events
 
         filling, replaying = Signal(), Signal()  # which of two buffers
@@ -113,26 +105,28 @@ class EventBuffer(wiring.Component):
         full = Signal()  # ``count`` is ``depth``
         stays, place, placed = (self._thin if thins(self.config) else self._drop)(m, full)
         for number, (write, _) in enumerate(ports):  # a cycle later
-            mine, where = (stays & (filling == number), place) if lanes == 1 else (stays, Cat(place[:half], filling))
-            m.d.sync += [write.addr.eq(where), write.data.eq(self.i.payload), write.en.eq(mine)]
+            mine = stays & (filling == number)
+            m.d.sync += [write.addr.eq(place), write.data.eq(self.i.payload), write.en.eq(mine)]
 
-        if lanes > 1:
-            self._replay_in_lanes(m, ports, replaying, replayed, placed)
-            return m
         # Stage 1: address.
         reading_s1 = Signal()
         address_s1 = Signal(range(max(2, depth)))
         last_s1 = Signal()
-        first, step, next_step = self._subset(m, replayed) if by_signs(self.config) else (0, 1, 1)
+        first, step, next_step = self._subset(m, replayed) if self.config.ascent_rule.strides else (0, 1, 1)
         # From there on an event is the last one: in a register, so that only a comparison is left. A step is never
         # larger than the number of events.
         final = Signal.like(replayed)
         with m.If(self.replay):
             m.d.sync += final.eq(replayed - next_step)
         m.d.comb += last_s1.eq(address_s1 >= final)
+        goes = reading_s1 & self.room
+        if self.config.geometry.turn_bits:
+            turn = Signal(self.config.geometry.turn_bits)
+            goes &= turn == 0
+            m.d.sync += turn.eq(Mux(self.replay, 0, turn + 1))
         with m.If(self.replay):
             m.d.sync += [reading_s1.eq(1), address_s1.eq(first)]
-        with m.Elif(reading_s1 & self.room):
+        with m.Elif(goes):
             m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(address_s1 + step)]
 
         # Stage 2: where that is. Stage 3: the memory's own register. Stage 4: its output register, then which memory.
@@ -146,39 +140,8 @@ class EventBuffer(wiring.Component):
         if two:
             output = Mux(delay(m, replaying, 3, name="which"), outputs[1].as_value(), output.as_value())
         m.d.comb += [self.o.payload.eq(output), self.o.payload.last.eq(delay(m, last_s1, 3, name="last"))]
-        m.d.sync += self.o.valid.eq(delay(m, reading_s1 & self.room, 2, name="reading", valid=True))
+        m.d.sync += self.o.valid.eq(delay(m, goes, 2, name="reading", valid=True))
         return m
-
-    def _replay_in_lanes(self, m, ports, replaying, replayed, placed):
-        """As with one lane; each has a copy of all events, so that any stride and any place suits it."""
-        lanes = self.config.lanes
-        m.submodules.replay = EnableInserter(self.room[0])(r := Module())
-        first, step, next_step = self._subset(r, replayed) if by_signs(self.config) else (0, Const(1), Const(1))
-        base, reading = Signal(range(max(2, self.config.buffer_events)), name="base"), Signal(name="reading")
-        # As with one lane; below 0 where one cycle has them all.
-        final = Signal(signed(max(len(replayed), 6) + 1), name="final")
-        last = Signal()
-        r.d.comb += last.eq(reading & (base >= final))
-        with r.If(self.replay):
-            r.d.sync += [reading.eq(1), base.eq(first), final.eq(replayed - (next_step << bits_for(lanes - 1)))]
-        with r.Elif(reading):
-            r.d.sync += [reading.eq(~last), base.eq(base + (step << bits_for(lanes - 1)))]
-        reading_s2 = delay(r, reading, 1, name="reading", valid=True)
-        for lane, o in enumerate(self.o):
-            # A register before the rotation, and one behind it. In the base these bits are 0.
-            m.submodules[f"replay_{lane}"] = EnableInserter(self.room[lane])(each := Module())
-            number = Signal(range(self.config.buffer_events + 4 * lanes), name=f"number_{lane}", reset_less=True)
-            each.d.sync += number.eq(base | (Const(lane) << self.subset.stride if by_signs(self.config) else lane))
-            _, read = ports[lane]
-            half = len(read.addr) - (self.config.buffers - 1)
-            exists = number < replayed if lane else Const(1)  # the first lane's always does
-            place = delay(each, placed(number)[:half], 1, name=f"place_{lane}")
-            m.d.comb += [read.addr.eq(Cat(place, replaying)), read.en.eq(self.room[lane])]
-            each.d.comb += [
-                o.payload.eq(delay(each, read.data, 1, name=f"output_{lane}")),
-                o.payload.last.eq(delay(each, last, 4, name=f"last_{lane}", valid=True)),
-                o.valid.eq(delay(each, reading_s2 & exists, 3, name=f"reading_{lane}", valid=True)),
-            ]
 
     def _drop(self, m, full):
         """What comes when it is full is dropped.

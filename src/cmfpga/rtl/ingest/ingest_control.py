@@ -146,9 +146,7 @@ class IngestControl(wiring.Component):
         m.d.sync += [handover.take.eq(0), may_open.eq(0)]
         # Outside the state machine, so that these are the registers' resets and enables, and no logic.
         m.d.sync += handover.cycles.eq(handover.cycles + 1)
-        # With several lanes, the wire from an event's arrival is too long: this is done in every cycle in which a batch
-        # may open, the last time when it does.
-        with m.If(may_open if config.lanes > 1 else handover.opened):
+        with m.If(handover.opened):
             m.d.sync += [current.eq(self.settings), events.eq(0), cut.eq(0), handover.cycles.eq(1)]
             m.d.sync += [
                 left.eq(self.settings.batch_events),

@@ -8,6 +8,7 @@ from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads as common
 from ..arithmetic import select
+from ..confidence.judge import SerialVerdict
 from ..confidence.verdict import Verdict
 from . import payloads
 from .distributor import place_of
@@ -53,7 +54,8 @@ class Collector(wiring.Component):
     def __init__(self, config):
         self.config = config
         # Units judge motions beyond a translation themselves, as the probes come.
-        self._verdict = Verdict(config) if config.confidence and not config.motion_model.basis else None
+        verdict = Verdict if config.ascent_rule.evaluations > 1 else SerialVerdict
+        self._verdict = verdict(config) if config.confidence and not config.motion_model.basis else None
         judging = self._verdict.latency + 1 if self._verdict else 0
         self.latency = 6 + max(config.formats.roi_gain.width + 3, judging)
         kept = data.StructLayout({"number": config.store.number_bits, "state": payloads.state(config)})

@@ -70,10 +70,10 @@ class Unit(Iterating, wiring.Component):
     @property
     def boxes(self):
         """What stands directly in the unit, by name, in the order of data flow."""
-        last = ("image", "gradient", "ascent", "probe", "judge", "iteration_control")
+        last = ("image", "gradient", "means", "ascent", "probe", "judge", "iteration_control")
         boxes = [
             {"event_buffer": self.event_buffer},
-            *(lane.boxes for lane in self.lanes),
+            self.path.boxes,
             {name: getattr(self, name) for name in last},
         ]
         return {name: block for part in boxes for name, block in part.items() if block is not None}
@@ -95,9 +95,10 @@ class Unit(Iterating, wiring.Component):
         self._add_boxes(m)
         self._load(m)
         self._iterate(m, self._times, self._times)
-        for lane in self.lanes:
-            lane.look_from(m, self._job)
+        self.path.look_from(m, self._job)
         self._ascend(m)
+        if self.rounds:
+            self._average(m)
         if self.config.confidence:
             self._confide(m, self.iteration_control.handover.batch.roi_events)
         self._say(m)
@@ -179,17 +180,14 @@ class Unit(Iterating, wiring.Component):
             "thinned": thinned,
             "thinning_used": thinning,
             "iterations": control.iterations,
-            "sums": sums.payload,
+            "sums": self.means.o if self.rounds else sums.payload,
             "cycles": control.cycles,
         }
         if self.config.confidence:
             if isinstance(self.judge, LeastJudge):
                 flags[Flag.DOUBTFUL] = self.judge.doubtful
             judged = control.run.settings.judge & ~control.run.degenerate
-            found |= {
-                "sums": self.probe.last,
-                "sum_squares": self.probe.last_squares,
-                "curvature": self.judge.curvature,
+            found |= self._found_beside() | {
                 "confidence_limit": self._batch.settings.confidence_limit & judged.replicate(len(o.confidence_limit)),
                 "restarted": job.restarted & ~control.run.degenerate,
             }

@@ -205,11 +205,8 @@ function drawCharts() {
   }
   drawChart("inside", inside, "events", { rangemode: "tozero" });
   describe("inside", "Events in the ROI of each batch.");
-  const colours = ["--vx", "--warn", "--vy", "--soft"];
-  drawChart("cycles", [
-    series(head.byFormula ? "cycles by the formula" : "cycles counted", head.cycles, "--vx"),
-    ...Object.entries(head.parts).map(([name, cycles], k) => series(name, cycles, colours[k], { line: { dash: "dash" } })),
-  ], "clock cycles", { rangemode: "tozero" });
+  const label = head.byFormula ? "cycles by the formula" : "cycles counted";
+  drawChart("cycles", [series(label, head.cycles, "--vx")], "clock cycles", { rangemode: "tozero" });
   describe("cycles", "Clock cycles of each batch.");
 }
 

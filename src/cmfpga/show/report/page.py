@@ -104,7 +104,6 @@ def _data(kept, story):
         "spans": kept.spans,
         "truths": [plain(pair) for pair in kept.truths],
         "cycles": plain(story.cycles),
-        "parts": {name: plain(values) for name, values in story.parts.items()},
         "byFormula": story.by_formula,
         "computeUs": plain(story.compute_us),
         "margin": plain(story.margin),
@@ -158,8 +157,6 @@ def _cycles_note(story):
     counted = "The cycles were counted in a simulation of the emitted Verilog."
     if story.kept.config.regions:
         counted += " They are those of this object in its unit, once its events are there."
-    if story.parts:
-        counted += " Dashed: what they go to after the last event. The waits are what they exceed the formula by."
     return counted
 
 

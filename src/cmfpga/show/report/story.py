@@ -8,7 +8,7 @@ import numpy as np
 from ...imaging.iwe import gain
 from ...protocol.flags import Flag
 from ...tracking.verdict import Verdict
-from .cycles import PARTS, hardware_cycles
+from .cycles import hardware_cycles
 
 #: From the right, clockwise on the screen (y points down), in steps of 45°.
 DIRECTIONS = (
@@ -63,9 +63,7 @@ class Story:
     cycles : float64 array [B]
         Clock cycles of each batch; NaN where there are none.
     by_formula : bool
-        The engine has no clock, so they are those that the cycle formula gives; with lanes the most that it allows.
-    parts : dict
-        What they go to, as :func:`.cycles.hardware_cycles` says.
+        The engine has no clock, so they are those that the cycle formula gives.
     compute_us : float64 array [B]
         Time that they take.
     margin : float64 array [B]
@@ -74,7 +72,7 @@ class Story:
 
     def __init__(self, kept, clock_mhz):
         self.kept, self.clock_mhz = kept, clock_mhz
-        self.cycles, self.by_formula, self.parts = hardware_cycles(kept)
+        self.cycles, self.by_formula = hardware_cycles(kept)
         self.compute_us = self.cycles / clock_mhz
         spans = np.array(kept.spans, np.float64)
         with np.errstate(invalid="ignore"):
@@ -195,12 +193,6 @@ class Story:
             found.append(f"None of the {total} batches has a warning: nothing unusual happened.")
         if thinned := sum(Flag.THINNED in flags for flags in self.flags):
             found.append(f"In {thinned} of {total} batches events were left out evenly, to keep their number down.")
-        if self.parts and self.measured.any():
-            sums = np.nansum([self.parts[name] for name in PARTS], axis=1)
-            shares = ", ".join(f"{share:.0%} {name}" for name, share in zip(PARTS, sums / sums.sum(), strict=True))
-            found.append(
-                f"Of the clock cycles after a batch's last event are, with {self.kept.config.lanes} lanes, {shares}."
-            )
         return found
 
     @property

@@ -147,7 +147,7 @@ class VerilatedCore:
         result : dict of str to int
             Result ports, and ``measured_cycles`` and ``accepted`` (events taken) as the test bench counted them.
         trace : int64 array [T, 7]
-            The trace ports of every iteration, in the order of ``trace_names``.
+            The trace ports of every iteration, or of every evaluation, in the order of ``trace_names``.
         pixels : int64 array [T, P/4, 12], or None
             I, Dx, Dy of banks 0 to 3 in the order of the sweep.
         """
@@ -178,7 +178,11 @@ class VerilatedCore:
         traces : list of int64 arrays [T, 7]
         """
         values, trace, _ = self._play(batches, settings, gaps, [0] * len(batches) if stalls is None else stalls)
-        return values, np.split(trace, np.cumsum([row["iterations"] for row in values])[:-1])
+        return values, np.split(trace, np.cumsum([self._traced(row["iterations"]) for row in values])[:-1])
+
+    def _traced(self, iterations):
+        """Rows of the trace: an iteration has one, a round one for each of its evaluations."""
+        return iterations * self.config.ascent_rule.evaluations
 
     def _play(self, batches, settings, gaps, stalls, *, open_end=False, keep_pixels=False, limit=None):
         """``(ports of each result, trace of all iterations, pixels of all sweeps or None)``."""
@@ -186,7 +190,7 @@ class VerilatedCore:
         if limit is None:  # twice what the batches can take one after the other
             limit = self._patience(gaps, stalls)
             for (t, _, _), plan in zip(batches, plans, strict=True):
-                limit += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan, most=True) + 1000
+                limit += 2 * self.core.cycles(events=len(t), roi_events=len(t), iterations=plan) + 1000
         values, trace, pixels, offered = self._drive(
             batches, settings, gaps, stalls, sum(plans), limit, open_end=open_end, keep_pixels=keep_pixels
         )
@@ -216,7 +220,7 @@ class VerilatedCore:
             "results": _zeros(len(stalls), len(self.result_names)),
             "offered": _zeros(len(batches)),
             "valid": _zeros(len(stalls)),
-            "trace": _zeros(max(1, iterations), len(self.trace_names)),
+            "trace": _zeros(max(1, self._traced(iterations)), len(self.trace_names)),
             "pixels": _zeros(max(1, iterations) * words, len(self.pixel_names)) if keep_pixels else None,
         }
         arrays = {name: None if it is None else np.ascontiguousarray(it, np.int64) for name, it in arrays.items()}
@@ -240,9 +244,9 @@ class VerilatedCore:
         values = [dict(zip(self.result_names, row, strict=True)) for row in arrays["results"].tolist()]
         for number, row in enumerate(values):
             row |= {"valid": int(arrays["valid"][number]), "accepted": run.accepted}
-        done = sum(row["iterations"] for row in values)
+        done = self._traced(sum(row["iterations"] for row in values))
         if run.trace_count != done:
-            raise AssertionError(f"{run.trace_count} iterations traced, {done} reported")
+            raise AssertionError(f"{run.trace_count} rows traced, {done} reported")
         pixels = arrays["pixels"]
         if keep_pixels:
             pixels = pixels[: run.pixel_count].reshape(done, words, len(self.pixel_names))

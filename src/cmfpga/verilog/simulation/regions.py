@@ -79,13 +79,13 @@ class VerilatedRegions(VerilatedCore):
         plans = [max(len(settings.cold if r.cold is None else r.cold), len(settings.warm if r.warm is None else r.warm))
                  for r in self.regions]  # fmt: skip
         stalls = [0] * count * len(batches) if stalls is None else stalls
+        turns = 1 << config.geometry.turn_bits
         limit = self._patience(gaps, stalls) + 4 * config.store.bins
         for t, _, _ in batches:
-            window = (
-                len(t) + (config.slices - 1) * config.slice_events
-            )  # with the slices before, as large as they can be
+            # With the slices before, as large as they can be.
+            window = len(t) + (config.slices - 1) * config.slice_events
             stored = min(window, config.buffer_events)
-            limit += 2 * window + sum((plan + 4) * (stored + 50) + 2 * window + 5000 for plan in plans)
+            limit += 2 * window + sum((plan + 4) * (turns * stored + 100) + 2 * window + 5000 for plan in plans)
         values, trace, _, self.offered = self._drive(
             batches,
             [settings_values(config, settings)] * len(batches),
@@ -110,7 +110,7 @@ class VerilatedRegions(VerilatedCore):
         outcomes = {}
         for row in rows:
             found, number = decode(config, row), row["region"]
-            own, steps[number] = np.split(steps[number], [row["iterations"]])
+            own, steps[number] = np.split(steps[number], [self._traced(row["iterations"])])
             v = tuple(row[f"v_{name}"] for name in config.motion_model.names)
             its = Trace.of_ports(config, own, v)
             batch = {name: found.pop(name) for name in of_batch}

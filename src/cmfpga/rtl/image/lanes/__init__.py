@@ -1,1 +1,0 @@
-"""Blocks that sum the votes of several events a cycle (docs/lanes.md)."""

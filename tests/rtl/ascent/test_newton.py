@@ -1,0 +1,141 @@
+"""Newton ascent against its model: any gradients of a round, any entry, v in its cycle."""
+
+import numpy as np
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.config.schedule import DISTANCES, Round
+from cmfpga.protocol.confidence import curvature
+from cmfpga.protocol.settings import table_entry
+from cmfpga.reference.integer.newton import newton, solve
+from cmfpga.rtl.ascent import newton as module
+from cmfpga.rtl.ascent.newton import NewtonAscent
+from support.bench import held, play
+from support.configs import ROUNDS
+from support.mutation import break_blocks
+from support.values import random_value
+
+#: G of few bits that are not 0, and of many.
+SHAPES = {**ROUNDS, "64×64": preset("fast").replace(ascent="newton", evaluators=4)}
+
+
+def random_round(config, rng):
+    """Gradients of a peak, or anything; sizes from the least to the bound."""
+    zeros, bound = config.widths.g_zeros, config.widths.g_max >> config.widths.g_zeros
+    size = int(2.0 ** rng.uniform(0, np.log2(bound)))
+    if rng.random() < 0.6:  # a peak, sharp or flat, often near: G falls from one side of it to the other
+        a, c, b = size, max(1, int(size * rng.uniform(0.01, 1))), int(size * rng.uniform(-0.3, 0.3))
+        at = rng.uniform(-2, 2, 2) * rng.choice([1, 0.1])
+        places = [(at[0] + x, at[1] + y) for x, y in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+        found = [(-int(a * x + b * y), -int(b * x + c * y)) for x, y in places]
+    elif rng.random() < 0.1:
+        found = [(0, 0)] * 4
+    elif rng.random() < 0.3:
+        found = [tuple(row) for row in (bound * rng.choice([-1, 0, 1], (4, 2))).tolist()]
+    else:
+        found = [tuple(row) for row in rng.integers(-size, size + 1, (4, 2)).tolist()]
+    return [tuple(max(-bound, min(bound, one)) << zeros for one in pair) for pair in found]
+
+
+def random_entry(config, rng):
+    v = config.formats.v
+    limit = 2.0 ** int(rng.integers(1 - v.f, v.i - 1)) * float(rng.choice([1, 1.5]))
+    return Round(int(rng.integers(config.max_level + 1)), int(rng.choice(DISTANCES)), limit)
+
+
+def check(config, rng, count=8, rounds=12):
+    """Batches of rounds; v, the curvature and what is flagged, in every cycle. Returns what the model solved."""
+    block, v, fmt = NewtonAscent(config), (0, 0), config.formats.v
+    script, ends, timeline, falls, solved = [], [], {0: ((0, 0), 0)}, {}, []
+    settings = random_value(block.run.settings.shape(), rng)
+
+    def cycle(**values):
+        noise = {"i.payload": random_value(block.i.payload.shape(), rng)}
+        script.append(noise | {"run.settings": settings} | values)
+
+    for _ in range(count):
+        plan = [random_entry(config, rng) for _ in range(rounds)]
+        for k, entry in enumerate(plan):
+            names = ("level", "distance", "limit")
+            values = dict(zip(names, table_entry(config, entry), strict=True))
+            cycle(**{"schedule_write.valid": 1, "schedule_write.payload": {"address": k, "entry": values}})
+        cycle(**{"run.take": 1})
+        start = tuple(int(rng.integers(fmt.min, fmt.max + 1)) >> int(rng.integers(4)) for _ in "xy")
+        part = {"first": 0, "count": rounds}
+        settings = random_value(block.run.settings.shape(), rng) | {"start_last": 0, "cold": part}
+        settings |= {"v_start": dict(zip("xy", start, strict=True))}
+        saturated = False
+        timeline[len(script)] = v, saturated
+        for _ in range(3):
+            cycle()
+        cycle(**{"run.start": 1})
+        v = start
+        timeline[len(script)] = v, saturated
+        for entry in plan:
+            for _ in range(3 + int(rng.integers(8))):
+                cycle()
+            gradients = random_round(config, rng)
+            for pair in gradients:
+                cycle(**{"i.valid": 1, "i.payload": dict(zip("xy", pair, strict=True))})
+            ends.append(len(script) - 1)
+            falls[len(script)] = curvature(*gradients)
+            solved.append(solve(config, gradients, entry))
+            v, limited = newton(config, v, gradients, entry)
+            saturated |= limited
+            timeline[ends[-1] + block.latency] = v, saturated
+            for _ in range(block.latency):
+                cycle()
+        cycle()
+        cycle(**{"run.done": 1, "run.degenerate": 0})
+
+    watch = play(block, script, flows=(), watch=("v", "saturated", "run.updated", "curvature", "limited")).watch
+    for number, wanted in enumerate(held(timeline, len(script))):
+        assert (tuple(watch["v"][number].values()), watch["saturated"][number]) == wanted, f"cycle {number}"
+    assert [n for n, value in enumerate(watch["run.updated"]) if value] == [end + block.latency for end in ends]
+    for number, right in falls.items():
+        assert tuple(watch["curvature"][number].values()) == tuple(right), f"cycle {number}"
+    assert not any(watch["limited"])
+    return solved
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_matches_model(name, rng):
+    config = SHAPES[name]
+    assert NewtonAscent(config).latency == config.ascent_rule.latency(config)
+    solved = check(config, rng)
+    assert {one.peak for one in solved} == {one.damped for one in solved} == {False, True}
+    top = (2 << config.v_frac) - 1
+    assert {ratio == top for one in solved if one.peak for ratio in one.ratio} == {False, True}
+    assert {step == 0 for one in solved if not one.peak for step in one.step} == {False, True}
+
+
+MUTANTS = {  # old, new
+    "the first gradient of y": ('(2 if name == "yy" else 0)', "0"),
+    "mixed falls": ('"cross"] = other, turn[0], 1', '"cross"] = own, turn[0], 1'),
+    "carries": ("+ addend + carry", "+ addend"),
+    "normalised by one": ("value << by", "value << 1"),
+    "normalised too far": ("with m.If(~full)", "with m.If(full == full)"),
+    "determinant": ("(first << 2) - second", "(first << 2)"),
+    "damps": ("damps.eq((det_before << 1) < first)", "damps.eq(0)"),
+    "how far": ("(first >> 4)", "(first >> 3)"),
+    "damped xx": ("xx + Mux(damps, trace >> 3, 0)", "xx"),
+    "damped yy": ("yy + Mux(damps, trace >> 3, 0)", "yy"),
+    "no trace": ("(trace > 0) & (det > 0)", "(det > 0)"),
+    "no determinant": ("& (det > 0)", ""),
+    "kept y": ("kept_y.eq(cross_y)", "kept_y.eq(second)"),
+    "numerators": ("(second << 1) - cross_x", "(second << 1)"),
+    "size": ("rest.eq(_size(over))", "rest.eq(over)"),
+    "trial": ("rest - (det << 1)", "rest - det"),
+    "limited ratio": ("quotient[-1].replicate(bits - 1)", "0"),
+    "lesser": ("none = lesser |", "none ="),
+    "zero": ("(kept[axis] == 0)", "0"),
+    "signs": ("Mux(peak, over[axis][-1], kept[axis][-1])", "over[axis][-1]"),
+    "limit": ("Mux(scaled_s2 > limit, limit, scaled_s2)", "scaled_s2"),
+}
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_what_is_broken_is_noticed(name, monkeypatch, rng):
+    break_blocks(monkeypatch, module, *MUTANTS[name])
+    with pytest.raises((AssertionError, KeyError)):
+        check(SHAPES["64×64"], rng)
