@@ -15,7 +15,7 @@ from cmfpga.rtl.payloads import schedule_entry
 from cmfpga.rtl.regions import payloads
 from cmfpga.rtl.regions.regions import Regions
 from support.bench import simulate
-from support.core_batches import ROUNDS, moving_points, settings
+from support.core_batches import PLANS, ROUND_PLANS, ROUNDS, moving_points, settings
 
 _SMALL = preset("fast").replace(
     sensor_width=40, sensor_height=30, roi_width=16, roi_height=12, buffer_events=37, max_batch_events=150,
