@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from studies.crosscheck.batches import random_regions, some_changed
 
 from cmfpga.driver import Accelerator, DeviceError
 from cmfpga.driver.regions import result_of
@@ -25,7 +26,7 @@ from cmfpga.tracking.rows import Rows
 from cmfpga.verilog.simulation.axi_top import PACKET, SimulatedTop
 from support.board import uio_tree
 from support.region_driving import CONFIG, TABLE, clouds, events_of, same
-from support.regions import model_of, random_regions, random_settings, random_window, some_changed
+from support.regions import model_of, random_settings, random_window
 from support.uio import BUFFERS, Linux
 
 REGISTERS = register_map(CONFIG)

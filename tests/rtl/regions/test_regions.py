@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from studies.crosscheck.batches import random_regions, some_changed
 
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
@@ -14,11 +15,9 @@ from support.core_batches import settings
 from support.regions import (
     CONFIGS,
     model_of,
-    random_regions,
     random_run,
     random_settings,
     random_window,
-    some_changed,
     without_clock,
 )
 
