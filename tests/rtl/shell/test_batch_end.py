@@ -50,7 +50,11 @@ class Consumer:
         Port(block.go).set(ctx, int(self.go))
         # Right only in the cycle in which a batch is opened.
         opens = self.state == "idle" and self.timer == 0 and ctx.get(block.o.valid)
-        noise = {"batch_events": int(self.rng.integers(50)), "duration": int(self.rng.integers(99)), "by_tlast": 1}
+        noise = {
+            "batch_events": int(self.rng.integers(CONFIG.max_batch_events)),
+            "duration": int(self.rng.integers(99)),
+            "by_tlast": 1,
+        }
         ends = {"batch_events": self.ends.events, "duration": self.ends.duration, "by_tlast": int(self.ends.by_tlast)}
         noise["by_tlast"] = ends["by_tlast"]  # which also says what an end without an event is
         Port(block.settings).set(ctx, ends if opens else noise)
@@ -115,6 +119,15 @@ def test_batches(name, flow, rng):
     assert len(got) > 2 or name == "longest"
 
 
+@pytest.mark.parametrize("name", ["tlast", "duration", "longest"])
+@pytest.mark.parametrize("most", [1, 2, 3])
+def test_what_comes_behind_the_longest_batch_does_not_end_it(most, name, rng, monkeypatch):
+    """Whether it was cut does not depend on how long its last event waits."""
+    monkeypatch.setitem(globals(), "CONFIG", CONFIG.replace(max_batch_events=most))
+    got, _ = check(some_tokens(rng, 200, **OFTEN, jumps=0.1), name, "both", rng, busy=2)
+    assert any(cut for _, cut in got)
+
+
 @pytest.mark.parametrize("flow", ["free", "both"])
 def test_jumps_of_the_clock(flow, rng):
     """Each costs the batch under way, none blocks the batches behind it."""
@@ -156,8 +169,8 @@ JUMPS, OFTEN, GRID = {"jumps": 0.05}, {"event_p": 0.6, "end_p": 0.3}, {"grid": 1
 MUTANTS = {  # old, new, ends, how many tokens of which kind show it
     "ends are forgotten": ("held.end.eq(1)", "held.end.eq(0)", "tlast", 200, {}),
     "a wrong number": ("completes(number + 1,", "completes(number + 2,", "count", 7, {"event_p": 1.0}),
-    "a TLAST behind the number": ("& ~(leaves & by_number & ~self.o.payload.last)", "", "one and tlast", 600, OFTEN),
-    "a TLAST behind the next event": ("payload.last & ~arrives)", "payload.last)", "one and tlast", 200, OFTEN),
+    "a TLAST behind the number": ("& ~(leaves & by_number & ~ended)", "", "one and tlast", 600, OFTEN),
+    "a TLAST behind the next event": ("by_time) & ~arrives)", "by_time))", "one and tlast", 200, OFTEN),
     "one microsecond": ("Cat(Const(1, 1), apart", "Cat(Const(0, 1), apart", "duration", 200, GRID),
     "no step back": ("(later ^ later[-1].replicate(", "(later & ~later[-1].replicate(", "duration", 200, JUMPS),
     "settings at any time": ("with m.If(self.opened):", "with m.If(self.opened | self.taking_in):", "count", 200, {}),

@@ -61,11 +61,15 @@ class BatchEnd(wiring.Component):
         current = Signal(payloads.end_settings(config))
         held = Signal(payloads.sensor_token(config))
         commanded = Signal()  # the held event was made the last one
+        # It is the last that a batch has room for: the core ends that batch, and nothing that comes while it waits.
+        full, behind = Signal(init=config.slice_events == 1), Signal()  # its end came behind it
         number = Signal(bits_for(config.slice_events), init=1)  # of the held event in its batch
         t_first, later, apart = (Signal(config.time_bits, name=name) for name in ("t_first", "later", "apart"))
         within = Signal(len(current.duration) + 2)  # negative: not within the duration
         by_time, by_number, followed, leaves = Signal(), Signal(), Signal(), Signal()
         arrives, ends, ended = Signal(), Signal(), Signal()
+
+        alone = config.slice_events == 1
 
         def completes(number, wanted):
             return (wanted == number) | (number == config.slice_events)
@@ -85,7 +89,7 @@ class BatchEnd(wiring.Component):
             self.o.payload.x.eq(held.x),
             self.o.payload.y.eq(held.y),
             ended.eq((held.end & current.by_tlast) | commanded),
-            self.o.payload.last.eq(ended | by_time),
+            self.o.payload.last.eq((ended & ~behind) | (by_time & ~full)),
             # Not behind the comparison of times, which ends a batch only where an event follows.
             self.o.valid.eq(
                 self.holding & ((self.taking_in & (ended | followed | by_number)) | (~self.taking_in & self.go))
@@ -101,7 +105,9 @@ class BatchEnd(wiring.Component):
                 commanded.eq(0),
                 number.eq(number + 1),
                 by_number.eq(completes(number + 1, current.batch_events)),
-                completed.eq(by_number & ~self.o.payload.last & ~arrives),
+                completed.eq(by_number & ~(ended | by_time) & ~arrives),
+                behind.eq(0),
+                full.eq(alone | ((number == config.slice_events - 1) & ~(by_number | ended | by_time))),
             ]
         with m.Elif(arrives):
             m.d.sync += completed.eq(0)
@@ -117,8 +123,8 @@ class BatchEnd(wiring.Component):
             m.d.sync += held.eq(self.i.payload)
         with m.Elif(ends):
             with m.If(self.holding & ~held.end & ~commanded & ~leaves):
-                m.d.sync += held.end.eq(1)
-            with m.Elif(~completed & ~(leaves & by_number & ~self.o.payload.last)):
+                m.d.sync += [held.end.eq(1), behind.eq(full)]
+            with m.Elif(~completed & ~(leaves & by_number & ~ended)):
                 m.d.comb += self.empty_end.eq(self.settings.by_tlast)
 
         # The command waits for what is on its way.
@@ -138,6 +144,7 @@ class BatchEnd(wiring.Component):
                 self.taking_in.eq(1),
                 number.eq(1),
                 by_number.eq(completes(1, self.settings.batch_events)),
+                full.eq(alone),
                 current.eq(self.settings),
                 t_first.eq(held.t),
             ]
