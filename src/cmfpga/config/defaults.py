@@ -1,5 +1,8 @@
 """What every tool assumes where the user says nothing."""
 
+#: Engines that run here, and need no board and no AXI; the first is the usual one.
+ENGINES = ("rtl", "model", "float")
+
 #: Events of a batch.
 BATCH_EVENTS = 5000
 

@@ -2,12 +2,11 @@
 
 import pkgutil
 
+from ..config.defaults import ENGINES
 from ..config.regions import check_one_region
 from ..errors import ConfigError, needs
 from ..verilog.compiler import CompilerError, cannot_compile
 from .base import Engine, check_roi
-
-ENGINES = ("rtl", "model", "float")
 
 #: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
 AXI = "axi"

@@ -58,8 +58,8 @@ def test_offsets_do_not_depend_on_the_configuration():
 
 
 def test_run_time_values_do_not_change_it(config):
-    own = {"cold": "0:0"} if config.ascent == "sign" else {"iterations": 3}
-    own |= {} if config.regions else {"thinning": 2}
+    own = {"sign": {"cold": "0:0"}, "newton": {"cold": "0:1:1"}, "constant": {"iterations": 3}}[config.ascent]
+    own = own | ({} if config.regions else {"thinning": 2})
     changed = config.replace(min_roi_events=7, roi_gain=0.5, start="zero", **own)
     assert register_map(changed) == register_map(config)
 
@@ -69,7 +69,7 @@ def test_every_setting_and_every_flag_has_its_place(registers, config):
     links = set(registers.linked("Settings"))
     seen = config.replace(camera="200,200,120,90") if config.motion == "rotation" else config
     wanted = set(settings_values(config, BatchSettings.from_config(seen)))
-    unused = {"iterations", "eta"} if config.ascent == "sign" else set()
+    unused = set() if config.ascent == "constant" else {"iterations", "eta"}
     unused |= {"roi_gain"} if config.motion == "rotation" else set()
     if config.regions:
         unused |= {"roi_load", "roi_x", "roi_y", "batch_roi_events", "thinning", "thin_target", "start_last"}

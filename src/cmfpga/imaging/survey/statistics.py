@@ -7,7 +7,7 @@ import weakref
 import numpy as np
 from tqdm import tqdm
 
-from ...engines import ENGINES
+from ...config.defaults import ENGINES
 from ...errors import ConfigError, RecordingError
 
 _MAX_BINS = 512  # of the rate over time, while it is collected
