@@ -8,8 +8,7 @@ import pytest
 
 import cmfpga
 from cmfpga import cli
-from cmfpga import dense as flow
-from cmfpga.cli import info, track
+from cmfpga.cli import flow, info, track
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, write_hdf5
 from cmfpga.imaging.survey import usual_survey

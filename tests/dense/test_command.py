@@ -6,9 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from cmfpga import dense as flow
+import cmfpga
 from cmfpga.api.flow import configure
 from cmfpga.api.flow_result import DOCS
+from cmfpga.cli import flow
 from cmfpga.config import preset
 from cmfpga.dense import demo
 from cmfpga.errors import ConfigError
@@ -114,7 +115,7 @@ def test_the_verilog_finds_the_same_as_the_model(command, compiler, slide, tmp_p
 
 def test_from_python_it_is_the_same(command, slide, tmp_path):
     assert command(flow, slide, *MODEL, "--out", tmp_path, "--no-picture").status == 0
-    found = flow.flow(slide, engine="model", window_events=9000)
+    found = cmfpga.flow(slide, engine="model", window_events=9000)
     with np.load(tmp_path / "flow.npz") as arrays:
         for name, values in found.arrays.items():
             assert np.array_equal(arrays[name], values, equal_nan=True), name
@@ -198,10 +199,10 @@ def test_refusals_without_a_usable_recording(command, tmp_path):
     assert "a RECORDING is needed" in command(flow, "--sensor", "64,48").error
     assert command(flow, "tcp://localhost:1").status == 2
     with pytest.raises(ConfigError, match="no regions"):
-        flow.flow(demo.scene(), preset="fast")
+        cmfpga.flow(demo.scene(), preset="fast")
 
 
 def test_a_file_from_python(slide):
     """What is left over is known although the file is closed at the end."""
-    found = flow.flow(slide, engine="model", window_events=6000, windows=1)
+    found = cmfpga.flow(slide, engine="model", window_events=6000, windows=1)
     assert len(found) == 1 and found.leftover == 24_233 - 6000
