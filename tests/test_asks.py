@@ -61,9 +61,10 @@ def test_what_a_function_asks_for_is_found(function, why):
     assert found.why == why
 
 
-def test_what_is_not_asked_for_is_refused(request):
+def test_what_is_not_asked_for_is_refused(request, monkeypatch):
     """By names that tell nothing, as a command's options do."""
     assert not request.node.get_closest_marker("long")
+    monkeypatch.setattr(asks._running, "strict", True)
     run = vars(importlib.import_module("sub" + "process"))["run"]
     make = vars(importlib.import_module("cmfpga.verilog.simulation.core"))["Verilated" + "Core"]
     with pytest.raises(pytest.fail.Exception, match=r"^true: not in a quick test"):

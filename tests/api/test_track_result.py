@@ -11,8 +11,6 @@ import torch
 from matplotlib.text import Text
 
 import cmfpga
-from cmfpga.api import track as api
-from cmfpga.api.track_result import Tracking
 from cmfpga.cli import track as command_module
 from cmfpga.config import DEFAULT_PRESET
 from cmfpga.errors import ConfigError, RecordingError, UserError
@@ -148,13 +146,6 @@ def test_a_live_source_is_tracked_but_not_read_again(dot, dot_events):
     assert tracking.vx.tolist() == expected.vx.tolist() and tracking.t_ref_us.tolist() == expected.t_ref_us.tolist()
     with pytest.raises(RecordingError, match="camera: its events cannot be read again; a recording is needed"):
         tracking.trace(0)
-
-
-def test_names_of_the_package():
-    assert cmfpga.tracking.track is api.track and cmfpga.tracking.Tracking is Tracking
-    assert cmfpga.tracking.open_engine is cmfpga.engines.open_engine
-    with pytest.raises(AttributeError, match="no attribute 'tracker'"):
-        _ = cmfpga.tracking.tracker
 
 
 @pytest.mark.parametrize("options, message", [
@@ -323,7 +314,8 @@ def test_after_a_degenerate_batch_the_ascent_begins_cold(dot_events, engine):
     x = np.where(np.arange(600) // 90 == 2, 0, dot_events.x)
     y = np.where(np.arange(600) // 90 == 2, 0, dot_events.y)
     elsewhere = Events(dot_events.t, x, y, dot_events.p)
-    tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), start="last", min_roi_events=10, cold_after_doubtful=0)
+    options = {"start": "last", "min_roi_events": 10, "cold_after_doubtful": 0, "hot_pixels": 0}
+    tracking = follow(elsewhere, engine, FAST, sensor=(32, 24), **options)
     assert tracking.flags[2] == "degenerate" and tracking.iterations.tolist()[:4] == [8, 3, 0, 8]
     for batch in range(6):
         trace = tracking.trace(batch)

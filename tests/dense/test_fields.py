@@ -28,8 +28,9 @@ def made(model, rng, count=100, noise=0.0, sigma=(5.0, 5.0), turn=0.0):
     v = v + noise * rng.standard_normal((count, 2)) * sigma @ axes.T
     covariance = np.tile((spread[0, 0], spread[1, 1], spread[0, 1]), (count, 1))
     return types.SimpleNamespace(
-        config=CONFIG, centres=at, px_per_s=v, covariance=covariance, trusted=np.ones(count, bool)
-    )
+        config=CONFIG, centres=at, px_per_s=v, covariance=covariance, trusted=np.ones(count, bool),
+        half_s=np.inf,  # these covariances have no floor
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("model", MODELS)

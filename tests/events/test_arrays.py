@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from cmfpga.cli import track
+from cmfpga import track
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events
 

@@ -371,12 +371,13 @@ def test_reset_in_the_middle(name, moment, rng):
 
 def at_moment(core, moment):
     """For ``drive_core``, every cycle: has the second batch, of 20 events like the first, come to this moment?"""
+    voter = core.boxes["voter"]
     counters = {
         "events": lambda ctx: ctx.get(core.i.valid) & ctx.get(core.i.ready),
-        "votes": lambda ctx: ctx.get(core.voter.o.valid),
+        "votes": lambda ctx: ctx.get(voter.o.valid),
         # Not the sweep after the reset; in one pass, the cycles in which no event is added to the sums.
         "swept": lambda ctx: (
-            ctx.get(core.image.accumulator.sweep.valid if core.sweep_cycles else ~core.voter.o.valid)
+            ctx.get(core.image.accumulator.sweep.valid if core.sweep_cycles else ~voter.o.valid)
             & ctx.get(core.iteration_control.iterating)
         ),
         "traced": lambda ctx: ctx.get(core.trace.valid),

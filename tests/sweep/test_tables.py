@@ -36,7 +36,7 @@ def ok(*batches):
 
 
 def row(number=0, *, name="rec.h5", truth=TRUTH, **fields):
-    subject = SimpleNamespace(name=name, roi=(3, 4), truth=truth, digest="d", sensor=(240, 180))
+    subject = SimpleNamespace(name=name, roi=(3, 4), truth=truth, digest="d", sensor=(240, 180), survey=None)
     choice = Choice(number=number, varied=fields or {"eta": 1.0}, preset="paper", changes=fields)
     task = SimpleNamespace(config=preset("paper").replace(**fields))
     return Row(subject=subject, choice=choice, roi=(3, 4), task=task)
@@ -204,4 +204,4 @@ def test_numbers_for_people(value, shown):
 
 def test_subjects_have_what_the_tables_ask_for():
     """The stand-ins above are like the real ones."""
-    assert {"name", "roi", "truth", "digest", "sensor"} <= set(Subject.__dataclass_fields__)
+    assert {"name", "roi", "truth", "digest", "sensor", "survey"} <= set(Subject.__dataclass_fields__)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..errors import ConfigError
 from ..imaging.camera import Camera
+from ..protocol.confidence import FLOOR
 
 #: ``{model: names of its parameters, in physical units}``. Position 0 of slopes is the middle of the sensor.
 MODELS = {
@@ -21,6 +22,7 @@ MODELS = {
     "rotation": ("wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s"),
 }
 
+_OF_ITS_OWN_PX = 0.05  # standard deviation that no tile is better than, px per half window
 _ROUNDS, _SETTLED = 50, 1e-6
 _OUTLIER = 3.0  # standard deviations
 _NORMAL = 1.1774  # median length of a normal vector in the plane, in standard deviations
@@ -79,6 +81,9 @@ def fit_field(model, window):
         return none
     b = np.moveaxis(basis(model, window.config, window.centres[used]), 2, 0)  # [n, 2, p]
     xx, yy, xy = window.covariance[used].T
+    # What is alike in all tiles, most of the stated floor, says nothing of which tile is the better one.
+    alike = (FLOOR**2 - _OF_ITS_OWN_PX**2) / window.half_s**2
+    xx, yy = xx - alike, yy - alike
     # Cholesky of the covariance's inverse: rows in standard deviations.
     inverse = np.linalg.inv(np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1))
     white = np.linalg.cholesky(inverse).transpose(0, 2, 1)
