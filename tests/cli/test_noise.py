@@ -68,7 +68,7 @@ def test_a_note_says_which_are_dropped_by_default(noisy, tmp_path, capsys):
         (note,) = [line for line in capsys.readouterr().err.splitlines() if "hot" in line]
         assert note.startswith(f"note: {NOTE}") and note.endswith("which are dropped; --hot-pixels none keeps them")
     how = {"roi": (100, 31), "batch_events": 4000, "batches": 2, "engine": "model"}
-    for run, more in ((cmfpga.track, how), (flow.flow, {"windows": 1, "engine": "model"})):
+    for run, more in ((cmfpga.track, how), (cmfpga.flow, {"windows": 1, "engine": "model"})):
         with pytest.warns(UserWarning, match=f"^{re.escape(NOTE)}.* hot_pixels=0 keeps them$"):
             found = run(noisy, **more)
         assert found.config.hot == tuple(HOT)
