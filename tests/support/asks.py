@@ -68,7 +68,7 @@ FIXTURES = {
 #: One of each kind that ``make test`` runs nevertheless.
 SMOKE = {
     "boards/test_bit2bin.py::test_fields_as_json",
-    "bench/test_programs.py::test_few_events[C gather-5]",
+    "studies/bench/test_programs.py::test_few_events[gather-5]",
     "cli/test_build.py::test_hardware_fields_change_the_verilog[sensor_width]",
     "cli/test_command.py::test_without_arguments_it_helps_and_fails",
     "examples/test_examples.py::test_block_in_a_design",
