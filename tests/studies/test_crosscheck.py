@@ -42,8 +42,10 @@ def test_all_of_a_configuration_is_drawn(compiler):
     assert sum(config.max_batch_events <= 15 for config in with_regions) > 10
     assert any(config.units > config.regions for config in with_regions)
     assert {(config.gradient, config.ascent, config.buffers) for config in drawn} == {
-        (gradient, ascent, buffers) for gradient in GRADIENTS for ascent in ASCENTS for buffers in (1, 2)
-    }
+        (gradient, ascent, buffers)
+        for gradient in GRADIENTS for ascent in ASCENTS for buffers in (1, 2)
+        if (gradient, ascent) != ("sweep", "newton")  # four images, of one pass
+    }  # fmt: skip
     assert any(config.roi_width % 2 and config.roi_height % 2 for config in drawn)
     for config in drawn[:20]:  # what is printed makes the same configuration
         changes = re.findall(r"--set '(.*?)'", assignments(config))
@@ -52,8 +54,9 @@ def test_all_of_a_configuration_is_drawn(compiler):
 
 @pytest.fixture
 def no_compiler(monkeypatch):
-    for module in ("verilog.compiler", "engines", "crosscheck.compare", "crosscheck.configs"):
-        monkeypatch.setattr(f"cmfpga.{module}.cannot_compile", lambda: "no C++ compiler found")
+    crosscheck = "studies.crosscheck."
+    for module in ("cmfpga.verilog.compiler", "cmfpga.engines", f"{crosscheck}compare", f"{crosscheck}configs"):
+        monkeypatch.setattr(f"{module}.cannot_compile", lambda: "no C++ compiler found")
     monkeypatch.setattr("studies.crosscheck.compare.SLOW_CYCLES", 5_000)
 
 

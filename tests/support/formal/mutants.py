@@ -83,7 +83,7 @@ READ_ADD_WRITE = [
     bank("answer announced early", "self.o.valid.eq(valid[2])", "self.o.valid.eq(valid[1])"),
 ]
 
-_RAM = "read_s2.tag == tag"
+_RAM = "read_s2.tag == tag[2]"
 _BEHIND = "behind_s2.eq(match[2] & same[2])"
 
 TAGGED_BANK = [
