@@ -12,6 +12,7 @@ from cmfpga.dense.window import COLUMNS, Window
 from cmfpga.imaging.camera import seen
 from cmfpga.imaging.iwe import dithered, image_of_warped_events
 from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import BatchResult
 from support.flowing import CAMERA, OMEGA, VELOCITY, measured
 
 
@@ -100,7 +101,8 @@ def test_rows_are_those_of_the_tiles(slid):
 
 
 def test_a_window_without_events(slid):
-    empty = Window(3, slid.config, slid.tiles, slid.events[:0], None)
+    nothing = BatchResult.nothing(*[{"roi": one.roi, "roi_next": one.roi, "v": one.v} for one in slid.result.regions])
+    empty = Window(3, slid.config, slid.tiles, slid.events[:0], nothing)
     assert empty.t_ref is None and empty.moved is None and not empty.trusted.any()
     assert all(row[1] == "" and row[-1] == "degenerate" for row in empty.rows())
     assert all((image == 0).all() for image in empty.images())

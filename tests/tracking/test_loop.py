@@ -8,7 +8,7 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.engines import Engine, make_engine
-from cmfpga.engines.floating import FloatEngine
+from cmfpga.engines.model import FloatEngine
 from cmfpga.events import BatchCutter, Events, Feed, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.imaging.iwe import contrast
@@ -44,7 +44,7 @@ class Recorder(Engine):
             "batch", "region", events=len(events), roi_events=3, outside=len(events) - 3, roi=roi, roi_next=self._at,
             span=int(events.t[-1] - events.t[0]), v=self.v, iterations=5, flags=Flag(0), trace=NO_TRACE,
         )  # fmt: skip
-        return BatchResult(**{**values, **self._result})
+        return [BatchResult(**{**values, **self._result})]
 
 
 def recording(t, x=10, y=10):

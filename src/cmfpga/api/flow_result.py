@@ -83,7 +83,7 @@ class Flow:
         self.fields.append(field := fit_field(self.model, window) if self.model else None)
         self.outside += window.outside
         self.cycles += [window.cycles] if window.cycles else []
-        self.dropped += sum(getattr(result, name) for name in _DROPPED) if result else 0
+        self.dropped += sum(getattr(result, name) for name in _DROPPED)
         found = {
             "t": [int(events.t[0]), int(events.t[-1])] if len(events) else [-1, -1],
             "first_event": events.first_event,

@@ -14,7 +14,7 @@ from ..dense.demo import CAMERA, scene
 from ..dense.demo import errors as demo_errors
 from ..dense.fields import MODELS, check
 from ..dense.run import Run
-from ..engines.regions import ENGINES, RegionEngine
+from ..engines import AXI, ENGINES, open_engine
 from ..errors import naming
 from ..events import open_recording
 from ..show.flow.page import Page
@@ -54,7 +54,7 @@ def parser():
         help="fit one motion to the field of each window, and write fit.csv; a rotation needs a calibration",
     )  # fmt: skip
     made.add_argument(
-        "--engine", default=ENGINE, choices=ENGINES,
+        "--engine", default=ENGINE, choices=(*ENGINES, AXI),
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as a board has it; "
         "model: the same in integers (needs torch); float: the article's equations (needs torch) "
         f"(default: {ENGINE})",
@@ -109,7 +109,7 @@ def _measure(options, recording, config, tiles, folder):
     """Run all windows and write the files: (Flow, list of Path, errors of the demo's tiles)."""
     files, errors, best, page = [folder / CSV], [], None, Page()
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(contextlib.closing(RegionEngine(options.engine, config)))
+        engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
         names = ("window_events", "window_us", "start_event", "windows")

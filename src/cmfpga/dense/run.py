@@ -22,7 +22,7 @@ class Run:
     ----------
     source : EventSource
         Not a stream: the events of the first windows are looked at before they are cut.
-    engine : RegionEngine
+    engine : Engine
     tiles : Tiles
     window_events, window_us : int, optional
         Events, or µs, of each window; without either as many events as suit the motion: the image moves by 3 to 5 px
@@ -93,9 +93,8 @@ class Run:
         return None
 
     def _measure(self, index, events, window):
-        result = self._engine.run(events, self._settings) if len(events) else None
-        cycles = self._engine.cycles if len(events) else None
-        return Window(index, self._engine.config, self._tiles, window, result, cycles)
+        (result,) = self._engine.run(events, self._settings)
+        return Window(index, self._engine.config, self._tiles, window, result, self._engine.cycles)
 
     def _next_size(self, count, moved):
         wanted = fit(count, (moved or 0.0,), moved is not None)

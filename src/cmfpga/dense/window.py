@@ -40,8 +40,8 @@ class Window:
     tiles : Tiles
     events : Batch
         All events of the window.
-    result : BatchResult or None
-        What the engine returned; None of a window without events.
+    result : BatchResult
+        What the engine returned.
     cycles : int or None
         Clock cycles from the offer of its first event to the last result; None of engines without a clock.
     """
@@ -54,15 +54,14 @@ class Window:
     cycles: int | None = None
 
     def _each(self, value, none):
-        """``value(outcome)`` of each tile as float64; ``none`` where it is None, or there are no events."""
-        outcomes = self.tiles.of(self.result) if self.result else ()
-        found = [none if (one := value(outcome)) is None else one for outcome in outcomes]
-        return np.array(found or [none] * len(self.tiles), np.float64)
+        """``value(outcome)`` of each tile as float64; ``none`` where it is None."""
+        outcomes = self.tiles.of(self.result)
+        return np.array([none if (one := value(outcome)) is None else one for outcome in outcomes], np.float64)
 
     @functools.cached_property
     def flags(self):
         """Bits of :class:`Flag` of each tile: int64 [n]."""
-        return self._each(lambda one: int(one.flags), int(Flag.DEGENERATE)).astype(np.int64)
+        return self._each(lambda one: int(one.flags), 0).astype(np.int64)
 
     @property
     def trusted(self):
@@ -98,12 +97,12 @@ class Window:
     @property
     def half_s(self):
         """Half of the window's time range, s."""
-        return self.result.span / 2e6 if self.result else 0.0
+        return self.result.span / 2e6
 
     @property
     def t_ref(self):
         """Middle of the window's time range, µs; None without events."""
-        return float(self.events.t[0]) + self.result.span / 2 if self.result else None
+        return float(self.events.t[0]) + self.result.span / 2 if len(self.events) else None
 
     @property
     def outside(self):

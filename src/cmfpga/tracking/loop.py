@@ -11,15 +11,18 @@ from typing import Any, Protocol
 
 from ..events import WAITING, Events
 from ..imaging.camera import rates, seen
-from ..imaging.iwe import contrast
+from ..imaging.iwe import contrast, events_in_roi
 from ..protocol.confidence import confidence, covariance, is_sure
 from ..protocol.flags import Flag
-from ..protocol.results import BatchResult
+from ..protocol.regions import MOST_STRIDE, Region
+from ..protocol.results import BatchResult, thins
 from ..protocol.settings import BatchSettings, clamp_roi
 from ..reference.integer.noise_filter import NoiseFilter
 from .columns import columns, csv_writer, row
 from .fit import LOST_BATCHES, FittedCutter
 from .replay import Replay
+
+_RESERVE = 1.3  # of events that a stride leaves room for: the rate is not the same in all batches
 
 
 @dataclass(frozen=True)
@@ -146,7 +149,7 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
     TrackedBatch or None
         None where the source has no events yet.
     """
-    for window in follow(OneRoi(engine), cutter, rois=[roi], batches=batches, consumers=[consumers]):
+    for window in follow(engine, cutter, rois=[roi], batches=batches, consumers=[consumers]):
         yield window and window[0]
 
 
@@ -155,8 +158,8 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
 
     Parameters
     ----------
-    engine : OneRoi or cmfpga.tracking.rows.Rows
-        Runs the batches; its configuration gives the run-time settings.
+    engine : Engine
+        Runs the batches, each object a row of its table; its configuration gives the run-time settings.
     cutter : BatchCutter
         Cuts the events; a :class:`~cmfpga.tracking.fit.FittedCutter` learns from each batch how long the next one is.
     rois : sequence of pair of int
@@ -172,16 +175,24 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
         Of the same events, each object's; None where the source has no events yet.
     """
     config, courses = engine.config, [_Course(engine.config, roi) for roi in rois]
-    size = config.roi_width, config.roi_height
+    size, usual = (config.roi_width, config.roi_height), BatchSettings.from_config(config)
     noise, filters = NoiseFilter(config), config.hot_pixels or config.background
     fitted, length = isinstance(cutter, FittedCutter), None
 
     def run(events, cold):
-        settings = [course.settings(cold) for course in courses]
-        marks = noise.judge(events.t, events.x, events.y, settings[0]) if filters else None
-        results = engine.run(events, settings)
-        told = zip(courses, results, settings, strict=True)
-        return results, marks, [course.replay.settings_of(result, one) for course, result, one in told]
+        settings = replace(usual, start_last=False) if cold else usual
+        # A core takes start_last, and keeps where its ROI is between pixels; a table has rows that begin anew.
+        restarted = config.regions and settings != usual
+        anew = {k for k, course in enumerate(courses) if course.start or restarted}
+        for k in anew:
+            courses[k].begin(events, courses[k].start or engine.places[k])
+        engine.write([course.row for course in courses], anew)
+        marks = noise.judge(events.t, events.x, events.y, settings) if filters else None
+        (together,) = engine.run(events, settings)
+        results = together.split()
+        asked = zip(courses, results, strict=True)
+        plans = [one.replay.settings_of(result, replace(settings, roi=one.start)) for one, result in asked]
+        return results, marks, plans
 
     if fitted:
         yield from cutter.survey(lambda events: run(events, True)[0], *((*roi, *size) for roi in rois))
@@ -193,7 +204,7 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
         # v is per half batch: that of a batch of another length is no start.
         results, marks, plans = run(events, fitted and len(events) != length)
         length, placed, window = len(events), seen(config, events), []
-        for course, result, (plan, thinning), stride in zip(courses, results, plans, engine.strides, strict=True):
+        for course, result, (plan, thinning) in zip(courses, results, plans, strict=True):
             start = course.go_on(result)
             batch = TrackedBatch(
                 index,
@@ -205,7 +216,7 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
                 confidence=confidence(config, result),
                 covariance=covariance(config, result),
                 plan=plan,
-                thinning=thinning * stride,
+                thinning=thinning * course.row.stride,
                 marks=marks,
                 roi_next=start or result.roi_next,
                 undistorted=placed if config.lens else None,
@@ -219,31 +230,6 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
             for consumer in takers:
                 consumer.add(batch)
         yield window
-
-
-class OneRoi:
-    """The one object of a core of one ROI, whose engine keeps its v and its place.
-
-    Attributes
-    ----------
-    places, strides, cycles
-        As of :class:`~cmfpga.tracking.rows.Rows`.
-    """
-
-    strides = (1,)
-
-    def __init__(self, engine):
-        self.config, self._engine, self.cycles = engine.config, engine, None
-
-    @property
-    def places(self):
-        return [self._engine.roi]
-
-    def run(self, events, settings):
-        """The :class:`BatchResult`, of the :class:`BatchSettings`; a list of one."""
-        result = self._engine.run(events, *settings)
-        self.cycles = result.cycles
-        return [result]
 
 
 def _which(result, marks):
@@ -260,17 +246,23 @@ class _Course:
     ----------
     start : pair of int or None
         Left column and top row of the next batch's ROI, px; None where the engine moves it.
+    row : Region
+        Its row of the engine's table.
     replay : Replay
     """
 
     def __init__(self, config, roi):
-        self._config, self.start, self.replay = config, roi, Replay(config)
+        self._config, self.start, self.row, self.replay = config, roi, None, Replay(config)
         self._doubtful, self._speed = 0, (0.0, 0.0)  # batches not trusted in a row; px per half µs
 
-    def settings(self, cold):
-        """Those of the next batch."""
-        settings = BatchSettings.from_config(self._config, self.start)
-        return replace(settings, start_last=False) if cold else settings
+    def begin(self, events, place):
+        """A new row at a place; of the events in it every so many are stored, so that the buffer holds them."""
+        config, stride = self._config, 1
+        if config.regions and not thins(config):
+            inside, _, _ = events_in_roi(seen(config, events), place, config.roi_width, config.roi_height)
+            while len(inside) * _RESERVE > stride * config.buffer_events and stride < 1 << MOST_STRIDE:
+                stride *= 2
+        self.row = Region.roi(config, place, stride)
 
     def go_on(self, result):
         """Choose ``start`` by the last batch's result, and return it."""
