@@ -65,7 +65,7 @@ def test_the_flow_between_tiles_is_bilinear_and_fills_what_is_not_trusted(slid):
     rising[lost] = dataclasses.replace(rising[lost], v=(9.0, 9.0), flags=Flag.DOUBTFUL)
     coarse = slid.result.regions[: -len(slid.tiles)]
     told = dataclasses.replace(slid.result, regions=(*coarse, *rising))
-    made = Window(0, slid.config, slid.tiles, slid.events, told)
+    made = Window(0, slid.config, slid.events, told, slid.tiles)
     x, y = np.array([15.5, 40.0, 111.5, 200.0, 15.5]), np.array([15.5, 47.5, 20.0, 15.5, -50.0])
     vx, vy = made.flow_at(x, y)
     assert vx[0] == pytest.approx(0.0) and vx[2:4] == pytest.approx([0.96, 0.96]) and vx[4] == pytest.approx(0.0)
@@ -102,7 +102,7 @@ def test_rows_are_those_of_the_tiles(slid):
 
 def test_a_window_without_events(slid):
     nothing = BatchResult.nothing(*[{"roi": one.roi, "roi_next": one.roi, "v": one.v} for one in slid.result.regions])
-    empty = Window(3, slid.config, slid.tiles, slid.events[:0], nothing)
+    empty = Window(3, slid.config, slid.events[:0], nothing, slid.tiles)
     assert empty.t_ref is None and empty.moved is None and not empty.trusted.any()
     assert all(row[1] == "" and row[-1] == "degenerate" for row in empty.rows())
     assert all((image == 0).all() for image in empty.images())

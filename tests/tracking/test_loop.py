@@ -1,6 +1,7 @@
 """The tracker: settings, ROIs and batches in order, and the rows of the CSV, with engines and cutters made up here."""
 
 import csv
+import dataclasses
 import io
 
 import numpy as np
@@ -196,7 +197,7 @@ def test_half_a_microsecond_of_a_unix_time_is_kept():
     start = 1_700_000_000_000_000
     batch = one(Recorder(), t=range(start, start + 102))
     assert batch.row()[1] == "1700000000000050.0"
-    batch = TrackedBatch(0, batch.events, batch.result, start + 0.5, 0.0, Flag(0))
+    batch = TrackedBatch(0, CONFIG, batch.events, dataclasses.replace(batch.result, span=1))
     assert batch.row()[1] == "1700000000000000.5"
 
 

@@ -16,7 +16,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.fit import FittedCutter, batch_cutter
 from cmfpga.tracking.loop import follow
-from cmfpga.tracking.rows import with_rows
+from cmfpga.tracking.source import with_rows
 from support.regions import CONFIGS, without_clock
 from support.values import required
 
@@ -276,7 +276,7 @@ def test_the_fastest_that_is_trusted_chooses_the_length():
                 outside=51, **known,
             ))  # fmt: skip
             batches.append(type("Batch", (), {"result": result}))
-        cutter.add(*batches)
+        cutter.add(batches)
         return cutter.size
 
     assert [after(True, True), after(True, False), after(False, True), after(False, False)] == [30, 120, 30, 60]

@@ -125,7 +125,8 @@ def _measure(options, recording, config, tiles, folder):
         if options.fit:
             files.append(folder / FITS)
             write_fit = fit_writer(opened(FITS))
-        for window in tqdm(run, total=_total(options, recording, config.slices), unit="window", disable=None):
+        count = cli.expected(recording, run.cutter, options.start_event, options.windows, config.slices)
+        for window in tqdm(run, total=count, unit="window", disable=None):
             found.add(window)
             write(window)
             fitted = found.fitted(window.index) if options.fit else None
@@ -156,22 +157,6 @@ def _title(window, found):
     shares = f"{int(window.trusted.sum())} of {len(window.tiles)} tiles to be trusted"
     when = "no events" if window.t_ref is None else f"{window.t_ref / 1e6:.6g} s"
     return f"{found.recording}: window {window.index}, {when}, {len(window.events)} events; {shares}"
-
-
-def _total(options, recording, slices):
-    """Number of windows that will come, as far as it can be known soon."""
-    if not sys.stderr.isatty() or (extent := recording.extent()) is None:
-        return options.windows
-    events, last = extent
-    if options.window_events:
-        whole = (events - options.start_event) * slices // options.window_events
-    elif options.window_us:
-        first = next(recording.chunks(options.start_event, 1), None)
-        whole = 0 if first is None else (last - int(first.t[0])) * slices // options.window_us
-    else:
-        return options.windows
-    whole = max(0, whole - slices + 1)
-    return min(whole, options.windows or whole)
 
 
 def _summarise(options, found, files, errors):

@@ -14,10 +14,9 @@ from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from ..errors import ConfigError
 from ..events import LiveSource, generate, open_source
 from ..show.gallery import picture_path
-from ..tracking.fit import FittedCutter, batch_cutter
+from ..tracking.fit import batch_cutter
 from ..tracking.loop import follow
-from ..tracking.rows import with_rows
-from ..tracking.source import sensor_fields, unit_note, whole_sensor
+from ..tracking.source import sensor_fields, unit_note, whole_sensor, with_rows
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from .lines import Lines, Truth, print_summary
 
@@ -250,9 +249,9 @@ def _track(options, objects, recording, folder, motion):
             consumers=[(one, *one.consumers) for one in objects],
         )  # fmt: skip
         live = isinstance(recording, LiveSource)
-        total = _total(options, recording, cutter) if _shows_bar() else None
+        count = cli.expected(recording, cutter, options.start_event, options.batches)
         try:
-            for window in tqdm(running, total=total, unit="batch", disable=live or None):
+            for window in tqdm(running, total=count, unit="batch", disable=live or None):
                 if window and engine.cycles is not None:
                     cycles.append(engine.cycles)
         except KeyboardInterrupt:
@@ -264,20 +263,3 @@ def _track(options, objects, recording, folder, motion):
     for one in objects:
         one.finish()
     return engine.name, cycles
-
-
-def _shows_bar():
-    return sys.stderr.isatty()  # as tqdm decides
-
-
-def _total(options, recording, cutter):
-    """Number of batches that will come, as far as it can be known soon."""
-    if cutter.mode == "roi_events" or isinstance(cutter, FittedCutter) or (extent := recording.extent()) is None:
-        return options.batches
-    events, last = extent
-    if cutter.mode == "events":
-        whole = (events - options.start_event) // cutter.size
-    else:
-        first = next(recording.chunks(options.start_event, 1))
-        whole = (last - int(first.t[0])) // cutter.size
-    return min(whole, options.batches or whole)

@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from ..imaging.camera import nearest, seen
+from ..imaging.camera import nearest
 from ..imaging.iwe import dithered, image_of_warped_events
 from ..imaging.survey.places import box_sums
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
+from ..tracking.loop import Measured
 
 #: Columns of ``flow.csv``: format and meaning.
 COLUMNS = {
@@ -29,28 +30,17 @@ COLUMNS = {
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class Window(Measured):
     """What was found in one window. ``n`` tiles are in the order of :attr:`Tiles.corners`.
 
     Parameters
     ----------
-    index : int
-        From 0.
-    config : Config
     tiles : Tiles
-    events : Batch
-        All events of the window.
-    result : BatchResult
-        What the engine returned.
     cycles : int or None
         Clock cycles from the offer of its first event to the last result; None of engines without a clock.
     """
 
-    index: int
-    config: Any
     tiles: Any
-    events: Any
-    result: Any
     cycles: int | None = None
 
     def _each(self, value, none):
@@ -95,20 +85,9 @@ class Window:
         return found / max(self.half_s, 1e-9) ** 2
 
     @property
-    def half_s(self):
-        """Half of the window's time range, s."""
-        return self.result.span / 2e6
-
-    @property
-    def t_ref(self):
-        """Middle of the window's time range, µs; None without events."""
-        return float(self.events.t[0]) + self.result.span / 2 if len(self.events) else None
-
-    @property
     def outside(self):
         """Events off the undistorted image; they are in no tile."""
-        at = seen(self.config, self.events)
-        return int((~nearest(self.config, at.x, at.y)[2]).sum())
+        return int((~nearest(self.config, self.seen.x, self.seen.y)[2]).sum())
 
     @property
     def moved(self):
@@ -125,7 +104,7 @@ class Window:
     def centres(self):
         """Mean position of the events of each tile, px: float64 [n, 2]; of an empty one its middle."""
         size = self.config.sensor_height, self.config.sensor_width
-        at = seen(self.config, self.events)
+        at = self.seen
         column, row, inside = nearest(self.config, at.x, at.y)
         pixel, x, y = (row * size[1] + column)[inside], at.x[inside], at.y[inside]
         left, top = np.array(self.tiles.corners).T
@@ -182,8 +161,7 @@ class Window:
         size = {"width": self.config.sensor_width, "height": self.config.sensor_height}
         if not self.half_s:
             return (np.zeros((size["height"], size["width"])),) * 2
-        at = seen(self.config, self.events)
-        x, y = dithered(np.asarray(at.x, np.float64), np.asarray(at.y, np.float64))
+        x, y = dithered(np.asarray(self.seen.x, np.float64), np.asarray(self.seen.y, np.float64))
         dt = np.clip((2 * (self.events.t - self.events.t[0]) - self.result.span) / self.result.span, -1, 1)
         still = image_of_warped_events(x, y, dt, (0.0, 0.0), **size)
         return still, image_of_warped_events(x, y, dt, self.flow_at(x, y), **size)

@@ -116,15 +116,10 @@ class Accelerator:
         Parameters
         ----------
         recording : EventSource, or path
-            A recording, or another :class:`cmfpga.events.EventSource`.
-        roi : pair of int
-            Left column and top row of the first batch's ROI, px.
-        batches : int, optional
-            Stop after these; by default at the end of the recording.
+        roi, batches, consumers
+            As of :func:`cmfpga.tracking.loop.track`.
         start_event : int
             First event.
-        consumers : sequence of cmfpga.tracking.loop.Consumer
-            Each takes every batch, such as a :class:`cmfpga.tracking.loop.CsvConsumer`.
         events, duration_us, roi_events : int, optional
             One of them: what makes a batch complete, as :class:`cmfpga.events.BatchCutter` has it. Without, batches
             suit the motion (:func:`cmfpga.tracking.fit.batch_cutter`).
