@@ -132,7 +132,8 @@ class List(list):
 def test_consumers_take_each_batch_before_it_is_yielded():
     file, taken = io.StringIO(), List()
     cutter = BatchCutter(recording(range(0, 1000, 10)), events=30, max_events=1000)
-    for count, batch in enumerate(track(Recorder(), cutter, roi=(4, 5), consumers=[taken, CsvConsumer(file)]), 1):
+    takers = [taken, CsvConsumer(file, CONFIG)]
+    for count, batch in enumerate(track(Recorder(), cutter, roi=(4, 5), consumers=takers), 1):
         assert len(taken) == count and taken[-1] is batch
     lines = file.getvalue().split("\n")
     assert lines == [",".join(COLUMNS), *(",".join(batch.row()) for batch in taken), ""] and len(taken) == 3
@@ -153,8 +154,7 @@ def test_columns_are_those_that_users_read():
 def test_columns_show_what_they_declare():
     batch = one(Recorder(cycles=4711))
     for column in COLUMNS.values():
-        assert (column.field is None) != (column.value is None)
-        shown = column.of(batch)
+        shown = column.value(batch)
         assert isinstance(shown, column.dtype) or (shown is None and column.may_be_missing)
         assert column.title and column.doc
     missing = one(Recorder(flags=Flag.DEGENERATE, span=0)).values

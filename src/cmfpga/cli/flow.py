@@ -9,17 +9,19 @@ from tqdm import tqdm
 
 from .. import cli
 from ..api.flow import ENGINE, PRESET, configure
-from ..api.flow_result import ARRAYS, CSV, FITS, Flow, csv_writer, fit_writer
+from ..api.flow_result import ARRAYS, CSV, FITS, Flow, fit_columns
 from ..dense.demo import CAMERA, scene
 from ..dense.demo import errors as demo_errors
 from ..dense.fields import MODELS, check
 from ..dense.run import Run
+from ..dense.window import TABLE
 from ..engines import AXI, ENGINES, open_engine
 from ..errors import naming
 from ..events import open_recording
 from ..show.flow.page import Page
 from ..show.flow.pictures import SUFFIXES, save
 from ..show.gallery import picture_path
+from ..tracking.columns import csv_writer
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 
 EXAMPLES = (
@@ -121,17 +123,18 @@ def _measure(options, recording, config, tiles, folder):
             stack.enter_context(naming(path))
             return stack.enter_context(path.open("w", newline="", encoding="utf-8"))
 
-        write = csv_writer(opened(CSV), config)
+        write = csv_writer(opened(CSV), TABLE, config.image)
         if options.fit:
             files.append(folder / FITS)
-            write_fit = fit_writer(opened(FITS))
+            write_fit = csv_writer(opened(FITS), fit_columns(options.fit))
         count = cli.expected(recording, run.cutter, options.start_event, options.windows, config.slices)
         for window in tqdm(run, total=count, unit="window", disable=None):
             found.add(window)
-            write(window)
+            for row in window.rows():
+                write(row)
             fitted = found.fitted(window.index) if options.fit else None
             if fitted:
-                write_fit(fitted)
+                write_fit(fitted.values())
             if not options.no_picture:
                 page.add(window, fitted)
             if options.every_picture:

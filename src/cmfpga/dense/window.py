@@ -11,22 +11,56 @@ from ..imaging.iwe import dithered, image_of_warped_events
 from ..imaging.survey.places import box_sums
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
+from ..tracking.columns import Column, declared
 from ..tracking.loop import Measured
 
-#: Columns of ``flow.csv``: format and meaning.
-COLUMNS = {
-    "window": ("{}", "number of the window, from 0"),
-    "t_ref_us": ("{:.1f}", "middle of the window's time range, µs on the recording's clock; empty without events"),
-    "x": ("{}", "left column of the tile, px"),
-    "y": ("{}", "top row of the tile, px"),
-    "width": ("{}", "width of the tile, px"),
-    "height": ("{}", "height of the tile, px"),
-    "events": ("{}", "events of the tile that the flow is found from"),
-    "vx_px_per_s": ("{:.3f}", "flow to the right, px/s; empty of a degenerate tile"),
-    "vy_px_per_s": ("{:.3f}", "flow downwards, px/s"),
-    "confidence": ("{:.3f}", "κ, 1/px²: how sharp the contrast's peak is; empty where it was not measured"),
-    "flags": ("{}", "names of the flags that are set, joined by `|`"),
-}
+_MAY = {"text": "{:.3f}", "may_be_missing": True}
+
+#: What ``flow.csv`` and ``flow.npz`` hold, of a :class:`Window`. Only what has a shape is in the arrays: of W windows,
+#: n tiles, and the p parameters of a fit.
+COLUMNS = declared(
+    Column(name="window", dtype=int, doc="number of the window, from 0", value=lambda w: w.index),
+    Column(name="t_ref_us", unit="µs", value=lambda w: w.t_ref, **_MAY | {"text": "{:.1f}"},
+           doc="middle of the window's time range, on the recording's clock; empty without events"),
+    Column(name="x", dtype=int, unit="px", shape="[n]", value=lambda w: np.array(w.tiles.corners)[:, 0],
+           doc="left column of the tile; in the undistorted image, where there is a calibration"),
+    Column(name="y", dtype=int, unit="px", shape="[n]", value=lambda w: np.array(w.tiles.corners)[:, 1],
+           doc="top row of the tile"),
+    Column(name="width", dtype=int, unit="px", doc="width of the tile", value=lambda w: w.tiles.width),
+    Column(name="height", dtype=int, unit="px", doc="height of the tile", value=lambda w: w.tiles.height),
+    Column(name="size", dtype=int, unit="px", text=None, shape="[2]", doc="width and height of the tiles",
+           value=lambda w: (w.tiles.width, w.tiles.height)),
+    Column(name="grid", dtype=int, text=None, shape="[2]", doc="rows and columns of the grid; tiles are row by row",
+           value=lambda w: (len(w.tiles.rows), len(w.tiles.columns))),
+    Column(name="t", dtype=int, unit="µs", text=None, shape="[W, 2]", doc="times of the window's first and last event",
+           value=lambda w: [int(w.events.t[0]), int(w.events.t[-1])] if len(w.events) else [-1, -1]),
+    Column(name="first_event", dtype=int, text=None, shape="[W]", value=lambda w: w.events.first_event,
+           doc="number in the recording of the window's first event"),
+    Column(name="window_events", dtype=int, text=None, shape="[W]", value=lambda w: len(w.events),
+           doc="events of the window, of the whole sensor"),
+    Column(name="events", dtype=int, shape="[W, n]", value=lambda w: w.counts,
+           doc="events of the tile that the flow is found from; above `buffer_events` they are thinned evenly"),
+    Column(name="vx_px_per_s", unit="px/s", value=lambda w: w.px_per_s[:, 0], **_MAY,
+           doc="flow to the right; empty of a degenerate tile"),
+    Column(name="vy_px_per_s", unit="px/s", value=lambda w: w.px_per_s[:, 1], **_MAY, doc="flow downwards"),
+    Column(name="v", unit="px/s", text=None, shape="[W, n, 2]", value=lambda w: w.px_per_s,
+           doc="flow; NaN of degenerate tiles"),
+    Column(name="confidence", unit="1/px²", shape="[W, n]", value=lambda w: w.kappa, **_MAY,
+           doc="κ, how sharp the contrast's peak is; empty, or NaN, where it was not measured"),
+    Column(name="covariance", unit="(px/s)²", text=None, shape="[W, n, 3]", value=lambda w: w.covariance,
+           doc="of the flow: xx, yy, xy; in which direction an edge leaves v open; NaN of tiles that are not trusted"),
+    Column(name="flags", dtype=int, shape="[W, n]", value=lambda w: w.flags, text=lambda bits: Flag(bits).text,
+           doc="names of the flags that are set, joined by `|`, or their bits; `doubtful`: not to be trusted"),
+    Column(name="trusted", dtype=int, text=None, shape="[W, n]", value=lambda w: w.trusted,
+           doc="neither degenerate nor doubtful"),
+    Column(name="centres", unit="px", text=None, shape="[W, n, 2]", value=lambda w: w.centres,
+           doc="mean position of the events of the tile"),
+    Column(name="fit", text=None, shape="[W, p]", doc="with a fit: its parameters, in the order of `fit.csv`"),
+    Column(name="fit_errors", text=None, shape="[W, p]", doc="their standard deviations"),
+)  # fmt: skip
+
+#: Those of the CSV.
+TABLE = {name: column for name, column in COLUMNS.items() if column.text}
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,12 +152,9 @@ class Window(Measured):
 
     def rows(self):
         """Text of the window's rows of ``flow.csv``."""
-        t_ref = "" if self.t_ref is None else COLUMNS["t_ref_us"][0].format(self.t_ref)
-        told = zip(self.tiles.corners, self.counts, self.px_per_s, self.kappa, self.flags, strict=True)
-        for (x, y), count, v, kappa, flags in told:
-            numbers = {"vx_px_per_s": v[0], "vy_px_per_s": v[1], "confidence": kappa}
-            texts = ("" if np.isnan(value) else COLUMNS[name][0].format(value) for name, value in numbers.items())
-            yield (self.index, t_ref, x, y, self.tiles.width, self.tiles.height, count, *texts, Flag(int(flags)).text)
+        values = ((column, np.asarray(column.value(self))) for column in TABLE.values())
+        every = ((column, np.broadcast_to(value, len(self.tiles)).tolist()) for column, value in values)
+        return zip(*([*map(column.shown, each)] for column, each in every), strict=True)
 
     def flow_at(self, x, y):
         """The flow between the middles of the tiles, px per half window: float64 [2, n].

@@ -190,7 +190,7 @@ class TrackedBatch(Measured):
     @functools.cached_property
     def values(self):
         """``{name: value}`` of the :func:`~cmfpga.tracking.columns.columns`; None where there is no value."""
-        return {name: column.of(self) for name, column in columns(self.config.motion).items()}
+        return {name: column.value(self) for name, column in columns(self.config.motion).items()}
 
     def row(self):
         """The same as text, as in ``track.csv``."""
@@ -198,14 +198,14 @@ class TrackedBatch(Measured):
 
 
 class CsvConsumer:
-    """A consumer that writes ``track.csv`` as the batches come; ``how`` as of :func:`~.columns.csv_writer`."""
+    """A consumer that writes ``track.csv`` as the batches of a configuration come."""
 
-    def __init__(self, file, *how):
-        self._write = csv_writer(file, *how)
+    def __init__(self, file, config):
+        self._write = csv_writer(file, columns(config.motion), config.image)
 
     def add(self, batch):
         """Write a batch's line."""
-        self._write(batch.values)
+        self._write(batch.row())
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=()):
