@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from cmfpga.config import Config, preset
+from cmfpga.dense.window import COLUMNS as FLOW
 from cmfpga.fpga import resources
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
@@ -32,17 +33,19 @@ def flags_table():
     return table(("flag", "bit", "meaning"), rows, right=(1,))
 
 
-def csv_table():
-    rows = [(f"`{column.name}`", column.unit, column.doc.replace("|", "\\|")) for column in COLUMNS.values()]
-    return table(("column", "unit", "meaning"), rows)
+def columns_table(columns, head="column"):
+    """What is declared of columns; of arrays with their shapes."""
+    columns = columns.values()
+    more = [name for name in ("shape", "unit") if any(getattr(column, name) for column in columns)]
+    rows = [(f"`{one.name}`", *(getattr(one, name) for name in more), one.doc.replace("|", "\\|")) for one in columns]
+    return table((head, *more, "meaning"), rows)
 
 
 def sweep_table():
     """Columns of a sweep's results; pandas need not be installed for the other tables."""
     from cmfpga.sweep.tables import RESULTS
 
-    rows = [(f"`{name}`", meaning) for name, (_, meaning) in RESULTS.items()]
-    return table(("column of `results`", "meaning"), rows)
+    return columns_table(RESULTS, "column of `results`")
 
 
 def fields_table():
@@ -101,7 +104,8 @@ DECLARED = {
     "region_registers": region_registers_table,
     "motion_registers": motion_registers_table,
     "flags": flags_table,
-    "csv": csv_table,
+    "csv": lambda: columns_table(COLUMNS),
+    "flow_columns": lambda: columns_table(FLOW, "column, or array with this shape"),
     "sweep": sweep_table,
     "fields": fields_table,
     "resources_fast": lambda: resources_table("fast"),

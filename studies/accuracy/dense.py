@@ -17,7 +17,7 @@ from cmfpga.dense import fit_field
 from cmfpga.dense.demo import CAMERA, ROTATION, scene
 from cmfpga.dense.run import Run
 from cmfpga.dense.tiles import TILE
-from cmfpga.engines.regions import RegionEngine
+from cmfpga.engines import make_engine
 from cmfpga.events import Events, MemoryRecording, open_recording
 from cmfpga.imaging.camera import Camera, seen
 
@@ -78,7 +78,7 @@ def _row(options, name, recording, report, share=1.0, tile=TILE, *, camera=None,
     events = Events.concatenate(recording.chunks())[: config.max_batch_events]
     events = events[: int(len(events) * share)]
     recording = MemoryRecording(events, config.sensor_width, config.sensor_height)
-    with closing(RegionEngine(options.engine, config)) as engine:
+    with closing(make_engine(options.engine, config)) as engine:
         (window,) = Run(recording, engine, tiles, window_events=len(events), windows=1)
     held = np.array([one.roi_events + one.thinned + one.overflow for one in tiles.of(window.result)])
     chosen = (held >= FEWEST) & np.isfinite(window.v[:, 0])

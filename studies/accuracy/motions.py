@@ -109,7 +109,7 @@ def run_motion(options, config, report):
         cases = [(seed, index) for seed in options.seeds for index in range(options.batches)]
         for case in report.progress(cases):
             events, true = scene(config, *case)
-            found.append(flow_errors(config, engine.run(events, settings).v, true))
+            found.append(flow_errors(config, engine.run(events, settings)[0].v, true))
         if config.confidence:
             _confidence(options, engine, settings, report)
     rows = []
@@ -131,7 +131,7 @@ def _confidence(options, engine, settings, report):
     for seed in options.seeds:
         for index in report.progress(range(CUTS * options.batches)):
             events, true = cut(config, seed, index)
-            result = engine.run(events, settings)
+            result = engine.run(events, settings)[0]
             if (kappa := confidence(config, result)) is not None:
                 told.append((*flow_errors(config, result.v, true), kappa, is_sure(result)))
     told, rows = np.array(told).reshape(-1, 4), []
@@ -159,7 +159,7 @@ def _real(options, config, report):
             events, camera = Events.concatenate(recording.chunks()), calibration_of(file, path).camera
         best = search(rotation(camera, events.x, events.y), events.t).at_middle
         with closing(make_engine(options.engine, config.replace(camera=camera.text))) as engine:
-            result = engine.run(events, BatchSettings.from_config(engine.config, roi=(0, 0)))
+            result = engine.run(events, BatchSettings.from_config(engine.config, roi=(0, 0)))[0]
             omega = np.array([*rates(engine.config, result.v, result.span).values()])
             size = {"events": result.events, "roi_events": result.roi_events}
             cycles = Core(engine.config).cycles(**size, iterations=engine.config.schedules.cold)

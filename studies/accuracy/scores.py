@@ -29,7 +29,7 @@ def run_case(engine, case, *, warm=False):
         v_start=tuple(config.formats.v.raw(axis) for axis in start),
         cold=settings.warm if warm else settings.cold,
     )
-    return engine.run(case.events, settings)
+    return engine.run(case.events, settings)[0]
 
 
 def errors(engine, cases, *, warm=False, progress=iter):

@@ -77,11 +77,11 @@ def _recorded(data):
 
 
 def _hardware(config, tiles, settings, events, clock):
-    from cmfpga.verilog.simulation.regions import VerilatedRegions
+    from cmfpga.verilog.simulation.core import VerilatedCore
 
-    simulated = VerilatedRegions(config)
+    simulated = VerilatedCore(config)
     simulated.write(tiles.regions)
-    *_, last = simulated.stream([(events.t, events.x, events.y)] * WINDOWS, settings)
+    *_, last = simulated.results([(events.t, events.x, events.y)] * WINDOWS, settings)
     period = (simulated.finished[-1] - simulated.finished[0]) / (WINDOWS - 1)
     first = simulated.finished[0] - simulated.offered[0] - len(events)
     simulated.close()

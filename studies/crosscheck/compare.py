@@ -6,15 +6,14 @@ import dataclasses
 import numpy as np
 
 from cmfpga.engines import make_engine
-from cmfpga.engines.rtl import to_batch_result
 from cmfpga.events import Events
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, clamp_roi, settings_values
+from cmfpga.protocol.trace import to_batch_result
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.regions import RegionSequence
 from cmfpga.verilog.compiler import cannot_compile
 from cmfpga.verilog.simulation.core import VerilatedCore
-from cmfpga.verilog.simulation.regions import VerilatedRegions
 
 from .batches import (
     PATTERNS,
@@ -69,13 +68,13 @@ def _one_by_one(config, rng):
     limit = SLOW_CYCLES if cannot_compile() else CYCLES
     counts, cycles = np.zeros(2, int), 0
     for number in range(BATCHES):
-        settings, roi = random_settings(config, rng, model.roi)
+        settings, roi = random_settings(config, rng, model.places[0])
         if number == 0:
             settings = BatchSettings.from_config(config, roi)
         name, events = random_events(config, rng, roi)
         if rng.random() < 0.05:
             name, events = "nothing", Events.empty()
-        expected, found = model.run(events, settings), rtl.run(events, settings)
+        expected, found = model.run(events, settings)[0], rtl.run(events, settings)[0]
         where = f"batch {number} ({name})"
         _same(where, found, expected)
         if found.iterations and found.events >= core.shortest_batch:
@@ -95,9 +94,8 @@ def _back_to_back(config, rng):
     counts = np.zeros(2, int)
     for number in range(RUNS):
         if number and rng.random() < 0.5:
-            settings, roi = random_settings(config, rng, model.roi)
-            core.write_tables(settings)
-            _reset_in_mid_batch(core, rng, random_events(config, rng, roi)[1], settings_values(config, settings))
+            settings, roi = random_settings(config, rng, model.places[0])
+            _reset_in_mid_batch(core, rng, random_events(config, rng, roi)[1], settings)
             model = None
         model = model or make_engine("model", config)
         counts += compare_stream(core, rng, BATCHES // RUNS + 1, **_pauses(rng), model=model)
@@ -114,22 +112,22 @@ def _reset_in_mid_batch(core, rng, events, settings):
     """Somewhere between a batch's first event and its last result; or behind it, where it is over sooner."""
     with contextlib.suppress(TimeoutError):
         most = int(np.exp(rng.uniform(0, np.log(20 * len(events) + 2000))))
-        core.run(events.t, events.x, events.y, settings, max_cycles=most)
+        core.results([(events.t, events.x, events.y)], settings, max_cycles=most)
     core.reset(int(rng.integers(1, 4)))
 
 
 def _tables_of_regions(config, rng):
     """Runs of batches; before each the table is new, changed or as it was, or the hardware is reset in mid-batch."""
-    hardware, model = VerilatedRegions(config, seed=int(rng.integers(1, 1 << 30))), None
+    hardware, model = VerilatedCore(config, seed=int(rng.integers(1, 1 << 30))), None
     counts, cycles, number = np.zeros(2, int), 0, 0
     while number < RUNS or (cycles < CYCLES and counts[1] < ITERATIONS and number < BATCHES):
-        settings, regions, anew = random_settings(config, rng, (0, 0))[0], hardware.regions, ()
+        settings, regions, anew = random_settings(config, rng, (0, 0))[0], hardware.table.regions, ()
         if model is None or rng.random() < 0.2:
             if regions:
                 _reset_in_mid_batch(hardware, rng, events_of(config, rng, regions), settings)
             model = RegionSequence(IntegerCore(config))
             hardware.reset()
-            model.write(hardware.regions)
+            model.write(hardware.table.regions)
         if not regions or rng.random() < 0.3:
             regions = random_regions(config, rng)
         elif rng.random() < 0.5:
@@ -139,7 +137,7 @@ def _tables_of_regions(config, rng):
             one.write(regions, anew)
         events = [events_of(config, rng, regions) for _ in range(rng.integers(1, 5))]
         batches, pauses = [(one.t, one.x, one.y) for one in events], _pauses(rng)
-        found = hardware.stream(
+        found = hardware.results(
             batches,
             settings,
             gaps=_late(rng, sum(map(len, events)), 40, pauses["gaps"]),
@@ -190,24 +188,24 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
     """
     config, model = core.config, model or make_engine("model", core.config)
     fixed = random_schedules(config, rng) if config.ascent_rule.has_table else {}
-    fixed |= {"hot_mask": random_mask(config, rng, model.roi), "camera": random_lens(config, rng)}
+    fixed |= {"hot_mask": random_mask(config, rng, model.places[0]), "camera": random_lens(config, rng)}
     batches, rows, expected, cycles = [], [], [], 0
     while len(batches) < most and cycles < CYCLES:
-        settings, roi = random_settings(config, rng, model.roi)
+        settings, roi = random_settings(config, rng, model.places[0])
         settings = dataclasses.replace(settings, **fixed)
         if batches and rng.random() < 0.7:
-            settings, roi = dataclasses.replace(settings, roi=None), model.roi
+            settings, roi = dataclasses.replace(settings, roi=None), model.places[0]
         _, events = random_events(config, rng, roi)
         batches.append((events.t, events.x, events.y))
         rows.append(settings_values(config, settings))
-        expected.append(model.run(events, settings))
+        expected.append(model.run(events, settings)[0])
         done = expected[-1]
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
     core.write_tables(settings)
     late = _late(rng, sum(len(t) for t, _, _ in batches), 40, gaps)
     results, traces = core.stream(batches, rows, gaps=late, stalls=_late(rng, len(batches), 3000, stalls))
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
-        _same(f"batch {number} (back to back)", to_batch_result(config, ports, trace), expected[number])
+        _same(f"batch {number} (back to back)", to_batch_result(config, [ports], [trace]), expected[number])
     return np.array([len(batches), sum(result.iterations for result in expected)])
 
 

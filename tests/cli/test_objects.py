@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from cmfpga import cli
 from cmfpga.cli import track
 from cmfpga.events import Events, generate, write_hdf5
 from cmfpga.verilog.compiler import find_compiler
@@ -150,7 +151,7 @@ def test_two_that_are_found(command, tmp_path, two, how):
     (["--roi", "auto", "--roi", "auto", "--objects", "2"], "--objects: one --roi auto"),
     (["--roi", "auto", "--objects", "5"], "argument --objects: '5': 1 to 4 is needed"),
     ([*TWO, "--wave", "0"], "--wave: waveforms are those of a core of one ROI; one --roi, and no regions, are needed"),
-    ([*TWO, "--engine", "serial:/dev/x"], "engine 'serial:/dev/x': one of rtl, axi, model, float is needed where"),
+    ([*TWO, "--engine", "serial:/dev/x"], "serial port /dev/x: "),
     ([*TWO, "--preset", "paper"], "several objects are regions of one hardware, which this cannot have: regions = 32: "
      "gradient = one_pass is needed; without --preset and --set it can, and with one --roi it need not"),
     ([*TWO, "--preset", "objects", "--set", "regions=1"], "regions = 1: 2 objects need as many; --set regions=2"),
@@ -191,9 +192,9 @@ def test_the_bar_knows_how_many_batches_come(command, tmp_path, monkeypatch, siz
         for name, column in (("t", events.t), ("x", events.x), ("y", events.y), ("on", events.p)):
             table[name] = column
         faery.events_stream_from_array(table, (240, 180)).to_file(path, zero_t0=False)
-    totals, counted = [], track._total
-    monkeypatch.setattr(track, "_total", lambda *given: totals.append(counted(*given)) or totals[-1])
-    monkeypatch.setattr(track, "_shows_bar", lambda: True)
+    totals, counted = [], cli.expected
+    monkeypatch.setattr(cli, "expected", lambda *given: totals.append(counted(*given)) or totals[-1])
+    monkeypatch.setattr(cli, "shows_bar", lambda: True)
     options = ["--preset", "fast", "--engine", "model", "--no-picture", "--set", "cold=0:0", "--set", "warm=0:0"]
     for start, most in ((0, None), (1234, None), (0, 2)):
         done = command(

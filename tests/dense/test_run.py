@@ -8,7 +8,7 @@ from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording, generate
 from cmfpga.protocol.regions import Region, RegionTable
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.verilog.simulation.regions import VerilatedRegions
+from cmfpga.verilog.simulation.core import VerilatedCore
 from support.flowing import FIELDS, measured
 
 
@@ -95,7 +95,7 @@ def test_a_pause_does_not_end_a_run(sliding, slices):
     assert len(with_events) < len(held)
     if slices == 1:
         assert [len(window.events) for window in windows] == [*map(len, held)] and not run.passed_over
-        assert all((window.result is None) == (not len(part)) for window, part in zip(windows, held, strict=True))
+        assert all(window.result.events == len(part) for window, part in zip(windows, held, strict=True))
         return
     assert run.passed_over == len(held) - len(with_events)
     assert len(windows) == len(with_events) - slices + 1 and [w.index for w in windows] == [*range(len(windows))]
@@ -116,7 +116,7 @@ def test_windows_larger_than_the_hardware(sliding):
 def test_a_simulation_waits_for_whole_windows(monkeypatch):
     """Of objects with 16 slices: for as many events as the slices before may have, not only for those of the last."""
     config = preset("objects").replace(slices=16)
-    hardware, waited = object.__new__(VerilatedRegions), []
+    hardware, waited = object.__new__(VerilatedCore), []
     hardware.config, hardware.table = config, RegionTable(config)
     hardware.write([Region(x=9, y=9, width=64, height=64)] * 32)
 
@@ -127,6 +127,6 @@ def test_a_simulation_waits_for_whole_windows(monkeypatch):
     for name, does in (("_drive", driven), ("write_tables", lambda settings: None), ("_patience", lambda *_: 0)):
         monkeypatch.setattr(hardware, name, does, raising=False)
     with pytest.raises(TimeoutError):
-        hardware.run(*np.zeros((3, 1), np.int64), chosen := BatchSettings.from_config(config, roi=(0, 0)))
+        hardware.results([np.zeros((3, 1), np.int64)], chosen := BatchSettings.from_config(config, roi=(0, 0)))
     iterations = len(chosen.cold) * config.buffer_events
     assert waited[0] > 32 * (iterations + 15 * config.slice_events)

@@ -7,11 +7,11 @@ import io
 import numpy as np
 import pytest
 
-from cmfpga.api.flow_result import csv_writer
-from cmfpga.dense.window import COLUMNS, Window
+from cmfpga.dense.window import TABLE, Window
 from cmfpga.imaging.camera import seen
 from cmfpga.imaging.iwe import dithered, image_of_warped_events
 from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.results import BatchResult
 from support.flowing import CAMERA, OMEGA, VELOCITY, measured
 
 
@@ -64,7 +64,7 @@ def test_the_flow_between_tiles_is_bilinear_and_fills_what_is_not_trusted(slid):
     rising[lost] = dataclasses.replace(rising[lost], v=(9.0, 9.0), flags=Flag.DOUBTFUL)
     coarse = slid.result.regions[: -len(slid.tiles)]
     told = dataclasses.replace(slid.result, regions=(*coarse, *rising))
-    made = Window(0, slid.config, slid.tiles, slid.events, told)
+    made = Window(0, slid.config, slid.events, told, slid.tiles)
     x, y = np.array([15.5, 40.0, 111.5, 200.0, 15.5]), np.array([15.5, 47.5, 20.0, 15.5, -50.0])
     vx, vy = made.flow_at(x, y)
     assert vx[0] == pytest.approx(0.0) and vx[2:4] == pytest.approx([0.96, 0.96]) and vx[4] == pytest.approx(0.0)
@@ -86,9 +86,9 @@ def test_moved_back_the_events_are_nearly_as_sharp_as_at_the_true_motion(slid):
 
 def test_rows_are_those_of_the_tiles(slid):
     file = io.StringIO()
-    csv_writer(file, slid.config)(slid)
+    csv.writer(file).writerows([[*TABLE], *slid.rows()])
     rows = [*csv.DictReader(io.StringIO(file.getvalue()))]
-    assert [*rows[0]] == [*COLUMNS] and len(rows) == len(slid.tiles)
+    assert [*rows[0]] == [*TABLE] and len(rows) == len(slid.tiles)
     for k, row in enumerate(rows):
         assert (int(row["x"]), int(row["y"])) == slid.tiles.corners[k]
         assert (row["width"], row["height"], int(row["events"])) == ("32", "32", slid.counts[k])
@@ -100,7 +100,8 @@ def test_rows_are_those_of_the_tiles(slid):
 
 
 def test_a_window_without_events(slid):
-    empty = Window(3, slid.config, slid.tiles, slid.events[:0], None)
+    nothing = BatchResult.nothing(*[{"roi": one.roi, "roi_next": one.roi, "v": one.v} for one in slid.result.regions])
+    empty = Window(3, slid.config, slid.events[:0], nothing, slid.tiles)
     assert empty.t_ref is None and empty.moved is None and not empty.trusted.any()
     assert all(row[1] == "" and row[-1] == "degenerate" for row in empty.rows())
     assert all((image == 0).all() for image in empty.images())

@@ -4,6 +4,7 @@ import pytest
 
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout
 from cmfpga.driver.simulation import SimulationBackend
+from cmfpga.events import Events
 from cmfpga.protocol.words import encode
 from support.driving import CONFIG, batch, within, works
 
@@ -15,7 +16,7 @@ def test_words_that_stop_in_the_middle_of_a_batch(accelerator, top, rng, sent):
         accelerator.run(batch(rng, 100), roi=(8, 4), timeout=0.1)
     assert "\n" not in str(error.value) and accelerator.timeout == 10
     top.limit()
-    assert accelerator.engine.v == (0, 0) and accelerator.engine.roi == (0, 0)
+    assert accelerator.run(Events.empty()).v == (0, 0) and accelerator.engine.places == [(0, 0)]
     works(accelerator, rng)
 
 

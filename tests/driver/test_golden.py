@@ -50,7 +50,7 @@ def test_without_torch(monkeypatch):
     """Of a preset the kept result, run-time fields or not; of others none, and why."""
     expected, _ = golden.expected_result(preset("fast"))
     monkeypatch.setitem(sys.modules, "torch", None)
-    for module in [name for name in sys.modules if name.startswith("cmfpga.reference")]:
+    for module in [name for name in sys.modules if name.startswith(("cmfpga.reference", "cmfpga.engines.model"))]:
         monkeypatch.delitem(sys.modules, module)
     assert golden.expected_result(preset("fast").replace(warm="0:0", start="zero")) == (expected, "golden.json")
     found, reason = golden.expected_result(CONFIG)

@@ -8,9 +8,9 @@ import pytest
 from studies.crosscheck.batches import random_regions, some_changed
 
 from cmfpga.driver import Accelerator, DeviceError
-from cmfpga.driver.regions import result_of
+from cmfpga.driver.engine import result_of
 from cmfpga.driver.simulation import SimulationBackend
-from cmfpga.engines.regions import RegionEngine
+from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.events.columns import MemoryRecording
@@ -22,7 +22,6 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import follow
-from cmfpga.tracking.rows import Rows
 from cmfpga.verilog.simulation.axi_top import PACKET, SimulatedTop
 from support.board import uio_tree
 from support.region_driving import CONFIG, TABLE, clouds, events_of, same
@@ -101,13 +100,13 @@ def test_a_row_that_is_told_begins_anew(accelerator, rng):
 
 
 def test_the_engine_of_flow_is_this_one(compiler, rng):
-    engines = [RegionEngine(name, CONFIG) for name in ("axi", "model")]
+    engines = [make_engine(name, CONFIG) for name in ("axi", "model")]
     chosen = random_settings(CONFIG, rng)
     for window in (clouds(rng), clouds(rng, 80)):
         found = []
         for engine in engines:
             engine.write(TABLE)
-            found.append(engine.run(Events(*window, window[0] % 2), chosen))
+            found.append(engine.run(Events(*window, window[0] % 2), chosen)[0])
         same(*found)
         assert engines[0].cycles > len(window[0]) and engines[1].cycles is None
     for engine in engines:
@@ -313,10 +312,9 @@ def test_objects_are_followed_over_the_bus(compiler, rng):
     recording = MemoryRecording(Events.merge(parts), 40, 30, "clouds")
 
     def values(name):
-        with contextlib.closing(RegionEngine(name, CONFIG)) as engine:
-            windows = follow(
-                Rows(engine, 2), batch_cutter(recording, CONFIG, first=60), rois=[(1, 1), (19, 8)], consumers=[(), ()]
-            )
+        with contextlib.closing(make_engine(name, CONFIG)) as engine:
+            cutter = batch_cutter(recording, CONFIG, first=60)
+            windows = follow(engine, cutter, rois=[(1, 1), (19, 8)], consumers=[(), ()])
             return [{**batch.values, "cycles": None} for window in windows for batch in window]
 
     found = values("axi")

@@ -71,7 +71,7 @@ def test_what_a_result_without_a_trace_shows(tmp_path, capsys):
 @pytest.mark.usefixtures("compiler")
 def test_an_empty_batch_has_no_trace_either():
     with contextlib.closing(make_engine("axi", preset("fast"))) as engine:
-        result = engine.run(Events.empty(), BatchSettings.from_config(engine.config, (3, 4)))
+        result = engine.run(Events.empty(), BatchSettings.from_config(engine.config, (3, 4)))[0]
     assert isinstance(result, BatchResult) and result.trace is None and result.roi_next == (3, 4)
 
 

@@ -72,7 +72,7 @@ def lives(one_core):
     steps = sequence(np.random.default_rng(7))
     one_core.reset()
     all_engines = (engine_of(one_core), AmaranthEngine(CONFIG), ModelEngine(CONFIG), make_engine("float", CONFIG))
-    results = [[engine.run(step[1], step[2]) for step in steps] for engine in all_engines]
+    results = [[engine.run(step[1], step[2])[0] for step in steps] for engine in all_engines]
     return {step[0]: (step, *row) for step, *row in zip(steps, *results, strict=True)}
 
 
@@ -119,12 +119,11 @@ def test_random_batches(verilated_engine, rng):
     model = ModelEngine(CONFIG)
     seen = Flag(0)
     for index in range(60):
-        chosen, roi = random_settings(CONFIG, rng, model.roi)
+        chosen, roi = random_settings(CONFIG, rng, model.places[0])
         _, events = random_events(CONFIG, rng, roi)
-        compiled, expected = (engine.run(events, chosen) for engine in (verilated_engine, model))
+        compiled, expected = (engine.run(events, chosen)[0] for engine in (verilated_engine, model))
         assert without_cycles(compiled) == expected, f"batch {index}"
-        assert verilated_engine.roi == model.roi == expected.roi_next
-        assert verilated_engine.v == model.v == expected.v
+        assert verilated_engine.places == model.places == [expected.roi_next]
         seen |= expected.flags
     assert set(seen) == set(Flag) - {Flag.CUT, Flag.SCHEDULE, Flag.DOUBTFUL}
 
@@ -142,8 +141,8 @@ def test_amaranth_simulates_the_fast_hardware_too(rng):
         (other.replace(start="zero"), None, 80),
     ):  # fmt: skip
         events = make_events(rng, count)
-        result = simulated.run(events, BatchSettings.from_config(fields, roi))
-        assert without_cycles(result) == model.run(events, BatchSettings.from_config(fields, roi))
+        result = simulated.run(events, BatchSettings.from_config(fields, roi))[0]
+        assert without_cycles(result) == model.run(events, BatchSettings.from_config(fields, roi))[0]
         results.append(result)
     assert [result.iterations for result in results] == [4, 2, 0, 6, 4, 3]  # a new ROI starts cold
     assert all(result.flags & ~(Flag.ROI_CLAMPED | Flag.DOUBTFUL) == Flag(0) for result in results if result.events)
@@ -155,7 +154,7 @@ def test_amaranth_simulates_the_fast_hardware_too(rng):
 
 def test_names(engine):
     assert engine.name in ENGINES and engine.note == ""
-    assert engine.roi == (0, 0) and engine.v == (0.0, 0.0)
+    assert engine.places == [(0, 0)] and engine.run(Events.empty(), settings())[0].v == (0.0, 0.0)
 
 
 def test_unknown_engine():
@@ -165,8 +164,8 @@ def test_unknown_engine():
 
 
 def test_an_empty_batch_changes_nothing(engine, rng):
-    first = engine.run(make_events(rng, 60), settings((8, 8)))
-    empty = engine.run(Events.empty(), settings())
+    first = engine.run(make_events(rng, 60), settings((8, 8)))[0]
+    empty = engine.run(Events.empty(), settings())[0]
     assert empty.flags == Flag.DEGENERATE and empty.cycles is None and empty.iterations == 0 and empty.span == 0
     assert [empty.events, *(getattr(empty, count) for count in COUNTS)] == [0] * 7
     assert empty.roi == empty.roi_next == first.roi_next
@@ -177,7 +176,7 @@ def test_an_empty_batch_changes_nothing(engine, rng):
         ((0, *each.shape[1:]), each.dtype) for each in (last.sum_i, last.sum_d, last.s)
     ]
     assert trace.v.dtype == last.v.dtype
-    after = engine.run(make_events(rng, 60), settings())
+    after = engine.run(make_events(rng, 60), settings())[0]
     assert after.roi == first.roi_next
     start = tuple(after.trace.v[0] * (1 if engine.name == "float" else CONFIG.formats.v.step))
     assert start == first.v
@@ -185,11 +184,11 @@ def test_an_empty_batch_changes_nothing(engine, rng):
 
 def test_a_waiting_roi_is_used_once(engine, rng):
     engine.run(Events.empty(), settings((20, 10)))
-    assert engine.roi == (20, 10)
+    assert engine.places == [(20, 10)]
     engine.run(Events.empty(), settings((8, 7)))
-    used = engine.run(make_events(rng, 60), settings(start_last=False, v_start=(8192, 4096), eta=0))
+    used = engine.run(make_events(rng, 60), settings(start_last=False, v_start=(8192, 4096), eta=0))[0]
     assert used.roi == (8, 7) and used.roi_next == (12, 9)  # 2 · (2, 1) px on
-    assert engine.run(make_events(rng, 60), settings()).roi == (12, 9)
+    assert engine.run(make_events(rng, 60), settings())[0].roi == (12, 9)
 
 
 @pytest.mark.parametrize("corner", [(25, 0), (0, 17), (-1, 3), (3, -1), (10**30, 0)], ids=str)
@@ -199,8 +198,8 @@ def test_an_roi_outside_the_sensor_is_refused(engine, rng, corner):
         with pytest.raises(ConfigError) as caught:
             engine.run(events, settings(corner))
         assert str(caught.value) == message
-    assert engine.roi == (0, 0)
-    assert engine.run(make_events(rng, 60), settings((24, 16))).roi == (24, 16)
+    assert engine.places == [(0, 0)]
+    assert engine.run(make_events(rng, 60), settings((24, 16)))[0].roi == (24, 16)
 
 
 def test_check_roi_alone():
@@ -212,8 +211,8 @@ def test_check_roi_alone():
 def test_a_batch_that_is_too_large_is_refused(engine, rng):
     with pytest.raises(ConfigError, match=r"^a batch of 101 events: at most 100 are allowed \(max_batch_events\)$"):
         engine.run(make_events(rng, 101), settings((8, 8)))
-    assert engine.roi == (0, 0)
-    assert engine.run(make_events(rng, 100), settings((8, 8))).events == 100
+    assert engine.places == [(0, 0)]
+    assert engine.run(make_events(rng, 100), settings((8, 8)))[0].events == 100
 
 
 @pytest.mark.parametrize("axis, value, largest", [("x", 32, 31), ("y", 24, 23), ("x", 40, 31), ("y", 65535, 23)])
@@ -226,7 +225,7 @@ def test_an_event_outside_the_sensor_is_refused(engine, rng, axis, value, larges
     ):
         engine.run(events, settings((8, 8)))
     getattr(events, axis)[33] = largest
-    assert engine.run(events, settings((8, 8))).outside > 0
+    assert engine.run(events, settings((8, 8)))[0].outside > 0
 
 
 # ---------------------------------------------------------------- which engine
@@ -237,7 +236,7 @@ def test_without_a_compiler_amaranth_simulates(monkeypatch, rng):
     engine = make_engine("rtl", CONFIG)
     assert type(engine) is AmaranthEngine and engine.name == "rtl"
     assert engine.note.startswith("no C++ compiler found: using Amaranth's simulator")
-    result = engine.run(make_events(rng, 30), settings((8, 8)))
+    result = engine.run(make_events(rng, 30), settings((8, 8)))[0]
     assert result.cycles == engine.core.cycles(events=30, roi_events=result.roi_events, iterations=3)
     engine.close()
 

@@ -54,7 +54,7 @@ def test_all_engines_drop_the_same(config, verilated, rng):
     dropped = dict.fromkeys(("hot", "noise"), 0)
     for events, settings in steps(config, rng, 14):
         events = events[:120]
-        compiled, simulated, model, floating = (engine.run(events, settings) for engine in engines)
+        compiled, simulated, model, floating = (engine.run(events, settings)[0] for engine in engines)
         assert compiled == simulated and dataclasses.replace(compiled, cycles=None) == model
         for result in (compiled, floating):
             assert result.events == len(events) == sum(getattr(result, name) for name in counts_of(config))
@@ -75,7 +75,7 @@ def test_dropped_events_tell_the_time_all_the_same(config, verilated):
     )
     events = Events(np.arange(10) * 100 + 7, np.full(10, 3), np.full(10, 4), np.zeros(10))
     for engine in (verilated, make_engine("model", config)):
-        result = engine.run(events, settings)
+        result = engine.run(events, settings)[0]
         assert (result.t_first, result.span, result.roi_events, result.flags) == (7, 900, 0, Flag.DEGENERATE)
         assert (result.hot, result.noise) == ((10, 0) if config.hot_pixels else (0, 10))
 
@@ -89,7 +89,7 @@ def test_a_reset_forgets_the_times_but_not_the_mask(verilated, config):
     events = Events(np.array([0, 1, 2]), *columns, np.zeros(3))
     found = []
     for _ in range(3):
-        result = verilated.run(events, settings)
+        result = verilated.run(events, settings)[0]
         found.append((result.hot, result.noise))
         verilated._core.reset()
     assert found == [found[0]] * 3

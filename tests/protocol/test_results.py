@@ -141,7 +141,7 @@ def test_a_field_that_is_missing_is_named():
 def test_a_batch_without_events():
     known = {"roi": (1, 2), "roi_next": (1, 2), "v": (0.5, 0.0)}
     for kind in (BatchResult, WireResult):
-        nothing = kind.nothing(**known)
+        nothing = kind.nothing(known)
         assert nothing.flags is Flag.DEGENERATE and nothing.roi == (1, 2) and nothing.sums == (0,) * 5
         assert not any(getattr(nothing, name) for name in (*COUNTS, "events", "iterations", "span"))
         assert nothing.t_first is nothing.cycles is None

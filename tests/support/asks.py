@@ -46,7 +46,6 @@ DOORS = {
 #: Doors to a compiled or emitted design: quick where all configurations that the test names are.
 HARDWARE_DOORS = {
     ("cmfpga.verilog.simulation.core", "VerilatedCore"),
-    ("cmfpga.verilog.simulation.regions", "VerilatedRegions"),
     ("cmfpga.verilog.simulation.axi_top", "SimulatedTop"),
     ("cmfpga.verilog.simulation.uart_top", "SimulatedLine"),
     ("cmfpga.engines.verilated", "VerilatedEngine"),

@@ -45,7 +45,7 @@ def differences(result, expected):
 
 
 def model_run(model, events, roi=None, config=CONFIG):
-    return model.run(events, BatchSettings.from_config(config, roi))
+    return model.run(events, BatchSettings.from_config(config, roi))[0]
 
 
 def within(seconds):

@@ -7,7 +7,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.dense import grid
 from cmfpga.dense.run import Run
-from cmfpga.engines.regions import RegionEngine
+from cmfpga.engines import make_engine
 from cmfpga.events import generate
 from cmfpga.imaging.camera import Camera
 
@@ -22,7 +22,7 @@ def measured(recording, camera=None, engine="model", slices=1, **how):
     """The windows of a recording of that size, and the run that made them."""
     given = {"camera": camera.text} if camera else {}
     config = preset("flow").replace(sensor_width=128, sensor_height=96, slices=slices, **given)
-    with contextlib.closing(RegionEngine(engine, config)) as running:
+    with contextlib.closing(make_engine(engine, config)) as running:
         run = Run(recording, running, grid(config), **how)
         return [*run], run
 

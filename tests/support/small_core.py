@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from cmfpga.engines.rtl import RtlEngine
+from cmfpga.engines import Engine
 from cmfpga.engines.verilated import VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.settings import BatchSettings
@@ -50,7 +50,7 @@ def verilated_core(one_core):
 def engine_of(core):
     """The engine of a simulated core."""
     engine = VerilatedEngine.__new__(VerilatedEngine)  # without emitting the Verilog again to look the library up
-    RtlEngine.__init__(engine, core.config)
+    Engine.__init__(engine, core.config)
     engine._core = core
     return engine
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.engines import make_engine
+from cmfpga.engines import Engine, make_engine
 from cmfpga.events import BatchCutter, Events, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.protocol.flags import Flag
@@ -36,27 +36,28 @@ def recording(count=20_000, step=10):
     return MemoryRecording(events, 40, 30, "made up")
 
 
-class Moving:
+class Moving(Engine):
     """An engine that sees a motion of ``speed(t_µs)`` px/s along x, and is in doubt where that is None."""
 
     def __init__(self, speed, config=CONFIG, confidence=40):
-        self.config, self.speed, self.roi, self.asked = config, speed, (0, 0), []
+        super().__init__(config)
+        self.speed, self.asked = speed, []
         self.still = (0.0,) * (len(config.motion_model.names) - 1)
         self.curvature = 0.75 * config.geometry.pixels * confidence
 
-    def run(self, events, settings):
-        self.roi = settings.roi or self.roi
+    def _run(self, events, settings):
+        (roi,) = self.places
         first, span = int(events.t[0]), int(events.t[-1] - events.t[0])
         speed = self.speed(first + span / 2)
         self.asked.append((first, len(events), settings))
         doubt = Flag.DEGENERATE if not span else Flag(0) if speed else Flag.DOUBTFUL
         sharp = {"sums": (0,) * 5, "sum_squares": len(events), "curvature": (self.curvature, self.curvature, 0)}
         known = required(
-            "batch", "region", events=len(events), roi_events=len(events), span=span, roi=self.roi, roi_next=self.roi,
+            "batch", "region", events=len(events), roi_events=len(events), span=span, roi=roi, roi_next=roi,
             v=((speed or 0) * span / 2e6, *self.still), iterations=15, flags=doubt, confidence_limit=90,
             thinning_used=1, restarted=0,
         )  # fmt: skip
-        return BatchResult(**known, **sharp)
+        return [BatchResult(**known, **sharp)]
 
 
 def followed(speed, count=20_000, roi=(4, 5), first=None, confidence=40, **size):

@@ -1,6 +1,7 @@
 """The tracker: settings, ROIs and batches in order, and the rows of the CSV, with engines and cutters made up here."""
 
 import csv
+import dataclasses
 import io
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.engines import Engine, make_engine
-from cmfpga.engines.floating import FloatEngine
+from cmfpga.engines.model import FloatEngine
 from cmfpga.events import BatchCutter, Events, Feed, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.imaging.iwe import contrast
@@ -44,7 +45,7 @@ class Recorder(Engine):
             "batch", "region", events=len(events), roi_events=3, outside=len(events) - 3, roi=roi, roi_next=self._at,
             span=int(events.t[-1] - events.t[0]), v=self.v, iterations=5, flags=Flag(0), trace=NO_TRACE,
         )  # fmt: skip
-        return BatchResult(**{**values, **self._result})
+        return [BatchResult(**{**values, **self._result})]
 
 
 def recording(t, x=10, y=10):
@@ -131,7 +132,8 @@ class List(list):
 def test_consumers_take_each_batch_before_it_is_yielded():
     file, taken = io.StringIO(), List()
     cutter = BatchCutter(recording(range(0, 1000, 10)), events=30, max_events=1000)
-    for count, batch in enumerate(track(Recorder(), cutter, roi=(4, 5), consumers=[taken, CsvConsumer(file)]), 1):
+    takers = [taken, CsvConsumer(file, CONFIG)]
+    for count, batch in enumerate(track(Recorder(), cutter, roi=(4, 5), consumers=takers), 1):
         assert len(taken) == count and taken[-1] is batch
     lines = file.getvalue().split("\n")
     assert lines == [",".join(COLUMNS), *(",".join(batch.row()) for batch in taken), ""] and len(taken) == 3
@@ -152,8 +154,7 @@ def test_columns_are_those_that_users_read():
 def test_columns_show_what_they_declare():
     batch = one(Recorder(cycles=4711))
     for column in COLUMNS.values():
-        assert (column.field is None) != (column.value is None)
-        shown = column.of(batch)
+        shown = column.value(batch)
         assert isinstance(shown, column.dtype) or (shown is None and column.may_be_missing)
         assert column.title and column.doc
     missing = one(Recorder(flags=Flag.DEGENERATE, span=0)).values
@@ -196,7 +197,7 @@ def test_half_a_microsecond_of_a_unix_time_is_kept():
     start = 1_700_000_000_000_000
     batch = one(Recorder(), t=range(start, start + 102))
     assert batch.row()[1] == "1700000000000050.0"
-    batch = TrackedBatch(0, batch.events, batch.result, start + 0.5, 0.0, Flag(0))
+    batch = TrackedBatch(0, CONFIG, batch.events, dataclasses.replace(batch.result, span=1))
     assert batch.row()[1] == "1700000000000000.5"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.engines.regions import RegionEngine
+from cmfpga.engines import Engine, make_engine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, Feed, generate
 from cmfpga.events.columns import MemoryRecording
@@ -16,7 +16,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.trace import Trace
 from cmfpga.tracking.fit import FittedCutter, batch_cutter
 from cmfpga.tracking.loop import follow
-from cmfpga.tracking.rows import Rows, with_rows
+from cmfpga.tracking.source import with_rows
 from support.regions import CONFIGS, without_clock
 from support.values import required
 
@@ -42,12 +42,10 @@ def scenes():
 
 def followed(name, config, recording, rois, batches=None, **size):
     """``[[TrackedBatch of each object] of each batch]``, and the cutter."""
-    engine = RegionEngine(name, config)
+    engine = make_engine(name, config)
     cutter = batch_cutter(recording, config, **size)
     try:
-        return [
-            *follow(Rows(engine, len(rois)), cutter, rois=rois, consumers=[()] * len(rois), batches=batches)
-        ], cutter
+        return [*follow(engine, cutter, rois=rois, consumers=[()] * len(rois), batches=batches)], cutter
     finally:
         engine.close()
 
@@ -95,11 +93,11 @@ def test_a_row_that_is_never_in_doubt_is_one_row_of_the_model():
     """Written once, it follows by itself."""
     config = CONFIG.replace(judge=0)
     found, _ = followed("model", config, scenes(), ROIS, events=120)
-    engine = RegionEngine("model", config)
+    engine = make_engine("model", config)
     engine.write([Region(x=x, y=y, width=16, height=12, start="last", moves=True) for x, y in ROIS])
     cutter = BatchCutter(scenes(), events=120, max_events=150)
     for window in found:
-        result = engine.run(cutter.next(), BatchSettings.from_config(config, (0, 0)))
+        result = engine.run(cutter.next(), BatchSettings.from_config(config, (0, 0)))[0]
         assert [batch.result.regions[0] for batch in window] == [*result.regions]
     assert cutter.next() is None and len(found) > 4
 
@@ -107,8 +105,8 @@ def test_a_row_that_is_never_in_doubt_is_one_row_of_the_model():
 def test_a_stream_waits_for_events():
     feed, recording = Feed((40, 30), "made up"), scenes()
     (events,) = recording.chunks()
-    engine = RegionEngine("model", CONFIG)
-    running = follow(Rows(engine, 2), batch_cutter(feed, CONFIG, events=100), rois=ROIS[:2], consumers=[(), ()])
+    engine = make_engine("model", CONFIG)
+    running = follow(engine, batch_cutter(feed, CONFIG, events=100), rois=ROIS[:2], consumers=[(), ()])
     assert next(running) is None
     feed.push(events[:101])
     assert [batch.index for batch in next(running)] == [0, 0] and next(running) is None
@@ -119,20 +117,19 @@ def test_a_stream_waits_for_events():
 # ---------------------------------------------------------------- rows
 
 
-class Table:
-    """In place of a :class:`RegionEngine`: remembers what was written, and gives outcomes of ``flags``."""
-
-    cycles = 99
+class Table(Engine):
+    """An engine that remembers what was written, and gives outcomes of ``flags``."""
 
     def __init__(self, config, *flags):
-        self.config, self.flags, self.written, self.asked = config, list(flags), [], []
+        super().__init__(config)
+        self.flags, self.written, self.asked = list(flags), [], []
 
-    def write(self, regions, anew):
-        self.regions = list(regions)
+    def _write(self, regions, anew):
         self.written.append({k: (regions[k].x, regions[k].y) for k in anew})
 
-    def run(self, events, settings):
+    def _run(self, events, settings):
         self.asked.append(events)
+        self.cycles = 99
         flags = self.flags.pop(0) if self.flags else [Flag(0)] * len(self.regions)
         outcomes = [
             RegionOutcome(**required(
@@ -143,7 +140,7 @@ class Table:
             for row, flag in zip(self.regions, flags, strict=True)
         ]  # fmt: skip
         span = int(events.t[-1] - events.t[0])
-        return BatchResult(**required("batch", events=len(events), span=span, t_first=0, regions=outcomes))
+        return [BatchResult(**required("batch", events=len(events), span=span, t_first=0, regions=outcomes))]
 
 
 def recording(count=2000, step=10):
@@ -156,7 +153,7 @@ def test_only_what_begins_elsewhere_is_written_anew():
     no, doubt = Flag(0), Flag.DOUBTFUL
     table = Table(CONFIG, [no, no], [no, doubt], [no, doubt], [no, doubt], [no, doubt])
     cutter = BatchCutter(recording(), events=100, max_events=150)
-    [*follow(Rows(table, 2), cutter, rois=[(3, 4), (20, 12)], batches=7, consumers=[(), ()])]
+    [*follow(table, cutter, rois=[(3, 4), (20, 12)], batches=7, consumers=[(), ()])]
     assert table.written == [
         {0: (3, 4), 1: (20, 12)},
         {},
@@ -171,30 +168,29 @@ def test_only_what_begins_elsewhere_is_written_anew():
 def test_a_batch_of_another_length_begins_cold_where_the_rows_are():
     table = Table(CONFIG, [Flag.DEGENERATE, Flag(0)])  # the second object alone measured the first batch
     cutter = FittedCutter(recording(), CONFIG, first=30, max_events=150)  # 2.2 px: each batch is longer
-    rows = Rows(table, 2)
-    windows = [*follow(rows, cutter, rois=[(3, 4), (20, 12)], batches=3, consumers=[(), ()])]
+    windows = [*follow(table, cutter, rois=[(3, 4), (20, 12)], batches=3, consumers=[(), ()])]
     lengths = [len(window[0].events) for window in windows]
     assert lengths == [30, 54, 97]
     assert table.written == [{0: (3, 4), 1: (20, 12)}, {0: (4, 4), 1: (21, 12)}, {0: (5, 4), 1: (22, 12)}]
-    assert rows.cycles == 99
+    assert table.cycles == 99
 
 
 def test_a_window_without_events_never_reaches_the_hardware():
     events = Events(np.r_[0:1000:10, 30_000:31_000:10], *(np.full(200, 10),) * 2, np.zeros(200))
     table = Table(CONFIG, [Flag.DOUBTFUL, Flag(0)])
     cutter = BatchCutter(MemoryRecording(events, 40, 30, "made up"), duration_us=10_000, max_events=150)
-    rows = Rows(table, 2)
-    running = follow(rows, cutter, rois=ROIS[:2], batches=3, consumers=[(), ()])
+    running = follow(table, cutter, rois=ROIS[:2], batches=3, consumers=[(), ()])
     _, empty = next(running), next(running)
-    assert rows.cycles is None and len(table.asked) == 1
+    assert table.cycles is None and len(table.asked) == 1
     assert [batch.result.roi for batch in empty] == [(3, 4), (21, 12)]  # in doubt it stays, for there was no v before
     assert [(batch.flags, batch.result.v, batch.t_ref) for batch in empty] == [(Flag.DEGENERATE, (2.0, 1.0), None)] * 2
     assert table.written == [{0: (3, 4), 1: (20, 12)}, {0: (3, 4)}]
 
 
 def test_first_without_events():
-    rows = Rows(Table(CONFIG), 1)
-    (result,) = rows.run(Events.empty(), [BatchSettings.from_config(CONFIG, (3, 4))])
+    table = Table(CONFIG)
+    table.write([Region.roi(CONFIG, (3, 4))])
+    (result,) = table.run(Events.empty(), BatchSettings.from_config(CONFIG))
     assert (result.roi, result.v, result.flags) == ((3, 4), (0, 0), Flag.DEGENERATE)
 
 
@@ -215,7 +211,7 @@ def test_where_v_starts():
     for start in ("last", "given"):
         table = Table(CONFIG.replace(start=start, v_start_x=0.0))
         cutter = BatchCutter(recording(), events=100, max_events=150)
-        [*follow(Rows(table, 1), cutter, rois=[(3, 4)], batches=3, consumers=[()])]
+        [*follow(table, cutter, rois=[(3, 4)], batches=3, consumers=[()])]
         assert table.regions == [Region(x=3, y=4, width=16, height=12, start=start, moves=True)]
         assert table.written == [{0: (3, 4)}, {}, {}]
 
@@ -225,10 +221,10 @@ def test_rows_that_are_written_anew_forget(compiler):
     regions = [Region(x=x, y=y, width=16, height=12, start="last", moves=True) for x, y in ROIS]
     results, settings = [], BatchSettings.from_config(CONFIG, (0, 0))
     for name in ("rtl", "model"):
-        engine, cutter = RegionEngine(name, CONFIG), BatchCutter(scenes(), events=120, max_events=150)
+        engine, cutter = make_engine(name, CONFIG), BatchCutter(scenes(), events=120, max_events=150)
         for anew in ((), (), (0, 2), ()):
             engine.write(regions, anew)
-            results.append(without_clock(engine.run(cutter.next(), settings)))
+            results.append(without_clock(engine.run(cutter.next(), settings)[0]))
         engine.close()
     assert results[:4] == results[4:]
     before, after = results[1], results[2]
@@ -280,7 +276,7 @@ def test_the_fastest_that_is_trusted_chooses_the_length():
                 outside=51, **known,
             ))  # fmt: skip
             batches.append(type("Batch", (), {"result": result}))
-        cutter.add(*batches)
+        cutter.add(batches)
         return cutter.size
 
     assert [after(True, True), after(True, False), after(False, True), after(False, False)] == [30, 120, 30, 60]

@@ -175,7 +175,7 @@ def test_a_compiler_that_fails(cxx, lines, message, rng):
     line = f"the C++ compiler {path} {message}"
     engine = make_engine("rtl", CONFIG.replace(buffer_events=34))
     assert type(engine) is AmaranthEngine and engine.note.startswith(f"{line}: using Amaranth's simulator, ")
-    assert engine.run(make_events(rng, 10), settings((8, 8))).events == 10
+    assert engine.run(make_events(rng, 10), settings((8, 8)))[0].events == 10
     engine.close()
     with pytest.raises(cplusplus.CompilerError) as caught:
         make_engine("axi", CONFIG.replace(buffer_events=34))
@@ -233,7 +233,9 @@ def test_a_cached_library_is_loaded_from_the_cache(compiler, verilated_core, mon
     engine = make_engine("rtl", CONFIG)
     assert isinstance(engine, VerilatedEngine) and engine._core._library._name.startswith(str(tmp_path))
     events = make_events(rng, 60)
-    assert without_cycles(engine.run(events, settings((8, 8)))) == ModelEngine(CONFIG).run(events, settings((8, 8)))
+    assert (
+        without_cycles(engine.run(events, settings((8, 8)))[0]) == ModelEngine(CONFIG).run(events, settings((8, 8)))[0]
+    )
     engine.close()
 
 

@@ -7,7 +7,7 @@ from ..config import preset as find_preset
 from ..dense.fields import check
 from ..dense.run import Run
 from ..dense.tiles import fitting, store_fields
-from ..engines.regions import RegionEngine
+from ..engines import open_engine
 from ..errors import ConfigError
 from ..events import Recording, is_live
 from ..events.source import EventSource
@@ -70,7 +70,7 @@ def flow(
             warnings.warn(note, stacklevel=2)
         if fit:
             check(fit, config)
-        running = stack.enter_context(contextlib.closing(RegionEngine(engine, config)))
+        running = stack.enter_context(contextlib.closing(open_engine(engine, config)))
         size = {"window_events": window_events, "window_us": window_us}
         run = Run(opened, running, tiles, start_event=start_event, windows=windows, **size)
         found = Flow(config, tiles, source.name, engine, fit)

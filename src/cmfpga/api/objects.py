@@ -116,7 +116,7 @@ class TrackedObject:
         path = self._file(folder, "track", ".csv")
         stack.enter_context(naming(path))
         file = stack.enter_context(path.open("w", newline=""))
-        self.consumers.append(CsvConsumer(file, self.config.image, self.config.motion))
+        self.consumers.append(CsvConsumer(file, self.config))
 
     def _later(self, consumer, write):
         self.consumers.append(consumer)

@@ -96,9 +96,9 @@ class Tracking:
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
         with naming(path), open(path, "w", newline="") as file:
-            write = csv_writer(file, self.config.image, self.config.motion)
+            write = csv_writer(file, columns(self.config.motion), self.config.image)
             for values in self._values:
-                write(values)
+                write(row(values))
 
     def to_arrays(self):
         """``{name: array}`` of all columns of ``track.csv``."""

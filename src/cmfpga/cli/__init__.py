@@ -241,6 +241,27 @@ def natural(text):
     return positive(text, 0)
 
 
+def shows_bar():
+    """Whether there is a terminal for a progress bar, as tqdm decides."""
+    return sys.stderr.isatty()
+
+
+def expected(recording, cutter, start_event, most, slices=1):
+    """Number of windows that will come, for a progress bar, as far as it can be known soon."""
+    if not shows_bar() or cutter.mode == "roi_events" or hasattr(cutter, "survey"):
+        return most
+    if (extent := recording.extent()) is None:
+        return most
+    events, last = extent
+    if cutter.mode == "events":
+        rest = events - start_event
+    else:
+        first = next(recording.chunks(start_event, 1), None)
+        rest = last - int(first.t[0]) if first else 0
+    whole = max(0, rest // cutter.size - slices + 1)
+    return min(whole, most or whole)
+
+
 def output_folder(path):
     """``path`` as an existing folder in which files can be made."""
     folder = Path(path)

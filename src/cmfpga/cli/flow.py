@@ -9,17 +9,19 @@ from tqdm import tqdm
 
 from .. import cli
 from ..api.flow import ENGINE, PRESET, configure
-from ..api.flow_result import ARRAYS, CSV, FITS, Flow, csv_writer, fit_writer
+from ..api.flow_result import ARRAYS, CSV, FITS, Flow, fit_columns
 from ..dense.demo import CAMERA, scene
 from ..dense.demo import errors as demo_errors
 from ..dense.fields import MODELS, check
 from ..dense.run import Run
-from ..engines.regions import ENGINES, RegionEngine
+from ..dense.window import TABLE
+from ..engines import AXI, ENGINES, open_engine
 from ..errors import naming
 from ..events import open_recording
 from ..show.flow.page import Page
 from ..show.flow.pictures import SUFFIXES, save
 from ..show.gallery import picture_path
+from ..tracking.columns import csv_writer
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 
 EXAMPLES = (
@@ -54,7 +56,7 @@ def parser():
         help="fit one motion to the field of each window, and write fit.csv; a rotation needs a calibration",
     )  # fmt: skip
     made.add_argument(
-        "--engine", default=ENGINE, choices=ENGINES,
+        "--engine", default=ENGINE, choices=(*ENGINES, AXI),
         help="rtl: the emitted Verilog, cycle by cycle; axi: the same behind its AXI ports, as a board has it; "
         "model: the same in integers (needs torch); float: the article's equations (needs torch) "
         f"(default: {ENGINE})",
@@ -109,7 +111,7 @@ def _measure(options, recording, config, tiles, folder):
     """Run all windows and write the files: (Flow, list of Path, errors of the demo's tiles)."""
     files, errors, best, page = [folder / CSV], [], None, Page()
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(contextlib.closing(RegionEngine(options.engine, config)))
+        engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
         names = ("window_events", "window_us", "start_event", "windows")
@@ -121,16 +123,18 @@ def _measure(options, recording, config, tiles, folder):
             stack.enter_context(naming(path))
             return stack.enter_context(path.open("w", newline="", encoding="utf-8"))
 
-        write = csv_writer(opened(CSV), config)
+        write = csv_writer(opened(CSV), TABLE, config.image)
         if options.fit:
             files.append(folder / FITS)
-            write_fit = fit_writer(opened(FITS))
-        for window in tqdm(run, total=_total(options, recording, config.slices), unit="window", disable=None):
+            write_fit = csv_writer(opened(FITS), fit_columns(options.fit))
+        count = cli.expected(recording, run.cutter, options.start_event, options.windows, config.slices)
+        for window in tqdm(run, total=count, unit="window", disable=None):
             found.add(window)
-            write(window)
+            for row in window.rows():
+                write(row)
             fitted = found.fitted(window.index) if options.fit else None
             if fitted:
-                write_fit(fitted)
+                write_fit(fitted.values())
             if not options.no_picture:
                 page.add(window, fitted)
             if options.every_picture:
@@ -156,22 +160,6 @@ def _title(window, found):
     shares = f"{int(window.trusted.sum())} of {len(window.tiles)} tiles to be trusted"
     when = "no events" if window.t_ref is None else f"{window.t_ref / 1e6:.6g} s"
     return f"{found.recording}: window {window.index}, {when}, {len(window.events)} events; {shares}"
-
-
-def _total(options, recording, slices):
-    """Number of windows that will come, as far as it can be known soon."""
-    if not sys.stderr.isatty() or (extent := recording.extent()) is None:
-        return options.windows
-    events, last = extent
-    if options.window_events:
-        whole = (events - options.start_event) * slices // options.window_events
-    elif options.window_us:
-        first = next(recording.chunks(options.start_event, 1), None)
-        whole = 0 if first is None else (last - int(first.t[0])) * slices // options.window_us
-    else:
-        return options.windows
-    whole = max(0, whole - slices + 1)
-    return min(whole, options.windows or whole)
 
 
 def _summarise(options, found, files, errors):

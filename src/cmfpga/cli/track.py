@@ -11,14 +11,12 @@ from .. import cli
 from ..api.objects import TrackedObject
 from ..config.defaults import BATCH_EVENTS
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
-from ..engines.regions import RegionEngine
-from ..errors import ConfigError, needs
+from ..errors import ConfigError
 from ..events import LiveSource, generate, open_source
 from ..show.gallery import picture_path
-from ..tracking.fit import FittedCutter, batch_cutter
-from ..tracking.loop import OneRoi, follow
-from ..tracking.rows import Rows, with_rows
-from ..tracking.source import sensor_fields, unit_note, whole_sensor
+from ..tracking.fit import batch_cutter
+from ..tracking.loop import follow
+from ..tracking.source import sensor_fields, unit_note, whole_sensor, with_rows
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from .lines import Lines, Truth, print_summary
 
@@ -227,13 +225,6 @@ def _prepare(options, objects, config, recording):
     return config, batch_cutter(recording, config, start_event=options.start_event, first=first, usual=usual, **size)
 
 
-def _engine(options, config):
-    if not config.regions:
-        return open_engine(options.engine, config, option="--engine")
-    with needs("torch", "reference", f"--engine {options.engine}"):
-        return RegionEngine(options.engine, config)
-
-
 def _track(options, objects, recording, folder, motion):
     """Run all batches and write the files; returns the engine's name, and clock cycles of each batch."""
     config, cutter, cycles = objects[0].config, objects[0].cutter, []
@@ -245,7 +236,7 @@ def _track(options, objects, recording, folder, motion):
         )
     pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(contextlib.closing(_engine(options, config)))
+        engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
         for one in objects:
@@ -253,17 +244,16 @@ def _track(options, objects, recording, folder, motion):
                 stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
                 pictures=pictures, report_mhz=options.clock if options.report else None,
             )  # fmt: skip
-        runner = Rows(engine, len(objects)) if config.regions else OneRoi(engine)
         running = follow(
-            runner, cutter, rois=[one.roi for one in objects], batches=options.batches,
+            engine, cutter, rois=[one.roi for one in objects], batches=options.batches,
             consumers=[(one, *one.consumers) for one in objects],
         )  # fmt: skip
         live = isinstance(recording, LiveSource)
-        total = _total(options, recording, cutter) if _shows_bar() else None
+        count = cli.expected(recording, cutter, options.start_event, options.batches)
         try:
-            for window in tqdm(running, total=total, unit="batch", disable=live or None):
-                if window and runner.cycles is not None:
-                    cycles.append(runner.cycles)
+            for window in tqdm(running, total=count, unit="batch", disable=live or None):
+                if window and engine.cycles is not None:
+                    cycles.append(engine.cycles)
         except KeyboardInterrupt:
             if not live:
                 raise
@@ -273,20 +263,3 @@ def _track(options, objects, recording, folder, motion):
     for one in objects:
         one.finish()
     return engine.name, cycles
-
-
-def _shows_bar():
-    return sys.stderr.isatty()  # as tqdm decides
-
-
-def _total(options, recording, cutter):
-    """Number of batches that will come, as far as it can be known soon."""
-    if cutter.mode == "roi_events" or isinstance(cutter, FittedCutter) or (extent := recording.extent()) is None:
-        return options.batches
-    events, last = extent
-    if cutter.mode == "events":
-        whole = (events - options.start_event) // cutter.size
-    else:
-        first = next(recording.chunks(options.start_event, 1))
-        whole = (last - int(first.t[0])) // cutter.size
-    return min(whole, options.batches or whole)

@@ -1,13 +1,10 @@
-"""Windows of a recording, one after the other: cut, measured by the hardware, the next one's length chosen."""
-
-import collections
-import itertools
+"""Windows of a recording, one after the other, for all tiles: the loop of :mod:`cmfpga.tracking.loop`."""
 
 from ..errors import ConfigError
-from ..events import BatchCutter, Events
-from ..events.batches import Batch
-from ..protocol.settings import BatchSettings
-from ..tracking.fit import LOST_BATCHES, fit
+from ..events import BatchCutter
+from ..tracking.fit import LOST_BATCHES, FittedCutter, fit
+from ..tracking.loop import Table
+from ..tracking.loop import windows as measured
 from .window import Window
 
 #: Events of the first window that is tried, where their number is to suit the motion, on a sensor of so many pixels;
@@ -15,48 +12,79 @@ from .window import Window
 FIRST_EVENTS, FIRST_PIXELS = 4000, 240 * 180
 
 
-class Run:
+class FieldCutter(FittedCutter):
+    """Cuts windows in half of which the image moves by 3 to 5 px, in the median of the trusted tiles.
+
+    Attributes
+    ----------
+    limited : bool
+        Some window would have been longer, had the hardware room for its events.
+    """
+
+    def __init__(self, source, config, start_event):
+        super().__init__(source, config, start_event=start_event, max_events=config.slice_events)
+        self.limited, self._doubtful = False, LOST_BATCHES
+
+    def survey(self, trial, *_):
+        """Choose the first length, or the next one of a motion that is lost.
+
+        Windows on trial grow until the image moves far enough: ``trial(events)`` says how far, in px, or None.
+        """
+        if not self._doubtful or self._doubtful % LOST_BATCHES:
+            return
+        share = max(1, self._config.sensor_width * self._config.sensor_height // FIRST_PIXELS)
+        count = min(FIRST_EVENTS * share, self.max_events)
+        while True:
+            ahead = yield from self._ahead(count)
+            moved = trial(ahead)
+            wanted = 2 * count if moved is None else fit(count, (moved,), True)
+            if len(ahead) < count or count == self.max_events or (moved is not None and wanted <= count):
+                self.limited |= len(ahead) == count == self.max_events < wanted
+                self.size = max(1, min(wanted, len(ahead)))
+                return
+            count = min(wanted, self.max_events)
+
+    def add(self, window):
+        """Take a :class:`~.window.Window`, and choose the length of the next ones."""
+        self._doubtful = 0 if window.moved is not None else self._doubtful + 1
+        wanted = fit(len(window.events), (window.moved or 0.0,), window.moved is not None)
+        self.limited |= wanted > self.max_events
+        self.size = min(wanted, self.max_events)
+
+
+class Run(Table):
     """Measures the windows of a source; with ``slices`` a new one ends with every slice, and has the last so many.
 
     Parameters
     ----------
     source : EventSource
         Not a stream: the events of the first windows are looked at before they are cut.
-    engine : RegionEngine
+    engine : Engine
     tiles : Tiles
     window_events, window_us : int, optional
-        Events, or µs, of each window; without either as many events as suit the motion: the image moves by 3 to 5 px
-        in half a window, in the median of the trusted tiles, as far as ``max_batch_events`` allows; not with slices.
+        Events, or µs, of each window; without either as many events as suit the motion, as far as ``max_batch_events``
+        allows; not with slices.
     start_event : int
         Index of the first event.
     windows : int, optional
         Stop after these.
-
-    Attributes
-    ----------
-    cutter : BatchCutter
-    limited : bool
-        Some window would have been longer, had the hardware room for its events.
-    passed_over : int
-        Slices without events.
     """
 
     def __init__(self, source, engine, tiles, *, window_events=None, window_us=None, start_event=0, windows=None):
-        config = engine.config
-        self._engine, self._tiles, self._count = engine, tiles, windows
-        self._slices = collections.deque(maxlen=config.slices)
-        self._limit, self._settings = config.slice_events, BatchSettings.from_config(config, roi=(0, 0))
-        self._fitted = not (window_events or window_us)
-        mode, size, unit = ("duration_us", window_us, "µs") if window_us else ("events", window_events or 1, "events")
-        most = self._limit * config.slices
-        if mode == "events" and size > most:
+        super().__init__(engine)
+        config = self.config
+        self._source, self._tiles, self._count = source, tiles, windows
+        mode, size, unit = ("duration_us", window_us, "µs") if window_us else ("events", window_events or 0, "events")
+        if mode == "events" and size > (most := config.slice_events * config.slices):
             raise ConfigError(f"windows of {size} events: at most {most} are allowed (max_batch_events)")
-        if config.slices > 1 and (self._fitted or size % config.slices):
-            wanted = "a length (window_events, window_us)" if self._fitted else f"a multiple of {config.slices} {unit}"
+        if config.slices > 1 and (not size or size % config.slices):
+            wanted = f"a multiple of {config.slices} {unit}" if size else "a length (window_events, window_us)"
             raise ConfigError(f"windows of {config.slices} slices: {wanted} is needed")
-        size = {mode: size // config.slices}
-        self._source, self.cutter = source, BatchCutter(source, start_event=start_event, max_events=self._limit, **size)
-        self.limited, self.passed_over = False, 0
+        if size:
+            size = {mode: size // config.slices}
+            self.cutter = BatchCutter(source, start_event=start_event, max_events=config.slice_events, **size)
+        else:
+            self.cutter = FieldCutter(source, config, start_event)
         engine.write(tiles.regions)
 
     @property
@@ -65,53 +93,16 @@ class Run:
         extent = None if self.cutter.leftover else self._source.extent()
         return extent[0] - self.cutter.position if extent else self.cutter.leftover
 
+    @property
+    def limited(self):
+        """Whether some window would have been longer, had the hardware room for its events."""
+        return isinstance(self.cutter, FieldCutter) and self.cutter.limited
+
     def __iter__(self):
-        lost = LOST_BATCHES
-        for index in itertools.count() if self._count is None else range(self._count):
-            if self._fitted and lost and lost % LOST_BATCHES == 0:
-                self.cutter.size = self._first_size()
-            window = self._next(index)
-            if window is None:
-                break
-            if self._fitted:
-                lost = 0 if window.moved is not None else lost + 1
-                self.cutter.size = self._next_size(len(window.events), window.moved)
-            yield window
+        return measured(self.engine, self.cutter, self, self._count)
 
-    def _next(self, index):
-        """The window that ends with the next batch, or slice; at the begin, with the last of the first slices."""
-        while (part := self.cutter.next()) is not None:
-            if not len(part) and self._slices.maxlen > 1:
-                self.passed_over += 1  # nothing to send: the hardware's windows know nothing of it
-                continue
-            self._slices.append(part)
-            every = Events.concatenate(self._slices)
-            window = Batch(every.t, every.x, every.y, every.p, self._slices[0].first_event)
-            found = self._measure(index, part, window)
-            if len(self._slices) == self._slices.maxlen:
-                return found
-        return None
+    def trial(self, events, settings):
+        return self.window(0, events, self.measure(events, settings)).moved
 
-    def _measure(self, index, events, window):
-        result = self._engine.run(events, self._settings) if len(events) else None
-        cycles = self._engine.cycles if len(events) else None
-        return Window(index, self._engine.config, self._tiles, window, result, cycles)
-
-    def _next_size(self, count, moved):
-        wanted = fit(count, (moved or 0.0,), moved is not None)
-        self.limited |= wanted > self._limit
-        return min(wanted, self._limit)
-
-    def _first_size(self):
-        """Events ahead, ever more of them, until the image moves far enough in what is to be trusted."""
-        config = self._engine.config
-        share = max(1, config.sensor_width * config.sensor_height // FIRST_PIXELS)
-        count = min(FIRST_EVENTS * share, self._limit)
-        while True:
-            ahead = self.cutter.peek(count)
-            moved = self._measure(0, ahead, ahead).moved
-            wanted = 2 * count if moved is None else fit(count, (moved,), True)
-            if len(ahead) < count or count == self._limit or (moved is not None and wanted <= count):
-                self.limited |= len(ahead) == count == self._limit < wanted
-                return max(1, min(wanted, len(ahead)))
-            count = min(wanted, self._limit)
+    def window(self, index, events, result):
+        return Window(index, self.config, events, result, self._tiles, self.engine.cycles)

@@ -6,63 +6,86 @@ from typing import Any
 
 import numpy as np
 
-from ..imaging.camera import nearest, seen
+from ..imaging.camera import nearest
 from ..imaging.iwe import dithered, image_of_warped_events
 from ..imaging.survey.places import box_sums
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
+from ..tracking.columns import Column, declared
+from ..tracking.loop import Measured
 
-#: Columns of ``flow.csv``: format and meaning.
-COLUMNS = {
-    "window": ("{}", "number of the window, from 0"),
-    "t_ref_us": ("{:.1f}", "middle of the window's time range, µs on the recording's clock; empty without events"),
-    "x": ("{}", "left column of the tile, px"),
-    "y": ("{}", "top row of the tile, px"),
-    "width": ("{}", "width of the tile, px"),
-    "height": ("{}", "height of the tile, px"),
-    "events": ("{}", "events of the tile that the flow is found from"),
-    "vx_px_per_s": ("{:.3f}", "flow to the right, px/s; empty of a degenerate tile"),
-    "vy_px_per_s": ("{:.3f}", "flow downwards, px/s"),
-    "confidence": ("{:.3f}", "κ, 1/px²: how sharp the contrast's peak is; empty where it was not measured"),
-    "flags": ("{}", "names of the flags that are set, joined by `|`"),
-}
+_MAY = {"text": "{:.3f}", "may_be_missing": True}
+
+#: What ``flow.csv`` and ``flow.npz`` hold, of a :class:`Window`. Only what has a shape is in the arrays: of W windows,
+#: n tiles, and the p parameters of a fit.
+COLUMNS = declared(
+    Column(name="window", dtype=int, doc="number of the window, from 0", value=lambda w: w.index),
+    Column(name="t_ref_us", unit="µs", value=lambda w: w.t_ref, **_MAY | {"text": "{:.1f}"},
+           doc="middle of the window's time range, on the recording's clock; empty without events"),
+    Column(name="x", dtype=int, unit="px", shape="[n]", value=lambda w: np.array(w.tiles.corners)[:, 0],
+           doc="left column of the tile; in the undistorted image, where there is a calibration"),
+    Column(name="y", dtype=int, unit="px", shape="[n]", value=lambda w: np.array(w.tiles.corners)[:, 1],
+           doc="top row of the tile"),
+    Column(name="width", dtype=int, unit="px", doc="width of the tile", value=lambda w: w.tiles.width),
+    Column(name="height", dtype=int, unit="px", doc="height of the tile", value=lambda w: w.tiles.height),
+    Column(name="size", dtype=int, unit="px", text=None, shape="[2]", doc="width and height of the tiles",
+           value=lambda w: (w.tiles.width, w.tiles.height)),
+    Column(name="grid", dtype=int, text=None, shape="[2]", doc="rows and columns of the grid; tiles are row by row",
+           value=lambda w: (len(w.tiles.rows), len(w.tiles.columns))),
+    Column(name="t", dtype=int, unit="µs", text=None, shape="[W, 2]", doc="times of the window's first and last event",
+           value=lambda w: [int(w.events.t[0]), int(w.events.t[-1])] if len(w.events) else [-1, -1]),
+    Column(name="first_event", dtype=int, text=None, shape="[W]", value=lambda w: w.events.first_event,
+           doc="number in the recording of the window's first event"),
+    Column(name="window_events", dtype=int, text=None, shape="[W]", value=lambda w: len(w.events),
+           doc="events of the window, of the whole sensor"),
+    Column(name="events", dtype=int, shape="[W, n]", value=lambda w: w.counts,
+           doc="events of the tile that the flow is found from; above `buffer_events` they are thinned evenly"),
+    Column(name="vx_px_per_s", unit="px/s", value=lambda w: w.px_per_s[:, 0], **_MAY,
+           doc="flow to the right; empty of a degenerate tile"),
+    Column(name="vy_px_per_s", unit="px/s", value=lambda w: w.px_per_s[:, 1], **_MAY, doc="flow downwards"),
+    Column(name="v", unit="px/s", text=None, shape="[W, n, 2]", value=lambda w: w.px_per_s,
+           doc="flow; NaN of degenerate tiles"),
+    Column(name="confidence", unit="1/px²", shape="[W, n]", value=lambda w: w.kappa, **_MAY,
+           doc="κ, how sharp the contrast's peak is; empty, or NaN, where it was not measured"),
+    Column(name="covariance", unit="(px/s)²", text=None, shape="[W, n, 3]", value=lambda w: w.covariance,
+           doc="of the flow: xx, yy, xy; in which direction an edge leaves v open; NaN of tiles that are not trusted"),
+    Column(name="flags", dtype=int, shape="[W, n]", value=lambda w: w.flags, text=lambda bits: Flag(bits).text,
+           doc="names of the flags that are set, joined by `|`, or their bits; `doubtful`: not to be trusted"),
+    Column(name="trusted", dtype=int, text=None, shape="[W, n]", value=lambda w: w.trusted,
+           doc="neither degenerate nor doubtful"),
+    Column(name="centres", unit="px", text=None, shape="[W, n, 2]", value=lambda w: w.centres,
+           doc="mean position of the events of the tile"),
+    Column(name="fit", text=None, shape="[W, p]", doc="with a fit: its parameters, in the order of `fit.csv`"),
+    Column(name="fit_errors", text=None, shape="[W, p]", doc="their standard deviations"),
+)  # fmt: skip
+
+#: Those of the CSV.
+TABLE = {name: column for name, column in COLUMNS.items() if column.text}
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class Window(Measured):
     """What was found in one window. ``n`` tiles are in the order of :attr:`Tiles.corners`.
 
     Parameters
     ----------
-    index : int
-        From 0.
-    config : Config
     tiles : Tiles
-    events : Batch
-        All events of the window.
-    result : BatchResult or None
-        What the engine returned; None of a window without events.
     cycles : int or None
         Clock cycles from the offer of its first event to the last result; None of engines without a clock.
     """
 
-    index: int
-    config: Any
     tiles: Any
-    events: Any
-    result: Any
     cycles: int | None = None
 
     def _each(self, value, none):
-        """``value(outcome)`` of each tile as float64; ``none`` where it is None, or there are no events."""
-        outcomes = self.tiles.of(self.result) if self.result else ()
-        found = [none if (one := value(outcome)) is None else one for outcome in outcomes]
-        return np.array(found or [none] * len(self.tiles), np.float64)
+        """``value(outcome)`` of each tile as float64; ``none`` where it is None."""
+        outcomes = self.tiles.of(self.result)
+        return np.array([none if (one := value(outcome)) is None else one for outcome in outcomes], np.float64)
 
     @functools.cached_property
     def flags(self):
         """Bits of :class:`Flag` of each tile: int64 [n]."""
-        return self._each(lambda one: int(one.flags), int(Flag.DEGENERATE)).astype(np.int64)
+        return self._each(lambda one: int(one.flags), 0).astype(np.int64)
 
     @property
     def trusted(self):
@@ -96,20 +119,9 @@ class Window:
         return found / max(self.half_s, 1e-9) ** 2
 
     @property
-    def half_s(self):
-        """Half of the window's time range, s."""
-        return self.result.span / 2e6 if self.result else 0.0
-
-    @property
-    def t_ref(self):
-        """Middle of the window's time range, µs; None without events."""
-        return float(self.events.t[0]) + self.result.span / 2 if self.result else None
-
-    @property
     def outside(self):
         """Events off the undistorted image; they are in no tile."""
-        at = seen(self.config, self.events)
-        return int((~nearest(self.config, at.x, at.y)[2]).sum())
+        return int((~nearest(self.config, self.seen.x, self.seen.y)[2]).sum())
 
     @property
     def moved(self):
@@ -126,7 +138,7 @@ class Window:
     def centres(self):
         """Mean position of the events of each tile, px: float64 [n, 2]; of an empty one its middle."""
         size = self.config.sensor_height, self.config.sensor_width
-        at = seen(self.config, self.events)
+        at = self.seen
         column, row, inside = nearest(self.config, at.x, at.y)
         pixel, x, y = (row * size[1] + column)[inside], at.x[inside], at.y[inside]
         left, top = np.array(self.tiles.corners).T
@@ -140,12 +152,9 @@ class Window:
 
     def rows(self):
         """Text of the window's rows of ``flow.csv``."""
-        t_ref = "" if self.t_ref is None else COLUMNS["t_ref_us"][0].format(self.t_ref)
-        told = zip(self.tiles.corners, self.counts, self.px_per_s, self.kappa, self.flags, strict=True)
-        for (x, y), count, v, kappa, flags in told:
-            numbers = {"vx_px_per_s": v[0], "vy_px_per_s": v[1], "confidence": kappa}
-            texts = ("" if np.isnan(value) else COLUMNS[name][0].format(value) for name, value in numbers.items())
-            yield (self.index, t_ref, x, y, self.tiles.width, self.tiles.height, count, *texts, Flag(int(flags)).text)
+        values = ((column, np.asarray(column.value(self))) for column in TABLE.values())
+        every = ((column, np.broadcast_to(value, len(self.tiles)).tolist()) for column, value in values)
+        return zip(*([*map(column.shown, each)] for column, each in every), strict=True)
 
     def flow_at(self, x, y):
         """The flow between the middles of the tiles, px per half window: float64 [2, n].
@@ -183,8 +192,7 @@ class Window:
         size = {"width": self.config.sensor_width, "height": self.config.sensor_height}
         if not self.half_s:
             return (np.zeros((size["height"], size["width"])),) * 2
-        at = seen(self.config, self.events)
-        x, y = dithered(np.asarray(at.x, np.float64), np.asarray(at.y, np.float64))
+        x, y = dithered(np.asarray(self.seen.x, np.float64), np.asarray(self.seen.y, np.float64))
         dt = np.clip((2 * (self.events.t - self.events.t[0]) - self.result.span) / self.result.span, -1, 1)
         still = image_of_warped_events(x, y, dt, (0.0, 0.0), **size)
         return still, image_of_warped_events(x, y, dt, self.flow_at(x, y), **size)

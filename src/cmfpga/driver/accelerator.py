@@ -5,14 +5,12 @@ import time
 
 import numpy as np
 
-from ..engines.regions import RegionEngine
 from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..protocol.registers import FORMATS
 from ..protocol.settings import BatchSettings
 from .control import Control
-from .engine import POLL_SECONDS, AcceleratorEngine
+from .engine import POLL_SECONDS, AcceleratorEngine, result_of
 from .identity import identify
-from .regions import AcceleratorRegions, result_of
 
 #: Seconds that a time-out may have.
 LONGEST_SECONDS = 86_400
@@ -42,8 +40,7 @@ class Accelerator:
     ----------
     registers : RegisterMap
     engine : cmfpga.engines.Engine
-        The same as an engine of :mod:`cmfpga.engines`, for :func:`cmfpga.tracking.loop.track`; with a table of regions
-        a :class:`cmfpga.engines.regions.RegionEngine`.
+        The same as an engine of :mod:`cmfpga.engines`, for :func:`cmfpga.tracking.loop.track`.
 
     Raises
     ------
@@ -66,10 +63,7 @@ class Accelerator:
         self.timeout = _checked(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
         self.form = form
-        if self.config.regions:
-            self.engine = RegionEngine("axi", self.config, AcceleratorRegions(self))
-        else:
-            self.engine = AcceleratorEngine(self)
+        self.engine = AcceleratorEngine(self)
         self._streaming = False
         self._last_batch = 0
         self.reset()
@@ -105,16 +99,15 @@ class Accelerator:
         """
         settings = settings or BatchSettings.from_config(self.config, roi)
         with self._other_timeout(timeout):
-            return self.engine.run(events, settings)
+            (result,) = self.engine.run(events, settings)
+        return result
 
     def write_regions(self, regions, anew=()):
         """Replace the table of regions by these :class:`~cmfpga.protocol.regions.Region`; the next batch is theirs.
 
         A row that changes, or whose number is in ``anew``, forgets what was measured, and where it moved to. Raises
-        :exc:`ConfigError`: a row that the table cannot hold, or hardware without one.
+        :exc:`ConfigError`: a row that the table cannot hold.
         """
-        if not self.config.regions:
-            raise ConfigError("write_regions: the hardware has one ROI, and no table of regions")
         self.engine.write(regions, anew)
 
     def track(self, recording, *, roi, batches=None, start_event=0, consumers=(), **size):
@@ -123,15 +116,10 @@ class Accelerator:
         Parameters
         ----------
         recording : EventSource, or path
-            A recording, or another :class:`cmfpga.events.EventSource`.
-        roi : pair of int
-            Left column and top row of the first batch's ROI, px.
-        batches : int, optional
-            Stop after these; by default at the end of the recording.
+        roi, batches, consumers
+            As of :func:`cmfpga.tracking.loop.track`.
         start_event : int
             First event.
-        consumers : sequence of cmfpga.tracking.loop.Consumer
-            Each takes every batch, such as a :class:`cmfpga.tracking.loop.CsvConsumer`.
         events, duration_us, roi_events : int, optional
             One of them: what makes a batch complete, as :class:`cmfpga.events.BatchCutter` has it. Without, batches
             suit the motion (:func:`cmfpga.tracking.fit.batch_cutter`).
@@ -286,8 +274,7 @@ class Accelerator:
         self.control.usual_state(interrupt=self.interrupt)
         self._streaming = False
         self._last_batch = 0
-        if not self.config.regions:
-            self.engine.forget()
+        self.engine.forget()
 
     def self_test(self, *, timeout=None):
         """Check identity, registers, interrupt, and one batch whose result is known.

@@ -1,21 +1,20 @@
-"""An accelerator as an engine: one batch after the other, each ended by TLAST."""
+"""An accelerator as an engine: one batch after the other, each ended by TLAST; and the results of packets."""
 
+import collections
 import contextlib
 import time
 
 from ..engines import Engine
 from ..errors import DeviceError, DeviceTimeout
-from ..protocol.results import WireResult
-from ..protocol.words import encode
+from ..protocol.results import WireResult, packet_beats
+from ..protocol.words import encode, result_values, split_packets
 
 #: Seconds between two looks where no interrupt says when to look.
 POLL_SECONDS = 0.0005
 
 
 class AcceleratorEngine(Engine):
-    """An accelerator with the checks, the empty batches and the ROI of :class:`cmfpga.engines.Engine`.
-
-    Its results are :class:`~cmfpga.protocol.results.WireResult`, which have no trace.
+    """An accelerator by the contract of :class:`cmfpga.engines.Engine`, with results of packets.
 
     Parameters
     ----------
@@ -23,31 +22,27 @@ class AcceleratorEngine(Engine):
     """
 
     name = "axi"
+    result, traced = WireResult, False
 
     def __init__(self, accelerator):
         super().__init__(accelerator.config)
         self._accelerator = accelerator
-        self.forget()
+        self._sent = collections.deque(maxlen=self.config.slices)  # events of each slice
 
-    @property
-    def v(self):
-        return self._v
+    def _write(self, regions, anew):
+        """What has changed is written with the next batch."""
+        self._accelerator.control.table.replace(regions, anew)
 
-    def forget(self):
-        """The state after a reset."""
-        self.roi, self._waiting_roi = (0, 0), None
-        self._v = (0.0,) * len(self.config.motion_model.names)
-
-    def _nothing(self, settings):
-        return WireResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v)
+    def _run(self, events, settings):
+        control = self._accelerator.control
+        before = control.read("COUNT_BUSY_CYCLES")["VALUE"]
+        result = transact(self._accelerator, events, settings, self._sent)
+        self._sent.append(len(events))
+        self.cycles = (control.read("COUNT_BUSY_CYCLES")["VALUE"] - before) % (1 << 32)
+        return [result]
 
     def close(self):
         self._accelerator.close()
-
-    def _run(self, events, settings):
-        result = transact(self._accelerator, events, settings)
-        self._v = result.v
-        return result
 
 
 def transact(top, events, settings, before=()):
@@ -125,3 +120,20 @@ def _wait_done(top, events):
         if not top.interrupt:
             time.sleep(min(POLL_SECONDS, left))
     top.control.clear_interrupts()
+
+
+def result_of(config, registers, words, name):
+    """The :class:`WireResult` of a packet: a record, or with a table of regions one of each region, in any order.
+
+    Raises :exc:`DeviceError` where it is not whole; ``name`` is who sent it.
+    """
+    beats = packet_beats(config)
+    if len(words) % beats or not 1 <= len(words) // beats <= max(1, config.regions):
+        raise DeviceError(f"{name}: a packet of {len(words)} words; {beats} make a result")
+    records = [result_values(registers, record) for record in split_packets(registers, words)]
+    if config.regions:
+        numbers, lasts = [record["region"] for record in records], [record["last"] for record in records]
+        if sorted(numbers) != list(range(len(numbers))) or lasts != [0] * (len(lasts) - 1) + [1]:
+            raise DeviceError(f"{name}: results of the regions {numbers} came in one packet; one of each is needed")
+        records.sort(key=lambda record: record["region"])
+    return WireResult.decoded(config, records)

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..config import PRESETS
+from ..engines import make_engine
 from ..events.arrays import Events
 from ..protocol.regions import Region
 from ..protocol.results import fields_of
@@ -84,15 +85,11 @@ def settings_of(config, roi):
 
 def model_result(config):
     """What the integer model makes of the golden batch, JSON-ready. Needs torch."""
-    from ..reference.integer.core import IntegerCore
-
-    (events, roi), model = golden_batch(config), IntegerCore(config)
+    (events, roi), model = golden_batch(config), make_engine("model", config)
     if config.regions:
-        from ..reference.regions import RegionSequence
-
-        model = RegionSequence(model)
         model.write(golden_regions(config, roi))
-    return values_of(config, model.run(events.t, events.x, events.y, settings_of(config, roi)))
+    (result,) = model.run(events, settings_of(config, roi))
+    return values_of(config, result)
 
 
 def values_of(config, result):

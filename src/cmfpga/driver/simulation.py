@@ -10,7 +10,6 @@ from ..errors import DeviceError, DeviceTimeout
 from ..verilog.simulation.axi_top import INTERRUPT, PACKET, SENT, SimulatedTop
 from .accelerator import Accelerator
 from .backend import Backend
-from .regions import AcceleratorRegions
 
 #: Clock cycles between two looks at the time.
 SLICE_CYCLES = 20_000
@@ -77,8 +76,3 @@ class SimulationBackend(Backend):
 def simulated_engine(config):
     """The simulated AXI top as an engine."""
     return Accelerator(SimulationBackend(config)).engine
-
-
-def simulated_regions(config):
-    """What a :class:`~cmfpga.engines.regions.RegionEngine` drives, on the simulated AXI top."""
-    return AcceleratorRegions(Accelerator(SimulationBackend(config)))

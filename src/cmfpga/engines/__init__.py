@@ -3,7 +3,6 @@
 import pkgutil
 
 from ..config.defaults import ENGINES
-from ..config.regions import check_one_region
 from ..errors import ConfigError, needs
 from ..verilog.compiler import CompilerError, cannot_compile
 from .base import Engine, check_roi
@@ -21,7 +20,7 @@ _MAKERS = {
     AXI: "cmfpga.driver.simulation:simulated_engine",
     SERIAL: "cmfpga.driver.uart:serial_engine",
     "model": "cmfpga.engines.model:ModelEngine",
-    "float": "cmfpga.engines.floating:FloatEngine",
+    "float": "cmfpga.engines.model:FloatEngine",
 }
 
 __all__ = ["AXI", "ENGINES", "SERIAL", "Engine", "check_roi", "engine_name", "make_engine", "open_engine"]
@@ -42,7 +41,6 @@ def make_engine(name, config):
     (its ``note`` says so). ``axi`` needs both; its results have no trace, and neither have those of a board at a
     serial port. Only ``model`` and ``float`` import torch.
     """
-    check_one_region(config)
     kind, _, port = engine_name(name).partition(":")
     return pkgutil.resolve_name(_MAKERS[kind])(config, *([port] if port else []))
 
@@ -50,12 +48,14 @@ def make_engine(name, config):
 def _make_rtl_engine(config):
     """The emitted Verilog compiled by Verilator, or Amaranth's simulator where that or a C++ compiler is missing."""
     why = cannot_compile()
-    if not why:
+    if not why or config.regions:
         from .verilated import VerilatedEngine
 
         try:
             return VerilatedEngine(config)
         except CompilerError as error:
+            if config.regions:
+                raise
             why = str(error)
     from .amaranth_sim import AmaranthEngine
 

@@ -9,17 +9,19 @@ from amaranth.sim import Simulator
 from ..imaging.camera import node_writes
 from ..protocol.settings import schedule_table, settings_values
 from ..protocol.tables import mask_writes
-from ..protocol.trace import columns
+from ..protocol.trace import columns, to_batch_result
 from ..rtl.core import Core
 from ..rtl.payloads import schedule_entry
-from .rtl import RtlEngine
+from .base import Engine
 
 
-class AmaranthEngine(RtlEngine):
+class AmaranthEngine(Engine):
     """Runs :class:`cmfpga.rtl.core.Core` itself; the results and cycle counts are those of the emitted Verilog.
 
     ``why`` says in the note what keeps the Verilog from being compiled.
     """
+
+    name = "rtl"
 
     def __init__(self, config, why="no C++ compiler found"):
         super().__init__(config)
@@ -40,7 +42,7 @@ class AmaranthEngine(RtlEngine):
         simulator.add_testbench(self._bench)
         return simulator
 
-    def _simulate(self, events, settings):
+    def _run(self, events, settings):
         table = schedule_table(self.config, settings)
         mask = mask_writes(self.config, settings.hot_mask, self._mask) if settings.hot_mask else []
         self._mask = settings.hot_mask or self._mask
@@ -60,7 +62,7 @@ class AmaranthEngine(RtlEngine):
         for _ in range(2 * cycles + 1000):
             self._simulator.advance()
             if self._outcome:
-                return self._outcome
+                return [to_batch_result(self.config, *self._outcome)]
         raise TimeoutError(f"no result after {cycles + 500} clock cycles")
 
     async def _bench(self, ctx):
@@ -107,7 +109,7 @@ class AmaranthEngine(RtlEngine):
             if done:
                 names = columns(core.config)
                 rows = [[row[name] for name in names] for row in trace]
-                return flat(result), np.array(rows, np.int64).reshape(-1, len(names))
+                return [flat(result)], [np.array(rows, np.int64).reshape(-1, len(names))]
 
 
 def nested(layout, values, prefix=""):

@@ -1,10 +1,11 @@
-"""What all engines have in common."""
+"""The contract of all engines: a table of regions, events in, results out."""
 
 import dataclasses
 import operator
 from abc import ABC, abstractmethod
 
 from ..errors import ConfigError
+from ..protocol.regions import Region
 from ..protocol.results import BatchResult
 from ..protocol.settings import clamp_roi
 from ..protocol.trace import Trace
@@ -34,12 +35,15 @@ def check_events(config, events):
 
 
 class Engine(ABC):
-    """Runs batches, one after the other, and keeps what the hardware keeps between them: v and the ROI.
+    """Runs events, and keeps what the hardware keeps between runs: v and place of each region of its table.
+
+    A core of one ROI has a table of one row. That row is as large as the image, and it moves
+    (:meth:`Region.roi <cmfpga.protocol.regions.Region.roi>`); after a reset it lies at 0, 0.
 
     Parameters
     ----------
     config : Config
-        Shapes the hardware. Run-time values come with each batch.
+        Shapes the hardware. Run-time values come with each run.
 
     Attributes
     ----------
@@ -47,69 +51,106 @@ class Engine(ABC):
         As on the command line.
     note : str
         What the user should know about how this engine runs; may be empty.
-    roi : pair of int
-        Left column and top row of the ROI that the next batch will be cut with, if its settings don't move it.
+    regions : list of Region
+        The table.
+    places : list of pair of int
+        Left column and top row, px, with which each region crops the next events.
+    cycles : int or None
+        Clock cycles of the last run, of all its regions; None without a clock, or without events.
     """
 
     name = ""
     note = ""
+    result, traced = BatchResult, True  # kind of the results, and whether they have a trace
 
     def __init__(self, config):
-        self.config = config
-        self.roi = (0, 0)
-        self._waiting_roi = None
+        self.config, self.regions, self.cycles = config, [], None
+        self.forget()
 
-    def run(self, events, settings):
-        """Process one batch.
+    def forget(self):
+        """Return to the state after a reset: each row where it was written, a core's ROI at 0, 0."""
+        if not self.config.regions:
+            self.regions = [Region.roi(self.config, (0, 0))]
+        self.places = [(row.x, row.y) for row in self.regions]
+        self._last, self._loads = [None] * len(self.regions), False
 
-        Parameters
-        ----------
-        events : Events
-            All events of the batch.
-        settings : BatchSettings
-            Run-time inputs.
+    def write(self, regions, anew=()):
+        """Replace the table of regions, between runs.
 
-        Returns
-        -------
-        BatchResult
-            Its trace is None from an accelerator, the engine ``axi``: only the result comes over the wire.
+        A row that changes, or whose number is in ``anew``, forgets what it measured and where it moved to.
 
         Raises
         ------
         ConfigError
-            The batch is larger than the hardware counts to, or an event or the ROI lies outside the sensor.
+            The hardware cannot hold a row.
         """
-        limit = self.config.max_batch_events
+        regions = list(regions)
+        fresh = {k for k, row in enumerate(regions) if k in anew or self.regions[k : k + 1] != [row]}
+        if self.config.regions:
+            self._write(regions, anew)
+        elif regions == [Region.roi(self.config, (regions[0].x, regions[0].y))]:
+            check_roi(self.config, (regions[0].x, regions[0].y))
+            self._loads |= bool(fresh)
+        else:
+            raise ConfigError("regions = 0: the table has one row, which is as large as the ROI, and moves")
+        self.places = [(row.x, row.y) if k in fresh else self.places[k] for k, row in enumerate(regions)]
+        self._last += [None] * (len(regions) - len(self._last))
+        self.regions = regions
+
+    def run(self, events, settings):
+        """Process events.
+
+        Parameters
+        ----------
+        events : Events
+            One batch; with ``slices`` one slice.
+        settings : BatchSettings
+            Run-time inputs. ``roi`` writes the row of a core of one ROI anew. A table of regions reads neither that
+            nor ``thinning``, ``thin_target`` and ``start_last``.
+
+        Returns
+        -------
+        list of BatchResult
+            In the order of their last events, each with an outcome for each region. A batch has one. That of a slice
+            is its window's, of the last so many slices. An accelerator's results have no trace.
+
+        Raises
+        ------
+        ConfigError
+            There are more events than the hardware counts to, or an event or the ROI lies outside the sensor.
+        """
+        config, limit = self.config, self.config.slice_events
         if len(events) > limit:
             raise ConfigError(f"a batch of {len(events)} events: at most {limit} are allowed (max_batch_events)")
-        check_events(self.config, events)
-        if settings.roi is not None:
-            check_roi(self.config, settings.roi)
-            self.roi = self._waiting_roi = settings.roi
+        check_events(config, events)
+        if settings.roi is not None and not config.regions:
+            self.write([Region.roi(config, settings.roi)], {0})
+        self.cycles = None
         if not len(events):
-            return self._nothing(settings)
-        result = self._run(events, dataclasses.replace(settings, roi=self._waiting_roi))
-        self._waiting_roi = None
-        self.roi = result.roi_next
-        return result
+            return [self._nothing()]
+        results = self._run(events, dataclasses.replace(settings, roi=self.places[0] if self._loads else None))
+        self._loads, self._last = False, list(results[-1].regions)
+        self.places = [one.roi_next for one in self._last]
+        if not config.regions:
+            self.cycles = results[-1].cycles
+        return results
 
-    def _nothing(self, settings):
-        """A batch without events never reaches the hardware; a new ROI waits for the next one."""
-        trace = Trace.without_iterations(self.config, self._trace_v())
-        return BatchResult.nothing(roi=self.roi, roi_next=self.roi, v=self.v, trace=trace)
+    def _nothing(self):
+        """The result of no events, which never reach the hardware."""
+        rows, still = [], (0.0,) * len(self.config.motion_model.names)
+        for place, last in zip(self.places, self._last, strict=False):
+            path = tuple(last.trace.v[-1].tolist()) if last and last.trace else (0,) * len(still)
+            trace = Trace.without_iterations(self.config, path) if self.traced else None
+            rows.append({"roi": place, "roi_next": place, "v": last.v if last else still, "trace": trace})
+        return self.result.nothing(*rows)
 
-    def _trace_v(self):
-        """v as a trace has it."""
-        return tuple(self.config.formats.v.raw(axis) for axis in self.v)
-
-    @property
-    @abstractmethod
-    def v(self):
-        """Velocity of the last batch, px per half batch."""
+    def _write(self, regions, anew):
+        """Replace the hardware's table; of hardware that has one."""
+        raise NotImplementedError
 
     @abstractmethod
     def _run(self, events, settings):
-        """One checked batch of at least one event."""
+        """Checked events, at least one; ``settings.roi`` where a core of one ROI loads it."""
 
     def close(self):  # noqa: B027 - most engines hold nothing
         """Release what the engine holds."""

@@ -1,8 +1,10 @@
-"""The bit-exact integer model as an engine."""
+"""The models as engines: the bit-exact integers, and float64."""
 
 import torch
 
+from ..reference.float_core import FloatCore
 from ..reference.integer.core import IntegerCore
+from ..reference.regions import RegionSequence
 from .base import Engine
 
 
@@ -16,13 +18,21 @@ class ModelEngine(Engine):
         super().__init__(config)
         torch.set_num_threads(1)  # tensors this small only get slower with more
         self.core = self.model(config)
+        self._table = RegionSequence(self.core) if config.regions else self.core
 
-    @property
-    def v(self):
-        return self.core.velocity
-
-    def _trace_v(self):
-        return self.core.v
+    def _write(self, regions, anew):
+        self._table.write(regions, anew)
 
     def _run(self, events, settings):
-        return self.core.run(events.t, events.x, events.y, settings)
+        return [self._table.run(events.t, events.x, events.y, settings)]
+
+
+class FloatEngine(ModelEngine):
+    """Runs the equations in float64: what the arithmetic of the other engines is measured against.
+
+    Cropping is the hardware's (it is exact); times, dither, votes, gradients, v and the ROI's position are not rounded,
+    and v does not saturate. ``eta``, ``roi_gain`` and ``v_start`` are those that the hardware's formats can express.
+    """
+
+    name = "float"
+    model = FloatCore

@@ -1,12 +1,13 @@
 """The emitted Verilog in Verilator as an engine."""
 
-from ..protocol.settings import settings_values
 from ..verilog.simulation.core import VerilatedCore
-from .rtl import RtlEngine
+from .base import Engine
 
 
-class VerilatedEngine(RtlEngine):
+class VerilatedEngine(Engine):
     """Runs the emitted Verilog in Verilator."""
+
+    name = "rtl"
 
     def __init__(self, config):
         super().__init__(config)
@@ -14,13 +15,16 @@ class VerilatedEngine(RtlEngine):
 
     @property
     def core(self):
+        """The component, which knows how many cycles a batch takes."""
         return self._core.core
 
-    def _simulate(self, events, settings):
-        values = settings_values(self.config, settings)
-        self._core.write_tables(settings)
-        result, trace, _ = self._core.run(events.t, events.x, events.y, values)
-        return result, trace
+    def _write(self, regions, anew):
+        self._core.write(regions, anew)
+
+    def _run(self, events, settings):
+        results = self._core.results([(events.t, events.x, events.y)], settings)
+        self.cycles = self._core.finished[-1] - self._core.offered[-1]
+        return results
 
     def close(self):
         self._core.close()

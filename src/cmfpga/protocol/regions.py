@@ -53,6 +53,13 @@ class Region:
     stride: int = 1
     moves: bool = False
 
+    @classmethod
+    def roi(cls, config, place, stride=1):
+        """A row that is an ROI as a core has it: as large as the image, it begins at its last v, and moves by it."""
+        size = {"width": config.roi_width, "height": config.roi_height}
+        start = "last" if config.start == "last" else "given"
+        return cls(x=place[0], y=place[1], **size, start=start, stride=stride, moves=True)
+
     def corner(self, config):
         """Column and row of the image in which the region begins."""
         if self.margin is not None:

@@ -319,10 +319,31 @@ class BatchResult(_record("_BatchFields", "batch")):
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @classmethod
-    def nothing(cls, **values):
-        """Of a batch without events; ``values`` are what is known nevertheless."""
-        scopes = ("batch", "region", "wrapper") if issubclass(cls, WireResult) else ("batch", "region")
-        return cls(**{f.name: f.nothing for f in fields_of(*scopes)} | values)
+    def nothing(cls, *rows):
+        """Of no events; each of ``rows`` is what is known of a region nevertheless."""
+        regions = [RegionOutcome(**{f.name: f.nothing for f in fields_of("region")} | row) for row in rows]
+        return cls(**{f.name: f.nothing for f in fields_of("batch", *cls._wrapper())}, regions=regions)
+
+    @classmethod
+    def decoded(cls, config, rows, traces=None):
+        """Of raw values, ``{leaf: value}`` of each region in the order of their numbers; ``traces`` are theirs."""
+        found = [decode(config, row, *cls._wrapper()) for row in rows]
+        own = [f.name for f in fields_of("region", config=config)]
+        traces = traces or [None] * len(rows)
+        regions = [
+            RegionOutcome(**{name: values.pop(name) for name in own}, trace=trace)
+            for values, trace in zip(found, traces, strict=True)
+        ]
+        told = {f.name for f in fields_of(*cls._wrapper()) if f.default is False}  # by any of the packet's records
+        return cls(**found[0] | {name: any(values[name] for values in found) for name in told}, regions=regions)
+
+    @classmethod
+    def _wrapper(cls):
+        return ("wrapper",) if issubclass(cls, WireResult) else ()
+
+    def split(self):
+        """A result of each region."""
+        return [dataclasses.replace(self, regions=(one,)) for one in self.regions]
 
 
 @dataclass(frozen=True, kw_only=True, init=False)

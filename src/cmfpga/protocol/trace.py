@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .results import trace_shape
+from .results import BatchResult, trace_shape
 from .shapes import leaves
 
 
@@ -70,3 +70,10 @@ class Trace:
 def columns(config):
     """Names of the trace's values: the Verilog ports behind ``trace_``, in order."""
     return [leaf for name, shape in trace_shape(config).items() for leaf in leaves(name, shape)]
+
+
+def to_batch_result(config, rows, traces):
+    """A :class:`BatchResult` of raw values: result ports by name, and the trace ports' [T, 7], of each region."""
+    ends = (tuple(row[f"v_{name}"] for name in config.motion_model.names) for row in rows)
+    paths = [Trace.of_ports(config, trace, v) for trace, v in zip(traces, ends, strict=True)]
+    return BatchResult.decoded(config, rows, paths)

@@ -16,9 +16,9 @@ from vcd import VCDWriter
 from vcd.gtkw import GTKWSave
 
 from ..engines import AXI
-from ..engines.rtl import to_batch_result
 from ..errors import ConfigError, naming
 from ..protocol.settings import BatchSettings, settings_values
+from ..protocol.trace import to_batch_result
 from ..rtl.payloads import Fixed
 from ..rtl.top import VerilogCore, flatten
 from ..verilog.compiler import cannot_compile
@@ -183,7 +183,7 @@ def record(config, batch):
         running.start_waves()
         ports, trace, _ = running.run(events.t, events.x, events.y, settings_values(config, settings))
         waves = running.take_waves()
-    again = to_batch_result(config, ports, trace)
+    again = to_batch_result(config, [ports], [trace])
     if again.trace != batch.result.trace:
         raise AssertionError("the batch by itself ran otherwise than in the track")
     opened = _cycles_of(core.probes, waves, "core", "opened")[0]

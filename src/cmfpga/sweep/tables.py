@@ -10,7 +10,7 @@ from ..config import Config
 from ..fpga import resources
 from ..imaging.camera import RATES
 from ..protocol.flags import Flag
-from ..tracking.columns import COLUMNS, MORE, columns
+from ..tracking.columns import COLUMNS, MORE, Column, columns, declared
 from ..tracking.verdict import Verdict
 from .store import write_atomically
 from .task import MORE_COLUMNS, version
@@ -18,54 +18,48 @@ from .task import MORE_COLUMNS, version
 #: An error below this counts as found, px per half batch; the bound of ``studies.accuracy``.
 FOUND_PX = 0.6
 
-#: Columns of ``results``, in order, before those of the resources and the configuration: pandas' type and meaning.
-RESULTS = {
-    "recording": ("string", "as it was given, without its ROI"),
-    "configuration": ("Int64", "number of the configuration, from 0, the field that was named last changing fastest"),
-    "status": ("string", "`ok`; `empty`: no batch measured anything; `failed`: there is no result"),
-    "reason": ("string", "why it is not `ok`"),
-    "roi_x": ("Int64", "left column of the first batch's ROI, px"),
-    "roi_y": ("Int64", "top row of the first batch's ROI, px"),
-    "batches": ("Int64", "batches tracked"),
-    "degenerate_batches": ("Int64", "batches that measured nothing"),
-    "batches_with_warnings": ("Int64", "batches with a flag that is a warning"),
-    "flags": ("string", "all flags that were set, joined by `\\|`"),
-    "events": ("Int64", "events of all batches"),
-    "events_left_over": ("Int64", "events after the last batch"),
-    "roi_events_mean": ("Float64", "events in the ROI that the buffer held, mean over the batches"),
-    "vx_px_per_s_median": ("Float64", "median velocity, px/s"),
-    "vy_px_per_s_median": ("Float64", "the same along y"),
-    "contrast_mean": ("Float64", "contrast at the v found, mean over the batches, (events/px)²"),
-    "gain_median": (
-        "Float64",
-        "how many times the contrast at v = 0 that at the v found is, both dithered, median over the batches; 1 for a "
-        "degenerate batch",
-    ),
-    "trusted_batches": ("Int64", "batches that are to be trusted; empty where the confidence was not measured"),
-    "verdict": ("string", "the same, and the velocity, in words, as `track` says it"),
-    "error_px_median": (
-        "Float64",
-        "distance of v from the truth, median over the batches, px per half batch; a degenerate batch errs by "
-        "infinity; empty where the truth is not known",
-    ),
-    "error_px_max": ("Float64", "the largest of them"),
-    "error_below_0.6_px": ("Float64", "share of the batches whose error is less than 0.6 px per half batch"),
-    "cycles_mean": (
-        "Float64",
-        "clock cycles of a batch, mean over those that are not degenerate; empty for engines without a clock",
-    ),
-    "cycles_max": ("Int64", "clock cycles of the longest batch"),
-    "truth": ("string", "where the true motion was found: `sidecar` or `recording`; empty: nowhere"),
-    "engine": ("string", "`rtl`, `model` or `float`"),
-    "batch_events": ("Int64", "`--batch-events`"),
-    "batch_us": ("Int64", "`--batch-us`"),
-    "batch_roi_events": ("Int64", "`--batch-roi-events`"),
-    "start_event": ("Int64", "`--start-event`"),
-    "recording_sha256": ("string", "of the file"),
-    "configuration_hash": ("string", "of the hardware: equal hash, equal Verilog"),
-    "cmfpga": ("string", "version, and a digest of the sources"),
-    "preset": ("string", "the configuration that was begun with"),
-}
+#: Columns of ``results``, in order, before those of the resources and the configuration.
+RESULTS = declared(
+    Column(name="recording", dtype=str, doc="as it was given, without its ROI"),
+    Column(name="configuration", dtype=int, doc="number of the configuration, from 0, the field that was named last "
+           "changing fastest"),
+    Column(name="status", dtype=str, doc="`ok`; `empty`: no batch measured anything; `failed`: there is no result"),
+    Column(name="reason", dtype=str, doc="why it is not `ok`"),
+    Column(name="roi_x", dtype=int, doc="left column of the first batch's ROI, px"),
+    Column(name="roi_y", dtype=int, doc="top row of the first batch's ROI, px"),
+    Column(name="batches", dtype=int, doc="batches tracked"),
+    Column(name="degenerate_batches", dtype=int, doc="batches that measured nothing"),
+    Column(name="batches_with_warnings", dtype=int, doc="batches with a flag that is a warning"),
+    Column(name="flags", dtype=str, doc="all flags that were set, joined by `|`"),
+    Column(name="events", dtype=int, doc="events of all batches"),
+    Column(name="events_left_over", dtype=int, doc="events after the last batch"),
+    Column(name="roi_events_mean", doc="events in the ROI that the buffer held, mean over the batches"),
+    Column(name="vx_px_per_s_median", doc="median velocity, px/s"),
+    Column(name="vy_px_per_s_median", doc="the same along y"),
+    Column(name="contrast_mean", doc="contrast at the v found, mean over the batches, (events/px)²"),
+    Column(name="gain_median", doc="how many times the contrast at v = 0 that at the v found is, both dithered, "
+           "median over the batches; 1 for a degenerate batch"),
+    Column(name="trusted_batches", dtype=int, doc="batches that are to be trusted; empty where the confidence was not "
+           "measured"),
+    Column(name="verdict", dtype=str, doc="the same, and the velocity, in words, as `track` says it"),
+    Column(name="error_px_median", doc="distance of v from the truth, median over the batches, px per half batch; a "
+           "degenerate batch errs by infinity; empty where the truth is not known"),
+    Column(name="error_px_max", doc="the largest of them"),
+    Column(name="error_below_0.6_px", doc="share of the batches whose error is less than 0.6 px per half batch"),
+    Column(name="cycles_mean", doc="clock cycles of a batch, mean over those that are not degenerate; empty for "
+           "engines without a clock"),
+    Column(name="cycles_max", dtype=int, doc="clock cycles of the longest batch"),
+    Column(name="truth", dtype=str, doc="where the true motion was found: `sidecar` or `recording`; empty: nowhere"),
+    Column(name="engine", dtype=str, doc="`rtl`, `model` or `float`"),
+    Column(name="batch_events", dtype=int, doc="`--batch-events`"),
+    Column(name="batch_us", dtype=int, doc="`--batch-us`"),
+    Column(name="batch_roi_events", dtype=int, doc="`--batch-roi-events`"),
+    Column(name="start_event", dtype=int, doc="`--start-event`"),
+    Column(name="recording_sha256", dtype=str, doc="of the file"),
+    Column(name="configuration_hash", dtype=str, doc="of the hardware: equal hash, equal Verilog"),
+    Column(name="cmfpga", dtype=str, doc="version, and a digest of the sources"),
+    Column(name="preset", dtype=str, doc="the configuration that was begun with"),
+)  # fmt: skip
 
 _TYPES = {int: "Int64", float: "Float64", str: "string"}
 #: The same in JSON, where a number may be missing.
@@ -113,7 +107,7 @@ def results(rows, outcomes, run, estimates):
         line |= {f"resources.{kind}": estimated.get(kind) for kind in resources.KINDS} if estimates else {}
         line |= {f"config.{name}": value for name, value in row.choice.fields(row.subject).items()}
         lines.append(line)
-    types = {name: kind for name, (kind, _) in RESULTS.items()}
+    types = {name: _TYPES[column.dtype] for name, column in RESULTS.items()}
     types |= {f"{name}_median": "Float64" for name in _rates(rows)}
     types |= {f"resources.{kind}": "Float64" for kind in resources.KINDS} if estimates else {}
     types |= {f"config.{name}": kind for name, kind in config_types().items()}

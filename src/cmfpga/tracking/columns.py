@@ -1,7 +1,7 @@
-"""The columns of a track, each declared once in :data:`COLUMNS`.
+"""Columns of tables, each declared once: CSV, arrays, the report and the documentation follow from that.
 
-``track.csv``, the arrays of :class:`~cmfpga.api.track_result.Tracking`, the tables of a sweep, the report and the
-documentation follow from that table.
+A track's are :data:`COLUMNS`, those of flow :data:`cmfpga.dense.window.COLUMNS`, of a sweep
+:data:`cmfpga.sweep.tables.RESULTS`.
 """
 
 import csv
@@ -29,41 +29,59 @@ class Column:
         Empty for a number of things.
     doc : str
         What it means.
-    field : str, optional
-        The field of :data:`cmfpga.protocol.results.RESULTS` that it shows.
-    part : int, optional
-        Which part of that field, where it has several.
     value : callable, optional
-        Instead of ``field``: ``value(batch)`` of a :class:`~cmfpga.tracking.loop.TrackedBatch`.
-    text : str
-        Format of the value in the CSV.
+        ``value(one)`` of what a row, or several, tell of: a :class:`~cmfpga.tracking.loop.TrackedBatch`, a window.
+    text : str or callable, or None
+        Format of the value in the CSV; None: only in arrays.
+    shape : str
+        Of an array beside the CSV, if there is one.
     may_be_missing : bool
         The value may be None: empty in the CSV, NaN in an array.
     """
 
     name: str
-    dtype: type
-    title: str
+    dtype: type = float
+    title: str = ""
     unit: str = ""
     doc: str
-    field: str | None = None
-    part: int | None = None
     value: Callable | None = None
-    text: str = "{}"
+    text: str | Callable | None = "{}"
+    shape: str = ""
     may_be_missing: bool = False
-
-    def of(self, batch):
-        """The value of a tracked batch."""
-        if self.value:
-            return self.value(batch)
-        value = getattr(batch.result, self.field)
-        return value if self.part is None else value[self.part]
 
     def array(self, values):
         """One value per batch as an array: int64, float64 or str."""
         if self.may_be_missing:
             return np.array([np.nan if value is None else value for value in values], np.float64)
         return np.array(values, _ARRAYS[self.dtype])
+
+    def shown(self, value):
+        """Text of a value; equal values give equal text."""
+        if value is None or (self.may_be_missing and value != value):
+            return ""
+        return self.text(value) if callable(self.text) else self.text.format(value)
+
+
+def declared(*columns):
+    """``{name: Column}``, in their order."""
+    return {column.name: column for column in columns}
+
+
+def csv_writer(file, names, image=""):
+    """A function that writes a row into a CSV, which has its head of ``names`` already.
+
+    ``image``, where it is told, is what a last column says: which image places and velocities are in.
+    """
+    writer, more = csv.writer(file, lineterminator="\n"), [image] * bool(image)
+    writer.writerow((*names, *["image"] * bool(image)))
+    return lambda row: writer.writerow((*row, *more))
+
+
+def _result(name, part=None):
+    """A field of :data:`cmfpga.protocol.results.RESULTS`, or a part of it."""
+    if part is None:
+        return lambda batch: getattr(batch.result, name)
+    return lambda batch: getattr(batch.result, name)[part]
 
 
 def _speed(axis):
@@ -73,67 +91,61 @@ def _speed(axis):
 _HALF_BATCH, _PER_SECOND = "px/half batch", "the same in px/s; empty for a degenerate batch"
 
 #: ``{name: Column}``, in the order of the CSV.
-COLUMNS = {
-    column.name: column
-    for column in (
-        Column(name="batch", dtype=int, title="batch", doc="number of the batch, from 0", value=lambda b: b.index),
-        Column(name="t_ref_us", dtype=float, title="middle of the batch", unit="µs", value=lambda b: b.t_ref,
-               doc="middle of the batch's time range, on the recording's clock; empty for a batch without events",
-               text="{:.1f}", may_be_missing=True),
-        Column(name="events", dtype=int, title="events of the sensor", field="events",
-               doc="N, events of the batch, of the whole sensor"),
-        Column(name="roi_events", dtype=int, title="events in the ROI", field="roi_events",
-               doc="n, events in the ROI that the buffer holds; these are what v is found from"),
-        Column(name="roi_x", dtype=int, title="ROI, left column", unit="px", field="roi", part=0,
-               doc="left column of the ROI that the batch was cut with"),
-        Column(name="roi_y", dtype=int, title="ROI, top row", unit="px", field="roi", part=1,
-               doc="top row of that ROI"),
-        Column(name="vx", dtype=float, title="velocity to the right", unit=_HALF_BATCH, field="v", part=0,
-               doc="velocity along x, positive to the right; of a degenerate batch, the one before it", text="{!r}"),
-        Column(name="vy", dtype=float, title="velocity downwards", unit=_HALF_BATCH, field="v", part=1,
-               doc="velocity along y, positive downwards", text="{!r}"),
-        Column(name="vx_px_per_s", dtype=float, title="velocity to the right", unit="px/s", value=_speed(0),
-               doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
-        Column(name="vy_px_per_s", dtype=float, title="velocity downwards", unit="px/s", value=_speed(1),
-               doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
-        Column(name="iterations", dtype=int, title="iterations", field="iterations",
-               doc="iterations done; 0 for a degenerate batch"),
-        Column(name="cycles", dtype=int, title="clock cycles", field="cycles", may_be_missing=True,
-               doc="clock cycles from the offer of the first event to the result, of one of several objects those of "
-               "its unit alone; empty for engines without a clock"),
-        Column(name="contrast", dtype=float, title="contrast", unit="(events/px)²", value=lambda b: b.contrast,
-               doc="population variance of the image of warped events at (vx, vy), computed in float64 for every "
-               "engine", text="{:.6f}"),
-        Column(name="confidence", dtype=float, title="confidence", unit="1/px²", value=lambda b: b.confidence,
-               doc="κ, how sharp the peak of the contrast is; v is known to about 1/√κ px; empty where it was not "
-               "measured", text="{:.3f}", may_be_missing=True),
-        Column(name="flags", dtype=str, title="flags", value=lambda b: b.flags.text,
-               doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
-    )
-}  # fmt: skip
+COLUMNS = declared(
+    Column(name="batch", dtype=int, title="batch", doc="number of the batch, from 0", value=lambda b: b.index),
+    Column(name="t_ref_us", dtype=float, title="middle of the batch", unit="µs", value=lambda b: b.t_ref,
+           doc="middle of the batch's time range, on the recording's clock; empty for a batch without events",
+           text="{:.1f}", may_be_missing=True),
+    Column(name="events", dtype=int, title="events of the sensor", value=_result("events"),
+           doc="N, events of the batch, of the whole sensor"),
+    Column(name="roi_events", dtype=int, title="events in the ROI", value=_result("roi_events"),
+           doc="n, events in the ROI that the buffer holds; these are what v is found from"),
+    Column(name="roi_x", dtype=int, title="ROI, left column", unit="px", value=_result("roi", 0),
+           doc="left column of the ROI that the batch was cut with"),
+    Column(name="roi_y", dtype=int, title="ROI, top row", unit="px", value=_result("roi", 1),
+           doc="top row of that ROI"),
+    Column(name="vx", dtype=float, title="velocity to the right", unit=_HALF_BATCH, value=_result("v", 0),
+           doc="velocity along x, positive to the right; of a degenerate batch, the one before it", text="{!r}"),
+    Column(name="vy", dtype=float, title="velocity downwards", unit=_HALF_BATCH, value=_result("v", 1),
+           doc="velocity along y, positive downwards", text="{!r}"),
+    Column(name="vx_px_per_s", dtype=float, title="velocity to the right", unit="px/s", value=_speed(0),
+           doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
+    Column(name="vy_px_per_s", dtype=float, title="velocity downwards", unit="px/s", value=_speed(1),
+           doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
+    Column(name="iterations", dtype=int, title="iterations", value=_result("iterations"),
+           doc="iterations done; 0 for a degenerate batch"),
+    Column(name="cycles", dtype=int, title="clock cycles", value=_result("cycles"), may_be_missing=True,
+           doc="clock cycles from the offer of the first event to the result, of one of several objects those of "
+           "its unit alone; empty for engines without a clock"),
+    Column(name="contrast", dtype=float, title="contrast", unit="(events/px)²", value=lambda b: b.contrast,
+           doc="population variance of the image of warped events at (vx, vy), computed in float64 for every "
+           "engine", text="{:.6f}"),
+    Column(name="confidence", dtype=float, title="confidence", unit="1/px²", value=lambda b: b.confidence,
+           doc="κ, how sharp the peak of the contrast is; v is known to about 1/√κ px; empty where it was not "
+           "measured", text="{:.3f}", may_be_missing=True),
+    Column(name="flags", dtype=str, title="flags", value=lambda b: b.flags.text,
+           doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
+)  # fmt: skip
 
 
 def _rate(name, title, unit, doc):
     return Column(name=name, dtype=float, title=title, unit=unit, value=lambda b: b.rates[name], doc=doc,
-                  text="{:.6f}", may_be_missing=True)  # fmt: skip
+              text="{:.6f}", may_be_missing=True)  # fmt: skip
 
 
 _DEGENERATE = "; empty for a degenerate batch"
 
 #: Of motions beyond translation, beside those: what :func:`cmfpga.imaging.camera.rates` tells.
-MORE = {
-    column.name: column
-    for column in (
-        _rate("wx_rad_per_s", "angular velocity about x", "rad/s",
-              "the camera's angular velocity about its x axis, which points to the right" + _DEGENERATE),
-        _rate("wy_rad_per_s", "angular velocity about y", "rad/s", "the same about y, which points down"),
-        _rate("wz_rad_per_s", "angular velocity about z", "rad/s", "the same about z, which points forward"),
-        _rate("zoom_per_s", "zoom", "1/s", "growth of the image per s, positive of what comes nearer" + _DEGENERATE),
-        _rate("roll_rad_per_s", "roll", "rad/s", "turn of the image, positive clockwise" + _DEGENERATE),
-        _rate("time_to_contact_s", "time to contact", "s",
-              "1/zoom_per_s, negative of what goes away; empty without a zoom"),
-    )
-}  # fmt: skip
+MORE = declared(
+    _rate("wx_rad_per_s", "angular velocity about x", "rad/s",
+          "the camera's angular velocity about its x axis, which points to the right" + _DEGENERATE),
+    _rate("wy_rad_per_s", "angular velocity about y", "rad/s", "the same about y, which points down"),
+    _rate("wz_rad_per_s", "angular velocity about z", "rad/s", "the same about z, which points forward"),
+    _rate("zoom_per_s", "zoom", "1/s", "growth of the image per s, positive of what comes nearer" + _DEGENERATE),
+    _rate("roll_rad_per_s", "roll", "rad/s", "turn of the image, positive clockwise" + _DEGENERATE),
+    _rate("time_to_contact_s", "time to contact", "s",
+          "1/zoom_per_s, negative of what goes away; empty without a zoom"),
+)  # fmt: skip
 
 
 def columns(motion):
@@ -147,16 +159,6 @@ def columns(motion):
 
 
 def row(values):
-    """Text of a batch's values, ``{name: value}``. Equal results give equal text."""
+    """Text of a batch's values, ``{name: value}``."""
     every = COLUMNS | MORE
-    return tuple("" if value is None else every[name].text.format(value) for name, value in values.items())
-
-
-def csv_writer(file, image="", motion="translation"):
-    """A function that writes a batch's values into ``track.csv``, which has its head already, with :func:`columns`.
-
-    ``image``, where it is told, is what the last column says: which image ROI and v are in.
-    """
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow((*columns(motion), *["image"] * bool(image)))
-    return lambda values: writer.writerow((*row(values), *[image] * bool(image)))
+    return tuple(every[name].shown(value) for name, value in values.items())

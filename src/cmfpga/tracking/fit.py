@@ -191,7 +191,7 @@ class FittedCutter(BatchCutter):
                 return length
             length = min(2 * length, self.max_events)
 
-    def add(self, *batches):
+    def add(self, batches):
         """Take a :class:`~cmfpga.tracking.loop.TrackedBatch` of each object, and choose the length of the next ones."""
         judges = _judges(self._config)
         results = [one.result for one in batches]

@@ -1,98 +1,185 @@
-"""The track loop: batches in order, each cropped where the one before it left the ROI; of one object, or of several.
+"""The measuring loop: windows cut, run, and the next length chosen; of one object, of several, or of a field of flow.
 
-It is the only one: the command, the Python API, a sweep and the driver of a board run it, with whatever engine they
-have. What is kept of the batches is up to the consumers that the caller chooses.
+It is the only one: the commands, the Python API, a sweep and the driver of a board run it, with whatever engine they
+have. What is kept of the windows is up to the consumers that the caller chooses.
 """
 
+import collections
 import functools
-import itertools
-from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any
 
 from ..events import WAITING, Events
+from ..events.batches import Batch
 from ..imaging.camera import rates, seen
-from ..imaging.iwe import contrast
+from ..imaging.iwe import contrast, events_in_roi
 from ..protocol.confidence import confidence, covariance, is_sure
 from ..protocol.flags import Flag
-from ..protocol.results import BatchResult
+from ..protocol.regions import MOST_STRIDE, Region
+from ..protocol.results import BatchResult, thins
 from ..protocol.settings import BatchSettings, clamp_roi
 from ..reference.integer.noise_filter import NoiseFilter
+from ..reference.integer.thinner import next_thinning
 from .columns import columns, csv_writer, row
 from .fit import LOST_BATCHES, FittedCutter
-from .replay import Replay
+
+_RESERVE = 1.3  # of events that a stride leaves room for: the rate is not the same in all batches
 
 
-@dataclass(frozen=True)
-class TrackedBatch:
+def windows(engine, cutter, table, batches=None):
+    """Measure window after window.
+
+    Parameters
+    ----------
+    engine : Engine
+        Its configuration gives the run-time settings. With ``slices`` a window has the last so many that have events.
+    cutter : BatchCutter
+        Cuts the events; a :class:`~cmfpga.tracking.fit.FittedCutter` learns from each window how long the next one is.
+    table : Table
+        What is looked for: ``window(index, events, measured)`` makes what is yielded, and ``trial(events, settings)``
+        measures events that come again, for the cutter's survey.
+    batches : int, optional
+        Stop after these; by default at the end of the events.
+
+    Yields
+    ------
+    object, or None
+        What ``table`` makes of each window; None where the source has no events yet.
+    """
+    config, fitted, length, index = engine.config, isinstance(cutter, FittedCutter), None, 0
+    size, recent = (config.roi_width, config.roi_height), collections.deque(maxlen=config.slices)
+    usual = BatchSettings.from_config(config)
+    cold = replace(usual, start_last=False)
+    while batches is None or index < batches:
+        rois = [(*place, *size) for place in table.places]
+        if fitted:
+            yield from cutter.survey(lambda events: table.trial(events, cold), *rois)
+        while (part := cutter.next(rois[0])) is WAITING:
+            yield None
+        if part is None:
+            return
+        if not len(part) and config.slices > 1:
+            table.passed_over += 1  # nothing to send: the hardware's windows know nothing of it
+            continue
+        # v is per half batch: that of a batch of another length is no start.
+        result = table.measure(part, cold if fitted and len(part) != length else usual)
+        length = len(part)
+        recent.append(part)
+        if len(recent) < config.slices:
+            continue
+        if len(recent) > 1:
+            every = Events.concatenate(recent)
+            part = Batch(every.t, every.x, every.y, every.p, recent[0].first_event)
+        window = table.window(index, part, result)
+        if fitted:
+            cutter.add(window)
+        yield window
+        index += 1
+
+
+class Table:
+    """Rows of an engine's table, and what is made of their results."""
+
+    places = ((0, 0),)  #: left column and top row, px, of each ROI that lengths are chosen for
+    passed_over = 0  #: slices without events
+
+    def __init__(self, engine):
+        self.engine, self.config = engine, engine.config
+
+    def measure(self, events, settings):
+        """Run events: what :meth:`window` needs of the result."""
+        (result,) = self.engine.run(events, settings)
+        return result
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A window of events, numbered from 0, and what the engine found in it."""
+
+    index: int
+    config: Any
+    events: Events
+    result: BatchResult
+
+    @property
+    def half_s(self):
+        """Half of the window's time range, s."""
+        return self.result.span / 2e6
+
+    @property
+    def t_ref(self):
+        """Middle of the window's time range (Eq. t_ref), µs; None without events."""
+        return float(self.events.t[0]) + self.result.span / 2 if len(self.events) else None
+
+    @functools.cached_property
+    def seen(self):
+        """The events where ROI and v have them: in the undistorted image, where there is a camera."""
+        return seen(self.config, self.events)
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedBatch(Measured):
     """One batch of a track.
 
     Parameters
     ----------
-    index : int
-        From 0.
-    events : Events
-        All events of the batch.
-    result : BatchResult
-        What the engine returned.
-    t_ref : float or None
-        Reference time in µs (Eq. t_ref); None for a batch without events.
-    contrast : float
-        Of the image of warped events at the found v, computed in float64 for every engine.
-    confidence : float or None
-        κ of :func:`cmfpga.protocol.confidence.confidence`.
-    covariance : tuple or None
-        Of v, px²: (xx, yy, xy), as :func:`cmfpga.protocol.confidence.covariance` gives it.
-    flags : Flag
-        The engine's, and ``CUT`` where the batch reached ``max_batch_events`` before it was complete.
     plan : tuple
         A ``ScheduleEntry`` per iteration, None for a constant η.
     thinning : int
         The engine stored one ROI event in so many.
     marks : pair of bool arrays, or None
         Which events were dropped as hot and as noise; None where there are no such filters.
-    roi_next : pair of int or None
+    start : pair of int or None
         Where the next batch is cropped, if not where the engine moved the ROI.
-    undistorted : cmfpga.imaging.camera.undistortion.Seen or None
-        The events in the undistorted image, where there is a camera.
-    rates : dict
-        The motion in physical units, as :func:`cmfpga.imaging.camera.rates` gives it.
-    motion : str
-        As of ``Config``.
     """
 
-    index: int
-    events: Events
-    result: BatchResult
-    t_ref: float | None
-    contrast: float
-    flags: Flag
-    confidence: float | None = None
-    covariance: tuple | None = None
     plan: tuple = ()
     thinning: int = 1
     marks: tuple | None = None
-    roi_next: tuple | None = None
-    undistorted: Any = None
-    rates: dict = field(default_factory=dict)
-    motion: str = "translation"
+    start: tuple | None = None
 
     @property
-    def seen(self):
-        """The events where ROI and v have them."""
-        return self.events if self.undistorted is None else self.undistorted
+    def flags(self):
+        """The engine's, and ``CUT`` where the batch reached ``max_batch_events`` before it was complete."""
+        return self.result.flags | (Flag.CUT if self.events.cut_short else Flag(0))
 
     @property
     def which(self):
         """Which ROI events an image shows, as :func:`~cmfpga.imaging.iwe.scaled_roi_events` takes it."""
-        return _which(self.result, self.marks)
+        dropped = None if self.marks is None else self.marks[0] | self.marks[1]
+        return {"thinned": bool(self.result.thinned), "dropped": dropped}
+
+    @property
+    def roi_next(self):
+        """Where the next batch is cropped."""
+        return self.start or self.result.roi_next
+
+    @functools.cached_property
+    def contrast(self):
+        """Of the image of warped events at the found v, computed in float64 for every engine."""
+        return contrast(self.config, self.seen, self.result.roi, self.result.v, **self.which)
+
+    @property
+    def confidence(self):
+        """κ of :func:`cmfpga.protocol.confidence.confidence`, or None."""
+        return confidence(self.config, self.result)
+
+    @property
+    def covariance(self):
+        """That of v, px²: (xx, yy, xy), as :func:`cmfpga.protocol.confidence.covariance` gives it, or None."""
+        return covariance(self.config, self.result)
+
+    @property
+    def rates(self):
+        """The motion in physical units, as :func:`cmfpga.imaging.camera.rates` gives it."""
+        return rates(self.config, self.result.v, 0 if Flag.DEGENERATE in self.result.flags else self.result.span)
 
     @property
     def v_px_per_s(self):
         """(vx, vy) in px/s; None for a degenerate batch, which measures nothing."""
         if Flag.DEGENERATE in self.flags:
             return None
-        half_range = self.result.span / 2e6
-        return self.result.v[0] / half_range, self.result.v[1] / half_range
+        return self.result.v[0] / self.half_s, self.result.v[1] / self.half_s
 
     def true_px_per_s(self, motion):
         """The true mean (vx, vy) of the batch in px/s; None without a ``motion`` or events."""
@@ -103,50 +190,33 @@ class TrackedBatch:
     @functools.cached_property
     def values(self):
         """``{name: value}`` of the :func:`~cmfpga.tracking.columns.columns`; None where there is no value."""
-        return {name: column.of(self) for name, column in columns(self.motion).items()}
+        return {name: column.value(self) for name, column in columns(self.config.motion).items()}
 
     def row(self):
         """The same as text, as in ``track.csv``."""
         return row(self.values)
 
 
-class Consumer(Protocol):
-    """Takes the batches of one track, in order."""
-
-    def add(self, batch: TrackedBatch):
-        """Take the next one."""
-
-
 class CsvConsumer:
-    """Writes ``track.csv`` into an open file as the batches come; ``how`` as of :func:`~.columns.csv_writer`."""
+    """A consumer that writes ``track.csv`` as the batches of a configuration come."""
 
-    def __init__(self, file, *how):
-        self._write = csv_writer(file, *how)
+    def __init__(self, file, config):
+        self._write = csv_writer(file, columns(config.motion), config.image)
 
     def add(self, batch):
         """Write a batch's line."""
-        self._write(batch.values)
+        self._write(batch.row())
 
 
 def track(engine, cutter, *, roi, batches=None, consumers=()):
-    """:func:`follow` one object with the core of one ROI.
-
-    Parameters
-    ----------
-    engine : Engine
-    cutter, batches
-        As of :func:`follow`.
-    roi : pair of int
-        Left column and top row of the first batch's ROI, px.
-    consumers : sequence of Consumer
-        Each takes every batch, before it is yielded.
+    """:func:`follow` one object, whose ROI begins at ``roi``; each of ``consumers`` takes every :class:`TrackedBatch`.
 
     Yields
     ------
     TrackedBatch or None
         None where the source has no events yet.
     """
-    for window in follow(OneRoi(engine), cutter, rois=[roi], batches=batches, consumers=[consumers]):
+    for window in follow(engine, cutter, rois=[roi], batches=batches, consumers=[consumers]):
         yield window and window[0]
 
 
@@ -155,99 +225,61 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
 
     Parameters
     ----------
-    engine : OneRoi or cmfpga.tracking.rows.Rows
-        Runs the batches; its configuration gives the run-time settings.
-    cutter : BatchCutter
-        Cuts the events; a :class:`~cmfpga.tracking.fit.FittedCutter` learns from each batch how long the next one is.
+    engine, cutter, batches
+        As of :func:`windows`; each object is a row of the engine's table.
     rois : sequence of pair of int
         Of each object the left column and top row of its first ROI, px.
-    batches : int, optional
-        Stop after these; by default at the end of the events.
-    consumers : sequence of sequences of Consumer
-        Of each object: each takes every batch, before it is yielded.
+    consumers : sequence of sequences
+        Of each object: the method ``add`` of each takes every :class:`TrackedBatch`, before it is yielded.
 
     Yields
     ------
     list of TrackedBatch, or None
         Of the same events, each object's; None where the source has no events yet.
     """
-    config, courses = engine.config, [_Course(engine.config, roi) for roi in rois]
-    size = config.roi_width, config.roi_height
-    noise, filters = NoiseFilter(config), config.hot_pixels or config.background
-    fitted, length = isinstance(cutter, FittedCutter), None
-
-    def run(events, cold):
-        settings = [course.settings(cold) for course in courses]
-        marks = noise.judge(events.t, events.x, events.y, settings[0]) if filters else None
-        results = engine.run(events, settings)
-        told = zip(courses, results, settings, strict=True)
-        return results, marks, [course.replay.settings_of(result, one) for course, result, one in told]
-
-    if fitted:
-        yield from cutter.survey(lambda events: run(events, True)[0], *((*roi, *size) for roi in rois))
-    for index in itertools.count() if batches is None else range(batches):
-        while (events := cutter.next((*(courses[0].start or engine.places[0]), *size))) is WAITING:
-            yield None
-        if events is None:
-            return
-        # v is per half batch: that of a batch of another length is no start.
-        results, marks, plans = run(events, fitted and len(events) != length)
-        length, placed, window = len(events), seen(config, events), []
-        for course, result, (plan, thinning), stride in zip(courses, results, plans, engine.strides, strict=True):
-            start = course.go_on(result)
-            batch = TrackedBatch(
-                index,
-                events,
-                result,
-                t_ref=float(events.t[0]) + result.span / 2 if len(events) else None,
-                contrast=contrast(config, placed, result.roi, result.v, **_which(result, marks)),
-                flags=result.flags | (Flag.CUT if events.cut_short else Flag(0)),
-                confidence=confidence(config, result),
-                covariance=covariance(config, result),
-                plan=plan,
-                thinning=thinning * stride,
-                marks=marks,
-                roi_next=start or result.roi_next,
-                undistorted=placed if config.lens else None,
-                rates=rates(config, result.v, 0 if Flag.DEGENERATE in result.flags else result.span),
-                motion=config.motion,
-            )
-            window.append(batch)
-        if fitted:
-            cutter.add(*window)
-        for batch, takers in zip(window, consumers, strict=True):
+    for window in windows(engine, cutter, _Objects(engine, rois), batches):
+        for batch, takers in zip(window or (), consumers, strict=bool(window)):
             for consumer in takers:
                 consumer.add(batch)
         yield window
 
 
-class OneRoi:
-    """The one object of a core of one ROI, whose engine keeps its v and its place.
+class _Objects(Table):
+    """Rows that each follow an object."""
 
-    Attributes
-    ----------
-    places, strides, cycles
-        As of :class:`~cmfpga.tracking.rows.Rows`.
-    """
-
-    strides = (1,)
-
-    def __init__(self, engine):
-        self.config, self._engine, self.cycles = engine.config, engine, None
+    def __init__(self, engine, rois):
+        super().__init__(engine)
+        self._courses = [_Course(self.config, roi) for roi in rois]
+        self._usual = BatchSettings.from_config(self.config)
+        self._noise = NoiseFilter(self.config) if self.config.hot_pixels or self.config.background else None
 
     @property
     def places(self):
-        return [self._engine.roi]
+        return [course.start or self.engine.places[k] for k, course in enumerate(self._courses)]
 
-    def run(self, events, settings):
-        """The :class:`BatchResult`, of the :class:`BatchSettings`; a list of one."""
-        result = self._engine.run(events, *settings)
-        self.cycles = result.cycles
-        return [result]
+    def measure(self, events, settings):
+        """``(result, plan, thinning)`` of each object; what was dropped is kept."""
+        # A core takes start_last, and keeps where its ROI is between pixels; a table has rows that begin anew.
+        restarted = self.config.regions and settings != self._usual
+        anew = {k for k, course in enumerate(self._courses) if course.start or restarted}
+        for k in anew:
+            self._courses[k].begin(events, self.places[k])
+        self.engine.write([course.row for course in self._courses], anew)
+        self._marks = self._noise.judge(events.t, events.x, events.y, settings) if self._noise else None
+        return [
+            (result, *course.replay.settings_of(result, replace(settings, roi=course.start)))
+            for course, result in zip(self._courses, super().measure(events, settings).split(), strict=True)
+        ]
 
+    def trial(self, events, settings):
+        return [result for result, *_ in self.measure(events, settings)]
 
-def _which(result, marks):
-    return {"thinned": bool(result.thinned), "dropped": None if marks is None else marks[0] | marks[1]}
+    def window(self, index, events, measured):
+        made = []
+        for course, (result, plan, thinning) in zip(self._courses, measured, strict=True):
+            how = {"plan": plan, "thinning": thinning * course.row.stride, "marks": self._marks}
+            made.append(TrackedBatch(index, self.config, events, result, start=course.go_on(result), **how))
+        return made
 
 
 class _Course:
@@ -260,17 +292,23 @@ class _Course:
     ----------
     start : pair of int or None
         Left column and top row of the next batch's ROI, px; None where the engine moves it.
+    row : Region
+        Its row of the engine's table.
     replay : Replay
     """
 
     def __init__(self, config, roi):
-        self._config, self.start, self.replay = config, roi, Replay(config)
+        self._config, self.start, self.row, self.replay = config, roi, None, Replay(config)
         self._doubtful, self._speed = 0, (0.0, 0.0)  # batches not trusted in a row; px per half µs
 
-    def settings(self, cold):
-        """Those of the next batch."""
-        settings = BatchSettings.from_config(self._config, self.start)
-        return replace(settings, start_last=False) if cold else settings
+    def begin(self, events, place):
+        """A new row at a place; of the events in it every so many are stored, so that the buffer holds them."""
+        config, stride = self._config, 1
+        if config.regions and not thins(config):
+            inside, _, _ = events_in_roi(seen(config, events), place, config.roi_width, config.roi_height)
+            while len(inside) * _RESERVE > stride * config.buffer_events and stride < 1 << MOST_STRIDE:
+                stride *= 2
+        self.row = Region.roi(config, place, stride)
 
     def go_on(self, result):
         """Choose ``start`` by the last batch's result, and return it."""
@@ -289,3 +327,29 @@ class _Course:
         ahead = (round(at + share * axis) for at, axis in zip(result.roi, self._speed, strict=True))
         self.start = clamp_roi(self._config, tuple(ahead))[0]
         return self.start
+
+
+class Replay:
+    """Which settings an engine used for each batch: what it keeps between batches, apart from v and the ROI."""
+
+    def __init__(self, config):
+        self._config = config
+        self._following = False  # the batch before measured v, so the warm schedule applies
+        self._thinning = None  # what the batch before asks for
+
+    def settings_of(self, result, settings=None):
+        """``(plan, thinning)`` of the next batch, whose :class:`BatchResult` this is; by default as configured.
+
+        ``plan`` has a ``ScheduleEntry`` per iteration; the engine stored one ROI event in ``thinning``.
+        """
+        config, rule = self._config, self._config.ascent_rule
+        settings = settings or BatchSettings.from_config(config)
+        self._following &= settings.roi is None
+        warm = rule.warm(settings, self._following) and not result.restarted
+        plan = rule.plan(settings, warm)[: result.iterations]
+        thinning = self._thinning if config.thin_target and self._thinning else config.thinning
+        if result.events:
+            self._following = Flag.DEGENERATE not in result.flags
+            found = result.roi_events + result.overflow + result.thinned
+            self._thinning = next_thinning(found, config.thin_target)
+        return plan, thinning

@@ -5,6 +5,7 @@ import os
 
 import h5py
 
+from ..config import preset
 from ..errors import ConfigError, RecordingError
 from ..events import Events, EventSource, MemoryRecording, Synthetic, as_events, is_live, open_source
 from ..events.recording import CHUNK_EVENTS, check_sensor
@@ -12,6 +13,10 @@ from ..imaging.camera import calibration_of, camera_fields
 
 #: Sizes of sensors that are sold, px, of which the smallest that holds all events is taken where nothing says the size.
 SENSORS = ((128, 128), (240, 180), (304, 240), (320, 320), (346, 260), (640, 480), (1280, 720), (1280, 800))
+
+#: What a configuration without a table of regions takes from this preset; and how many events of the whole sensor its
+#: store holds then.
+_ROWS_OF, _FIELDS, _STORED = "objects", ("regions", "units", "bin_bits", "store_style"), 65535
 
 
 class Source:
@@ -169,3 +174,37 @@ def unit_note(source, how):
     if getattr(source, "time_unit_source", None) != "assumed":
         return None
     return f"{source.name} does not say its unit of time: taking {source.time_unit}, a guess; say it with {how}"
+
+
+def with_rows(config, count, given):
+    """``config`` with a table that has a row for each of ``count`` objects.
+
+    Parameters
+    ----------
+    config : Config
+        Stays as it is where it has regions.
+    count : int
+    given : dict
+        Fields that the user gives; none of these is changed.
+
+    Raises
+    ------
+    ConfigError
+        The hardware cannot have regions, or has too few.
+    """
+    if not config.regions:
+        usual = preset(_ROWS_OF)
+        fields = {name: getattr(usual, name) for name in _FIELDS} | {"max_batch_events": _STORED}
+        fields["regions"] = max(count, usual.regions)
+        try:
+            config = config.replace(**{name: value for name, value in fields.items() if name not in given})
+        except ConfigError as error:
+            raise ConfigError(
+                f"several objects are regions of one hardware, which this cannot have: {error}; without --preset and "
+                "--set it can, and with one --roi it need not"
+            ) from None
+    if config.slices > 1:
+        raise ConfigError(f"slices = {config.slices}: windows that overlap are for cmfpga flow; 1 is needed")
+    if count > config.regions:
+        raise ConfigError(f"regions = {config.regions}: {count} objects need as many; --set regions={count}")
+    return config

@@ -10,7 +10,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import counts_of
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.verilog.simulation.regions import VerilatedRegions
+from cmfpga.verilog.simulation.core import VerilatedCore
 from support.core_batches import settings
 from support.regions import (
     CONFIGS,
@@ -26,7 +26,7 @@ CHUNKS = 6
 
 @pytest.fixture(scope="module", params=CONFIGS)
 def hardware(request):
-    verilated = VerilatedRegions(CONFIGS[request.param], seed=3)
+    verilated = VerilatedCore(CONFIGS[request.param], seed=3)
     yield verilated
     verilated.close()
 
@@ -42,7 +42,7 @@ def start(hardware, regions):
 
 
 def check(hardware, model, windows, chosen, **played):
-    found = hardware.stream(windows, chosen, **played)
+    found = hardware.results(windows, chosen, **played)
     for window, result in zip(windows, found, strict=True):
         model.sizes.append(len(window[0]))
         assert without_clock(result) == model.run(*window, chosen)
@@ -116,7 +116,7 @@ def test_a_store_of_thousands_of_pages(rng):
     """Its table of links is deep, and so lies in slices; every page of both halves is used."""
     config = CONFIGS["one unit"].replace(max_batch_events=69_000, when_full="thin")
     assert config.store.pages > 2048
-    hardware = VerilatedRegions(config)
+    hardware = VerilatedCore(config)
     model = start(hardware, random_regions(config, rng, 5))
     for _ in range(2):
         count = 69_000
@@ -130,13 +130,13 @@ def test_the_outcome_is_that_of_a_core_of_one_region(rng):
     """With bins as large as the sensor, events come in the order of time: all is as in a core of one ROI."""
     config = CONFIGS["five units, front"].replace(undistortion="off", hot_pixels=0, background=0)
     one = config.replace(regions=0, units=1, bin_bits=4)
-    hardware, core = VerilatedRegions(config), IntegerCore(one)
+    hardware, core = VerilatedCore(config), IntegerCore(one)
     chosen = settings(config)
     for k in range(30):
         place = int(rng.integers(24)), int(rng.integers(18))
         hardware.write([Region(x=place[0], y=place[1], width=16, height=12, margin=(0, 0))])
         window = random_window(config, rng)
-        found = without_clock(hardware.run(*window, chosen)).regions[0]
+        found = without_clock(hardware.results([window], chosen)[0]).regions[0]
         wanted = core.run(*window, dataclasses.replace(chosen, roi=place)).regions[0]
         if Flag.DEGENERATE in wanted.flags:
             assert Flag.DEGENERATE in found.flags and found.roi_events == wanted.roi_events

@@ -18,7 +18,7 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.regions import RegionSequence
 from cmfpga.rtl.image import basis, voter
 from cmfpga.rtl.regions import collector, distributor, unit
-from cmfpga.verilog.simulation.regions import VerilatedRegions
+from cmfpga.verilog.simulation.core import VerilatedCore
 from support.core_batches import settings
 from support.mutation import break_blocks
 from support.regions import CONFIGS, model_of, random_settings, run_amaranth, without_clock
@@ -56,7 +56,7 @@ def around(config, rng, number):
 
 def test_any_motion_about_any_middle():
     """Every sum of every iteration, every verdict, every cycle."""
-    hardware, rng, flags, known = VerilatedRegions(CONFIG), np.random.default_rng(5), set(), set()
+    hardware, rng, flags, known = VerilatedCore(CONFIG), np.random.default_rng(5), set(), set()
     unit_of = hardware.core.units[0]
     for _ in range(20):
         hardware.reset()
@@ -67,7 +67,7 @@ def test_any_motion_about_any_middle():
             one.write(regions)
         zoom, roll = rng.uniform(-2, 2, 2)
         windows = [turning(rng, int(rng.integers(60, 150)), zoom, roll) for _ in range(4)]
-        for window, result in zip(windows, hardware.stream(windows, run), strict=True):
+        for window, result in zip(windows, hardware.results(windows, run), strict=True):
             assert without_clock(result) == model.run(*window, run)
             for one in result.regions:
                 plans = [plan for plan in (run.cold, run.warm) if len(plan) == one.iterations]

@@ -10,13 +10,13 @@ from studies.crosscheck.compare import compare_stream
 
 from cmfpga.config import Config, preset
 from cmfpga.config.schedule import ScheduleEntry, used_events
-from cmfpga.engines.floating import FloatEngine
-from cmfpga.engines.rtl import to_batch_result
+from cmfpga.engines.model import FloatEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
+from cmfpga.protocol.trace import to_batch_result
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.verilog.simulation.core import VerilatedCore
 
@@ -77,7 +77,7 @@ def run_both(core, model, t, x, y, settings, **options):
     core.write_tables(settings)
     values, trace, pixels = core.run(t, x, y, settings_values(core.config, settings), **options)
     keep = options.get("keep_pixels", False)
-    return values, to_batch_result(core.config, values, trace), model.run(t, x, y, settings, keep=keep), pixels
+    return values, to_batch_result(core.config, [values], [trace]), model.run(t, x, y, settings, keep=keep), pixels
 
 
 def assert_same(rtl, model):
@@ -243,12 +243,12 @@ def test_a_full_buffer_thins_out_evenly(depth, buffers, rng):
         batches.append((t, x[order], y[order]))
         rows.append(settings_values(config, replace(settings, roi_gain=0)))
         expected.append(model.run(*batches[-1], replace(settings, roi_gain=0)))
-        same = floating.run(Events(*batches[-1], np.zeros(len(x))), replace(settings, roi_gain=0))
+        same = floating.run(Events(*batches[-1], np.zeros(len(x))), replace(settings, roi_gain=0))[0]
         for name in ("roi_events", "thinned", "overflow", "thinning_used"):
             assert getattr(same, name) == getattr(expected[-1], name)
     core.write_schedule(schedule_table(config, settings))
     results, traces = core.stream(batches, rows)
-    found = [to_batch_result(config, values, trace) for values, trace in zip(results, traces, strict=True)]
+    found = [to_batch_result(config, [values], [trace]) for values, trace in zip(results, traces, strict=True)]
     for n, (t, *_), rtl, wanted in zip(sizes, batches, found, expected, strict=True):
         assert_same(rtl, wanted)
         assert rtl.overflow == 0 and rtl.roi_events == -(-n // rtl.thinning_used) <= depth
@@ -276,7 +276,7 @@ def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
             expected = model.run(t[:end], x[:end], y[:end], settings)
             assert values["events"] == end
             assert values["accepted"] == end or config.buffers == 2  # which begins the next batch at once
-            assert_same(to_batch_result(config, values, trace), expected)
+            assert_same(to_batch_result(config, [values], [trace]), expected)
             core.reset()
             model = IntegerCore(config)
         core.close()
@@ -308,7 +308,7 @@ def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
         values, trace, _ = core.run(t, x, y, settings_values(config, settings))
         expected = model.run(t, x, y, settings)
         assert Flag.SCHEDULE in Flag(values["flags"])
-        assert to_batch_result(config, values, trace).trace == expected.trace
+        assert to_batch_result(config, [values], [trace]).trace == expected.trace
         core.write_schedule([(2, 6, 2), limited, (0, 1, 0)])
         values, _, _ = core.run(t, x, y, settings_values(config, settings))
         model.run(t, x, y, settings)

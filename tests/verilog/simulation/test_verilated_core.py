@@ -49,10 +49,10 @@ def test_giving_up_says_what_is_missing(verilated_core, rng):
 
 
 def test_a_reset_forgets_v_and_the_roi(verilated_core, verilated_engine, rng):
-    before = verilated_engine.run(make_events(rng, 60), settings((8, 8)))
+    before = verilated_engine.run(make_events(rng, 60), settings((8, 8)))[0]
     assert before.v != (0.0, 0.0)
     verilated_core.reset()
-    after = verilated_engine.run(make_events(rng, 60), settings(min_roi_events=32))
+    after = verilated_engine.run(make_events(rng, 60), settings(min_roi_events=32))[0]
     assert Flag.DEGENERATE in after.flags and after.v == (0.0, 0.0) and after.roi == (0, 0)
 
 

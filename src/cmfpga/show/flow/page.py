@@ -5,7 +5,7 @@ import zlib
 
 import numpy as np
 
-from ...dense.window import COLUMNS
+from ...dense.window import TABLE
 from ...errors import write_text
 from ...tracking.kept import BUDGET, FRAME_SIZE
 from ..report.template import asset, fill, shown_name
@@ -64,7 +64,7 @@ class Page:
         if self._stride > 1:
             notes.append(f"The page shows one window of {self._stride}; {len(flow)} are in flow.csv.")
         head = {
-            "columns": [*COLUMNS][6:],
+            "columns": [*TABLE][6:],
             "sensor": [config.sensor_width, config.sensor_height],
             "frame": [*(self._kept[0][1][0].shape[::-1] if self._kept else (0, 0))],
             "tile": [tiles.width, tiles.height],

@@ -8,7 +8,7 @@ from ...protocol.flags import Flag
 from ...protocol.settings import BatchSettings
 from ...rtl.core import Core
 from ...rtl.regions.regions import Regions
-from ...tracking.replay import Replay
+from ...tracking.loop import Replay
 
 
 def hardware_cycles(kept):

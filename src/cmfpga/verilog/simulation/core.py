@@ -1,12 +1,15 @@
-"""The core's emitted Verilog in Verilator: its compiled library, driven from here."""
+"""The emitted Verilog of a core, or of a table of regions, in Verilator: its compiled library, driven from here."""
 
 import ctypes
+import dataclasses
 
 import numpy as np
 
 from ...imaging.camera import node_writes
-from ...protocol.settings import schedule_table
+from ...protocol.regions import RegionTable
+from ...protocol.settings import schedule_table, settings_values
 from ...protocol.tables import mask_writes
+from ...protocol.trace import to_batch_result
 from ...rtl.top import verilog_top
 from ..compile import TABLES, compile_library, is_sound, load, port_names, trace_prefixes
 from ..emit import cache_folder
@@ -43,6 +46,13 @@ class VerilatedCore:
         Of the random contents that memories and reset-less registers start with.
     core : VerilogCore, optional
         The core of this configuration, where it has further outputs, such as :class:`cmfpga.show.wave.WaveCore`.
+
+    Attributes
+    ----------
+    table : RegionTable or None
+        That of hardware with one.
+    offered, finished : list of int
+        Of the batches of the last :meth:`results`: the clock cycle of the first event's offer, and of the last result.
     """
 
     def __init__(self, config, *, seed=1, core=None):
@@ -58,11 +68,15 @@ class VerilatedCore:
         self._library.core_wave_count.restype = ctypes.c_int64
         self._handle = ctypes.c_void_p(self._library.core_new(seed))
         self._written = {"schedule": ()}  # what the tables hold
+        self.table = RegionTable(config) if config.regions else None
+        self.offered, self.finished = [], []
         self.reset()
 
     def reset(self, cycles=2):
         """Hold the core's reset for some clock cycles."""
         self._library.core_reset(self._open(), ctypes.c_int64(cycles))
+        if self.table:
+            self.table.forget()
 
     def _open(self):
         if not self._handle:
@@ -76,10 +90,12 @@ class VerilatedCore:
 
     def write_tables(self, settings):
         """Fill all tables as a batch with these :class:`BatchSettings` needs them; between batches only."""
-        self.write_schedule(schedule_table(self.config, settings))
-        self._write_mask_and_nodes(settings)
-
-    def _write_mask_and_nodes(self, settings):
+        schedule = schedule_table(self.config, settings)
+        if self.table:
+            rows, schedule = self.table.changes(settings)
+            if rows:
+                self._write("row", rows)
+        self.write_schedule(tuple(schedule))
         marked = self._written.get("mask")
         if settings.hot_mask and self._is_new("mask", settings.hot_mask):
             self._write("mask", mask_writes(self.config, settings.hot_mask, marked))
@@ -179,6 +195,72 @@ class VerilatedCore:
         """
         values, trace, _ = self._play(batches, settings, gaps, [0] * len(batches) if stalls is None else stalls)
         return values, np.split(trace, np.cumsum([self._traced(row["iterations"]) for row in values])[:-1])
+
+    def write(self, regions, anew=()):
+        """Replace the table of regions; a row that changes, or is one of ``anew``, begins anew."""
+        self.table.replace(regions, anew)
+
+    def results(self, batches, settings, *, gaps=None, stalls=None, max_cycles=None):
+        """Batches without a pause between them: a list of :class:`BatchResult`, as the integer model's.
+
+        Parameters
+        ----------
+        batches : list of (t, x, y)
+            Events; at least one per batch.
+        settings : BatchSettings
+            Of all of them.
+        gaps, stalls : int arrays, optional
+            Idle cycles before each event, and before each result of a region is taken.
+        max_cycles : int, optional
+            Give up after these; by default after more than the batches can take.
+        """
+        config, regions = self.config, self.table.regions if self.table else [None]
+        if not regions:
+            raise ValueError("there are no regions: write some first")
+        count = len(regions)
+        settings = dataclasses.replace(settings, rows=count)
+        self.write_tables(settings)
+        values = [settings_values(config, settings)] * len(batches)
+        stalls = [0] * count * len(batches) if stalls is None else stalls
+        if self.table:
+            plans, limit = self._bounds(batches, settings, regions)
+            limit = max_cycles or limit + self._patience(gaps, stalls)
+            done = self._drive(batches, values, gaps, stalls, sum(plans) * len(batches), limit)
+            rows, trace, _, self.offered = done
+        else:
+            rows, trace, _ = self._play(batches, values, gaps, stalls, limit=max_cycles)
+            self.offered = [row["offered"] for row in rows]
+        self.finished = [row["valid"] for row in rows[count - 1 :: count]]
+        steps = {0: trace}
+        if self.table:  # iterations of one region come one after the other, also those of two batches
+            which = self.trace_names.index("region")
+            steps = {k: np.delete(trace[trace[:, which] == k], which, 1) for k in range(count)}
+        return [self._result(rows[at : at + count], steps) for at in range(0, len(rows), count)]
+
+    def _bounds(self, batches, settings, regions):
+        """Iterations that each region may have, and clock cycles that the batches may take."""
+        config, limit = self.config, 4 * self.config.store.bins
+        plans = [max(len(settings.cold if r.cold is None else r.cold), len(settings.warm if r.warm is None else r.warm))
+                 for r in regions]  # fmt: skip
+        turns = 1 << config.geometry.turn_bits
+        for t, _, _ in batches:
+            # With the slices before, as large as they can be.
+            window = len(t) + (config.slices - 1) * config.slice_events
+            stored = min(window, config.buffer_events)
+            limit += 2 * window + sum((plan + 4) * (turns * stored + 100) + 2 * window + 5000 for plan in plans)
+        return plans, limit
+
+    def _result(self, rows, steps):
+        """The next result, of a row of each region; its part of each region's trace leaves ``steps``."""
+        if [row.get("last", 1) for row in rows] != [0] * (len(rows) - 1) + [1]:
+            raise AssertionError("the last result of a batch is not marked")
+        rows, paths = sorted(rows, key=lambda row: row.get("region", 0)), []
+        if [row.get("region", 0) for row in rows] != [*range(len(rows))]:
+            raise AssertionError("a region has no result, or two")
+        for number, row in enumerate(rows):
+            own, steps[number] = np.split(steps[number], [self._traced(row["iterations"])])
+            paths.append(own)
+        return to_batch_result(self.config, rows, paths)
 
     def _traced(self, iterations):
         """Rows of the trace: an iteration has one, a round one for each of its evaluations."""
