@@ -46,13 +46,16 @@ THROUGHPUT = {
     "time_scaler": "one event a cycle",
     "warp": "one event a cycle",
     "voter": "one event a cycle",
+    "evaluators": "one event, four times, in four cycles; or side by side in one",
     "accumulator": "one event, or one swept address, a cycle",
     "gradient_reader": "four pixels a cycle",
     "tagged_accumulator": "one event a cycle",
     "one_pass_gradient": "one event a cycle",
     "gradient": "one gradient in {lead} cycles",
     "schedule": "one iteration a cycle",
-    "ascent": "one gradient in two cycles",
+    "means": "one round at a time",
+    "ascent": "one step in {latency} cycles",
+    "judge": "one verdict in {latency} cycles",
     "roi_updater": "one move in {latency} cycles",
     "iteration_control": "one batch at a time",
 }
@@ -70,8 +73,8 @@ PORTS = {
     "schedule_valid": "write an entry of the schedule's table; only while no batch is under way",
     "schedule_address": "which entry",
     "schedule_entry_level": "pixels 2^level px wide",
-    "schedule_entry_shift": "v moves by 2^shift units of its last bit",
-    "schedule_entry_stride": "every 2^stride-th of the stored events",
+    "schedule_entry_distance": "evaluated beside v: ¾, 1, 1½, 2 or 3 px, by its number from 0 on",
+    "schedule_entry_limit": "v moves by at most ((2 + c mod 2) << c div 2) >> 1 units of its last bit",
     "result_valid": "a result is offered, and stays as it is until it is taken",
     "result_ready": "take it",
     "result_sums_i": "ΣI of the last iteration, raw; no sum means anything in a degenerate batch",
@@ -118,7 +121,8 @@ def constants_table():
     rows = []
     for name in BOTH:
         core = elaborated(preset(name))
-        steps = ("warp", "voter", [*core.image.blocks][-1], "gradient", "ascent")
+        moves = [name for name in ("warp", "voter", "evaluators") if name in core.blocks]
+        steps = (*moves, [*core.image.blocks][-1], "gradient", "ascent")
         if core.sweep_cycles:
             counted, more, why = "swept address counts in P/4", 5, "`OPEN`, `TAKE`, three of `JUDGE`"
             before, after = (), ("roi_updater",)

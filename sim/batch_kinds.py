@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmfpga.config.schedule import FEWEST, ScheduleEntry
+from cmfpga.config.schedule import FEWEST, Round, ScheduleEntry
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
 
 
@@ -25,23 +25,29 @@ class Batch:
 
 
 def schedule_table(config):
-    """Iterations for the core's table of schedules: all levels, strides; steps small and so large that v saturates."""
+    """Iterations for the core's table of schedules: all levels, distances or strides; steps small and so large that v
+    saturates.
+    """
     if not config.ascent_rule.has_table:
         return ()
-    entries = (
-        (2, 1, 4),
-        (1, 0, 2),
-        (0, -2, 1),
-        (1, config.formats.v.i - 1, 4),
-        (2, -1, 4),
-        (0, -4, 2),
-        (0, -config.formats.v.f, 1),
-        (1, -2, 2),
+    low, high = -config.formats.v.f, config.formats.v.i - 1
+    entries = (  # level, log2 of the step, stride, distance
+        (2, 1, 4, 12),
+        (1, 0, 2, 8),
+        (0, -2, 1, 6),
+        (1, high, 4, 4),
+        (2, -1, 4, 6),
+        (0, -4, 2, 3),
+        (0, low, 1, 3),
+        (1, -2, 2, 4),
     )
-    return tuple(
-        ScheduleEntry(min(level, config.max_level), max(-config.formats.v.f, min(config.formats.v.i - 1, step)), stride)
-        for level, step, stride in entries[: config.schedule_entries]
-    )
+    entries = [
+        (min(level, config.max_level), max(low, min(high, step)), stride, distance)
+        for level, step, stride, distance in entries[: config.schedule_entries]
+    ]
+    if config.ascent_rule.evaluations > 1:
+        return tuple(Round(level, distance, 2.0**step) for level, step, _, distance in entries)
+    return tuple(ScheduleEntry(*entry[:3]) for entry in entries)
 
 
 KINDS = {}

@@ -10,7 +10,6 @@ from .bias import study_bias
 from .judged import study_confidence
 from .real import real_cases
 from .scores import contrast_shares, error_scores, errors, measure
-from .suites import BEFORE
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
 from .table import ERROR_HEADS, SHARE_HEADS, error_cells
 from .yardstick import peak_error
@@ -18,33 +17,21 @@ from .yardstick import peak_error
 #: Cold schedules to compare.
 SCHEDULES = (
     MEASURED["translation"]["cold"],  # the default
-    "2:2/4 2:1/4*2 2:0/4*3 1:0/2 1:-1/2*2 1:-2/2 1:-2*2 1:-3*2 0:-3 0:-4",  # an iteration more at full resolution
-    BEFORE["cold"],
-    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",  # the same reach, a step more
-    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # small steps at full resolution
-    "2:1*5 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # and a coarse step more
-    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # the same reach, a step less
-    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3 0:-3*2 0:-4 0:-5",  # in between
-    "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 1:-4 0:-4 0:-5",  # level 1 for longer
-    "2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5",  # a longer fine tail
-    "2:1*4 2:0*2 1:0 1:-1*2 1:-2 0:-1 0:-2 0:-3*2 0:-4 0:-5",  # full resolution earlier
-    "2:1*4 2:0*2 2:-1*2 2:-2*2 0:-1 0:-2 0:-3*2 0:-4 0:-5",  # no level 1
-    "1:1*4 1:0*3 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5",  # no level 2
-    "0:1*4 0:0*3 0:-1*2 0:-2*3 0:-3*2 0:-4 0:-5",  # full resolution only
-    "2:1*4 2:0 1:0 1:-1 1:-2 0:-2 0:-3 0:-4 0:-5",  # short
-    "2:1*5 2:0*3 1:0*2 1:-1*3 1:-2*2 0:-2*2 0:-3*2 0:-4*2 0:-5*2",  # long
+    "2:3:4 2:2:3 1:3/2:2 1:1:1 0:3/4:3/4",  # level 1 earlier, and far at full resolution
+    "2:3:4 2:2:3 2:3/2:2 1:1:1 1:3/4:1/2 0:3/4:1/4",  # a round more
+    "2:3:4*2 2:2:3 2:3/2:2 1:3/2:2 1:1:1 0:3/4:1/4",  # two more
+    "2:3:4 2:2:3 1:1:1 0:3/4:1/4",  # one less
+    "1:3:4 1:2:3 1:3/2:2 1:1:1 0:3/4:1/4",  # no level 2
+    "0:3:4 0:2:3 0:3/2:2 0:1:1 0:3/4:1/4",  # full resolution only
 )
 
 #: Warm schedules to compare.
 WARM_SCHEDULES = (
     MEASURED["translation"]["warm"],  # the default
-    "1:-1 1:-2 1:-3*2 0:-4",  # as many events, without strides
-    BEFORE["warm"],
-    "1:0 1:-1*2 1:-2 0:-2 0:-3 0:-4 0:-5",
-    "1:0 1:-1 1:-2*2 1:-3 0:-3 0:-4 0:-5",
-    "1:-1*3 1:-2 1:-3 0:-3 0:-4 0:-5",
-    "1:0 1:-1 1:-2 1:-3 0:-4 0:-5",
-    "1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",
+    "1:1:3/2 1:3/4:1 0:3/4:1/16",  # a last round that hardly moves
+    "1:1:3/2*2",  # two
+    "1:1:3/2 0:3/4:1",
+    "1:3/4:1",  # one
 )
 
 #: Fraction bits of dt, v, position, weight, derivative, dither.
@@ -112,27 +99,22 @@ def _study_edges(config, engine, cases, real, report, *, data, **suite):
 
 def _study_schedules(config, engine, cases, real, report, **_):
     if not config.ascent_rule.has_table:
-        raise ConfigError(f"ascent = {config.ascent!r}: schedules belong to ascent = sign")
+        raise ConfigError(f"ascent = {config.ascent!r}: schedules belong to ascent = newton")
     config = config.replace(schedule_entries=max(config.schedule_entries, 64))
     rows = []
     for cold in SCHEDULES:
         changed = config.replace(cold=cold)
         cells = _row(report, f"cold {cold}", engine, changed, cases, real)
-        rows.append((f"`{cold}`", *_lengths(changed.schedules.cold), *cells))
-    title = f"Cold schedules, entries LEVEL:LOG2STEP/STRIDE*COUNT ({engine} engine)"
-    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads(real)), rows)
+        rows.append((f"`{cold}`", str(len(changed.schedules.cold)), *cells))
+    title = f"Cold schedules, entries LEVEL:H:LIMIT*COUNT ({engine} engine)"
+    report.table(title, ("schedule", "T", *_row_heads(real)), rows)
     rows = []
     for warm in WARM_SCHEDULES:
         changed = config.replace(warm=warm)
         values = measure(engine, changed, errors, cases, warm=True, progress=report.progress)
-        rows.append((f"`{warm}`", *_lengths(changed.schedules.warm), *report.errors(f"warm {warm}", values)[1:4]))
+        rows.append((f"`{warm}`", str(len(changed.schedules.warm)), *report.errors(f"warm {warm}", values)[1:4]))
     title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
-    report.table(title, ("schedule", "T", "Σ n_k", *_row_heads([])), rows)
-
-
-def _lengths(schedule):
-    """Iterations of a schedule, and the events that they use, where there are enough of them for its strides."""
-    return str(len(schedule)), f"{sum(1 / entry.stride for entry in schedule):g}·n"
+    report.table(title, ("schedule", "T", *_row_heads([])), rows)
 
 
 def _study_widths(config, engine, cases, real, report, **_):

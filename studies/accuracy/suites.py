@@ -5,7 +5,6 @@ import math
 import numpy as np
 
 from cmfpga.config import preset
-from cmfpga.config.schedule import AUTO
 from cmfpga.engines import ENGINES
 
 from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
@@ -20,19 +19,10 @@ from .yardstick import ROI
 STARTS = (("cold", False), ("warm", True))
 
 
-#: The default schedules before there were strides: a row of their own beside the defaults.
-BEFORE = {
-    "cold": "2:2 2:1*2 2:0*2 1:0 1:-1*2 1:-2*2 1:-3*2 0:-3 0:-4 0:-5",
-    "warm": "1:0 1:-1 1:-2 1:-3*2 0:-3 0:-4 0:-5",
-}
-
-
 def run_suites(options, config, report):
     """Print the tables of all suites; of the synthetic batches only, without a folder of recordings."""
     names = ENGINES if options.engine == "all" else (options.engine,)
     runs = {name: (name, config) for name in names}
-    if config.ascent == "sign" and config.cold == config.warm == AUTO:
-        runs[f"{names[0]}, without strides"] = names[0], config.replace(**BEFORE)
     cases = synthetic_cases(options.batches, seeds=options.seeds)
     rows, found = [], {}
     for what, run in runs.items():

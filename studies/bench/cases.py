@@ -3,12 +3,19 @@
 from dataclasses import dataclass
 
 from cmfpga.config import preset
+from cmfpga.config.schedule import parse_schedule
 from cmfpga.verilog import article
 
 from .workloads import make_workload
 
-#: Ascents: the article's, and the sign ascent without and with a last v.
+#: Ascents: the article's, and rounds without and with a last v.
 CONSTANT, COLD, WARM = "constant", "cold", "warm"
+
+#: What the programs do in place of rounds: steps by signs, which cost a program less, and find v as well.
+STEPS = {
+    COLD: "2:2/4 2:1/4*2 2:0/4*2 2:-1/4 1:0/2 1:-1/2*2 1:-2/2 1:-2 1:-3*3 0:-4",
+    WARM: "1:-1/2 1:-2/2 1:-2 1:-3*2 0:-4",
+}
 
 #: Names of the batches that the limits are for.
 ARTICLE, KIM = "the article's batch", "Kim and Kim's case"
@@ -18,7 +25,7 @@ ARTICLE, KIM = "the article's batch", "Kim and Kim's case"
 class Case:
     """One batch, one ascent: the cores that do it, ``{name: configuration}``, and the settings.
 
-    The first core is what programs are compared with.
+    The first core is what programs are compared with; ``steps`` are theirs, where the core has a ``schedule``.
     """
 
     workload: object
@@ -26,6 +33,7 @@ class Case:
     designs: dict
     iterations: int
     schedule: tuple | None = None
+    steps: tuple | None = None
 
     def plan(self, iterations):
         """The first so many iterations, as ``Core.cycles`` wants them."""
@@ -34,12 +42,12 @@ class Case:
 
 def make_cases(quick=False):
     """The cases, in the order of the table; ``quick`` leaves out all but the article's batch with the presets."""
-    paper, fast = preset("paper"), preset("fast")
+    paper, quad = preset("paper"), preset("quad")
     batch = make_workload(ARTICLE, **article.BATCH)
     designs = {"core, preset paper": paper}
     if not quick:
         designs["core, paper in one pass"] = paper.replace(gradient="one_pass")
-    cases = [constant_case(batch, designs, 100), *sign_cases(batch, "fast", fast)]
+    cases = [constant_case(batch, designs, 100), *round_cases(batch, "quad", quad, fast=preset("fast"))]
     if quick:
         return cases
 
@@ -50,12 +58,12 @@ def make_cases(quick=False):
     large = paper.replace(**size)
     one_pass = large.replace(gradient="one_pass", tag_bits=full.tag_bits)
     designs = {"core, paper at 240×180": large, "core, the same in one pass": one_pass}
-    cases += [constant_case(batch, designs, 90), *sign_cases(batch, name, full)]
+    cases += [constant_case(batch, designs, 90), *round_cases(batch, name, full)]
 
     config = preset("fast-128")
     size = {"width": config.roi_width, "height": config.roi_height}
     batch = make_workload("the article's density on 128×128", events=20000, roi_events=3200, **size)
-    return [*cases, *sign_cases(batch, "fast-128", config)]
+    return [*cases, *round_cases(batch, "fast-128", config)]
 
 
 def constant_case(batch, designs, iterations):
@@ -66,9 +74,17 @@ def constant_case(batch, designs, iterations):
     return Case(workload=batch, ascent=CONSTANT, designs=designs, iterations=iterations)
 
 
-def sign_cases(batch, name, config):
-    """The sign ascent on a batch, cold and then warm; first without the confidence, which no program computes."""
+def parse_steps(config, text):
+    """Steps by signs, of their text."""
+    limits = {"max_level": config.max_level, "v": config.formats.v, "entries": config.schedule_entries}
+    return parse_schedule(text, name="steps", motion="similarity", **limits)
+
+
+def round_cases(batch, name, config, **others):
+    """Rounds on a batch, cold and then warm; first without the verdict. ``others`` are cores that take other times."""
     shipped = config.replace(roi_gain=0.0)
     designs = {f"core, preset {name}, judge=0": shipped.replace(judge=0), f"core, preset {name}": shipped}
+    designs |= {f"core, preset {other}": each.replace(roi_gain=0.0) for other, each in others.items()}
     for ascent, schedule in ((COLD, config.schedules.cold), (WARM, config.schedules.warm)):
-        yield Case(workload=batch, ascent=ascent, designs=designs, iterations=len(schedule), schedule=schedule)
+        size = {"iterations": len(schedule), "schedule": schedule, "steps": parse_steps(config, STEPS[ascent])}
+        yield Case(workload=batch, ascent=ascent, designs=designs, **size)

@@ -157,6 +157,7 @@ def _measured(case, programs, before, *, step, **options):
         "width": batch.width,
         "height": batch.height,
         "iterations": case.iterations,
+        "steps": len(case.steps) if case.steps else case.iterations,
         "true_v": list(batch.v),
         "article_cycles": article.cycles(**size, pixels=pixels, iterations=case.iterations),
         "cores": cores,

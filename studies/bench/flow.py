@@ -2,6 +2,7 @@
 
 import os
 import time
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 
 from ..accuracy.dense import WINDOWS as RECORDINGS
+from .cases import COLD, STEPS, parse_steps
 from .opponents.c_program import Unavailable
 from .opponents.flow_program import FlowProgram
 from .opponents.timing import Times, side_by_side
@@ -26,6 +28,8 @@ EVENTS = 30_000
 #: Windows back to back; the time from the first one's end to the last one's counts.
 WINDOWS = 3
 SYNTHETIC = "synthetic, the camera turns"
+#: Of the program in C, from v = 0 and from the coarse tile's v.
+COARSE, FINE = STEPS[COLD], "1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5"
 
 
 def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what: None):
@@ -98,6 +102,11 @@ def _hardware(config, tiles, settings, events, clock):
     }
 
 
+def with_steps(config, settings):
+    """Settings whose schedules are those of the program in C."""
+    return replace(settings, cold=parse_steps(config, COARSE), warm=parse_steps(config, FINE))
+
+
 def _programs(config, tiles, settings, events, runs, seconds, missing, step):
     try:
         program = FlowProgram()
@@ -107,6 +116,7 @@ def _programs(config, tiles, settings, events, runs, seconds, missing, step):
     # Without a thread for what is beside, the last one waits for it.
     threads = sorted({1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1})
     step("C")
+    settings = with_steps(config, settings)
     runners = [program.load_window(config, tiles.regions, events, settings, count) for count in threads]
     times = side_by_side(runners, runs=runs, seconds=seconds, clock=time.perf_counter)
     rows = [

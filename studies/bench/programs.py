@@ -35,14 +35,15 @@ class ProgramRow:
 
 def time_programs(case, programs, *, v_start, **options):
     """A :class:`ProgramRow` of each program; and one with the confidence, which the article's ascent has not."""
-    batch, signs = case.workload, case.schedule is not None
+    batch, signs = case.workload, case.steps is not None
     rows = [(program, probes) for probes in (False, True)[: 1 + signs] for program in programs]
     with contextlib.ExitStack() as stack:
         loaded = []
         for program, probes in rows:
             job = Job(
-                events=batch.events, roi=batch.roi, width=batch.width, height=batch.height, iterations=case.iterations,
-                schedule=case.schedule, dither=signs, probes=probes, v_start=v_start,
+                events=batch.events, roi=batch.roi, width=batch.width, height=batch.height,
+                iterations=len(case.steps) if signs else case.iterations, schedule=case.steps,
+                dither=signs, probes=probes, v_start=v_start,
             )  # fmt: skip
             loaded.append(stack.enter_context(contextlib.closing(program.load(job))))
         v = [each.batch() for each in loaded]

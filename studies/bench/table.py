@@ -6,8 +6,8 @@ from .cases import ARTICLE, KIM
 
 ASCENTS = {
     "constant": "the article's ascent (constant η from v = 0)",
-    "cold": "sign ascent, cold (dither, levels, schedule; from v = 0)",
-    "warm": "sign ascent, warm (from the cold one's v)",
+    "cold": "rounds, cold (dither, levels, schedule; from v = 0); programs: steps by signs",
+    "warm": "rounds, warm (from the cold ones' v); programs: steps by signs",
 }
 HEADER = (
     "", "T", "cycles", "cycles/iter.", "last event → result", "whole batch", "back to back", "core: ×",
@@ -15,11 +15,11 @@ HEADER = (
 )  # fmt: skip
 #: (what, workload, ascent, field of the core's row, limit): what the presets must hold.
 LIMITS = (
-    ("cycles per iteration, n = 800, 64×64, preset fast", ARTICLE, "cold", "per_iteration", 820),
-    ("cycles per iteration, n = 5000, 240×180, preset full-frame", KIM, "cold", "per_iteration", 5020),
-    ("cycles, last event in → result out, n = 800, preset fast, judge=0, warm", ARTICLE, "warm", "after_last", 4200),
-    ("cycles, whole batch, N = 5000, n = 800, preset fast, judge=0, cold", ARTICLE, "cold", "cycles", 13000),
-    ("cycles from result to result, back to back, N = 5000, n = 800, preset fast, judge=0, warm", ARTICLE, "warm",
+    ("cycles a round, n = 800, 64×64, preset quad", ARTICLE, "cold", "per_iteration", 850),
+    ("cycles a round, n = 5000, 240×180, preset full-frame", KIM, "cold", "per_iteration", 5060),
+    ("cycles, last event in → result out, n = 800, preset quad, judge=0, warm", ARTICLE, "warm", "after_last", 2650),
+    ("cycles, whole batch, N = 5000, n = 800, preset quad, judge=0, cold", ARTICLE, "cold", "cycles", 9400),
+    ("cycles from result to result, back to back, N = 5000, n = 800, preset quad, judge=0, warm", ARTICLE, "warm",
      "back_to_back", 5010),
 )  # fmt: skip
 
@@ -102,7 +102,7 @@ def _rows(case, clock):
         ]
         rows.append(
             (
-                program["name"], iterations, "", "", _times(program["ascent"]), _times(program["batch"]), "",
+                program["name"], str(case["steps"]), "", "", _times(program["ascent"]), _times(program["batch"]), "",
                 " ".join(f"{ratio:.2f}" for ratio in ratios), _v(program["v"]),
             )
         )  # fmt: skip
@@ -143,7 +143,7 @@ def _limits(cases):
 
 
 def _speed_ups(report):
-    """The preset ``fast`` against everything, each opponent named."""
+    """The preset ``quad`` against everything, each opponent named."""
     cases = {ascent: _find(report["cases"], ARTICLE, ascent) for ascent in ASCENTS}
     clock = report["clock_mhz_assumed"]
     article = cases["constant"]["article_cycles"] / clock * 1e-6
@@ -151,13 +151,11 @@ def _speed_ups(report):
     for ours in ("cold", "warm"):
         for confidence, core in enumerate(cases[ours]["cores"][:2]):
             opponents = [(f"the article's formula, T = 100, at {clock:g} MHz too", article)]
-            for theirs, what in (("constant", "the article's ascent"), (ours, "the same ascent")):
+            for theirs, what in (("constant", "the article's ascent"), (ours, "steps by signs")):
                 case = cases[theirs]
                 for program in case["programs"]:
                     if theirs == "constant" or program["confidence"] == confidence:
-                        named = (
-                            f"{program['name']}, {what}, T = {case['iterations']}, on this CPU ({report['processor']})"
-                        )
+                        named = f"{program['name']}, {what}, T = {case['steps']}, on this CPU ({report['processor']})"
                         opponents.append((named, program["batch"]["median"]))
             found += [
                 {

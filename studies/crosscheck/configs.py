@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import numpy as np
 
 from cmfpga.config import Config, unread
-from cmfpga.config.ascent import ASCENTS
 from cmfpga.config.motion import MOTIONS, needs
 from cmfpga.config.schedule import AUTO, DISTANCES, STRIDES
 from cmfpga.errors import ConfigError
@@ -29,7 +28,7 @@ LARGEST_OF_REGIONS = {
 }  # fmt: skip
 OF_REGIONS = ("regions", "units", "slices", "bin_bits", "store_style")
 #: What such hardware, and the AXI top, cannot be without.
-NEEDED = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "thinning": 1, "thin_target": 0}
+NEEDED = {"gradient": "one_pass", "ascent": "newton", "buffers": 2, "thinning": 1, "thin_target": 0}
 WRAPPED = {"hot_pixels": 0, "hot_mask": "", "background": 0, "background_us": 0}
 
 
@@ -90,9 +89,8 @@ def _fields(rng, regions, shell):
         values |= WRAPPED
     values |= needs(values["motion"])
     if values["motion"] == "translation":
-        values |= dict(ASCENTS[values.get("ascent", "constant")].needs)
-    elif values.get("ascent") == "newton":
-        values["ascent"] = "sign"
+        rounds = values.get("ascent", "constant") != "constant"
+        values |= {"ascent": "newton", "gradient": "one_pass", "border": "whole"} if rounds else {}
     known = defaults | values
     sensor = known["sensor_width"], known["sensor_height"]
     marked = ";".join("{},{}".format(*rng.integers(sensor)) for _ in range(rng.integers(4)))
@@ -106,8 +104,12 @@ def _fields(rng, regions, shell):
         fmt = Q(known[f"{name}_int"], known[f"{name}_frac"], signed=False)
         values[name] = fmt.real(int(rng.integers(fmt.max + 1) >> rng.integers(fmt.width)))
     for name in ("cold", "warm"):
-        given = _rounds(rng, known["max_level"], v) if values.get("ascent") == "newton" else None
-        given = given or _schedule(rng, known["max_level"], v, known["confidence"])
+        rounds = values["motion"] == "translation"
+        given = (
+            _rounds(rng, known["max_level"], v)
+            if rounds
+            else _schedule(rng, known["max_level"], v, known["confidence"])
+        )
         values[name] = AUTO if rng.random() < 0.3 else given
     idle = unread(defaults | values)
     return {name: value for name, value in values.items() if name not in idle}

@@ -22,7 +22,7 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.tracking.trace import BatchTrace
 from cmfpga.verilog.compiler import find_compiler
-from support.designs import FAST, PAPER, ROUNDS
+from support.designs import FAST, PAPER
 
 ENGINES = ["rtl", "model", "float"]
 
@@ -189,8 +189,8 @@ def test_mistakes_with_what_is_tracked(dot_events, tmp_path):
 
 @pytest.mark.parametrize(
     "config",
-    [PAPER, {**FAST, "cold_after_doubtful": 0}, {**ROUNDS, "cold_after_doubtful": 0}],
-    ids=["paper", "fast", "rounds"],
+    [PAPER, {**FAST, "cold_after_doubtful": 0}],
+    ids=["paper", "fast"],
 )
 @pytest.mark.parametrize("engine", ["rtl", "model"])
 def test_every_intermediate_is_that_of_the_model(dot, engine, config):
@@ -253,7 +253,7 @@ def test_images_are_those_that_the_verilog_sweeps(dot):
     core.close()
 
 
-@pytest.mark.parametrize("config", [PAPER, FAST, ROUNDS], ids=["paper", "fast", "rounds"])
+@pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"])
 def test_every_intermediate_of_the_float_engine(dot, config):
     tracking = follow(dot, "float", config)
     trace = tracking.trace(1)

@@ -12,16 +12,15 @@ import pytest
 from cmfpga import __version__
 from cmfpga.cli import build
 from cmfpga.config import Config
-from cmfpga.config.schedule import used_events
 from cmfpga.verilog import emit
 from support.building import TINY, TINY_SETS
 from support.small_core import sets
 
 REGIONS = {
-    "gradient": "one_pass", "ascent": "sign", "buffers": 2, "regions": 2, "schedule_entries": 32,
+    "gradient": "one_pass", "ascent": "newton", "border": "whole", "v_frac": 2, "buffers": 2, "regions": 2,
     "max_batch_events": 64,
 }  # fmt: skip
-FAST = {"gradient": "one_pass", "ascent": "sign", "max_level": 2, "dither_frac": 4}
+FAST = {"gradient": "one_pass", "ascent": "newton", "border": "whole", "v_frac": 6, "max_level": 2, "dither_frac": 4}
 COMMON = {
     "ascent", "event_buffer", "gradient", "ingest_control", "iteration_control", "reciprocal", "roi_filter",
     "roi_updater", "thinner", "time_scaler", "voter", "warp",
@@ -33,7 +32,8 @@ def blocks_of(config):
     sweep, one_pass = ("accumulator", "gradient_reader"), ("tagged_accumulator", "one_pass_gradient")
     parts = one_pass if config.gradient == "one_pass" else sweep
     blocks = COMMON | {"image", "ascent_velocity", *(f"image_{part}" for part in parts)}
-    blocks |= {"ascent_schedule"} if config.ascent == "sign" else set()
+    if config.ascent == "newton":
+        blocks = blocks - {"warp", "voter"} | {"evaluators", "ascent_schedule", "means"}
     return blocks | ({"dither"} if config.dither_frac else set())
 
 
@@ -106,25 +106,26 @@ def test_runtime_fields_do_not_change_the_verilog(emitted):
 
 
 # Fields that only shape the fast architecture, and words that are others than the default.
-FAST_ONLY = ("schedule_entries", "max_level", "tag_bits", "dither_frac", "ram_style")
+FAST_ONLY = ("schedule_entries", "max_level", "tag_bits", "dither_frac", "ram_style", "evaluators")
 WORDS = {
     "gradient": "one_pass",
-    "ascent": "sign",
+    "ascent": "newton",
     "ram_style": "block",
     "when_full": "thin",
     "border": "whole",
     "undistortion": "on",
-    "motion": "similarity",
+    "motion": "rotation",
+    "evaluators": 4,
     "store_style": "ultra",
 }
 # The confidence needs formats of its own.
-NEEDED = {"ascent": {"max_level": 2}, "confidence": FAST | {"v_frac": 2, "confidence": 0},
+NEEDED = {"ascent": FAST | {"ascent": "constant"}, "confidence": FAST | {"confidence": 0},
           "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
           "undistortion_frac": {"undistortion": "on"},
           "regions": REGIONS | {"regions": 1},
           **{name: REGIONS for name in ("units", "slices", "bin_bits", "store_style")},
-          "motion": FAST | {"border": "whole", "roi_width": 16, "roi_height": 8, "sensor_width": 16, "sensor_height": 8,
-                            "confidence": 0, "schedule_entries": 64}}  # fmt: skip
+          "motion": FAST | {"ascent": "sign", "motion": "similarity", "undistortion": "on", "schedule_entries": 64,
+                            "roi_width": 16, "roi_height": 8, "sensor_width": 16, "sensor_height": 8}}  # fmt: skip
 
 
 @pytest.mark.usefixtures("long_tools")
@@ -169,7 +170,6 @@ CONFIGURATIONS = {
     "wide": {**TINY, "dt_frac": 16, "v_int": 10, "v_frac": 16, "time_bits": 48, "span_bits": 32, "weight_frac": 12},
     "fast": {**TINY, **FAST},
     "odd one pass": {**TINY, "gradient": "one_pass", "roi_width": 5, "roi_height": 3},
-    "signs of a sweep": {**TINY, "ascent": "sign", "max_level": 2},
     "full sensor": {"roi_width": 240, "roi_height": 180},
     "roi is sensor": {"sensor_width": 16, "sensor_height": 12, "roi_width": 16, "roi_height": 12},
 }  # fmt: skip
@@ -256,18 +256,16 @@ def test_the_description_is_that_of_the_configuration(files):
 def test_the_formula_of_cycles(files):
     cycles = info_of(files)["cycles"]
     config = Config(**info_of(files)["configuration"])
-    plain, strided = r"N \+ T·\(n \+ ([\d +]+)\) \+ (\d+)", r"N \+ Σ n_k \+ T·\(?([\d +]+?)\)? \+ (\d+)"
-    numbers = re.fullmatch(strided if config.ascent == "sign" else plain, cycles["formula"])
+    turns = 4 if config.ascent == "newton" else 1
+    numbers = re.fullmatch(r"N \+ T·\((?:4·)?n \+ ([\d +]+)\) \+ (\d+)", cycles["formula"])
+    assert ("4·n" in cycles["formula"]) == (turns == 4)
     each = [int(number) for number in numbers[1].split(" + ")]
     if config.gradient == "sweep":
         assert each[0] == config.roi_width * config.roi_height // 4 and len(each) == 2
     else:
         assert len(each) == 1
     example = cycles["example"]
-    used = [example["n"]] * example["T"]
-    if config.ascent == "sign":
-        used = used_events(config.schedules.cold, example["n"])
-    assert example["cycles"] == example["N"] + sum(used) + example["T"] * sum(each) + int(numbers[2])
+    assert example["cycles"] == example["N"] + example["T"] * (turns * example["n"] + sum(each)) + int(numbers[2])
 
 
 def test_the_summary_says_the_same(files):

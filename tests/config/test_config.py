@@ -39,12 +39,13 @@ ROOM = {
     "background_us": {"time_bits": 48, "span_bits": 32}, "slices": {"max_batch_events": 16},
 }  # fmt: skip
 # What reads a field that the defaults do not.
-PROBED = {"gradient": "one_pass", "ascent": "sign", "v_frac": 2, "max_iterations": 20}
-SURE = PROBED | {"confidence": 1}
-MANY = {"gradient": "one_pass", "ascent": "sign", "buffers": 2, "max_iterations": 20}
+ROUNDS = {"gradient": "one_pass", "ascent": "newton", "border": "whole", "v_frac": 2, "max_iterations": 20}
+SURE = ROUNDS | {"confidence": 1}
+MANY = ROUNDS | {"buffers": 2}
+SIGNS = {"gradient": "one_pass", "ascent": "sign", "border": "whole", "motion": "similarity", "schedule_entries": 64}
 READER = {
-    "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {"ascent": "sign", "cold": "0:0", "warm": "0:0"},
-    **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": PROBED,
+    "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {**ROUNDS, "cold": "0:1:1", "warm": "0:1:1"},
+    **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": ROUNDS,
     **{name: {"undistortion": "on", "undistortion_frac": 1} for name in ("undistortion_cell", "camera")},
     "undistortion_frac": {"undistortion": "on"},
     "regions": MANY, **{name: {**MANY, "regions": 2} for name in ("units", "slices", "bin_bits")},
@@ -121,22 +122,20 @@ def test_each_number_fits_its_format(name):
 def test_what_a_confidence_needs():
     for value in (0.9, 341.1, float("nan"), -1):
         assert refusal(confidence_limit=value) == f"confidence_limit = {value!r}: 1.0 to 341.0 is needed"
-    assert Config(**PROBED, confidence=1).confidence
-    assert refusal(**PROBED | {"gradient": "sweep"}, confidence=1) == (
+    assert Config(**SURE).confidence
+    assert refusal(**SURE | {"gradient": "sweep"}).startswith(
         "confidence = 1: gradient = one_pass is needed; gradient = sweep ignores it"
     )
-    assert refusal(**PROBED | {"ascent": "constant"}, confidence=1) == (
-        "confidence = 1: ascent = sign is needed; ascent = constant ignores it"
+    assert refusal(**SURE | {"ascent": "constant"}) == (
+        "confidence = 1: ascent = newton is needed; ascent = constant ignores it"
     )
-    assert refusal(**PROBED | {"v_frac": 1}, confidence=1).startswith("confidence = 1: v_frac = 1: 2 or more is needed")
-    wide = {"weight_frac": 16, "buffer_events": 1 << 13}
-    assert refusal(**PROBED | wide, confidence=1).startswith("confidence = 1: ΣI needs 30 bits, at most 28 are allowed")
-    large = {"roi_width": 128, "roi_height": 128, "buffer_events": 1 << 12, "tag_bits": 12, "weight_frac": 10}
-    assert Config(**PROBED | large, derivative_frac=12).widths.g_bits == 62
-    assert refusal(**PROBED | large, derivative_frac=12, confidence=1).startswith(
-        "curvature of the contrast needs 64 bits, more than the 63"
+    assert refusal(**SIGNS, v_frac=1, confidence=1) == (
+        "ascent = sign: v_frac = 1: 2 or more is needed for what lies ¾ px beside v"
     )
-    assert Config(**PROBED | large, derivative_frac=11, confidence=1).widths.curvature_bits == 63
+    assert Config(**SIGNS, v_frac=1).v_frac == 1
+    assert refusal(**SIGNS, cold="0:1/2", confidence=1).startswith(
+        "confidence = 1: the last iteration of cold has stride 2: it needs all events"
+    )
 
 
 def test_a_narrower_format_allows_less():
@@ -151,13 +150,10 @@ def test_a_narrower_format_allows_less():
 ])  # fmt: skip
 def test_choices(name, choices):
     for choice in choices:
-        needed = dict(ASCENTS["newton"].needs) if choice == "newton" else {}
-        assert getattr(Config(max_level=2, **needed, **{name: choice}), name) == choice
+        needed = {"newton": ROUNDS, "sign": SIGNS}.get(choice, {})
+        assert getattr(Config(**{"max_level": 2, **needed, name: choice}), name) == choice
     for value in ("", "LAST", " sweep", 1, None, ["last"]):
         assert refusal(**{name: value}) == f"{name} = {value!r}: one of {', '.join(choices)} is needed"
-
-
-ROUNDS = {"ascent": "newton", **dict(ASCENTS["newton"].needs)}
 
 
 def test_evaluators():
@@ -171,7 +167,8 @@ def test_evaluators():
 @pytest.mark.parametrize("changes, message", [
     ({"border": "corners"}, "border = whole is needed"),
     ({"gradient": "sweep"}, "gradient = one_pass is needed"),
-    ({"v_frac": 1}, "v_frac = 1: 2 or more is needed, for v is probed ¾ px beside it"),
+    ({"motion": "similarity"}, "motion = translation is needed"),
+    ({"v_frac": 1}, "v_frac = 1: 2 or more is needed for what lies ¾ px beside v"),
 ])  # fmt: skip
 def test_what_rounds_need(changes, message):
     assert refusal(**ROUNDS | changes).startswith("ascent = newton: ")
@@ -194,11 +191,12 @@ def test_what_rounds_need(changes, message):
     ({"thin_target": 2049}, "thin_target = 2049: at most 2048 is allowed (buffer_events)"),
     ({"dither_frac": 8, "dt_frac": 2, "v_frac": 1}, "dither_frac = 8: at most dt_frac + v_frac = 3 is allowed"),
     ({"undistortion": "on", "dt_frac": 2, "v_frac": 1}, "undistortion_frac = 4: at most dt_frac + v_frac = 3 is al"),
-    ({"ascent": "sign", "cold": "2:2"}, "cold: '2:2': level 0 to 0 is needed (max_level)"),
-    ({"ascent": "sign", "max_iterations": 14}, "cold: 15 iterations; at most 14 are allowed (max_"),
-    ({"ascent": "sign", "max_iterations": 5, "cold": "0:0"}, "warm: 6 iterations; at most 5 are allowed "),
+    ({"ascent": "sign"}, "ascent = sign: motion = similarity or rotation is needed"),
+    ({**ROUNDS, "cold": "2:2:1"}, "cold: '2:2:1': level 0 to 0 is needed (max_level)"),
+    ({**ROUNDS, "max_iterations": 4}, "cold: 5 iterations; at most 4 are allowed (max_"),
+    ({**ROUNDS, "max_iterations": 2, "cold": "0:1:1"}, "warm: 3 iterations; at most 2 are allowed "),
     ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 19 idle cycles an iteration = 589, "),
-    ({"ascent": "sign", "max_level": 2, "cold": "2:1*30"}, "cold and warm: 30 + 6 iterations; at most 32 are "),
+    ({**ROUNDS, "max_iterations": 30, "cold": "0:1:1*30"}, "cold and warm: 30 + 3 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
     ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),
 ])  # fmt: skip
@@ -209,18 +207,18 @@ def test_fields_that_do_not_go_together(changes, message):
 @pytest.mark.parametrize("changes", [
     {"roi_width": 240, "roi_height": 180}, {"span_bits": 31}, {"iterations": 1023}, {"min_roi_events": 2048},
     {"thin_target": 2048}, {"sensor_width": 64, "sensor_height": 64}, {"gradient": "one_pass", "tag_bits": 6},
-    {"ascent": "sign", "max_iterations": 15},
+    {**ROUNDS, "max_iterations": 5},
 ], ids=str)  # fmt: skip
 def test_the_last_combination_that_is_allowed(changes):
     Config(**changes)
 
 
 @pytest.mark.parametrize("name, field, value, message", [
-    ("fast", "eta", 1.0, "eta = 1.0: ascent = constant is needed; ascent = sign ignores it"),  # it is the default
-    ("fast", "iterations", 1, "iterations = 1: ascent = constant is needed; ascent = sign ignores it"),
-    ("fast", "eta_frac", 9, "eta_frac = 9: ascent = constant is needed; ascent = sign ignores it"),
-    ("paper", "cold", "0:0", "cold = '0:0': ascent = sign is needed; ascent = constant ignores it"),
-    ("paper", "schedule_entries", 9, "schedule_entries = 9: ascent = sign is needed; ascent = constant ignores it"),
+    ("fast", "eta", 1.0, "eta = 1.0: ascent = constant is needed; ascent = newton ignores it"),  # it is the default
+    ("fast", "iterations", 1, "iterations = 1: ascent = constant is needed; ascent = newton ignores it"),
+    ("fast", "eta_frac", 9, "eta_frac = 9: ascent = constant is needed; ascent = newton ignores it"),
+    ("paper", "cold", "0:0", "cold = '0:0': ascent = newton is needed; ascent = constant ignores it"),
+    ("paper", "schedule_entries", 9, "schedule_entries = 9: ascent = newton is needed; ascent = constant ignores it"),
     ("paper", "judge", 0, "judge = 0: confidence = 1 is needed; confidence = 0 ignores it"),
     ("paper", "tag_bits", 9, "tag_bits = 9: gradient = one_pass is needed; gradient = sweep ignores it"),
 ])  # fmt: skip
@@ -238,8 +236,9 @@ def test_a_choice_that_there_is_not_goes_before_what_it_would_read():
 
 
 def test_a_field_that_is_no_longer_read_goes_back_to_its_default():
-    assert Config(eta=4.0, eta_frac=9, iterations=7).replace(ascent="sign") == Config(ascent="sign")
-    assert preset("fast").replace(gradient="sweep").tag_bits == Config().tag_bits != preset("fast").tag_bits
+    assert Config(eta=4.0, eta_frac=9, iterations=7).replace(**ROUNDS) == Config(**ROUNDS)
+    plain = {"gradient": "sweep", "ascent": "constant"}
+    assert preset("fast").replace(**plain).tag_bits == Config().tag_bits != preset("fast").tag_bits
     assert preset("fast").replace(ascent="constant", eta=4.0).eta == 4.0
     assert preset("fast").replace(confidence_limit=45.0).replace(ascent="constant").confidence_limit == 30.0
 
@@ -318,7 +317,7 @@ def test_runtime_fields_do_not_shape_the_hardware():
     changes = dict(
         min_roi_events=5, thinning=3, thin_target=700, start="given", v_start_x=1.0, v_start_y=-1.0, roi_gain=1.0,
     )  # fmt: skip
-    judged = {"cold": "0:0", "warm": "0:-1", "judge": 0, "confidence_limit": 45.0, "cold_after_doubtful": 0}
+    judged = {"cold": "0:1:1", "warm": "0:2:1", "judge": 0, "confidence_limit": 45.0, "cold_after_doubtful": 0}
     for base, more in ((Config(), {"iterations": 7, "eta": 0.5}), (Config(**SURE), judged)):
         changed = base.replace(**changes, **more)
         assert all(getattr(changed, name) != getattr(base, name) for name in (*changes, *more))

@@ -2,13 +2,14 @@
 
 import pytest
 
-from cmfpga.config import Config, preset
+from cmfpga.config import preset
 from cmfpga.config.schedule import MEASURED, Round, parse_schedule
 from cmfpga.errors import ConfigError
 from cmfpga.fixed import Q
 
 NEEDED = "LEVEL:LOG2STEP/STRIDE*COUNT is needed, /STRIDE and *COUNT if not 1"
-LIMITS = {"name": "cold", "max_level": 2, "v": Q(5, 6), "entries": 16}
+ROUNDS = {"name": "cold", "max_level": 2, "v": Q(5, 6), "entries": 16}
+LIMITS = ROUNDS | {"motion": "similarity"}
 
 
 def test_entries_and_counts():
@@ -39,10 +40,10 @@ def test_refusals(text, message):
 
 
 def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
-    best = Config(ascent="sign", max_level=2)
+    best = preset("similarity")
     assert (best.cold, best.warm) == ("auto", "auto")
-    assert best.schedules.cold == parse_schedule(MEASURED["translation"]["cold"], **LIMITS)
-    flat = preset("paper").replace(ascent="sign")
+    assert best.schedules.warm == parse_schedule(MEASURED["similarity"]["warm"], **LIMITS)
+    flat = best.replace(max_level=0)
     assert flat.schedules.cold == tuple((0, step, stride) for _, step, stride in best.schedules.cold)
     narrow = best.replace(max_level=1, v_int=1, v_frac=2)
     assert narrow.schedules.cold == tuple(
@@ -50,14 +51,13 @@ def test_auto_is_what_was_measured_as_far_as_the_hardware_goes():
     )
 
 
-def test_the_fast_preset_has_fifteen_cold_and_six_warm_iterations():
+def test_the_fast_preset_has_five_cold_and_three_warm_rounds():
     config = preset("fast")
-    assert (len(config.schedules.cold), len(config.schedules.warm)) == (15, 6)
+    assert (len(config.schedules.cold), len(config.schedules.warm)) == (5, 3)
     with pytest.raises(ConfigError, match=r"^warm: "):
         config.replace(warm="0:9")
 
 
-ROUNDS = LIMITS | {"rounds": True, "best": "newton"}
 FORM = "LEVEL:H:LIMIT*COUNT is needed, *COUNT if not 1; H and LIMIT such as 1 or 3/4"
 
 
@@ -102,8 +102,8 @@ def test_a_limit_has_a_code_that_gives_its_raw_value_back():
 
 
 def test_auto_of_rounds_goes_as_far_as_the_hardware():
-    best = preset("fast").replace(ascent="newton")
-    assert best.schedules.warm == parse_schedule(MEASURED["newton"]["warm"], **ROUNDS)
+    best = preset("fast")
+    assert best.schedules.warm == parse_schedule(MEASURED["translation"]["warm"], **ROUNDS)
     narrow = best.replace(max_level=1, v_int=1, v_frac=2, dither_frac=4, dt_frac=8)
     assert narrow.schedules.cold == tuple(
         (min(level, 1), distance, max(0.25, min(limit, 1.0))) for level, distance, limit in best.schedules.cold

@@ -36,8 +36,7 @@ def paper_bank():
 
 def in_turn(config):
     """A configuration's rounds by one evaluator: four images in the same memories."""
-    changes = {"cold": "0:1:1", "warm": "0:1:1"} if config.max_level == 0 else {}
-    return config.replace(ascent="newton", border="whole", v_frac=max(2, config.v_frac), **changes)
+    return config.replace(ascent="newton", border="whole", v_frac=max(2, config.v_frac), cold="0:1:1", warm="0:1:1")
 
 
 # Configuration and the rule's own minimum of idle cycles: with some to spare; with none; at the preset's size.
@@ -61,8 +60,8 @@ PROVED = {
     "accumulator": (lambda: AccumulatorHarness(Accumulator(TINY)), SHORT),
     "tagged bank": (lambda: TaggedBankHarness(TaggedBank(tiny(6, 4))), LONG),
     "tagged bank, no power of two": (lambda: TaggedBankHarness(TaggedBank(tiny(5, 5))), SHORT),
+    "tagged bank of quad": (lambda: TaggedBankHarness(TaggedBank(preset("quad"))), SHORT),
     "tagged bank of fast": (lambda: TaggedBankHarness(TaggedBank(preset("fast"))), SHORT),
-    "tagged bank of one evaluator": (lambda: TaggedBankHarness(TaggedBank(in_turn(preset("fast")))), SHORT),
     "tagged bank of fast-128": (lambda: TaggedBankHarness(TaggedBank(preset("fast-128"))), SHORT),
     # One bank at a time, because the solver's time grows faster than their number; all four are alike.
     "tagged accumulator of 4 words": (lambda: swept("4 words", 0), SHORT),

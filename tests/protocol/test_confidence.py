@@ -13,6 +13,7 @@ from cmfpga.protocol.confidence import (
     FLOOR,
     PROBE,
     Curvature,
+    beside,
     confidence,
     contrast,
     covariance,
@@ -22,7 +23,6 @@ from cmfpga.protocol.confidence import (
     is_trusted,
     kept,
     least_fall,
-    probe_velocities,
     probes_towards_zero,
 )
 from cmfpga.protocol.flags import Flag
@@ -107,19 +107,13 @@ def test_another_comparison_would_be_noticed(old, new):
     assert at_edges or sum(mutant["is_trusted"](CONFIG, *case) != exact(*case) for case in near_the_limit(10_000)) > 10
 
 
-def test_probes_lie_on_either_side_and_in_the_format():
-    assert probe_velocities((100, -4), 48, -2048, 2047) == ((52, -4), (148, -4), (100, -52), (100, 44))
-    assert probe_velocities((2047, -2000), 48, -2048, 2047) == (
-        (1999, -2000),
-        (2047, -2000),
-        (2047, -2048),
-        (2047, -1952),
-    )
+def test_evaluations_lie_on_either_side():
+    assert beside((100, -4), 48) == ((52, -4), (148, -4), (100, -52), (100, 44))
 
 
 def test_a_linear_gradient_gives_its_slope():
     """Of G = (−3·x − y, −5·x − 4·y); the constant cancels."""
-    shape = curvature(*((7 - 3 * x - y, 9 - 5 * x - 4 * y) for x, y in probe_velocities((10, 20), 2, -99, 99)))
+    shape = curvature(*((7 - 3 * x - y, 9 - 5 * x - 4 * y) for x, y in beside((10, 20), 2)))
     assert shape == Curvature(xx=4 * 3, yy=4 * 4, cross=4 * (5 + 1))
 
 

@@ -18,7 +18,7 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.newton import newton, solve
 from support.configs import ROUNDS
 
-CONFIG = preset("fast").replace(ascent="newton")
+CONFIG = preset("fast")
 UNIT = 1 << CONFIG.widths.g_zeros
 ENTRIES = [Round(0, distance, limit) for distance in DISTANCES for limit in (1 / 64, 3 / 16, 0.75, 1.0, 1.5, 4.0)]
 

@@ -11,14 +11,13 @@ from amaranth.hdl import Module, ResetInserter, Signal, UnusedElaboratable
 
 from cmfpga import rtl
 from cmfpga.config import ASCENTS, Config
-from cmfpga.config.schedule import parse_schedule
 from cmfpga.protocol.flags import Flag
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.rtl import core
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.iteration_control import IterationControl
 from support.bench import Repeated
-from support.core import Batch, check_core, constant_cycles, drive_core, judge_cycles, per_iteration
+from support.core import Batch, check_core, constant_cycles, drive_core, per_iteration, verdict_cycles
 from support.core_batches import (
     CENTER,
     CONFIGS,
@@ -27,6 +26,7 @@ from support.core_batches import (
     centered,
     core_of,
     moving_points,
+    plans,
     random_batch,
     run,
     settings,
@@ -67,7 +67,9 @@ def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name,
     _, outcomes = run(config, batches, rng)
     for before, outcome in itertools.pairwise(outcomes):
         assert outcome.opened < before.done
-    busy = (4 + 4 * config.confidence) * (30 + per_iteration(config)) + config.confidence * judge_cycles(config)
+    busy = 4 * (30 + per_iteration(config))
+    if config.confidence:
+        busy = len(config.schedules.warm) * (4 * 30 + per_iteration(config)) + verdict_cycles(config)
     assert all(busy < after.done - before.done < busy + 90 for before, after in itertools.pairwise(outcomes))
     for first, third in zip(outcomes, outcomes[2:], strict=False):
         assert third.opened > first.done
@@ -134,7 +136,8 @@ def test_cycle_formula_is_exact(name, rng):
 def test_the_configuration_knows_the_latency_of_one_pass(dither_frac, max_level, roi_height, ascent):
     """The rule on ``tag_bits`` relies on it."""
     changes = {"gradient": "one_pass", "roi_width": 16, "roi_height": roi_height}
-    changes |= dict(ASCENTS[ascent].needs)
+    changes |= {name: values[0] for name, values in ASCENTS[ascent].needs}
+    changes |= {"border": "whole", "schedule_entries": 64} if ascent == "sign" else {}
     config = Config(**changes, dither_frac=dither_frac, max_level=max_level, ascent=ascent)
     assert Core(config).iteration_latency == config.one_pass.latency
 
@@ -174,8 +177,8 @@ def test_cold_and_warm_schedules(flow, rng):
     """Warm only from a last v, of an object that is followed: not after a new ROI, a degenerate batch, or a given v."""
     config = CONFIGS["fast"]
     gap, stall = FLOWS[flow]
-    still = {"roi": None, "roi_gain": 0, "cold_after_doubtful": 0}
-    cold, warm = {"cold": PLANS[3], "warm": PLANS[4]}, {"cold": PLANS[1], "warm": PLANS[2]}
+    still = {"roi": None, "cold_after_doubtful": 0}
+    cold, warm = (dict(zip(("cold", "warm", "roi_gain"), (*pair, 0), strict=True)) for pair in (PLANS[3:5], PLANS[1:3]))
     chosen = [
         (cold, 4), (cold | still, 2), (warm | still, 3), (cold | still | {"start_last": False}, 4), (warm | still, 3),
         (cold | still | {"min_roi_events": 30}, 0), (warm | still, 2), (cold | still, 2), (warm, 2), (warm | still, 3),
@@ -243,8 +246,8 @@ def test_overflow_is_counted(rng):
 @pytest.mark.parametrize("buffers", [1, 2])
 def test_strides_and_thinning(buffers, rng):
     """As many events as a stride needs, one less, one more; and twice to four times the buffer."""
-    config = CONFIGS["fast"].replace(buffer_events=520, max_batch_events=2100, buffers=buffers)
-    plan = parse_schedule("2:1/4 0:-1/2 1:0/4*2", name="plan", max_level=2, v=config.formats.v, entries=4)
+    config = CONFIGS["similarity"].replace(buffer_events=520, max_batch_events=2100, buffers=buffers)
+    (plan,) = plans("similarity", "2:1/4 0:-1/2 1:0/4*2")
     batches = [
         spread(
             config, rng, count, cold=plan, warm=plan[:2], roi_gain=0, judge=0, **({"roi": None} if number % 2 else {})
@@ -371,18 +374,18 @@ def test_reset_in_the_middle(name, moment, rng):
 
 def at_moment(core, moment):
     """For ``drive_core``, every cycle: has the second batch, of 20 events like the first, come to this moment?"""
-    voter = core.boxes["voter"]
+    votes = core.image.votes
     counters = {
         "events": lambda ctx: ctx.get(core.i.valid) & ctx.get(core.i.ready),
-        "votes": lambda ctx: ctx.get(voter.o.valid),
+        "votes": lambda ctx: ctx.get(votes.valid),
         # Not the sweep after the reset; in one pass, the cycles in which no event is added to the sums.
         "swept": lambda ctx: (
-            ctx.get(core.image.accumulator.sweep.valid if core.sweep_cycles else ~voter.o.valid)
+            ctx.get(core.image.accumulator.sweep.valid if core.sweep_cycles else ~votes.valid)
             & ctx.get(core.iteration_control.iterating)
         ),
         "traced": lambda ctx: ctx.get(core.trace.valid),
     }
-    idle = core.iteration_latency
+    idle, each = core.iteration_latency, core.config.ascent_rule.evaluations
     seen = dict.fromkeys((*counters, "cycles since the last event"), 0)
 
     def come(ctx):
@@ -393,10 +396,10 @@ def at_moment(core, moment):
         return {
             "ingest": seen["events"] == 30,
             "division": seen["cycles since the last event"] == 20,
-            "votes": seen["votes"] == 3 * 20 + 15,
+            "votes": seen["votes"] == (3 * 20 + 15) * each,
             "sweep": seen["swept"] == 7 * (core.sweep_cycles or idle) // 2,
-            "evaluation": seen["traced"] == 4,
-            "result": seen["traced"] == 4 and ctx.get(core.o.valid),
+            "evaluation": seen["traced"] == 4 * each,
+            "result": seen["traced"] == 4 * each and ctx.get(core.o.valid),
         }[moment]
 
     return come

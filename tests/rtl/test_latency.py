@@ -11,14 +11,17 @@ from cmfpga.config import preset
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ascent.constant import ConstantAscent
 from cmfpga.rtl.ascent.gradient import Gradient
+from cmfpga.rtl.ascent.newton import NewtonAscent
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from cmfpga.rtl.ascent.sign import SignAscent
 from cmfpga.rtl.ascent.velocity import Velocity
-from cmfpga.rtl.confidence.judge import Judge
+from cmfpga.rtl.confidence.least_judge import LeastJudge
 from cmfpga.rtl.confidence.probe import Probe
+from cmfpga.rtl.confidence.verdict import Verdict
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image.accumulator import Accumulator
 from cmfpga.rtl.image.dither import Dither
+from cmfpga.rtl.image.evaluators import Evaluators
 from cmfpga.rtl.image.gradient_reader import GradientReader
 from cmfpga.rtl.image.one_pass_gradient import OnePassGradient
 from cmfpga.rtl.image.tagged_accumulator import TaggedAccumulator
@@ -33,7 +36,8 @@ from support.bench import member, play
 from support.configs import CONFIGS
 from support.values import random_value
 
-DEFAULT, ODD, FAST = CONFIGS["default"], CONFIGS["odd"], preset("fast")
+DEFAULT, ODD = CONFIGS["default"], CONFIGS["odd"]
+FAST, QUAD, SIMILAR = map(preset, ("fast", "quad", "similarity"))
 CELL = {"valid": 1, "address": 0, "i": 1, "dx": 0, "dy": 0}
 VOTES = {"banks": [CELL] * 4, "last": 1}
 
@@ -94,6 +98,7 @@ BLOCKS = {
     "time scaler": Timing(TimeScaler(DEFAULT), 6),
     "warp": Timing(Warp(DEFAULT), 3),
     "warp with levels": Timing(Warp(FAST), 4),
+    "evaluators": Timing(Evaluators(QUAD), 8, out="o.0.valid"),
     "voter": Timing(BilinearVoter(DEFAULT), 3),
     "accumulator": Timing(Accumulator(ODD), 3, item=lambda k: {"sweep.valid": 1, "sweep.payload.address": k}),
     # P/4 addresses, the first in the cycle of ``start``; the last of them is the entry.
@@ -102,10 +107,10 @@ BLOCKS = {
         every=ODD.geometry.bank_words, late=ODD.geometry.bank_words - 1,
     ),
     "tagged accumulator": Timing(
-        TaggedAccumulator(FAST), 4, out="o", item=lambda k: {"i.valid": 1, "i.payload": VOTES}
+        TaggedAccumulator(QUAD), 4, out="o", item=lambda k: {"i.valid": 1, "i.payload": VOTES}
     ),
     "one-pass gradient": Timing(
-        OnePassGradient(FAST, accumulator_latency=4), 8, item=lambda k: {"votes.valid": 1, "votes.payload": VOTES}
+        OnePassGradient(QUAD, accumulator_latency=4), 8, item=lambda k: {"votes.valid": 1, "votes.payload": VOTES}
     ),
     # P·S costs cycles only where P is no power of two.
     "gradient": Timing(Gradient(DEFAULT), 1, every=Gradient.lead),
@@ -115,12 +120,14 @@ BLOCKS = {
         item=lambda k: {"move": 1},
     ),
     "constant ascent": Timing(ConstantAscent(DEFAULT), 5, out="run.updated", every=2),
-    "sign ascent": Timing(SignAscent(FAST), 2, out="run.updated", every=3),
+    "sign ascent": Timing(SignAscent(SIMILAR), 2, out="run.updated", every=3),
+    "newton ascent": Timing(NewtonAscent(FAST), 31, out="run.updated", every=35, row=4, late=3),
     # The last of its cycles is the velocity's.
-    "probe": Timing(Probe(FAST), 3, item=lambda k: {"begin": 1}, late=-1),
+    "probe": Timing(Probe(SIMILAR), 3, item=lambda k: {"begin": 1}, late=-1),
     "judge": Timing(
-        Judge(FAST), 102, out="done", item=lambda k: {"i.valid": 1}, every=106, row=4, late=3
+        LeastJudge(SIMILAR), 17, out="done", item=lambda k: {"i.valid": 1}, every=25, row=4, late=3
     ),
+    "verdict": Timing(Verdict(FAST), 31, out="done", item=lambda k: {"begin": 1}, every=33),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
     ),
@@ -145,7 +152,7 @@ def test_latency(name, rng):
 
 
 def test_no_block_is_left_out():
-    for name in ("fast", "paper"):
+    for name in ("fast", "quad", "paper"):
         timed = [block for block in Core(preset(name)).blocks.values() if hasattr(block, "latency")]
         assert {type(block) for block in timed} <= {type(timing.block) for timing in BLOCKS.values()}
 

@@ -83,7 +83,7 @@ class Repeated:
 def member(block, path):
     """The signal that ``path`` ("i.payload") names."""
     for name in path.split("."):
-        block = getattr(block, name)
+        block = block[int(name)] if name.isdecimal() else getattr(block, name)
     return block
 
 

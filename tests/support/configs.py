@@ -35,19 +35,28 @@ LEVELS = {
     ),
     # As the article's formats, with one coarse level, and a dither finer than a warped position.
     "fast wide": Config(
-        **ODD | {"roi_width": 21, "roi_height": 10}, gradient="one_pass", ascent="sign", max_level=1, dither_frac=8,
-        position_frac=5, cold="1:0 0:-1", warm="0:-1",
+        **ODD | {"roi_width": 21, "roi_height": 10}, gradient="one_pass", max_level=1, dither_frac=8, position_frac=5
     ),
-}  # fmt: skip
+}
 
 #: Of rounds: few tags; sizes that are odd, and a P that is no power of two; other formats; no levels and no dither.
 ROUNDS = {
     "fast": preset("fast").replace(
-        ascent="newton", sensor_width=40, sensor_height=30, roi_width=16, roi_height=8, buffer_events=48, tag_bits=3
+        sensor_width=40, sensor_height=30, roi_width=16, roi_height=8, buffer_events=48, tag_bits=3
     ),
-    "fast odd": LEVELS["fast odd"].replace(ascent="newton"),
+    "fast odd": LEVELS["fast odd"],
     "fast wide": LEVELS["fast wide"].replace(ascent="newton", border="whole", cold="1:1:1", warm="0:1:1", confidence=1),
     "flat": Config(
         **ODD, gradient="one_pass", ascent="newton", border="whole", v_int=1, confidence=1, cold="0:1:1", warm="0:1:1"
+    ),
+}
+
+#: Of steps by signs.
+SIGNS = {
+    "similarity": preset("similarity"),
+    "rotation": preset("rotation"),
+    # A v of few bits; one level, and a table whose length is no power of two.
+    "few bits": preset("similarity").replace(
+        v_int=2, v_frac=3, max_level=0, schedule_entries=17, cold="0:0", warm="0:-1"
     ),
 }

@@ -214,14 +214,12 @@ def _named(value):
 def cycles_of(config, result, plan):
     """:meth:`Core.cycles` without a core: N + Σ n_k + T·(P/4 + L) + constant, its latencies as numbers."""
     events = result.events if config.buffers == 1 else max(result.events, SHORTEST)
-    iterated = sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
+    turns = 5 - config.evaluators if config.ascent == "newton" else 1  # cycles of an event
+    iterated = turns * sum(used_events(plan, result.roi_events)) + len(plan) * per_iteration(config)
     if config.ascent == "newton":
-        turns = 5 - config.evaluators  # cycles of an event
-        iterated = len(plan) * (turns * result.roi_events + per_iteration(config))
         iterated += verdict_cycles(config) * bool(result.confidence_limit)
     elif result.confidence_limit:
-        probes = 4 if config.motion == "translation" else len(result.v)
-        iterated += probes * (result.roi_events + per_iteration(config)) + judge_cycles(config)
+        iterated += len(result.v) * (result.roi_events + per_iteration(config)) + judge_cycles(config)
     return events + iterated + constant_cycles(config)
 
 
@@ -242,12 +240,8 @@ def per_iteration(config):
 
 
 def judge_cycles(config):
-    """Cycles of a batch whose v is probed, beside those of four iterations: a bit of each step takes one."""
-    if config.motion != "translation":
-        return 5 + max(config.buffer_events.bit_length(), 10)
-    more = config.weight_frac - config.derivative_frac
-    factors = max((4 << max(0, more)) * config.buffer_events, 1023 << max(0, -more))
-    return 4 + config.widths.curvature_bits - 17 + 3 * factors.bit_length() + config.widths.judge_bits
+    """Cycles of a batch whose v is probed, beside those of the probes' iterations."""
+    return 5 + max(config.buffer_events.bit_length(), 10)
 
 
 def verdict_cycles(config):

@@ -15,7 +15,7 @@ from support.values import edge_integers
 
 SMALL = {"sensor_width": 40, "sensor_height": 30, "roi_width": 16, "roi_height": 12}
 LIMITS = {"buffer_events": 48, "max_batch_events": 90, "max_iterations": 7}
-ROUNDS = {"ascent": "newton", "cold": "2:3:4 1:3/2:2 0:3/4:3/4", "warm": "1:1:3/2 1:3/4:1 0:3/4:1/16"}
+ROUNDS = {"cold": "2:3:4 1:3/2:2 0:3/4:3/4", "warm": "1:1:3/2 1:3/4:1 0:3/4:1/16"}
 CONFIGS = {
     "small": Config(**SMALL, **LIMITS, iterations=3),
     # P a power of two: the gradient costs no multiplication.
@@ -32,23 +32,19 @@ CONFIGS = {
     "two tiny": Config(**TINY | LIMITS | {"buffer_events": 1}, buffers=2, iterations=3),
     "one pass": Config(**SMALL, **LIMITS, gradient="one_pass", iterations=3),
     "two, one pass": Config(**SMALL | {"roi_width": 15}, **LIMITS, gradient="one_pass", buffers=2, iterations=3),
-    # The default preset: one pass, signs, levels, dither, two buffers; so few tags that they come back soon.
-    "fast": preset("fast").replace(**SMALL, **LIMITS, tag_bits=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"),
-    # Votes and derivatives of different fractions, one buffer, a P that is no power of two.
-    "one buffer, confidence": preset("fast").replace(
-        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, buffers=1, weight_frac=3,
-        derivative_frac=6, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
-    ),
-    # Rounds: four evaluators, and one; with one also one buffer, and a P that is no power of two.
+    # The default preset: rounds, levels, dither, two buffers; so few tags that they come back soon.
+    "fast": preset("fast").replace(**SMALL, **LIMITS, **ROUNDS, tag_bits=4),
     "four evaluators": preset("fast").replace(
         **SMALL | {"roi_height": 8}, **LIMITS, **ROUNDS, tag_bits=3, evaluators=4
     ),
+    # Votes and derivatives of different fractions, one buffer, a P that is no power of two.
     "one evaluator": preset("fast").replace(
-        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, **ROUNDS, tag_bits=4, buffers=1
+        **SMALL | {"roi_width": 15}, **LIMITS | {"buffer_events": 37}, **ROUNDS, tag_bits=4, buffers=1, weight_frac=3,
+        derivative_frac=6,
     ),
     # So short a solver that the verdict is waited for.
     "three bits of v": preset("fast").replace(
-        **SMALL | {"roi_height": 8}, **LIMITS, tag_bits=4, ascent="newton", evaluators=4, v_frac=3, v_int=3, dt_frac=4,
+        **SMALL | {"roi_height": 8}, **LIMITS, tag_bits=4, evaluators=4, v_frac=3, v_int=3, dt_frac=4,
         dither_frac=3, buffers=1, cold="2:3:4 1:3/2:2 0:3/4:3/4", warm="1:1:3/2 0:3/4:1/4",
     ),
     "rounds, no confidence": preset("fast").replace(
@@ -94,22 +90,19 @@ def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
     return list(zip((t % wrap).tolist(), *columns, strict=True))
 
 
-#: Schedules of random batches, some of them part of another; steps so large that v saturates, and v's unit.
-PLANS = tuple(
-    parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4)
-    for text in ("0:-2", "2:2/4 0:-6", "1:0*2 0:4/2", "2:1 1:-1/2 0:-3/4 0:-5", "0:-3 0:-5", "1:4*2")
-)
-#: The same of rounds: all distances, the largest and the smallest limit.
-ROUND_PLANS = tuple(
-    parse_schedule(text, name="plan", max_level=2, v=CONFIGS["fast"].formats.v, entries=4, best="newton", rounds=True)
-    for text in (
-        "0:3/4:1/16",
-        "2:3:16 0:2:1/64",
-        "1:1:1*2 0:3/2:3/2",
-        "2:2:4 1:3/2:2 0:1:3/4 0:3/4:1/16",
-        "1:3/4:3/32*2",
-    )
-)
+def plans(motion, *texts):
+    """Schedules of so many texts."""
+    v = CONFIGS["fast"].formats.v
+    return tuple(parse_schedule(text, name="plan", max_level=2, v=v, entries=4, motion=motion) for text in texts)
+
+
+#: Schedules of random batches: all distances, the largest and the smallest limit.
+PLANS = plans(
+    "translation", "0:3/4:1/16", "2:3:16 0:2:1/64", "1:1:1*2 0:3/2:3/2", "2:2:4 1:3/2:2 0:1:3/4 0:3/4:1/16",
+    "1:3/4:3/32*2",
+)  # fmt: skip
+#: The same of steps, some of them part of another; steps so large that v saturates, and v's unit.
+SIGN_PLANS = plans("similarity", "0:-2", "2:2/4 0:-6", "1:0*2 0:4/2", "2:1 1:-1/2 0:-3/4 0:-5", "0:-3 0:-5", "1:4*2")
 
 
 def settings(config, **changes):
@@ -136,9 +129,9 @@ def random_batch(config, rng, *, bad_times=0.15):
     span = 0 if rng.random() < 0.1 else None
     plans = {}
     if config.ascent_rule.has_table:
-        known = PLANS if config.ascent == "sign" else ROUND_PLANS
+        known = PLANS if config.ascent == "newton" else SIGN_PLANS
         if config.formats.v != CONFIGS["fast"].formats.v:  # which has those limits
-            known = [config.schedules.cold, config.schedules.warm] if config.ascent == "newton" else known
+            known = [config.schedules.cold, config.schedules.warm]
         plans = {name: ((), *known)[int(rng.integers(len(known) + 1))] for name in ("cold", "warm")}
     return Batch(
         events=moving_points(config, rng, count, bad_times=bad_times, span=span, around=around),

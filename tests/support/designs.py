@@ -13,10 +13,9 @@ HARDWARE = {"sensor_width": 32, "sensor_height": 24, **_SIZES}
 #: Both ascents in the small hardware, as options of ``cmfpga.track`` for recordings that say how large their sensor is.
 PAPER = {"preset": "paper", **_SIZES, "iterations": 15, "eta": 0.1, "min_roi_events": 3}
 FAST = {
-    "preset": "fast", **_SIZES, "min_roi_events": 3, "max_level": 2, "cold": "2:0*2 1:0 1:-1*2 0:-2*3",
-    "warm": "1:-1 0:-2*2",
+    "preset": "fast", **_SIZES, "min_roi_events": 3, "max_level": 2, "cold": "2:3/2:2 1:1:1 0:3/4:3/4",
+    "warm": "1:1:3/2 0:3/4:1/8",
 }  # fmt: skip
-ROUNDS = {**FAST, "ascent": "newton", "cold": "2:3/2:2 1:1:1 0:3/4:3/4", "warm": "1:1:3/2 0:3/4:1/8"}
 
 
 def configured(options, **changes):

@@ -15,11 +15,11 @@ from cmfpga.rtl.payloads import schedule_entry
 from cmfpga.rtl.regions import payloads
 from cmfpga.rtl.regions.regions import Regions
 from support.bench import simulate
-from support.core_batches import PLANS, ROUND_PLANS, ROUNDS, moving_points, settings
+from support.core_batches import PLANS, ROUNDS, SIGN_PLANS, moving_points, settings
 
 _SMALL = preset("fast").replace(
     sensor_width=40, sensor_height=30, roi_width=16, roi_height=12, buffer_events=37, max_batch_events=150,
-    max_iterations=7, tag_bits=3, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4", regions=9, units=2, bin_bits=2,
+    max_iterations=7, tag_bits=3, **ROUNDS, regions=9, units=2, bin_bits=2,
 )  # fmt: skip
 
 CONFIGS = {
@@ -32,17 +32,18 @@ CONFIGS = {
         hot_mask="20,15;3,4", background_us=1 << 22,
     ),
     "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
-    "similarity": _SMALL.replace(motion="similarity"),
-    "four evaluators": _SMALL.replace(**ROUNDS, evaluators=4),
-    "one evaluator": _SMALL.replace(**ROUNDS, undistortion="on", tag_bits=4),
+    "similarity": _SMALL.replace(
+        motion="similarity", ascent="sign", tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
+    ),
+    "four evaluators": _SMALL.replace(evaluators=4, undistortion="on"),
 }  # fmt: skip
 
 
 def _plans(config):
     """Schedules that the configuration may have."""
     if config.ascent == "newton":
-        return ROUND_PLANS
-    return [plan for plan in PLANS if not config.confidence or plan[-1].stride == 1]
+        return PLANS
+    return [plan for plan in SIGN_PLANS if not config.confidence or plan[-1].stride == 1]
 
 
 def random_window(config, rng, kind="any"):

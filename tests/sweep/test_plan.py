@@ -30,14 +30,14 @@ def test_all_combinations_the_last_field_fastest():
 
 
 def test_presets_vary_too_and_schedules_keep_their_blanks():
-    found, skipped = choices("paper", [], ["preset=fast,paper,full-frame", "cold=0:0*8,1:0*4 0:-1*4"])
+    found, skipped = choices("paper", [], ["preset=fast,paper,full-frame", "cold=0:1:1*8,1:1:1*4 0:1:1*4"])
     assert [choice.preset for choice in found] == ["fast", "fast", "full-frame", "full-frame"]
     assert [choice.number for choice in found] == [0, 1, 2, 3]
-    unread = "cold = '{}': ascent = sign is needed; ascent = constant ignores it"
-    assert skipped == [unread.format(schedule) for schedule in ("0:0*8", "1:0*4 0:-1*4")]
+    unread = "cold = '{}': ascent = newton is needed; ascent = constant ignores it"
+    assert skipped == [unread.format(schedule) for schedule in ("0:1:1*8", "1:1:1*4 0:1:1*4")]
     assert found[1].fields(Subject(name="x", path=Path("x"), roi=None)) == {
         **preset("fast").to_dict(),
-        "cold": "1:0*4 0:-1*4",
+        "cold": "1:1:1*4 0:1:1*4",
     }
     (only,), _ = choices("fast", [], [])
     assert (
@@ -58,7 +58,7 @@ def test_presets_vary_too_and_schedules_keep_their_blanks():
     ([], ["eta=1,1.0"], "--vary eta=1,1.0: 1.0 stands twice"),
     ([], ["eta=1", "eta=2"], "--vary eta=2: eta is set twice"),
     (["eta=1"], ["eta=2"], "--vary eta=2: eta is set twice"),
-    (["ascent=sign"], ["eta=2,3"], "eta = 2.0: ascent = constant is needed; ascent = sign ignores it"),
+    (["ascent=newton"], ["eta=2,3"], "eta = 2.0: ascent = constant is needed; ascent = newton ignores it"),
 ])  # fmt: skip
 def test_what_cannot_vary(fixed, varied, message):
     with pytest.raises(ConfigError, match=f"^{message}$"):
@@ -77,11 +77,12 @@ def test_a_combination_that_is_not_allowed_is_a_flagged_row(recordings, tmp_path
 
 def test_combinations_with_a_field_that_is_not_read_are_skipped_and_told_once(recordings, tmp_path):
     options = [*small(eta=None, iterations=None, max_iterations=None), "--engine", "model", "--batches", "1"]
-    vary = ("--vary", "ascent=constant,sign", "eta=0.1,0.2")
+    options += ["--set", "gradient=one_pass", "--set", "border=whole"]
+    vary = ("--vary", "ascent=constant,newton", "eta=0.1,0.2")
     done = run_here(*recordings[:2], *options, *vary, "--json", "--out", tmp_path)
     labels = sorted(entry["label"] for entry in json.loads(done.out)["ranking"])
     assert labels == ["ascent = constant, eta = 0.1", "ascent = constant, eta = 0.2"]
-    why = "eta = 0.1: ascent = constant is needed; ascent = sign ignores it"
+    why = "eta = 0.1: ascent = constant is needed; ascent = newton ignores it"
     assert done.err == f"note: 2 of 4 combinations are skipped, as {why}\n"
 
 

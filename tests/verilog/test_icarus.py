@@ -19,8 +19,7 @@ from support.verilog_tools import CONFIGS, emitted, icarus_compile, icarus_run, 
 
 SIZE = {"sensor_width": 64, "sensor_height": 48, "roi_width": 16, "roi_height": 10, "buffer_events": 64}
 SMALL = Config(**SIZE)
-FAST = preset("fast").replace(**SIZE, tag_bits=2)  # so few tags that they come back soon
-ROUNDS = FAST.replace(ascent="newton", tag_bits=3)
+FAST = preset("fast").replace(**SIZE, tag_bits=3)  # so few tags that they come back soon
 SEED = 5  # with which either meets every flag that it can, and every mutant is seen
 KINDS = len(make_vectors.KINDS)
 
@@ -66,10 +65,9 @@ def simulate_other_core(small, folder, text):
 FULL = {"fast": preset("fast"), "default": CONFIGS["default"]}
 OTHERS = {name: config for name, config in CONFIGS.items() if name not in FULL} | {
     "fast, small": FAST,
-    "four evaluators": ROUNDS.replace(evaluators=4),
-    "one evaluator": ROUNDS.replace(roi_width=15),
+    "four evaluators": FAST.replace(evaluators=4),
     "fast, one buffer": FAST.replace(buffers=1, roi_width=15),
-    "fast, by sweep": FAST.replace(gradient="sweep"),
+    "fast, by sweep": FAST.replace(gradient="sweep", ascent="constant"),
     "paper, in one pass": SMALL.replace(gradient="one_pass"),
     "similarity": preset("similarity").replace(**SIZE, tag_bits=4),
     "rotation": preset("rotation").replace(

@@ -24,8 +24,7 @@ def test_the_file_waives_these_rules_with_reasons(waivers):
 
 OTHERS = {
     "fast": preset("fast"),
-    "one evaluator": preset("fast").replace(ascent="newton"),
-    "four evaluators": preset("fast").replace(ascent="newton", evaluators=4),
+    "quad": preset("quad"),
     "filtered": preset("fast").replace(hot_pixels=1, background=1),
     "undistorted": preset("fast").replace(undistortion="on", undistortion_frac=6, background=1),
     "undistorted, no dither": preset("paper").replace(undistortion="on", sensor_width=64, sensor_height=65),

@@ -22,7 +22,7 @@ class ConstantAscent:
         Of the image in an iteration.
     strides : bool
         Whether an iteration may leave out events.
-    needs : tuple of (str, value)
+    needs : tuple of (str, values)
         Fields of the configuration, and the values without which it does not work.
     """
 
@@ -46,13 +46,16 @@ class ConstantAscent:
 
 
 class SignAscent:
-    """v ← v ± a step of a schedule, coarse to fine; see :class:`ConstantAscent` for attributes and methods."""
+    """v ← v ± a step of a schedule, coarse to fine; see :class:`ConstantAscent` for attributes and methods.
+
+    For motions beyond translation, of which no round is known.
+    """
 
     settings = ("cold", "warm")
     fields = (*settings, "schedule_entries", "confidence")
     has_table, strides = True, True
     evaluations = 1
-    needs = ()
+    needs = (("motion", ("similarity", "rotation")),)
 
     def latency(self, config):
         return 2
@@ -71,10 +74,10 @@ class NewtonAscent(SignAscent):
     strides = False
     evaluations = 4
     # Only then an event's derivatives are opposite, and the sums are the gradient.
-    needs = (("gradient", "one_pass"), ("border", "whole"), ("motion", "translation"))
+    needs = (("gradient", ("one_pass",)), ("border", ("whole",)), ("motion", ("translation",)))
 
     def latency(self, config):
         return len(config.widths.round_shifts) + config.v_frac + 17
 
 
-ASCENTS = {"constant": ConstantAscent(), "sign": SignAscent(), "newton": NewtonAscent()}
+ASCENTS = {"constant": ConstantAscent(), "newton": NewtonAscent(), "sign": SignAscent()}

@@ -133,7 +133,7 @@ class Config:
     # Ascent
     gradient: str = _field("sweep", "gradient architecture", choices=tuple(GRADIENTS))
     ascent: str = _field(
-        "constant", "constant: v + η·∂C/∂v; sign: steps of a schedule; newton: rounds of one", choices=tuple(ASCENTS)
+        "constant", "constant: v + η·∂C/∂v; newton: rounds of a schedule; sign: steps of one", choices=tuple(ASCENTS)
     )
     evaluators: int = _field(1, "images that an iteration of ascent = newton fills at a time", choices=(1, 4))
     border: str = _field(
@@ -157,7 +157,7 @@ class Config:
 
     # Confidence
     confidence: int = _field(0, "1: the hardware can tell how sure v is; not with sweep or constant", low=0, high=1)
-    judge: int = _field(1, "1: probe how sure v is, and flag doubtful batches", low=0, high=1, runtime=True)
+    judge: int = _field(1, "1: tell how sure v is, and flag doubtful batches", low=0, high=1, runtime=True)
     confidence_limit: float = _field(
         30.0, "smallest confidence of a batch that is not doubtful", unit="1/px²", low=1.0, high=341.0, runtime=True
     )
@@ -213,11 +213,11 @@ class Config:
         for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
             check_real(self, name, fmt)
         check_regions(self)
-        for name, value in self.ascent_rule.needs:
-            if getattr(self, name) != value:
-                raise ConfigError(f"ascent = {self.ascent}: {name} = {value} is needed")
-        if self.ascent_rule.evaluations > 1:
-            check_beside(self, "ascent = newton")
+        for name, values in self.ascent_rule.needs:
+            if getattr(self, name) not in values:
+                raise ConfigError(f"ascent = {self.ascent}: {name} = {' or '.join(values)} is needed")
+        if self.confidence or self.ascent_rule.evaluations > 1:
+            check_beside(self)
         if self.ascent_rule.has_table:
             self.schedules.check()
         else:

@@ -5,7 +5,7 @@ from .config import Config
 
 _FAST = Config(
     gradient="one_pass",
-    ascent="sign",
+    ascent="newton",
     # Else what leaves the image at its border pulls v towards 0.
     border="whole",
     # Not 2048, and not 8: then a pixel of the banks has 54 bits, which three halves of a block RAM hold.
@@ -28,11 +28,15 @@ _FAST = Config(
 PRESETS = {
     "paper": Config(),
     "fast": _FAST,
-    # Rounds: four evaluations of each event in a cycle, and a Newton step of them.
-    "quad": _FAST.replace(ascent="newton", evaluators=4),
-    "fast-128": _FAST.replace(roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9),
+    # An event in every cycle, for four.
+    "quad": _FAST.replace(evaluators=4),
+    # Images as large lie in UltraRAM, which holds four as well as one that is four times as deep.
+    "fast-128": _FAST.replace(
+        evaluators=4, roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9, ram_style="ultra"
+    ),
     "similarity": _FAST.replace(
         motion="similarity",
+        ascent="sign",
         confidence_limit=100.0,
         roi_width=128,
         roi_height=128,
@@ -42,6 +46,7 @@ PRESETS = {
     ),
     "rotation": _FAST.replace(
         motion="rotation",
+        ascent="sign",
         confidence_limit=150.0,
         roi_width=240,
         roi_height=180,
@@ -53,6 +58,7 @@ PRESETS = {
         ram_style="ultra",
     ),
     "flow": _FAST.replace(
+        evaluators=4,
         regions=192,
         units=4,
         store_style="ultra",
@@ -60,11 +66,13 @@ PRESETS = {
         max_batch_events=32767,
         min_roi_events=30,
         # From the coarse tile's v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
-        warm="1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5",
+        warm="1:3/4:1 0:3/4:1/4 0:3/4:1/8",
         confidence_limit=12.0,
     ),
     "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),
-    "full-frame": _FAST.replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"),
+    "full-frame": _FAST.replace(
+        evaluators=4, roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10, ram_style="ultra"
+    ),
 }
 
 #: What the commands take if no preset is given.

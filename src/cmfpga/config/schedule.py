@@ -1,12 +1,12 @@
 """Schedules: which pixel size, which step and which of the events each iteration uses.
 
-A schedule is written as entries ``LEVEL:LOG2STEP``, with ``/STRIDE`` and ``*COUNT`` where they are not 1, separated by
-blanks: ``2:1/4*3 0:-5`` is three iterations with pixels 4 px wide, a step of 2 px per half batch and every fourth
-event, then one with full resolution, a step of 1/32 and all events.
+A schedule is written as entries, separated by blanks, with ``*COUNT`` where it is not 1. Those of a translation are
+rounds, ``LEVEL:H:LIMIT``: ``1:3/4:1 0:3/4:1/16`` is a round with pixels 2 px wide, which evaluates 3/4 px per half
+batch beside v and moves v by at most 1 along each axis, then one with full resolution that moves it by at most 1/16.
 
-The entries of ``ascent = newton`` are rounds, ``LEVEL:H:LIMIT``: ``1:3/4:1 0:3/4:1/16`` is a round with pixels 2 px
-wide, which evaluates 3/4 px per half batch beside v and moves v by at most 1 along each axis, then one with full
-resolution that moves it by at most 1/16.
+Those of other motions are steps, ``LEVEL:LOG2STEP``, with ``/STRIDE`` where it is not 1: ``2:1/4*3 0:-5`` is three
+iterations with pixels 4 px wide, a step of 2 px per half batch and every fourth event, then one with full resolution, a
+step of 1/32 and all events.
 
 ``auto`` is the schedule that was measured best, as far as the hardware's levels and format of v allow it.
 """
@@ -22,13 +22,9 @@ AUTO = "auto"
 
 # Measured best on synthetic and real batches; see docs/accuracy.md and docs/motion.md.
 MEASURED = {
-    "newton": {
+    "translation": {
         "cold": "2:3:4 2:2:3 2:3/2:2 1:1:1 0:3/4:1/4",
         "warm": "1:1:3/2 1:3/4:1 0:3/4:1/8",
-    },
-    "translation": {
-        "cold": "2:2/4 2:1/4*2 2:0/4*2 2:-1/4 1:0/2 1:-1/2*2 1:-2/2 1:-2 1:-3*3 0:-4",
-        "warm": "1:-1/2 1:-2/2 1:-2 1:-3*2 0:-4",
     },
     "similarity": {
         "cold": "2:1*3 2:0*4 2:-1*4 2:-2 1:-1*2 1:-2*3 0:-3*3 0:-4*2 0:-5*2",
@@ -141,7 +137,7 @@ _FORMS = {
 }
 
 
-def parse_schedule(text, *, name, max_level, v, entries, best="translation", rounds=False):
+def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
     """The iterations of a schedule, a tuple of :class:`ScheduleEntry`, or of :class:`Round`.
 
     Parameters
@@ -156,10 +152,8 @@ def parse_schedule(text, *, name, max_level, v, entries, best="translation", rou
         Format of v: steps from its unit to half its range.
     entries : int
         Length of the hardware's table.
-    best : str
-        For ``auto``: whose of :data:`MEASURED`.
-    rounds : bool
-        Its entries are rounds.
+    motion : str
+        Whose schedule it is.
 
     Raises
     ------
@@ -167,9 +161,9 @@ def parse_schedule(text, *, name, max_level, v, entries, best="translation", rou
         The text is malformed or empty, too long, or has a level, step or stride out of range.
     """
     auto = text == AUTO
-    form, make, needed = _FORMS[rounds]
+    form, make, needed = _FORMS[motion == "translation"]
     iterations = []
-    for word in (MEASURED[best][name] if auto else text).split():
+    for word in (MEASURED[motion][name] if auto else text).split():
         match = form.fullmatch(word)
         if not match:
             raise ConfigError(f"{name}: {word!r}: {needed}")
@@ -190,9 +184,7 @@ class Schedules(Derived):
 
     def _parse(self, name):
         limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}
-        rounds = self._c.ascent_rule.evaluations > 1
-        limits |= {"rounds": rounds, "best": "newton" if rounds else self._c.motion}
-        return parse_schedule(getattr(self._c, name), name=name, **limits)
+        return parse_schedule(getattr(self._c, name), name=name, motion=self._c.motion, **limits)
 
     @property
     def cold(self):

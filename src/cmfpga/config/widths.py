@@ -131,11 +131,6 @@ class Widths(Derived):
         return 0 if plain else (pixels & -pixels).bit_length() - 1
 
     @property
-    def slope_frac(self):
-        """Bits of G below a whole one of S, in whose units the sizes of slopes are compared; of P its log2."""
-        return self.s_frac + (0 if self._c.motion_model.basis else self._c.geometry.pixels.bit_length() - 1)
-
-    @property
     def squares_max(self):
         """Bound of Σ I² ≤ ΣI · max I."""
         return self.sum_i_max * self.image_max

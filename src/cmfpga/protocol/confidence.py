@@ -1,8 +1,8 @@
 """How sure a batch's v is: from raw sums to a confidence, a covariance, and the hardware's verdict.
 
-After the last iteration the image is evaluated four times more: :data:`PROBE` px on either side of v, along x and along
-y. The sharper the contrast's peak, the more the gradient falls from one side to the other. What all numbers mean, and
-what they do not see: docs/confidence.md.
+A round evaluates the image on either side of v, along x and along y. The sharper the contrast's peak, the more the
+gradient falls from one side to the other. The batch's last round counts; its distance is :data:`PROBE` px. What all
+numbers mean, and what they do not see: docs/confidence.md.
 
 A motion beyond translation is evaluated once more for each of its parameters, :data:`PROBE` px nearer to 0. What counts
 is the parameter along which the gradient falls the least, which is compared with Σ I².
@@ -13,10 +13,9 @@ Imports neither Amaranth nor NumPy.
 from math import hypot
 from typing import NamedTuple
 
-from ..fixed import saturate
 from .flags import Flag
 
-#: Distance of the probes from v, px per half batch.
+#: Distance from v at which a batch's last evaluations are, px per half batch.
 PROBE = 0.75
 
 #: Standard deviation of v that no peak is too sharp for, px per half batch: with it the ellipses of batches of known
@@ -28,7 +27,7 @@ LIMIT_SCALE = 3
 
 
 class Curvature(NamedTuple):
-    """How much the gradient G falls from a probe to the one on the other side, raw.
+    """How much the gradient G falls from one side of v to the other, raw.
 
     ``xx``, ``yy`` and ``cross``/2 are minus the Hessian of the contrast along x, along y, and mixed.
     """
@@ -44,13 +43,8 @@ def beside(v, distance):
     return (x - distance, y), (x + distance, y), (x, y - distance), (x, y + distance)
 
 
-def probe_velocities(v, distance, low, high):
-    """The velocities that are probed: those :func:`beside`, ``low`` to ``high``."""
-    return tuple((saturate(x, low, high), saturate(y, low, high)) for x, y in beside(v, distance))
-
-
 def curvature(below_x, above_x, below_y, above_y):
-    """:class:`Curvature` of the gradients (G_x, G_y) at the four probes."""
+    """:class:`Curvature` of the gradients (G_x, G_y) at the four velocities :func:`beside` v."""
     return Curvature(
         xx=below_x[0] - above_x[0],
         yy=below_y[1] - above_y[1],
@@ -113,7 +107,7 @@ def is_sharp(config, n, limit, least, sum_squares):
 
 
 def is_judged(outcome):
-    """Whether a batch was probed."""
+    """Whether it was asked how sure a batch's v is."""
     return bool(outcome.confidence_limit) and Flag.DEGENERATE not in outcome.flags
 
 
@@ -152,7 +146,7 @@ def confidence(config, outcome):
     Returns
     -------
     float or None
-        Below 0 where the contrast has no peak; None of a batch that was not probed.
+        Below 0 where the contrast has no peak; None of a batch that was not judged.
     """
     if not is_judged(outcome):
         return None

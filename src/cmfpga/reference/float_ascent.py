@@ -1,4 +1,4 @@
-"""The ascents in float64: the article's by a constant η, the robust one by signs, and Newton's in rounds.
+"""The ascents of a translation in float64: the article's by a constant η, and Newton's in rounds.
 
 See :mod:`.floating` for what ``x``, ``y``, ``dt`` and ``v`` are.
 """
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import torch
 
-from ..config.schedule import ScheduleEntry, used
+from ..config.schedule import ScheduleEntry
 from ..fixed import saturate
 from ..protocol.confidence import beside, curvature
 from .floating import evaluate, float64
@@ -53,9 +53,8 @@ def _follow(x, y, dt, v_start, plan, step, around=None, **size):
         v[0] = float64(v_start)
         scalars = [v.new_empty(0, *((4,) if around else ()), 10)]
         for k, entry in enumerate(plan):
-            events = [axis[used(entry, k, len(dt))] for axis in (x, y, dt)]
             places = around(k, v[k]) if around else [v[k]]
-            each = [evaluate(*events, one, level=entry.level, **size) for one in places]
+            each = [evaluate(x, y, dt, one, level=entry.level, **size) for one in places]
             made = torch.stack([_scalars(now) for now in each])
             scalars.append(made[None] if around else made)
             v[k + 1] = v[k] + step(k, each if around else each[0])
@@ -78,31 +77,6 @@ def ascend(x, y, dt, *, v_start, eta, iterations, **size):
     return _follow(x, y, dt, v_start, plan, lambda _, now: eta * now.gradient, **size)
 
 
-def by_signs(slopes, log2_step):
-    """±2^log2_step for each slope that is not zero, half of it where one is less than half of the steepest: [p]."""
-    return 2.0**log2_step * slopes.sign() * torch.where(2 * slopes.abs() < slopes.abs().max(), 0.5, 1.0)
-
-
-def ascend_by_signs(x, y, dt, *, v_start, schedule, **size):
-    """Ascent by signs, coarse to fine: v ← v + :func:`by_signs` of G. An :class:`Ascent`.
-
-    Parameters
-    ----------
-    schedule : sequence of cmfpga.config.ScheduleEntry
-        One per iteration: pixels are 2^level px wide, the step is 2^log2_step px per half batch, of the events those
-        count that :func:`cmfpga.config.schedule.used` says. Where G is zero, v stays along that axis.
-    size
-        ``width``, ``height`` and ``border``, as for :func:`evaluate`.
-
-    v does not saturate here, as it does in the hardware.
-    """
-
-    def step(k, now):
-        return by_signs(torch.stack((now.g_x, now.g_y)), schedule[k].log2_step)
-
-    return _follow(x, y, dt, v_start, schedule, step, **size)
-
-
 def newton_step(gradients, distance, limit):
     """M⁻¹·g, a list of two, of the gradients (G_x, G_y) at four velocities ``distance`` beside v: see
     :mod:`.integer.newton`."""
@@ -121,8 +95,7 @@ def newton_step(gradients, distance, limit):
 def ascend_by_rounds(x, y, dt, *, v_start, schedule, **size):
     """Newton's ascent: v ← v + :func:`newton_step` of each of a ``schedule`` of :class:`cmfpga.config.schedule.Round`.
 
-    Returns an :class:`Ascent`. ``size`` is as for :func:`ascend_by_signs`; v does not saturate here, as it does in the
-    hardware.
+    Returns an :class:`Ascent`. ``size`` is as for :func:`ascend`; v does not saturate here, as it does in the hardware.
     """
 
     def around(k, v):

@@ -7,27 +7,10 @@ import numpy as np
 from ..protocol.flags import Flag
 from ..protocol.trace import Trace
 from . import flow
-from .confidence import is_doubtful, of_round, probe, probe_flow
-from .float_ascent import ascend, ascend_by_rounds, ascend_by_signs
+from .confidence import is_doubtful, of_round, probe_flow
+from .float_ascent import ascend, ascend_by_rounds
 from .floating import dither, float64, scaled_times
 from .sequence import Sequence
-
-
-def _constant(events, settings, plan, *, config, **start):
-    eta = config.formats.eta.real(settings.eta)
-    return ascend(*events, **start, eta=eta, iterations=len(plan))
-
-
-def _sign(events, settings, plan, *, config, **start):
-    return ascend_by_signs(*events, **start, schedule=plan)
-
-
-def _newton(events, settings, plan, *, config, **start):
-    return ascend_by_rounds(*events, **start, schedule=plan)
-
-
-#: By the value of ``ascent``.
-ASCENTS = {"constant": _constant, "sign": _sign, "newton": _newton}
 
 
 class FloatCore(Sequence):
@@ -60,15 +43,15 @@ class FloatCore(Sequence):
             trace, judged = self._flow(events, settings, plan, roi, middle)
             return trace, self._doubt(judged, trace, batch), judged
         size = {"width": config.roi_width, "height": config.roi_height, "border": config.border}
-        done = ASCENTS[config.ascent](events, settings, plan, config=config, **size, v_start=self.v)
+        if config.ascent_rule.evaluations > 1:
+            done = ascend_by_rounds(*events, **size, v_start=self.v, schedule=plan)
+        else:
+            eta = config.formats.eta.real(settings.eta)
+            done = ascend(*events, **size, v_start=self.v, eta=eta, iterations=len(plan))
         trace = Trace(v=done.v.numpy(), sum_i=done.sum_i.numpy(), sum_d=done.sum_d.numpy(), s=done.s.numpy())
         if not config.confidence:
             return trace, Flag(0), {}
-        if config.ascent_rule.evaluations > 1:
-            judged = of_round(config.geometry.pixels, done, settings)
-            return trace, self._doubt(judged, trace, batch), judged
-        limits = config.formats.v.real(config.formats.v.min), config.formats.v.real(config.formats.v.max)
-        judged = probe(*events, *done.v[-2:].tolist(), settings, limits=limits, level=plan[-1].level, **size)
+        judged = of_round(config.geometry.pixels, done, settings)
         return trace, self._doubt(judged, trace, batch), judged
 
     def _doubt(self, judged, trace, batch):

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import torch
 
 from ..config.schedule import used
-from .float_ascent import by_signs
 from .floating import accumulate, at_level, bilinear_votes, float64, level_size
 
 
@@ -111,6 +110,11 @@ def sums(x, y, dt, v, b, *, width, height, level=0, at_pixels=None):
     return w.sum(), s
 
 
+def by_signs(slopes, log2_step):
+    """±2^log2_step for each slope that is not zero, half of it where one is less than half of the steepest: [p]."""
+    return 2.0**log2_step * slopes.sign() * torch.where(2 * slopes.abs() < slopes.abs().max(), 0.5, 1.0)
+
+
 @dataclass(frozen=True)
 class Ascent:
     """As :class:`.float_ascent.Ascent`: ``v`` [T + 1, parameters], ``sum_i`` [T], ``s`` [T, parameters]."""
@@ -121,7 +125,7 @@ class Ascent:
 
 
 def ascend(x, y, dt, b, *, v_start, schedule, limits, at_pixels=lambda level: None, **size):
-    """v ← v + :func:`~.float_ascent.by_signs` of S, within ±``limits``: :class:`Ascent`.
+    """v ← v + :func:`by_signs` of S, within ±``limits``: :class:`Ascent`.
 
     ``at_pixels(level)`` is what :func:`sums` takes.
     """

@@ -31,9 +31,9 @@ class Core(CycleFormula, Iterating, wiring.Component):
     (:data:`cmfpga.rtl.image.IMAGES`), how v ascends by ``ascent`` (:data:`cmfpga.rtl.ascent.ASCENTS`); there is a
     dither where ``dither_frac`` is not 0.
 
-    One event per cycle at ingest and in every iteration, which with a schedule may use every second or fourth of
-    them. A batch of N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its
-    first event to its result.
+    One event per cycle at ingest and in every iteration; one every four cycles in a round of one evaluator. A batch of
+    N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its first event to its
+    result.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The iterating half of a core: everything from the event buffer to the judge."""
+"""The iterating half of a core: everything from the event buffer to the verdict."""
 
 from amaranth.hdl import Mux, Signal
 from amaranth.lib.wiring import connect, flipped
@@ -7,7 +7,6 @@ from ..config.schedule import ScheduleEntry, used_events
 from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
-from .confidence.judge import Judge
 from .confidence.least_judge import LeastJudge
 from .confidence.means import Means
 from .confidence.probe import Probe
@@ -25,10 +24,10 @@ class Iterating:
     buffer, hands batches over to ``iteration_control``, and offers the results.
     """
 
-    def _make_iterating(self, *, move=1, settle=1, judge=Judge):
+    def _make_iterating(self, *, move=1, settle=1, verdict=True):
         """The blocks; ``move`` and ``settle`` are the cycles of an ROI's update.
 
-        ``judge`` is a :class:`Judge`, or the :class:`~.confidence.curvature.Curvature` for one who decides elsewhere.
+        Without a ``verdict`` it is decided elsewhere whether a translation is in doubt.
         """
         config = self.config
         self.rounds = config.ascent_rule.evaluations > 1
@@ -40,10 +39,7 @@ class Iterating:
         self.ascent = ASCENTS[config.ascent](config)
         self.means = Means(config) if self.rounds else None
         self.probe = Probe(config) if config.confidence and not self.rounds else None
-        if self.rounds:
-            judge = Verdict if judge is Judge else None
-        elif config.motion_model.basis:
-            judge = LeastJudge
+        judge = (Verdict if verdict else None) if self.rounds else LeastJudge
         self.judge = judge(config) if config.confidence and judge else None
         # From a replay to the warp; from the last vote to the next v.
         self._feed = in_flight + 1 - self.path.evaluating
@@ -155,15 +151,8 @@ class Iterating:
             judge.i.payload.eq(self.gradient.o.payload),
             control.more.eq(probe.more),
             control.judged.eq(judge.done),
-        ]
-        if isinstance(judge, LeastJudge):
-            m.d.comb += [judge.v.eq(self.ascent.v), judge.last.eq(probe.last)]
-        elif isinstance(judge, Judge):
-            begin = delay(m, control.begin, 1, name="begin", valid=True)  # no hurry; many wait for it
-            m.d.comb += [judge.begin.eq(begin), judge.sum_i.eq(probe.last.i)]
-        else:
-            return
-        m.d.comb += [
+            judge.v.eq(self.ascent.v),
+            judge.last.eq(probe.last),
             judge.squares.eq(probe.last_squares),
             judge.events.eq(events),
             judge.limit.eq(control.run.settings.confidence_limit),

@@ -15,7 +15,7 @@ from support.values import edge_integers, random_value
 SHAPES = {
     **{name: CONFIGS[name] for name in ("default", "narrow", "odd", "tiny", "fine", "sensor")},
     # Of whole cells ΣD = 0, and takes nothing; P a power of two, and not.
-    "whole": preset("fast"),
+    "whole": preset("fast").replace(ascent="constant"),
     "whole, 60×40": preset("fast").replace(roi_width=60, roi_height=40),
     # As wide as the exact model allows.
     "widest": Config(roi_width=64, roi_height=64, buffer_events=1 << 14, weight_frac=8, derivative_frac=8),

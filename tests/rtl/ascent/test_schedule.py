@@ -8,18 +8,8 @@ import pytest
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ascent.schedule import Schedule
 from support.bench import held, play
-from support.configs import LEVELS
+from support.configs import SIGNS
 from support.values import random_value, shape_range
-
-SHAPES = {
-    "fast": LEVELS["fast"],
-    "fast odd": LEVELS["fast odd"],
-    "fast wide": LEVELS["fast wide"],
-    # A table whose length is no power of two; one level; a v of few bits.
-    "short": LEVELS["fast tiny"].replace(
-        schedule_entries=11, max_level=0, v_int=2, v_frac=3, dither_frac=1, cold="0:0", warm="0:-1"
-    ),
-}
 
 
 class Player:
@@ -94,10 +84,10 @@ def entry_of(config, rng, *, good):
 
 
 @pytest.mark.parametrize("good", [True, False], ids=["in range", "any"])
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", SIGNS)
 def test_parts_of_the_table(name, good, rng):
     """Batches that use any part, past the table's end too, and rewrite some of it in between."""
-    config = SHAPES[name]
+    config = SIGNS[name]
     player = Player(config, rng)
     entries = config.schedule_entries
     for address in rng.permutation(entries).tolist():
@@ -114,10 +104,10 @@ def test_parts_of_the_table(name, good, rng):
     assert flags == ({0} if good else {0, 1})
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", SIGNS)
 def test_limits_to_the_unit(name):
     """The largest level, step and stride pass, one more is limited; whichever the formats can hold."""
-    config = SHAPES[name]
+    config = SIGNS[name]
     shape, most = payloads.schedule_entry(config), limits(config)
     tops = [shape_range(part.shape)[1] for _, part in shape]
     cases = set(itertools.product(*zip(most, tops, strict=True)))
@@ -133,7 +123,7 @@ def test_limits_to_the_unit(name):
 
 def test_only_entries_that_are_used_are_flagged(rng):
     """Entries out of range before and right behind the part: shown to nobody, flagged by nobody."""
-    config = SHAPES["fast"]
+    config = SIGNS["similarity"]
     player = Player(config, rng)
     bad = {"level": 3, "shift": 15, "stride": 3}
     for address in range(config.schedule_entries):
@@ -146,7 +136,7 @@ def test_only_entries_that_are_used_are_flagged(rng):
 
 
 def test_the_flag_stays_until_the_next_batch(rng):
-    config = SHAPES["fast"]
+    config = SIGNS["similarity"]
     player = Player(config, rng)
     player.write(0, {"level": 3, "shift": 1, "stride": 0})
     for address in (1, 2, 3):

@@ -3,22 +3,11 @@
 import numpy as np
 import pytest
 
-from cmfpga.config import preset
 from cmfpga.reference.integer.sign import lesser, sign_updater
 from cmfpga.rtl.ascent.sign import SignAscent
 from support.bench import held, play
-from support.configs import LEVELS
+from support.configs import SIGNS
 from support.values import edge_integers, random_value
-
-SHAPES = {
-    **{name: LEVELS[name] for name in ("fast", "fast tiny", "fast wide")},
-    # Four values of v on each side of zero.
-    "few bits": LEVELS["fast"].replace(v_int=1, v_frac=1, confidence=0, cold="0:0", warm="0:-1"),
-    # G wider than 64 bits would be refused; this is as wide as it gets here.
-    "full-frame": LEVELS["fast"].replace(roi_width=240, roi_height=180, buffer_events=8192, tag_bits=10),
-}
-#: Two, three and four parameters, of which zoom and roll have formats of their own.
-MOTIONS = {"translation": SHAPES["fast"], "similarity": preset("similarity"), "rotation": preset("rotation")}
 
 
 def check(config, batches, *, spacing=0, seed=0):
@@ -116,11 +105,11 @@ def random_g(config, rng):
 def random_batches(config, rng, count, iterations=15):
     batches = []
     for number in range(count):
-        start = (
-            tuple(edge_integers(rng, config.formats.v.min, config.formats.v.max, 2).tolist()) if number % 3 else None
-        )
+        parameters = config.motion_model.parameters
+        start = tuple(int(edge_integers(rng, one.fmt.min, one.fmt.max, 1)[0]) for one in parameters)
+        start = start if number % 3 else None
         steps = [
-            (int(rng.integers(config.formats.v.width - 1)), random_g(config, rng), random_g(config, rng))
+            (int(rng.integers(config.formats.v.width - 1)), *(random_g(config, rng) for _ in parameters))
             for _ in range(iterations)
         ]
         batches.append((start, steps))
@@ -130,16 +119,16 @@ def random_batches(config, rng, count, iterations=15):
 def slopes(config, rng):
     """One near the bound or not, and others about half of it or anything; of either sign."""
     bound = config.widths.g_max
-    steepest = min(bound, int(2.0 ** rng.uniform(config.widths.slope_frac, config.widths.g_bits - 1)))
-    near = steepest // 2 + int(rng.integers(-2, 3)) * (1 << config.widths.slope_frac - 1) + int(rng.integers(-1, 2))
+    steepest = min(bound, int(2.0 ** rng.uniform(config.widths.s_frac, config.widths.g_bits - 1)))
+    near = steepest // 2 + int(rng.integers(-2, 3)) * (1 << config.widths.s_frac - 1) + int(rng.integers(-1, 2))
     sizes = [steepest, *(int(rng.choice([near, random_g(config, rng)])) for _ in config.motion_model.names[1:])]
     signed = [max(-bound, min(bound, size * int(rng.choice([-1, 1])))) for size in sizes]
     return [signed[k] for k in rng.permutation(len(signed))]
 
 
-@pytest.mark.parametrize("name", MOTIONS)
+@pytest.mark.parametrize("name", SIGNS)
 def test_lesser_slopes_move_by_half_a_step(name, rng):
-    config = MOTIONS[name]
+    config = SIGNS[name]
     parameters = config.motion_model.parameters
     batches = []
     for number in range(12):
@@ -151,7 +140,7 @@ def test_lesser_slopes_move_by_half_a_step(name, rng):
     timeline = check(config, batches)
     assert {flag for _, flag in timeline} == {False, True}
     # Exactly half is not less; one whole part less is. Of a negative number the whole part is one further.
-    unit = 1 << config.widths.slope_frac
+    unit = 1 << config.widths.s_frac
     rest = [0] * (len(parameters) - 2)
     zero, shift = (0,) * len(parameters), 4
     for g, moved in (((8, 4), 16), ((8, 4 - 1 / unit), 8), ((-8, 4), 16), ((-8, 3), 8), ((8, -5), -16), ((8, -4), -8)):
@@ -160,46 +149,45 @@ def test_lesser_slopes_move_by_half_a_step(name, rng):
 
 
 @pytest.mark.parametrize("spacing", [0, 3])
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", SIGNS)
 def test_matches_model(name, spacing, rng):
-    config = SHAPES[name]
+    config = SIGNS[name]
     timeline = check(config, random_batches(config, rng, 8), spacing=spacing)
     assert len({v for v, _ in timeline}) > 10 and {flag for _, flag in timeline} == {False, True}
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", SIGNS)
 def test_every_step_from_every_end(name):
     """Steps of every size from zero and from both ends of v, up, down and not at all; limited to the unit."""
-    config = SHAPES[name]
-    low, high = config.formats.v.min, config.formats.v.max
+    config = SIGNS[name]
+    low, high, rest = config.formats.v.min, config.formats.v.max, (0,) * (len(config.motion_model.names) - 2)
     batches = []
     for shift in range(config.formats.v.width - 1):
         step = 1 << shift
         for start in {0, low, high, *(high - step + near for near in (0, 1)), *(low + step + near for near in (-1, 0))}:
             start = min(max(start, low), high)
-            batches += [((start, -1 - start), [(shift, sign, -sign)]) for sign in (-1, 0, 1)]
+            batches += [((start, -1 - start, *rest), [(shift, sign, -sign, *rest)]) for sign in (-1, 0, 1)]
     timeline = check(config, batches)
     assert {v[0] for v, _ in timeline} >= {low, high}
 
 
 def test_the_axes_are_independent():
     """The sign of one axis and its saturation leave the other alone; each of them raises the flag."""
-    config = SHAPES["fast"]
-    top = config.formats.v.max
-    for axis in (0, 1):
+    config = SIGNS["similarity"]
+    for axis, one in enumerate(config.motion_model.parameters):
         for sign in (-1, 1):
-            g, start = [0, 0], [7, 7]
-            g[axis], start[axis] = sign, top if sign > 0 else config.formats.v.min
+            g, start = [0] * 4, [7] * 4
+            g[axis], start[axis] = sign, one.fmt.max if sign > 0 else one.fmt.min
             timeline = check(config, [(tuple(start), [(3, *g)])])
             assert timeline[-1] == (tuple(start), True)
 
 
 def test_the_flag_sticks_and_v_stays(rng):
     """Saturation is remembered until the next batch; without ``load`` v goes on from where it was."""
-    config = SHAPES["fast"]
-    top = config.formats.v.max
-    timeline = check(
-        config, [((top - 1, 0), [(2, 1, 1), (0, -1, 0), (0, 0, 0)]), (None, [(0, -1, 1)]), ((5, 6), [(1, 1, -1)])]
-    )
-    assert timeline[-1] == ((7, 4), False) and ((top - 2, 5), False) in timeline
+    config = SIGNS["similarity"]
+    top, rest = config.formats.v.max, (0, 0)
+    batches = ((top - 1, 0), ((2, 1, 1), (0, -1, 0), (0, 0, 0))), (None, ((0, -1, 1),)), ((5, 6), ((1, 1, -1),))
+    batches = [(start and start + rest, [step + rest for step in steps]) for start, steps in batches]
+    timeline = check(config, batches)
+    assert timeline[-1] == ((7, 4, *rest), False) and ((top - 2, 5, *rest), False) in timeline
     assert [flag for _, flag in timeline[3:7]] == [True, True, True, False]

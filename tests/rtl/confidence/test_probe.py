@@ -3,7 +3,7 @@
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.protocol.confidence import probe_velocities, probes_towards_zero
+from cmfpga.protocol.confidence import probes_towards_zero
 from cmfpga.rtl import payloads
 from cmfpga.rtl.confidence import probe as module
 from cmfpga.rtl.confidence.probe import Probe
@@ -11,18 +11,12 @@ from support.bench import play
 from support.mutation import mutated
 from support.values import random_value
 
-CONFIG = preset("fast")
-FMT = CONFIG.formats.v
-EDGES = [(0, 0), (FMT.max, FMT.min), (FMT.min, FMT.max), (FMT.max - 48, FMT.min + 48), (FMT.max - 47, FMT.min + 47)]
+CONFIG = preset("similarity")
 
 
 def anywhere(config, rng):
     """``(v, what is probed of it)``: at the edges of its format, around 0, and anywhere."""
     parameters, distance = config.motion_model.parameters, 3 << (config.v_frac - 2)
-    if len(parameters) == 2:
-        for v in EDGES + rng.integers(FMT.min, FMT.max + 1, (20, 2)).tolist():
-            yield v, probe_velocities(v, distance, FMT.min, FMT.max)
-        return
     for kind in range(25):
         v = [(p.fmt.min, p.fmt.max, 0, -1)[kind] if kind < 4 else int(rng.integers(p.fmt.min, p.fmt.max + 1))
              for p in parameters]  # fmt: skip
@@ -49,7 +43,7 @@ def check(probe, rng):
     assert more == {c - 1 + k for n, c in enumerate(begun) if (n + 1) % probe.count for k in range(6)}
 
 
-@pytest.mark.parametrize("motion", ["fast", "similarity", "rotation"])
+@pytest.mark.parametrize("motion", ["similarity", "rotation"])
 def test_velocities_beside_v(motion, rng):
     check(Probe(preset(motion)), rng)
 
@@ -68,20 +62,11 @@ def test_the_last_iteration_is_kept(rng):
 @pytest.mark.parametrize(
     "old, new",
     [
-        ("saturate(probed, fmt.min, fmt.max)", "probed"), ("turn[:-1].any()", "turn[:-2].any()"),
-        ("Mux(below, -distance,", "Mux(below, distance,"), ("3 << (", "2 << ("), ("turn << 1", "turn << 2"),
+        ("turn[:-1].any()", "turn[:-2].any()"), ("3 << (", "2 << ("), ("turn << 1", "turn << 2"),
         ("self.complete & turn.any()", "self.complete & turn[:3].any()"), ("& turn.any()", "& 1"),
+        ("Mux(v[-1], distance", "Mux(~v[-1], distance"), ("Mux(turn[k],", "Mux(turn[0],"),
     ],
 )  # fmt: skip
 def test_another_probe_would_be_noticed(old, new, rng):
-    mutant = mutated(module, old, new)
     with pytest.raises(AssertionError):
-        check(mutant.Probe(CONFIG), rng)
-
-
-@pytest.mark.parametrize(
-    "old, new", [("Mux(v[-1], distance", "Mux(~v[-1], distance"), ("Mux(turn[k],", "Mux(turn[0],")]
-)
-def test_another_probe_of_a_motion_would_be_noticed(old, new, rng):
-    with pytest.raises(AssertionError):
-        check(mutated(module, old, new).Probe(preset("similarity")), rng)
+        check(mutated(module, old, new).Probe(CONFIG), rng)

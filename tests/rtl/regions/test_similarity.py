@@ -81,7 +81,7 @@ def test_any_motion_about_any_middle():
 
 def test_the_middle_is_the_regions_own():
     """Where the image begins makes no difference, in whole pixels of the coarsest level; v holds at that middle."""
-    config = preset("objects").replace(motion="similarity", schedule_entries=64)
+    config = preset("objects").replace(motion="similarity", ascent="sign", schedule_entries=64)
     scene = {"position": (100.0, 90.0), "size": (44, 44), "bars": 8, "contrast": 2.0, "duration_us": 50_000}
     moved = {"velocity": (20.0, 10.0), "roll": 3.0, "zoom": 1.0}
     events = generate(seed=1, **scene, **moved).events

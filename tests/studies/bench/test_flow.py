@@ -11,11 +11,12 @@ from studies.bench.opponents.flow_program import FlowProgram
 from cmfpga.config import preset
 from cmfpga.dense.demo import scene
 from cmfpga.dense.tiles import grid
-from cmfpga.engines.model import FloatEngine
 from cmfpga.protocol.settings import BatchSettings
 from studies.bench import flow
 
 pytest.importorskip("torch")
+from cmfpga.reference.regions import RegionSequence
+from support.steps import StepCore
 
 CONFIG = preset("flow").replace(undistortion="off")
 EVENTS = 9000
@@ -31,16 +32,16 @@ def program():
 
 @pytest.fixture(scope="module")
 def window():
-    return grid(CONFIG), scene().events[:EVENTS], BatchSettings.from_config(CONFIG)
+    return grid(CONFIG), scene().events[:EVENTS], flow.with_steps(CONFIG, BatchSettings.from_config(CONFIG))
 
 
 def test_each_tile_ends_where_that_of_the_float_reference_does(program, window):
     """Whose border is that of the C program; float32 and float64 differ where a gradient is as good as 0."""
     tiles, events, settings = window
     found = program.load_window(CONFIG, tiles.regions, events, settings, 1)()
-    engine = FloatEngine(CONFIG.replace(border="corners", confidence_limit=1.0, cold_after_doubtful=0))
-    engine.write(tiles.regions)
-    wanted = engine.run(events, BatchSettings.from_config(engine.config))[0]
+    reference = RegionSequence(StepCore(CONFIG))
+    reference.write(tiles.regions)
+    wanted = reference.run(events.t, events.x, events.y, settings)
     enough = [k for k, region in enumerate(wanted.regions) if region.roi_events >= CONFIG.min_roi_events]
     apart = np.abs(found - [region.v for region in wanted.regions])[enough].max(axis=1)
     assert len(enough) > 60 and np.mean(apart < 0.1) > 0.9 and np.median(apart) < 1e-9

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.bench.cases import COLD, STEPS, WARM, parse_steps
 from studies.bench.opponents import CProgram, Job, Unavailable, c_program, make_programs
 from studies.bench.workloads import MOTION_PX, make_workload
 
@@ -15,6 +16,7 @@ from studies.bench import opponents, programs
 
 pytest.importorskip("torch")
 from cmfpga.reference import float_ascent, floating
+from support import steps
 
 #: Of a gradient, relative to the largest: float32 sums of some thousand terms; positions in 1/256 px.
 TOLERANCE = {"gather": 2e-5, "int16": 0.06}
@@ -51,10 +53,10 @@ def scaled(job):
 def right_v(job):
     options = {"width": job.width, "height": job.height, "v_start": job.v_start}
     if job.schedule is None:
-        steps = float_ascent.ascend(*scaled(job), **options, eta=job.eta, iterations=job.iterations)
+        found = float_ascent.ascend(*scaled(job), **options, eta=job.eta, iterations=job.iterations)
     else:
-        steps = float_ascent.ascend_by_signs(*scaled(job), **options, schedule=job.schedule)
-    return tuple(steps.v[-1].tolist())
+        return tuple(steps.ascend(*scaled(job), **options, schedule=job.schedule)[-1].tolist())
+    return tuple(found.v[-1].tolist())
 
 
 def right_gradients(job, places):
@@ -159,7 +161,7 @@ def test_the_articles_ascent_in_one_go(program, batch):
 @pytest.mark.parametrize("schedule", ["cold", "warm"])
 def test_the_sign_ascent_ends_at_the_same_v(program, schedule):
     """In 16 bits in nine of ten batches: where a slope is as good as 0, a rounding decides its sign."""
-    entries, apart, wrong = getattr(preset("fast").schedules, schedule), [], []
+    entries, apart, wrong = parse_steps(preset("fast"), STEPS[schedule]), [], []
     start = (0.0, 0.0) if schedule == "cold" else (3.5, -2.5)
     for seed in range(1, 3 if program.form == "gather" else 21):
         batch = make_workload("batch", events=3000, roi_events=800, seed=seed)
@@ -175,7 +177,7 @@ def test_the_sign_ascent_ends_at_the_same_v(program, schedule):
 
 
 def test_probes_are_gradients_beside_v(program, batch):
-    entries = preset("fast").schedules.warm
+    entries = parse_steps(preset("fast"), STEPS[WARM])
     loaded = program.load(
         of(batch, iterations=len(entries), schedule=entries, dither=True, probes=True, v_start=(3.0, -2.0))
     )
@@ -209,7 +211,7 @@ def test_16_bits_have_limits(events, width, fits):
 
 
 def test_once_more_is_the_same(program, batch):
-    entries = preset("fast").schedules.cold
+    entries = parse_steps(preset("fast"), STEPS[COLD])
     loaded = program.load(of(batch, iterations=len(entries), schedule=entries, dither=True))
     once = loaded.batch()
     assert loaded.batch(3) == loaded.ascent() == loaded.ascent(2) == once

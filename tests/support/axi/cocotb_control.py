@@ -30,8 +30,8 @@ async def settings_take_effect_at_the_next_batch(dut):
     await half(0)
     await board.until("STATUS", "TAKING_IN")
     other = dataclasses.replace(settings, roi=(3, 5), min_roi_events=4, thinning=2, start_last=False, v_start=(16, -8))
-    if CONFIG.ascent == "sign":
-        other = dataclasses.replace(other, cold=settings.cold[:5], warm=settings.warm[:3])
+    if CONFIG.ascent_rule.has_table:
+        other = dataclasses.replace(other, cold=settings.cold[:3], warm=settings.warm[:2])
     else:
         other = dataclasses.replace(other, iterations=3, eta=settings.eta // 2)
     await board.apply(links(CONFIG, other, ends))

@@ -20,7 +20,7 @@ def links(config, settings, ends=None):
     values = settings_values(config, settings)
     ends = ends or BatchEnds()
     values |= {"batch_events": ends.events, "duration": ends.duration, "by_tlast": int(ends.by_tlast)}
-    if config.ascent == "sign":
+    if config.ascent_rule.has_table:
         values["schedule"] = schedule_table(config, settings)
     if settings.camera:
         values["nodes"] = node_writes(config, settings.camera)

@@ -13,7 +13,8 @@ EVENTS = 4
 def tiny():
     """Two bins, and times that number the events."""
     return Config(
-        gradient="one_pass", ascent="sign", buffers=2, regions=1, bin_bits=2, sensor_width=8, sensor_height=4,
+        gradient="one_pass", ascent="newton", border="whole", cold="0:1:1", warm="0:1:1", buffers=2, regions=1,
+        bin_bits=2, sensor_width=8, sensor_height=4,
         roi_width=4, roi_height=4, max_batch_events=EVENTS, span_bits=4, time_bits=8, buffer_events=3,
         max_iterations=20,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from studies.crosscheck.batches import PATTERNS, random_events, random_schedules
 from studies.crosscheck.compare import compare_stream
 
 from cmfpga.config import Config, preset
-from cmfpga.config.schedule import ScheduleEntry, used_events
+from cmfpga.config.schedule import Round, ScheduleEntry, used_events
 from cmfpga.engines.model import FloatEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
@@ -32,20 +32,19 @@ CONFIGS = {
     "fast": preset("fast"),
     # So few tags that they come back in every batch, and a long table.
     "fast, odd sizes": preset("fast").replace(
-        roi_width=31, roi_height=21, buffer_events=200, tag_bits=4, schedule_entries=256
+        roi_width=31, roi_height=21, buffer_events=200, tag_bits=5, schedule_entries=256, buffers=1
     ),
     "fast, one pixel wide bank": preset("fast").replace(
         sensor_width=8, sensor_height=6, roi_width=2, roi_height=3, buffer_events=16, tag_bits=2
     ),
-    "fast, by sweep": preset("fast").replace(gradient="sweep", roi_width=32, roi_height=24, buffer_events=200),
+    "fast, by sweep": preset("fast").replace(
+        gradient="sweep", ascent="constant", roi_width=32, roi_height=24, buffer_events=200
+    ),
     # The sequence of the dither begins anew without a schedule.
     "dither, constant": Config(
         gradient="one_pass", dither_frac=3, roi_width=14, roi_height=18, buffer_events=100, **NARROW
     ),
-    "four evaluators": preset("fast").replace(ascent="newton", evaluators=4),
-    "one evaluator, odd sizes": preset("fast").replace(
-        ascent="newton", roi_width=31, roi_height=21, buffer_events=200, tag_bits=5, buffers=1
-    ),
+    "quad": preset("quad"),
     "similarity": preset("similarity").replace(buffer_events=500),
     "rotation": preset("rotation").replace(
         roi_width=90, roi_height=50, buffer_events=500, ram_style="auto", camera="200,200,120,90"
@@ -283,7 +282,7 @@ def test_a_batch_ends_when_enough_roi_events_are_stored(rng):
 
 
 def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
-    config = CONFIGS["fast, odd sizes"]
+    config = CONFIGS["similarity"]
     core, model = VerilatedCore(config), IntegerCore(config)
     roi = (60, 50)
     x, y = PATTERNS["moving_edge"](config, rng, roi)
@@ -319,12 +318,12 @@ def test_a_schedule_out_of_range_is_limited_and_flagged(rng):
 def test_a_schedule_as_long_as_the_table(rng):
     """A driver may write one, whatever ``max_iterations`` says: the count does not wrap."""
     config = Config(
-        sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16, ascent="sign",
-        cold="0:0", warm="0:0", max_iterations=2, schedule_entries=9,
+        sensor_width=8, sensor_height=6, roi_width=2, roi_height=2, buffer_events=16, gradient="one_pass",
+        ascent="newton", border="whole", cold="0:1:1", warm="0:1:1", max_iterations=2, schedule_entries=9,
     )  # fmt: skip
     core, model = VerilatedCore(config), IntegerCore(config)
     for count in (4, 9, 8):
-        settings = replace(BatchSettings.from_config(config, (0, 0)), cold=(ScheduleEntry(0, -3),) * count, warm=())
+        settings = replace(BatchSettings.from_config(config, (0, 0)), cold=(Round(0, 4, 0.125),) * count, warm=())
         x, y = rng.integers(2, size=(2, 12))
         _, rtl, expected, _ = run_both(core, model, np.arange(12) * 9, x, y, settings)
         assert_same(rtl, expected)
@@ -333,9 +332,9 @@ def test_a_schedule_as_long_as_the_table(rng):
 
 
 def test_more_iterations_than_there_are_tags(rng):
-    """Tags come back after 2^tag_bits − 1 iterations: 700 iterations with 4-bit tags, without a reset."""
-    config = CONFIGS["fast, odd sizes"].replace(cold="0:0", warm="0:0")
-    assert config.tag_bits == 4
+    """Tags come back after 2^tag_bits − 1 rounds: 700 rounds with 5-bit tags, without a reset."""
+    config = CONFIGS["fast, odd sizes"].replace(cold="0:1:1", warm="0:1:1")
+    assert config.tag_bits == 5
     core, model = VerilatedCore(config), IntegerCore(config)
     iterations = 0
     while iterations < 700:
@@ -354,5 +353,5 @@ def test_more_iterations_than_there_are_tags(rng):
 
 
 def test_too_few_tags_are_refused_with_the_numbers():
-    with pytest.raises(ConfigError, match=r"^tag_bits = 5: .* · 17 idle cycles an iteration = 527, .* 1024 words"):
-        preset("fast").replace(tag_bits=5)
+    with pytest.raises(ConfigError, match=r"^tag_bits = 6: .* · 46 idle cycles an iteration = 2898, .* 4096 words"):
+        preset("fast").replace(tag_bits=6)

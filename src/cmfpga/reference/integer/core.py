@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...config.schedule import used
-from ...protocol.confidence import beside
+from ...protocol.confidence import beside, probes_towards_zero
 from ...protocol.flags import Flag
 from ...protocol.trace import Trace
 from ..sequence import Sequence
 from .accumulator import Images, accumulator
-from .confidence import confidence, probes
+from .confidence import confidence
 from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
@@ -31,15 +31,6 @@ class IntegerIteration:
     sums: Sums
     g: tuple[int, ...]
     v_next: tuple[int, ...] | None  # None of an evaluation
-
-
-#: By the value of ``ascent``: the step of one parameter from raw v, ``(next v, saturated)``.
-STEPS = {
-    "constant": lambda config, fmt, v, g, halved, eta, entry: updater(config, v, g, gain=gain(config, eta)),
-    "sign": lambda config, fmt, v, g, halved, eta, entry: sign_updater(
-        fmt, v, g, log2_step=entry.log2_step, halved=halved
-    ),
-}
 
 
 class IntegerCore(Sequence):
@@ -98,12 +89,8 @@ class IntegerCore(Sequence):
         trace = Trace.of_table(np.array(velocities, np.int64), np.array(sums, np.int64))
         judged = {}
         if config.confidence:
-            probed = made
-            if not rounds:
-                probed = [
-                    self.iterate(x, y, self.dt, v, entry=entry, b=b, middle=middle)[0]
-                    for v in (probes(config, done.v_next) if settings.judge else ())
-                ]
+            places = probes_towards_zero(done.v_next, 3 << config.v_frac - 2) if settings.judge and b else ()
+            probed = [self.iterate(x, y, self.dt, v, entry=entry, b=b, middle=middle)[0] for v in places]
             judged, doubt = confidence(config, trace.last_sums, made, probed, settings, batch.counts["roi_events"])
             flags |= doubt
         return trace, flags, judged
@@ -124,9 +111,15 @@ class IntegerCore(Sequence):
         """
         config = self.config
         images, sums, g = self.evaluate(x, y, dt, v, entry.level, b, middle)
-        step, formats = STEPS[config.ascent], (parameter.fmt for parameter in config.motion_model.parameters)
-        each = zip(formats, v, g, lesser(config, g), strict=True)
-        found, saturated = zip(*(step(config, *parameter, eta, entry) for parameter in each), strict=True)
+        if b:
+            formats, step = (one.fmt for one in config.motion_model.parameters), entry.log2_step
+            each = [
+                sign_updater(fmt, *axis, log2_step=step, halved=halved)
+                for fmt, *axis, halved in zip(formats, v, g, lesser(config, g), strict=True)
+            ]
+        else:
+            each = [updater(config, *axis, gain=gain(config, eta)) for axis in zip(v, g, strict=True)]
+        found, saturated = zip(*each, strict=True)
         return IntegerIteration(tuple(v), images, sums, g, found), any(saturated)
 
     def evaluate(self, x, y, dt, v, level, b=None, middle=None):

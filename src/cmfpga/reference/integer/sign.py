@@ -8,7 +8,7 @@ def lesser(config, gradient):
 
     Whole parts of S are compared, rounded down, of negative ones less one: −8 counts as 7.
     """
-    whole = [g >> config.widths.slope_frac for g in gradient]
+    whole = [g >> config.widths.s_frac for g in gradient]
     sizes = [part if part >= 0 else ~part for part in whole]
     return [2 * size < max(sizes) for size in sizes]
 

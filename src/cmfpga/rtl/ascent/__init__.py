@@ -5,4 +5,4 @@ from .newton import NewtonAscent
 from .sign import SignAscent
 
 #: By the value of ``ascent``: the ways to move v, each an :class:`~cmfpga.rtl.ascent.ascent.Ascent`.
-ASCENTS = {"constant": ConstantAscent, "sign": SignAscent, "newton": NewtonAscent}
+ASCENTS = {"constant": ConstantAscent, "newton": NewtonAscent, "sign": SignAscent}

@@ -44,7 +44,7 @@ class SignAscent(ScheduledAscent):
         """Which parameters' slopes are less than half of the steepest one's, a cycle after the gradient: by name."""
         names, sizes = self.config.motion_model.names, {}
         for name in names:
-            whole = self.i.payload[name][self.config.widths.slope_frac :]
+            whole = self.i.payload[name][self.config.widths.s_frac :]
             sizes[name] = whole[:-1] ^ whole[-1].replicate(len(whole) - 1)
         lesser = {}
         for name in names:

@@ -1,17 +1,17 @@
-"""Probe: the velocities on either side of v, one after the other, and what the last iteration found."""
+"""Probe: velocities beside v, one after the other, and what the last iteration found."""
 
 from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from .. import payloads
-from ..arithmetic import delay, saturate
+from ..arithmetic import delay
 
 
 class Probe(wiring.Component):
-    """Has events warped ¾ px below and above v along x, then along y; v itself stays.
+    """Has events warped by v with one parameter after the other ¾ px nearer to 0; v itself stays.
 
-    In a motion beyond translation each parameter is probed once, ¾ px nearer to 0.
+    For motions beyond translation, whose iterations evaluate nothing but v.
 
     The first probe's velocity is there :attr:`latency` cycles after ``begin``, and each other as many after
     ``complete``, v itself after the last.
@@ -52,7 +52,7 @@ class Probe(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self.count = len(config.motion_model.names) if config.motion_model.basis else 4
+        self.count = len(config.motion_model.names)
         super().__init__(
             {
                 **dict.fromkeys(("new_batch", "iterating", "begin", "complete"), In(1)),
@@ -68,20 +68,15 @@ class Probe(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        fmt, distance = self.config.formats.v, 3 << (self.config.v_frac - 2)
-        turn = Signal(self.count)  # below and above v along x, along y, or a bit for each parameter; none of them: v
+        distance = 3 << (self.config.v_frac - 2)
+        turn = Signal(self.count)  # a bit for each parameter; none of them: v
         changes = self.begin | (self.complete & turn.any())
         with m.If(changes):
             m.d.sync += turn.eq(turn << 1 | self.begin)
         m.d.comb += [self.more.eq(turn[:-1].any()), self.o.valid.eq(delay(m, changes, 2, name="changes", valid=True))]
         for k, name in enumerate(self.config.motion_model.names):
             v = self.v[name]
-            if self.config.motion_model.basis:
-                m.d.sync += self.o.payload[name].eq(v + Mux(turn[k], Mux(v[-1], distance, -distance), 0))
-                continue
-            below, above = turn[2 * k], turn[2 * k + 1]
-            probed = v + Mux(below, -distance, Mux(above, distance, 0))
-            m.d.sync += self.o.payload[name].eq(saturate(probed, fmt.min, fmt.max))
+            m.d.sync += self.o.payload[name].eq(v + Mux(turn[k], Mux(v[-1], distance, -distance), 0))
         with m.If(self.new_batch):
             m.d.sync += [self.last.eq(0), self.last_squares.eq(0)]
         with m.Elif(self.sums.valid & self.iterating):

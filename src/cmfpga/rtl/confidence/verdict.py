@@ -36,7 +36,7 @@ class Verdict(wiring.Component):
     begin : ``In(1)``
         The numbers are there, and stay until ``done``.
     sum_i : ``In``
-        ΣI of the last iteration, or its mean in a round.
+        The mean of ΣI in the last round.
     squares : ``In``, :func:`payloads.squares`
         The same of Σ I².
     curvature : ``In``, :func:`payloads.curvature`

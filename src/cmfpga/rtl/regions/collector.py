@@ -8,7 +8,6 @@ from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads as common
 from ..arithmetic import select
-from ..confidence.judge import SerialVerdict
 from ..confidence.verdict import Verdict
 from . import payloads
 from .distributor import place_of
@@ -20,7 +19,7 @@ CLEAR, ADD = 1, 2
 class Collector(wiring.Component):
     """One outcome after the other; the lowest unit that has one comes first. Those of a batch wait for the one before.
 
-    Each takes :attr:`latency` cycles or less, in which v's confidence is judged, if it was probed.
+    Each takes :attr:`latency` cycles or less, in which v's confidence is judged, if that is asked.
 
     A region that moves goes by roi_gain·v, limited to the sensor, a bit of the gain a cycle, as in
     :class:`~cmfpga.rtl.ascent.roi_updater.RoiUpdater`.
@@ -54,8 +53,7 @@ class Collector(wiring.Component):
     def __init__(self, config):
         self.config = config
         # Units judge motions beyond a translation themselves, as the probes come.
-        verdict = Verdict if config.ascent_rule.evaluations > 1 else SerialVerdict
-        self._verdict = verdict(config) if config.confidence and not config.motion_model.basis else None
+        self._verdict = Verdict(config) if config.confidence and not config.motion_model.basis else None
         judging = self._verdict.latency + 1 if self._verdict else 0
         self.latency = 6 + max(config.formats.roi_gain.width + 3, judging)
         kept = data.StructLayout({"number": config.store.number_bits, "state": payloads.state(config)})
@@ -150,13 +148,13 @@ class Collector(wiring.Component):
         return m
 
     def _judge(self, m, outcome, begin):
-        """Whether v is in doubt, of an outcome that was probed: (it is known, it is)."""
+        """Whether v is in doubt: (it is known, it is)."""
         if not self._verdict:
             return Const(1, 1), outcome.flags[Flag.DOUBTFUL.bit_length() - 1] if self.config.confidence else Const(0, 1)
         m.submodules.verdict = verdict = self._verdict
-        probed, decided = outcome.confidence_limit != 0, Signal()
+        asked, decided = outcome.confidence_limit != 0, Signal()
         m.d.comb += [
-            verdict.begin.eq(begin & probed),
+            verdict.begin.eq(begin & asked),
             verdict.sum_i.eq(outcome.sums.i),
             verdict.squares.eq(outcome.sum_squares),
             verdict.curvature.eq(outcome.curvature),
@@ -164,8 +162,8 @@ class Collector(wiring.Component):
             verdict.limit.eq(outcome.confidence_limit),
         ]
         with m.If(begin | verdict.done):
-            m.d.sync += decided.eq(verdict.done | ~probed)
-        return decided, verdict.doubtful & probed
+            m.d.sync += decided.eq(verdict.done | ~asked)
+        return decided, verdict.doubtful & asked
 
     def _moved(self, m, axis, v, position, bit, steps, sensor, size):
         """Where the region goes along an axis, three cycles after the last bit of the gain; was that limited?"""

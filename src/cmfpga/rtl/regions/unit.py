@@ -8,8 +8,6 @@ from ...protocol.flags import Flag
 from ...protocol.results import thins
 from .. import payloads as common
 from ..arithmetic import delay
-from ..confidence.curvature import Curvature
-from ..confidence.least_judge import LeastJudge
 from ..iterating import Iterating
 from . import payloads
 
@@ -52,7 +50,7 @@ class Unit(Iterating, wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self._make_iterating(judge=Curvature)
+        self._make_iterating(verdict=False)
         self.image.check(self.iteration_latency)
         super().__init__(
             {
@@ -184,7 +182,7 @@ class Unit(Iterating, wiring.Component):
             "cycles": control.cycles,
         }
         if self.config.confidence:
-            if isinstance(self.judge, LeastJudge):
+            if self.judge:
                 flags[Flag.DOUBTFUL] = self.judge.doubtful
             judged = control.run.settings.judge & ~control.run.degenerate
             found |= self._found_beside() | {

@@ -1,4 +1,4 @@
-"""Dither, coarse levels and the ascent by signs in float64: against loops, and the integer model against them."""
+"""Dither and coarse levels in float64: against loops, and the integer model against them."""
 
 from math import floor
 
@@ -8,8 +8,6 @@ import torch
 
 from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
-from cmfpga.config.schedule import ScheduleEntry, parse_schedule
-from cmfpga.reference.float_ascent import ascend_by_signs
 from cmfpga.reference.floating import (
     R2,
     at_level,
@@ -24,7 +22,6 @@ from cmfpga.reference.floating import (
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.dither import dither as integer_dither
 from cmfpga.reference.integer.time_scaler import time_scaler
-from support.equations import transcription
 
 #: Formats so wide that the integer model has next to nothing to round.
 WIDE = preset("fast").replace(
@@ -130,105 +127,37 @@ def test_a_coarse_pixel_covers_its_fine_ones():
         assert float(image[0, 0]) == 1.0 == float(image.sum())
 
 
-# -------------------------------------------------------------------- ascents
-
-
-def loop_used(k, stride, n):
-    """Numbers of the events that iteration k uses: strides of 128 events or more, begun at 0, a half, a quarter, ¾."""
-    while stride > 1 and n // stride < 128:
-        stride //= 2
-    first = (0, stride // 2, stride // 4, stride // 2 + stride // 4)[k % 4]
-    return [event for event in range(n) if event % stride == first]
-
-
-def loop_signs(x, y, dt, v, schedule, width, height):
-    """All v of an ascent by signs, written with the loops above."""
-    pixels, trace = width * height, [tuple(v)]
-    for k, (level, log2_step, stride) in enumerate(schedule):
-        chosen = loop_used(k, stride, len(x))
-        image, *derivatives = transcription(x[chosen], y[chosen], dt[chosen], trace[-1], width, height, level)[:3]
-        g = [pixels * (image * d).sum() - image.sum() * d.sum() for d in derivatives]
-        half = [abs(g[0]) < abs(g[1]) / 2, abs(g[1]) < abs(g[0]) / 2]
-        steps = [2.0**log2_step * np.sign(b) / (1 + less) for b, less in zip(g, half, strict=True)]
-        trace.append(tuple(a + step for a, step in zip(trace[-1], steps, strict=True)))
-    return np.array(trace)
-
-
-@pytest.mark.parametrize("n", [60, 300, 520])  # too few for any stride; for one of 4; enough for it
-def test_ascent_by_signs_as_loops(n, rng):
-    """Steps are powers of two, so v is exact and the loop must follow the same path."""
-    entries = ((2, 1, 4), (2, 0, 4), (1, 0, 4), (1, -1, 4), (0, -2, 2), (0, -3, 2), (0, -5))
-    schedule = [ScheduleEntry(*entry) for entry in entries]
-    for _ in range(5):
-        t, x, y = moving_object(rng, rng.uniform(-4, 4, 2), n=n)
-        dt = scaled_times(t, t[0], t[-1])
-        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(n), strict=True))
-        got = ascend_by_signs(x, y, dt, width=48, height=36, v_start=(0.5, -0.25), schedule=schedule)
-        np.testing.assert_array_equal(got.v, loop_signs(x, y, dt.numpy(), (0.5, -0.25), schedule, 48, 36))
-        for k, (level, _, stride) in enumerate(schedule):
-            events = (axis[loop_used(k, stride, n)] for axis in (x, y, dt))
-            it = evaluate(*events, got.v[k], width=48, height=36, level=level)
-            assert got.g[k].tolist() == [float(it.g_x), float(it.g_y)]
-            assert got.s[k].tolist() == [float(it.s_x), float(it.s_y)]
-            assert got.sum_d[k].tolist() == [float(it.sum_dx), float(it.sum_dy)]
-            assert float(got.sum_i[k]) == float(it.sum_i) and float(got.contrast[k]) == float(it.contrast)
-
-
-def test_ascent_by_signs_finds_the_motion(rng):
-    config = preset("fast")
-    for v in ((5.0, -3.0), (-6.5, 0.5), (0.0, 4.0)):
-        t, x, y = moving_object(rng, v)
-        x, y = (axis + offset.numpy() for axis, offset in zip((x, y), dither(len(x)), strict=True))
-        events = x, y, scaled_times(t, t[0], t[-1])
-        size = {"width": 48, "height": 36}
-        cold = ascend_by_signs(*events, **size, v_start=(0.0, 0.0), schedule=config.schedules.cold)
-        assert np.hypot(*(cold.v[-1].numpy() - v)) < 0.3
-        start = np.add(v, (0.6, -0.7))
-        warm = ascend_by_signs(*events, **size, v_start=start, schedule=config.schedules.warm)
-        assert np.hypot(*(warm.v[-1].numpy() - v)) < 0.3
-
-
-def test_where_g_is_zero_v_stays():
-    """One event has no sharper image elsewhere, and none has no image at all."""
-    schedule = [ScheduleEntry(2, 1), ScheduleEntry(0, 0)]
-    for n in (0, 1):
-        got = ascend_by_signs([8] * n, [6] * n, [0.0] * n, width=16, height=12, v_start=(1.0, 2.0), schedule=schedule)
-        assert got.v.tolist() == [[1.0, 2.0]] * 3
-    assert ascend_by_signs([], [], [], width=4, height=4, v_start=(1.0, 2.0), schedule=[]).v.tolist() == [[1.0, 2.0]]
-
-
 # -------------------------------------------------------------------- the integer model
 
 
 def compare(config, rng, batches=12, tiny=0.06):
-    """(signs of G that differ though |G| is not tiny, signs compared, largest difference), over whole ascents.
+    """(signs of G that differ though |G| is not tiny, signs compared, largest difference), near the motion and off it.
 
     At each velocity of the integer model the reference takes the exact dither. Its arithmetic is judged stage by stage
     in ``test_integer_against_float.py``. A tiny G is a share of the terms that G is the difference of.
     """
     wrong = compared = 0
     worst = 0.0
-    schedule = parse_schedule("2:1*4 2:0*2 1:0 1:-1*2 1:-2*2 0:-2 0:-3*2 0:-4 0:-5", name="cold", max_level=2,
-                              v=config.formats.v, entries=32)  # fmt: skip
     unit, core = 2.0 ** -(config.weight_frac + config.derivative_frac), IntegerCore(config)
     for _ in range(batches):
-        t, x, y = (torch.from_numpy(column) for column in moving_object(rng, rng.uniform(-6, 6, 2)))
+        motion = rng.uniform(-6, 6, 2)
+        t, x, y = (torch.from_numpy(column) for column in moving_object(rng, motion))
         span, size = int(t[-1]), {"width": 48, "height": 36, "border": config.border}
         raw = *integer_dither(config, x, y), time_scaler(config, t, span=span)
         exact = [axis.double() + offset for axis, offset in zip((x, y), dither(len(t)), strict=True)]
-        v = (0, 0)
-        for entry in schedule:
-            step, _ = core.iterate(*raw, v, entry=entry)
+        for k in range(20):
+            real_v = motion * (k / 20) + rng.uniform(-1, 1, 2)
+            v, level = [int(axis * (1 << config.v_frac)) for axis in real_v], k % 3
+            _, _, found = core.evaluate(*raw, v, level)
             real_v = [config.formats.v.real(axis) for axis in v]
-            it = evaluate(*exact, scaled_times(t, 0, span), real_v, level=entry.level, **size)
+            it = evaluate(*exact, scaled_times(t, 0, span), real_v, level=level, **size)
             centred = (it.image - it.image.mean()).abs()
-            for got, g, d in zip(step.g, (it.g_x, it.g_y), (it.derivative_x, it.derivative_y), strict=True):
+            for got, g, d in zip(found, (it.g_x, it.g_y), (it.derivative_x, it.derivative_y), strict=True):
                 scale = float(config.geometry.pixels * (centred * (d - d.mean()).abs()).sum())
                 worst = max(worst, abs(got * unit - float(g)) / scale)
                 if abs(float(g)) > tiny * scale:
                     compared += 1
                     wrong += (got > 0) != (float(g) > 0)
-            v = step.v_next
     return wrong, compared, worst
 
 
