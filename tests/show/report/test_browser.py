@@ -234,7 +234,7 @@ def test_a_page_that_is_damaged_says_so(opened, turning):
     report.path.write_text(text[:start] + text[start + 40 :], encoding="utf-8")
     report.browser.get(report.path.as_uri())
     report.wait("!document.getElementById('problem').hidden")
-    assert "cannot draw the report" in report.do("return document.getElementById('problem').textContent")
+    assert "cannot draw the page" in report.do("return document.getElementById('problem').textContent")
 
 
 def test_nothing_is_fetched(opened, turning):

@@ -1,18 +1,8 @@
-"use strict";
 /* The page of a run of dense flow: draws one window at a time on four canvases. */
 
-const $ = (id) => document.getElementById(id);
-const head = JSON.parse($("head").textContent);
 const { windows, sensor, frame, tile, corners, grid } = head;
 const SCALE = 4; // canvas pixels of a pixel of the sensor, where arrows are drawn
-let raw, shown = 0, playing = null;
-
-async function unpack() {
-  const packed = Uint8Array.from(atob($("blob").textContent), (sign) => sign.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-  raw = new Uint8Array(await new Response(stream).arrayBuffer());
-  if (raw.length !== 2 * windows.length * frame[0] * frame[1]) throw new Error("its data are incomplete");
-}
+let raw;
 
 function canvas(id, width, height) {
   const made = $(id);
@@ -26,13 +16,6 @@ function drawImage(id, index) {
   const from = index * width * height;
   for (let k = 0; k < width * height; ++k) image.data.set([raw[from + k], raw[from + k], raw[from + k], 255], 4 * k);
   paper.putImageData(image, 0, 0);
-}
-
-/* The colour of a flow whose speed is `share` of the rim's; as cmfpga.show.flow.pictures.colours. */
-function colour(x, y, most) {
-  const turn = (Math.atan2(y, x) / (2 * Math.PI) + 1) % 1, share = Math.min(1, Math.hypot(x, y) / most);
-  const parts = [0, 4, 2].map((at) => Math.min(1, Math.max(0, Math.abs((6 * turn + at) % 6 - 3) - 1)));
-  return `rgb(${parts.map((part) => Math.round(255 * (1 - share * (1 - part)))).join()})`;
 }
 
 /* Borders of the cells of one axis: half way between the middles of tiles. */
@@ -63,8 +46,7 @@ function arrow(paper, x, y, dx, dy) {
 function drawFlow(one) {
   const paper = canvas("flow", SCALE * sensor[0], SCALE * sensor[1]);
   cells(paper, (k, ...box) => {
-    const [, vx, vy] = one.tiles[k];
-    paper.fillStyle = vx === "" ? "#474747" : one.trusted[k] ? colour(Number(vx), Number(vy), one.most) : "#9e9e9e";
+    paper.fillStyle = one.colours[k];
     paper.fillRect(...box);
   });
   const steps = grid[0].slice(1).map((place, k) => place - grid[0][k]);
@@ -77,15 +59,14 @@ function drawFlow(one) {
     arrow(paper, ...middle, step * vx / one.most, step * vy / one.most);
   });
   const radius = 22 * SCALE, [x, y] = [SCALE * sensor[0] - radius - 8, SCALE * sensor[1] - radius - 8];
-  for (let k = 0; k < 180; ++k) {
-    for (let ring = 10; ring > 0; --ring) {
-      const angle = k * Math.PI / 90;
-      paper.fillStyle = colour(Math.cos(angle) * ring, Math.sin(angle) * ring, 10);
-      paper.beginPath();
-      paper.moveTo(x, y);
-      paper.arc(x, y, radius * ring / 10, angle - 0.02, angle + 0.02);
-      paper.fill();
-    }
+  const rim = paper.createConicGradient(0, x, y), white = paper.createRadialGradient(x, y, 0, x, y, radius);
+  head.wheel.forEach((colour, k) => rim.addColorStop(k / (head.wheel.length - 1), colour));
+  ["#ffffffff", "#ffffff00"].forEach((colour, k) => white.addColorStop(k, colour));
+  for (const style of [rim, white]) {
+    paper.fillStyle = style;
+    paper.beginPath();
+    paper.arc(x, y, radius, 0, 2 * Math.PI);
+    paper.fill();
   }
   paper.fillStyle = "#000000";
   paper.textAlign = "center";
@@ -98,7 +79,7 @@ function drawSure(one) {
   const paper = canvas("sure", SCALE * sensor[0], SCALE * sensor[1]);
   cells(paper, (k, left, top, width, height) => {
     const kappa = Number(one.tiles[k][3] || 0), level = Math.min(1, Math.max(0, Math.log10(Math.max(kappa, 1)) / 3));
-    paper.fillStyle = one.tiles[k][3] === "" ? "#474747" : `hsl(${250 - 190 * level} 70% ${18 + 52 * level}%)`;
+    paper.fillStyle = one.tiles[k][3] === "" ? head.empty : `hsl(${250 - 190 * level} 70% ${18 + 52 * level}%)`;
     paper.fillRect(left, top, width, height);
     if (one.trusted[k] || one.tiles[k][3] === "") return;
     paper.strokeStyle = "#ffffff";
@@ -114,6 +95,15 @@ function drawSure(one) {
   $("sure").setAttribute("aria-label", $("share").textContent);
 }
 
+function tell() {
+  const one = windows[shown];
+  const time = one.t === null ? "no events" : `${(one.t / 1e6).toFixed(4)} s, ${one.events} events`;
+  const moved = one.moved === null ? "" : `, ${one.moved.toFixed(1)} px per half window`;
+  $("where").textContent = `window ${one.window}: ${time}${moved}`;
+  $("fit").textContent = one.fit === null ? "" : Object.entries(one.fit).filter(([name]) => !name.endsWith("_sd"))
+    .slice(2).map(([name, value]) => `${name} ${value === null ? "—" : value}`).join(", ");
+}
+
 function draw() {
   const one = windows[shown];
   drawFlow(one);
@@ -123,31 +113,7 @@ function draw() {
     $(`${id}-value`).textContent = `contrast ${one.contrast[k]} (events/px)²`;
     $(id).setAttribute("aria-label", `Image of ${one.events} events: contrast ${one.contrast[k]}.`);
   });
-  const time = one.t === null ? "no events" : `${(one.t / 1e6).toFixed(4)} s, ${one.events} events`;
-  const moved = one.moved === null ? "" : `, ${one.moved.toFixed(1)} px per half window`;
-  $("where").textContent = `window ${one.window}: ${time}${moved}`;
-  $("slider").value = shown;
-  $("slider").setAttribute("aria-valuetext", $("where").textContent);
-  $("fit").textContent = one.fit === null ? "" : Object.entries(one.fit).filter(([name]) => !name.endsWith("_sd"))
-    .slice(2).map(([name, value]) => `${name} ${value === null ? "—" : value}`).join(", ");
   document.body.dataset.shown = one.window;
-}
-
-function go(index) {
-  shown = Math.max(0, Math.min(windows.length - 1, index));
-  draw();
-}
-
-function stop() {
-  clearInterval(playing);
-  playing = null;
-  $("play").textContent = "▶ play";
-}
-
-function play() {
-  if (playing) return stop();
-  $("play").textContent = "❚❚ pause";
-  playing = setInterval(() => (shown < windows.length - 1 ? go(shown + 1) : stop()), 300);
 }
 
 function point(event) {
@@ -159,35 +125,16 @@ function point(event) {
     `${name} ${windows[shown].tiles[k][n] === "" ? "—" : windows[shown].tiles[k][n]}`)].join(", ");
 }
 
-function listen() {
-  $("slider").max = windows.length - 1;
-  $("slider").addEventListener("input", () => { stop(); go(Number($("slider").value)); });
-  $("previous").addEventListener("click", () => { stop(); go(shown - 1); });
-  $("next").addEventListener("click", () => { stop(); go(shown + 1); });
-  $("play").addEventListener("click", play);
-  const ways = { ArrowLeft: -1, ArrowRight: 1, PageUp: -10, PageDown: 10, Home: -Infinity, End: Infinity };
-  document.addEventListener("keydown", (event) => {
-    if (!(event.key in ways) || event.target === $("slider") || event.ctrlKey || event.altKey || event.metaKey) return;
-    stop();
-    go(shown + ways[event.key]);
-    event.preventDefault();
-  });
-  for (const id of ["flow", "sure"]) $(id).addEventListener("pointermove", point);
-  $("theme").addEventListener("click", () => {
-    const root = document.documentElement, now = getComputedStyle(root).colorScheme;
-    root.dataset.theme = now === "dark" ? "light" : "dark";
-  });
-}
-
-(async () => {
-  try {
-    await unpack();
-    listen();
-    go(0);
-    document.body.dataset.ready = "yes";
-  } catch (error) {
-    $("problem").textContent = `This browser cannot draw the page: ${error.message}`;
-    $("problem").hidden = false;
-    throw error;
-  }
-})();
+begin({
+  count: windows.length,
+  unpack(buffer) {
+    raw = new Uint8Array(buffer);
+    if (raw.length !== 2 * windows.length * frame[0] * frame[1]) throw new Error("its data are incomplete");
+  },
+  tell,
+  draw,
+  drawAll: draw,
+  listen() {
+    for (const id of ["flow", "sure"]) $(id).addEventListener("pointermove", point);
+  },
+});

@@ -8,11 +8,14 @@ import numpy as np
 from ...dense.window import TABLE
 from ...errors import write_text
 from ...tracking.kept import BUDGET, FRAME_SIZE
-from ..report.template import asset, fill, shown_name
-from .pictures import top_speed
+from ..page import asset, fill, shown_name
+from .pictures import EMPTY, colours, tile_colours, top_speed
 
 #: Levels of grey of an image.
 _GREYS = 255
+
+#: Ways between whose colours the wheel's are linear, all around.
+_CORNERS = np.stack([np.cos(np.arange(7) * np.pi / 3), np.sin(np.arange(7) * np.pi / 3)], axis=1)
 
 
 class Page:
@@ -36,6 +39,7 @@ class Page:
             "contrast": [round(float(image.var()), 4) for image in window.images()],
             "most": top_speed(window),
             "tiles": [row[6:11] for row in window.rows()],
+            "colours": _hex(tile_colours(window, top_speed(window))),
             "trusted": window.trusted.astype(int).tolist(),
             "fit": field,
         }
@@ -69,6 +73,8 @@ class Page:
             "frame": [*(self._kept[0][1][0].shape[::-1] if self._kept else (0, 0))],
             "tile": [tiles.width, tiles.height],
             "corners": tiles.corners,
+            "wheel": _hex(colours(_CORNERS, 1.0)),
+            "empty": _hex(np.array([EMPTY]))[0],
             "grid": [list(tiles.columns), list(tiles.rows)],
             "windows": [one for one, *_ in self._kept],
         }
@@ -76,13 +82,18 @@ class Page:
             "title": html.escape(f"Flow of {shown_name(flow.recording)}"),
             "lead": html.escape(lead),
             "notes": "".join(f"<li>{html.escape(note)}</li>" for note in notes),
-            "style": asset("page.css", "cmfpga.show.report") + asset("page.css", __package__),
+            "style": asset("page.css", __package__),
             "state": '<p class="value" id="fit"></p>',
             "library": "",
             "script": asset("page.js", __package__),
         }
         blob = b"".join(image.tobytes() for _, images, _ in self._kept for image in images)
         return fill(asset("page.html", __package__), parts, head, zlib.compress(blob, 6), one="window")
+
+
+def _hex(shades):
+    """Colours of [n, 3], each 0 to 1, as a page names them."""
+    return [f"#{bytes(shade).hex()}" for shade in np.rint(255 * shades).astype(np.uint8)]
 
 
 def _binned(image):

@@ -38,13 +38,19 @@ def tile_of_pixels(tiles, width, height):
     return nearest[1][:, None] * len(tiles.columns) + nearest[0]
 
 
-def field(window, most):
-    """The flow in colours, [rows, columns, 3]; doubtful and degenerate tiles in grey."""
+def tile_colours(window, most):
+    """The flow of each tile in colours, [n, 3]; doubtful and degenerate tiles in grey."""
     shown = colours(np.nan_to_num(window.px_per_s), most)
     measured = np.isfinite(window.px_per_s[:, 0])
     shown[~window.trusted] = DOUBTFUL
     shown[~measured] = EMPTY
-    return shown[tile_of_pixels(window.tiles, window.config.sensor_width, window.config.sensor_height)]
+    return shown
+
+
+def field(window, most):
+    """The same of each pixel, [rows, columns, 3]."""
+    pixels = tile_of_pixels(window.tiles, window.config.sensor_width, window.config.sensor_height)
+    return tile_colours(window, most)[pixels]
 
 
 def save(window, path, title):

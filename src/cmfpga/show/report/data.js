@@ -1,21 +1,12 @@
-"use strict";
 /* First of the three parts of the report's script: all numbers come from the data in the page; images of warped events
    and contrasts are computed here from the batch's events, by the equations of cmfpga.imaging.iwe. */
 
-const $ = (id) => document.getElementById(id);
-const head = JSON.parse($("head").textContent);
 const { columns, details, roi, sensor } = head;
 const batches = columns.batch.length;
 const missing = "—";
-let shown = 0; // index into details
 let level = 0, pair = [0, 1]; // of the landscape: its pixels, and the parameters that it is drawn over
-let playing = null;
-let drawing = false;
 
-async function unpack() {
-  const packed = Uint8Array.from(atob($("blob").textContent), (sign) => sign.charCodeAt(0));
-  const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const raw = await new Response(stream).arrayBuffer();
+function unpack(raw) {
   const total = details.reduce((sum, detail) => sum + detail.events, 0);
   const [, width, height] = head.frame, [bits, half] = head.place;
   let event = 0;

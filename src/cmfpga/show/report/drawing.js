@@ -226,29 +226,17 @@ function showNumbers(detail) {
     || "No warnings: nothing unusual in this batch.");
   const at = columns.t_ref_us[k] === "" ? "" : `, ${seconds[k].toFixed(3)} s`;
   $("where").textContent = `batch ${k} of ${batches - 1}${at}`;
-  $("slider").setAttribute("aria-valuetext", $("where").textContent);
   for (const row of document.querySelectorAll("tr.now")) row.classList.remove("now");
   document.querySelector(`tr[data-batch="${k}"]`)?.classList.add("now");
 }
 
 function draw() {
   const detail = details[shown];
-  showNumbers(detail);
   drawFrame(detail);
   drawImages(detail);
   drawLandscape(detail);
   for (const id of CHARTS) if ($(id).data) Plotly.relayout(id, { shapes: cursor() });
   document.body.dataset.shown = detail.batch;
-}
-
-/* Draw once per picture of the screen, however fast the slider moves. */
-function go(index) {
-  shown = Math.max(0, Math.min(details.length - 1, index));
-  $("slider").value = shown;
-  showNumbers(details[shown]);
-  if (drawing) return;
-  drawing = true;
-  requestAnimationFrame(() => { drawing = false; draw(); });
 }
 
 function drawAll() {

@@ -45,14 +45,6 @@ function build() {
   }
 }
 
-function play() {
-  if (playing) { clearInterval(playing); playing = null; } else {
-    if (shown === details.length - 1) go(0);
-    playing = setInterval(() => (shown === details.length - 1 ? play() : go(shown + 1)), 350);
-  }
-  $("play").textContent = playing ? "❚❚ stop" : "▶ play";
-}
-
 /* What the buttons below the landscape say. */
 function chosen() {
   const value = (name) => document.querySelector(`input[name=${name}]:checked`)?.value;
@@ -60,57 +52,20 @@ function chosen() {
   pair = value("pair")?.split(",").map(Number) ?? pair;
 }
 
-function listen() {
-  const slider = $("slider");
-  slider.max = details.length - 1;
-  slider.addEventListener("input", () => go(Number(slider.value)));
-  $("previous").addEventListener("click", () => go(shown - 1));
-  $("next").addEventListener("click", () => go(shown + 1));
-  $("play").addEventListener("click", play);
-  const steps = { ArrowLeft: -1, ArrowRight: 1, PageUp: 10, PageDown: -10, Home: -Infinity, End: Infinity };
-  document.addEventListener("keydown", (event) => {
-    const step = steps[event.key];
-    if (step === undefined || event.ctrlKey || event.altKey || event.metaKey) return;
-    const inside = event.target.closest?.("input[type=radio], .scroll");
-    // Away from the slider, the keys that scroll the page go on doing so.
-    if (inside || (event.target !== slider && !event.key.startsWith("Arrow"))) return;
-    event.preventDefault();
-    go(shown + step);
-  });
-  for (const id of CHARTS) $(id).on("plotly_click", ({ points }) => go(nearest(Number(points[0].customdata))));
-  for (const choice of document.querySelectorAll("input[name=level], input[name=pair]")) {
-    choice.addEventListener("change", () => { chosen(); drawLandscape(details[shown]); });
-  }
-  $("theme").addEventListener("click", () => {
-    const root = document.documentElement, now = getComputedStyle(root).colorScheme;
-    root.dataset.theme = now === "dark" ? "light" : "dark";
-    drawAll();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);
-  // Paper is white.
-  let before;
-  window.addEventListener("beforeprint", () => {
-    before = document.documentElement.dataset.theme;
-    document.documentElement.dataset.theme = "light";
-    drawAll();
-  });
-  window.addEventListener("afterprint", () => {
-    if (before) document.documentElement.dataset.theme = before; else delete document.documentElement.dataset.theme;
-    drawAll();
-  });
-}
-
-(async () => {
-  try {
-    await unpack();
+begin({
+  count: details.length,
+  unpack(raw) {
+    unpack(raw);
     chosen();
     build();
-    drawAll();
-    listen();
-    document.body.dataset.ready = "yes";
-  } catch (error) {
-    $("problem").textContent = `This browser cannot draw the report: ${error.message}`;
-    $("problem").hidden = false;
-    throw error;
-  }
-})();
+  },
+  tell: () => showNumbers(details[shown]),
+  draw,
+  drawAll,
+  listen() {
+    for (const id of CHARTS) $(id).on("plotly_click", ({ points }) => go(nearest(Number(points[0].customdata))));
+    for (const choice of document.querySelectorAll("input[name=level], input[name=pair]")) {
+      choice.addEventListener("change", () => { chosen(); drawLandscape(details[shown]); });
+    }
+  },
+});

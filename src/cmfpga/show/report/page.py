@@ -14,9 +14,9 @@ from ...config.dither import DITHER_BITS, FACTORS
 from ...errors import ConfigError, needs, write_text
 from ...protocol.flags import NOTES
 from ...tracking.columns import columns
+from ..page import asset, fill, shown_name
 from .motion import choice, parameter_choice, rates_figure, shown_motion, velocity_title
 from .story import Story
-from .template import asset, fill, shown_name
 
 #: What a reader of the page needs to know about a flag.
 FLAGS = {
@@ -72,12 +72,11 @@ def render(kept, clock_mhz):
         "cycles_note": html.escape(_cycles_note(story)),
         "configuration": _configuration(kept),
         "versions": _versions(kept, clock_mhz),
-        "style": asset("page.css"),
         "state": '<div id="strip" aria-hidden="true"></div>\n<p id="flags" role="status"></p>',
         "library": f"<script>{plotly_script()}</script>\n",
-        "script": "\n".join(map(asset, SCRIPTS)),
+        "script": "\n".join(asset(name, __package__) for name in SCRIPTS),
     }
-    return fill(asset("page.html"), parts, head, blob, one="batch")
+    return fill(asset("page.html", __package__), parts, head, blob, one="batch")
 
 
 def plotly_script():

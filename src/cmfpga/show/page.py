@@ -9,10 +9,12 @@ import re
 def fill(body, parts, head, blob, *, one):
     """A page's text, with controls to choose ``one`` of what it shows: ``{{name}}`` in it replaced by ``parts[name]``.
 
-    ``body`` is what is below the controls. ``{{head}}`` becomes what :mod:`json` makes of ``head``, and ``{{blob}}``
-    the bytes of ``blob`` in base64.
+    ``body`` is what is below the controls; style and script come after those of all pages. ``{{head}}`` becomes what
+    :mod:`json` makes of ``head``, and ``{{blob}}`` the bytes of ``blob`` in base64.
     """
     page = asset("frame.html").replace("{{body}}", body)
+    parts["style"] = asset("frame.css") + parts.get("style", "")
+    parts["script"] = asset("frame.js") + "\n" + parts["script"]
     # In a script element only "</" and "<!--" have a meaning.
     text = json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
     parts = {**parts, "one": one, "One": one.capitalize(), "head": text, "blob": base64.b64encode(blob).decode()}
