@@ -92,7 +92,7 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     path = tmp_path / name
     path.write_bytes(content[: int(share * len(content)) // 4 * 4 + 1])
     done = command(
-        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:0", "--out", tmp_path
+        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:1:1", "--out", tmp_path
     )
     assert done.error.startswith(f"{path}: ") and "truncated" in done.error
     assert len(rows(tmp_path)) >= 2
