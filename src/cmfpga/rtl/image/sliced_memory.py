@@ -5,8 +5,8 @@ from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import Out
 from amaranth.utils import ceil_log2
 
-#: Bits of each word in one memory of up to 4,096 words: so many are a block RAM of 16 kibit, whatever the vendor; or, if
-#: block RAMs are asked for by the name that they have in UltraScale, one of theirs, of 36.
+#: Bits of each word in one memory of up to 4,096 words: so many are a block RAM of 16 kibit, whatever the vendor. Where
+#: ``ram_style`` asks for block RAMs, by the name that UltraScale has for them, one of its 36 kbit.
 BITS, BLOCK_BITS = 4, 9
 #: Of so few words a block RAM holds more bits than that.
 SHALLOW = 2048
