@@ -24,7 +24,7 @@ BOXES = {
     "Reciprocal": ("reciprocal.py", 4, 1),
     "Dither": ("-dither.py", 5, 2),
     "TimeScaler": ("time_scaler.py", 4, 2),
-    "Warp": ("warp.py", 3, 2),
+    "Warp, Evaluators": ("warp.py, evaluators.py", 3, 2),
     "BilinearVoter": ("voter.py", 2, 2),
     "TaggedAccumulator": ("tagged_accumulator.py", 2, 3.15),
     "OnePassGradient": ("one_pass_gradient.py", 3, 3.15),
@@ -32,16 +32,16 @@ BOXES = {
     "GradientReader": ("gradient_reader.py", 5, 3.15),
     "RoiUpdater": ("roi_updater.py", 1, 4.4),
     "Schedule": ("-schedule.py", 2, 4.4),
-    "Ascent, Velocity": ("sign.py, constant.py", 3, 4.4),
+    "Ascent, Velocity": ("newton.py, constant.py", 3, 4.4),
     "Gradient": ("gradient.py", 4, 4.4),
-    "Probe, Judge": ("-probe.py, judge.py", 5, 4.4),
+    "Means, Verdict": ("-means.py, verdict.py", 5, 4.4),
 }
 PILLS = {"event stream": (0, 0), "settings": (0, 0.55), "result stream": (0, 4.4)}
 #: title: (first column, last column, row)
 GROUPS = {
     "image: gradient = one_pass (fast)": (2, 3, 3.15),
     "image: gradient = sweep (paper)": (4, 5, 3.15),
-    "ascent = sign (fast) or constant (paper)": (2, 3, 4.4),
+    "ascent = newton (fast) or constant (paper)": (2, 3, 4.4),
 }
 
 
@@ -82,8 +82,8 @@ def _wires():
     yield [at(4, 4.4, 1), at(5, 4.4, 0)], ""
     yield [at(2, 4.4, 1), at(3, 4.4, 0)], ""
     yield (
-        [at(5, 4.4, 0.5, 1), (at(5, 0)[0], low + 22), (at(3, 0, 0.75)[0], low + 22), at(3, 4.4, 0.75, 1)],
-        "probes beside v",
+        [at(3, 4.4, 0.75, 1), (at(3, 0, 0.75)[0], low + 22), (at(5, 0)[0], low + 22), at(5, 4.4, 0.5, 1)],
+        "curvature",
     )
     yield [at(3, 4.4, 0.4, 1), (at(3, 0, 0.4)[0], low), (at(1, 0)[0], low), at(1, 4.4, 0.5, 1)], "v"
     yield (

@@ -92,7 +92,7 @@ def test_truncated_originals(command, rows, data_dir, tmp_path, name, share):
     path = tmp_path / name
     path.write_bytes(content[: int(share * len(content)) // 4 * 4 + 1])
     done = command(
-        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:0", "--out", tmp_path
+        track, path, "--roi", "100,100", *MODEL, "--batch-events", "1000", "--set", "cold=0:1:1", "--out", tmp_path
     )
     assert done.error.startswith(f"{path}: ") and "truncated" in done.error
     assert len(rows(tmp_path)) >= 2
@@ -246,7 +246,7 @@ def test_a_cache_that_cannot_be_made(command, dot, small, tmp_path, monkeypatch)
 @pytest.mark.parametrize("arguments, message", [
     (["--set", "gradient=sweep", "--set", "roi_width=63"], "roi_width = 63: an even number of pixels is needed"),
     (["--preset", "fast", "--set", "warm="], "warm: 0 iterations: 1 to 32 are needed (schedule_entries)"),
-    (["--set", "max_iterations=2"], "cold: 15 iterations; at most 2 are allowed (max_iter"),
+    (["--set", "max_iterations=2"], "cold: 5 iterations; at most 2 are allowed (max_iter"),
     (["--preset", "nope"], "preset 'nope': one of paper, fast, "),
     (["--set"], "argument --set: expected one argument" + HINT),
     (["paper"], "unrecognized arguments: paper" + HINT),

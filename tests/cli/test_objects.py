@@ -195,7 +195,7 @@ def test_the_bar_knows_how_many_batches_come(command, tmp_path, monkeypatch, siz
     totals, counted = [], cli.expected
     monkeypatch.setattr(cli, "expected", lambda *given: totals.append(counted(*given)) or totals[-1])
     monkeypatch.setattr(cli, "shows_bar", lambda: True)
-    options = ["--preset", "fast", "--engine", "model", "--no-picture", "--set", "cold=0:0", "--set", "warm=0:0"]
+    options = ["--preset", "fast", "--engine", "model", "--no-picture", "--set", "cold=0:1:1", "--set", "warm=0:1:1"]
     for start, most in ((0, None), (1234, None), (0, 2)):
         done = command(
             track, path, "--sensor", "240,180", "--time-unit", "us", "--roi", "88,58", *size, *options,

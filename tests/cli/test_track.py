@@ -243,7 +243,7 @@ def test_the_synthetic_scene_as_json_is_only_json(command, tmp_path):
         "--engine",
         "model",
         "--set",
-        "cold=0:0",
+        "cold=0:1:1",
         "--batch-events",
         1640,
         "--batches",
@@ -253,7 +253,7 @@ def test_the_synthetic_scene_as_json_is_only_json(command, tmp_path):
         "--out",
         tmp_path,
     )
-    assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["cold"] == "0:0"
+    assert json.loads(done.out)["batches"] == 2 and json.loads(done.out)["config"]["cold"] == "0:1:1"
 
 
 def test_the_scene_with_other_options(command, rows, tmp_path):

@@ -127,7 +127,7 @@ def test_a_real_overflow(data_dir, command, rows, tmp_path):
     """A bright dot with more events than the buffer holds, on another sensor than the default's."""
     done = command(
         track, data_dir / "prophesee_spinner_640x480.h5", "--roi", "216,85", "--batches", 2, "--engine", "model",
-        "--set", "cold=0:0", "--set", "when_full=drop", "--out", tmp_path, "--json",
+        "--set", "cold=0:1:1", "--set", "when_full=drop", "--out", tmp_path, "--json",
     )  # fmt: skip
     assert (done.status, done.complaints) == (0, [])
     assert json.loads(done.out)["config"]["sensor_width"] == 640 and json.loads(done.out)["batches_with_warnings"] == 2

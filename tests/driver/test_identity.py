@@ -39,7 +39,7 @@ def test_configuration_is_found_among_the_presets(backend):
     backend.overrides.clear()
     with pytest.raises(WrongHardware, match="none of the presets paper, fast"):
         Accelerator(backend)
-    other = CONFIG.replace(cold="0:0", start="zero")  # run-time fields are the user's
+    other = CONFIG.replace(cold="0:1:1", start="zero")  # run-time fields are the user's
     assert Accelerator(backend, other).config == other
     with pytest.raises(ValueError, match="format 'EVT9'"):
         Accelerator(backend, CONFIG, form="EVT9")

@@ -76,8 +76,8 @@ def test_every_setting_reaches_the_hardware(accelerator, rng):
         {"roi_gain": 1.0},
         {"start": "given", "v_start_x": -1.5, "v_start_y": 2.0},
         {"start": "zero"},
-        {"cold": "1:-1*3", "warm": "0:-2"},
-        {"start": "given", "v_start_x": 0.5, "cold": "0:0 1:1"},
+        {"cold": "1:1:1*3", "warm": "0:3/4:1/4"},
+        {"start": "given", "v_start_x": 0.5, "cold": "0:1:1 1:2:2"},
         {},
     )
     seen = Flag(0)

@@ -129,12 +129,12 @@ def test_random_batches(verilated_engine, rng):
 
 
 def test_amaranth_simulates_the_fast_hardware_too(rng):
-    """Signs, levels, dither, one pass; schedules that change. (Its Verilog: tests/verilog/simulation.)"""
+    """Rounds, levels, dither, one pass; schedules that change. (Its Verilog: tests/verilog/simulation.)"""
     config = preset("fast").replace(
-        **HARDWARE, cold="2:1*2 1:0 0:-1", warm="1:0 0:-2", cold_after_doubtful=0, roi_gain=0.0
+        **HARDWARE, cold="2:2:2*2 1:1:1 0:3/4:1/2", warm="1:1:1 0:3/4:1/4", cold_after_doubtful=0, roi_gain=0.0
     )
     simulated, model = AmaranthEngine(config), ModelEngine(config)
-    other = config.replace(cold="0:0*3", warm="0:-1*5 1:-2")
+    other = config.replace(cold="0:1:1*3", warm="0:3/4:1/2*5 1:1:1/4")
     results = []
     for fields, roi, count in (
         (config, (8, 8), 60), (config, None, 60), (other, None, 0), (other, None, 90), (config, (9, 7), 70),

@@ -177,8 +177,8 @@ def test_commands_take_no_more_memory_for_longer_recordings(lengths, tmp_path, n
     pytest.importorskip("torch")
     options = ["--preset", "fast"]
     if name == "track":
-        options += ["--roi", "88,58", "--engine", "model", "--batch-us", 50_000, "--set", "cold=0:0", "--set",
-                    "warm=0:0", "--set", "thinning=20", "--out", tmp_path]  # fmt: skip
+        options += ["--roi", "88,58", "--engine", "model", "--batch-us", 50_000, "--set", "cold=0:1:1", "--set",
+                    "warm=0:1:1", "--set", "thinning=20", "--out", tmp_path]  # fmt: skip
     else:
         options += ["--start-event", 0]
     peaks, events = [], []

@@ -18,7 +18,7 @@ from ..sweep.workers import pool, processors
 EXAMPLES = (
     "cmfpga sweep a.h5@100,30 b.h5@60,40 --vary preset=fast,paper --batches 20",
     "cmfpga sweep *.h5 --roi 88,28 --vary weight_frac=2,3,4 --vary dt_frac=6,8 --workers 4 --out widths",
-    "cmfpga sweep rec.h5@100,30 --vary 'cold=0:0*8,1:0*4 0:-1*4' --engine model",
+    "cmfpga sweep rec.h5@100,30 --vary 'cold=0:1:1*8,1:1:1*4 0:3/4:1*4' --engine model",
     "cmfpga sweep rec.h5@100,30 --vary iterations=20,50 --preset paper --scheduler tcp://head:8786",
 )
 

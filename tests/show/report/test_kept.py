@@ -38,7 +38,7 @@ def test_long_tracks_keep_every_second_batch(monkeypatch):
     t = np.arange(40_000) * 10
     events = Events(t, rng.integers(0, 240, 40_000), rng.integers(0, 180, 40_000), t % 2)
     recording = MemoryRecording(events, 240, 180)
-    config = preset("fast").replace(cold="0:0", warm="0:0")
+    config = preset("fast").replace(cold="0:1:1", warm="0:1:1")
     monkeypatch.setattr(module, "BUDGET", 20_000)
     kept = keep(config, recording, roi=(0, 0), size=1000)
     assert len(kept.rows) == 40 and 2 < len(kept.details) < 20
@@ -50,7 +50,7 @@ def test_long_tracks_keep_every_second_batch(monkeypatch):
 def test_large_sensors_are_binned():
     t = np.arange(2000) * 100
     events = Events(t, t % 1280, t % 719, t % 2)
-    config = preset("fast").replace(sensor_width=1280, sensor_height=720, cold="0:0", warm="0:0")
+    config = preset("fast").replace(sensor_width=1280, sensor_height=720, cold="0:1:1", warm="0:1:1")
     kept = keep(config, MemoryRecording(events, 1280, 720), roi=(600, 300), size=1000)
     assert kept.frame_bin == 4 and kept.details[0].frame.shape == (180, 320)
     assert kept.details[1].frame.sum() == 1000
