@@ -76,7 +76,8 @@ def _array_changed(rng, array):
     if kind == 2:
         return array.ravel()
     if kind == 3:
-        return array.astype(choose(rng, ("f4", "f8", "i1", "U3", "S4", "c16", "M8[us]", "V3"))) if array.size else array
+        texts = array.dtype.kind == "U"
+        return array.astype(choose(rng, ("U3", "S40") if texts else ("f4", "f8", "i1", "U3", "S4", "c16", "M8[us]")))
     if kind == 4:
         return np.zeros(choose(rng, ((), (0,), (1, 1), (2, 3, 4), (0, 10**9))), array.dtype)
     if kind == 5 and array.ndim:

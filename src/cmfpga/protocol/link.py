@@ -37,6 +37,9 @@ BUFFER_WORDS = 1024
 FRAME_WORDS = 256
 FRAME_BEATS = 64
 
+#: Bytes of the longest frame as it stands on the wire, each of them escaped.
+LONGEST = 2 * (4 * FRAME_WORDS + 8)
+
 #: ``{name: what is counted}``, of the sensor's port; each becomes a register COUNT_CPI_….
 CPI_COUNTERS = {
     "words": "words taken from the sensor",
@@ -107,7 +110,7 @@ class FrameReader:
     def read(self, received):
         """The payloads of the frames that these bytes complete: list of bytes."""
         *frames, rest = (self._waiting + received).split(bytes([END]))
-        self._waiting = bytearray(rest)
+        self._waiting = bytearray(rest[: LONGEST + 1])  # of a line without an end no more is kept than tells it
         payloads = [_payload(found) for found in frames if found]
         self.bad += payloads.count(None)
         return [payload for payload in payloads if payload is not None]
@@ -115,6 +118,8 @@ class FrameReader:
 
 def _payload(escaped):
     """Of one frame; None if it is damaged."""
+    if len(escaped) > LONGEST:
+        return None
     plain = bytearray()
     bytes_left = iter(escaped)
     for byte in bytes_left:
