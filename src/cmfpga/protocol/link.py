@@ -44,9 +44,9 @@ LONGEST = 2 * (4 * FRAME_WORDS + 8)
 CPI_COUNTERS = {
     "words": "words taken from the sensor",
     "overflow": "words lost because the FIFO was full",
-    "skipped": "words left out: the port was paused, or no time word had come since a pause or a loss",
+    "skipped": "words left out: paused, or no time word since a pause or a loss, or no frame since a broken word",
     "padding": "words of padding, which are no loss",
-    "broken": "words that a frame's start cut",
+    "broken": "words that a frame's start cut, or that cannot be: bytes were lost or doubled before them",
 }
 COUNTERS = {
     "bad_frames": "frames dropped: CRC, escape, stop bit, command or length",
