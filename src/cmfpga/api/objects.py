@@ -41,7 +41,8 @@ class TrackedObject:
     cutter: object = None
     batches: int = 0
     warned: int = 0
-    seen: int = 0  # ROI events of all batches
+    measured: int = 0  # batches that are not degenerate
+    most: int = 0  # ROI events of a batch
     stride: int = 1  # the largest of a region
     dropped: dict = field(default_factory=dict)  # events, by what they were dropped as
     cycles: list = field(default_factory=list)
@@ -60,7 +61,8 @@ class TrackedObject:
         result = batch.result
         self.batches += 1
         self.warned += bool(result.flags.warnings)
-        self.seen += result.roi_events + result.overflow + result.thinned
+        self.measured += batch.v_px_per_s is not None
+        self.most = max(self.most, result.roi_events + result.overflow + result.thinned)
         self.stride = max(self.stride, batch.thinning if self.config.regions else 1)
         for what in ("hot", "noise") if batch.marks else ():
             self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
@@ -130,10 +132,11 @@ class TrackedObject:
         """Raises :exc:`ConfigError` where there was no batch, or never an event in the ROI."""
         if not self.batches:
             raise self.cutter.too_few()
-        if not self.seen:
+        if not self.measured:
+            inside = f"at most {self.most} events are in it" if self.most else "none of the events is in it"
             raise ConfigError(
-                f"ROI at {self.roi[0]},{self.roi[1]}: none of the events is in it, in {self.batches} batches; an ROI "
-                "with an object is needed"
+                f"ROI at {self.roi[0]},{self.roi[1]}: {inside}, in {self.batches} batches; an ROI with an object is "
+                "needed"
             )
 
     def finish(self):
