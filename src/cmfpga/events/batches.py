@@ -109,8 +109,8 @@ class BatchCutter:
         return self._leftover or 0
 
     def too_few(self):
-        """The :exc:`ConfigError` of a track without any batch."""
-        left = f"({self.leftover} left)"
+        """The :exc:`ConfigError` of a track without any batch, or of a single event."""
+        left = f"({self._position - self._start + self.leftover} left)"
         return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
     def peek(self, count, until=None):
