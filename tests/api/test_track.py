@@ -1,6 +1,7 @@
 """``cmfpga.Tracker``: events piece by piece give the track of all of them together; and ``roi="auto"``."""
 
 import itertools
+import threading
 
 import numpy as np
 import pytest
@@ -81,16 +82,46 @@ def test_mistakes(dot_events):
         (np.zeros((3, 5)), "events: ndarray of 3×5; \\(t, x, y, p\\)"),
         (np.zeros(3, [("t", int), ("x", int)]), "events: y and p missing"),
         ((dot_events.t, [1], [1], [1]), "t, x, y and p must have one length"),
+        ([[50_800, 1, 1, 7]], "Events: polarity of event 0 is 7; 0 and 1, or -1 and 1, are allowed"),
+        ([[50_800, 1, 1, 1], [50_801, -2, 1, 1]], "Events: x of event 1 is -2; 0 to 65535 is allowed"),
+        ([[50_800.0, np.nan, 1, 1]], "Events: x of event 0 is nan; a whole number of pixels is needed"),
+        ([[np.nan, 1, 1, 1]], "Events: time stamp of event 0 is nan; a finite number is needed"),
+        ([[50_800.5, 1, 1, 1]], "Events: t holds float64, of no known unit; time_unit = s, ms, us, ns says which"),
     ):
         with pytest.raises(RecordingError, match=message):
             tracker.push(wrong)
-    # Nothing of what was refused is in the batch.
-    (batch,) = tracker.push(dot_events[80:90])
+    # Nothing of what was refused is in the batch. Whole floats are whole numbers.
+    (batch,) = tracker.push(np.stack([getattr(dot_events, name)[80:90] for name in "txyp"], axis=1).astype(float))
     np.testing.assert_array_equal(batch.events.t, dot_events.t[:90])
     tracker.close()
     tracker.close()
     with pytest.raises(ConfigError, match="Tracker: it is closed"):
         tracker.push(dot_events[90:])
+
+
+def test_two_threads(dot_events):
+    """Each event is taken once, or refused for its time; the track is that of all that were taken, in their order."""
+    taken, refused = [], []
+    with cmfpga.Tracker(**START, batch_events=90) as tracker:
+        push = tracker._feed.push
+        tracker._feed.push = lambda events: (push(events), taken.append(events))
+
+        def run(first):
+            for k in range(first, 600, 20):
+                try:
+                    tracker.push(dot_events[k : k + 10])
+                except RecordingError:
+                    refused.append(k)
+
+        threads = [threading.Thread(target=run, args=(first,)) for first in (0, 10)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+    together = Events.concatenate(taken)
+    assert len(together) + 10 * len(refused) == 600 and len(together) >= 300
+    assert tracker.tracking.events.sum() + tracker.leftover == len(together)
+    assert tracker.tracking.vx.tolist() == cmfpga.track(together, **START, batch_events=90).vx.tolist()
 
 
 def test_what_fails_closes_the_tracker(dot_events, monkeypatch):

@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import re
+import signal
 import socket
 import struct
 import threading
@@ -15,7 +16,7 @@ import pytest
 import cmfpga
 from cmfpga.cli import info, track
 from cmfpga.errors import RecordingError
-from cmfpga.events import LiveSource
+from cmfpga.events import Events, LiveSource
 from support.designs import FAST, PAPER
 from support.recordings import evt2, evt3, evt21, make_events
 
@@ -149,7 +150,9 @@ def test_a_sender_that_breaks_off(send, follow, dot_events, expected, tmp_path, 
     """One line and status 2; what was tracked before stands in the CSV."""
     done = follow(send(HEADS["evt3"] + evt3(dot_events), 1 if end is None else 0, end))
     assert done.status == 2 and re.search(f"^tcp://127.*: {message}$", done.error)
-    assert (tmp_path / "live" / "track.csv").read_bytes() == expected and len(done.out.splitlines()) == 6
+    lines = done.out.splitlines()
+    assert (tmp_path / "live" / "track.csv").read_bytes() == expected and "60 events were not tracked any more" in lines
+    assert lines[6].startswith("6 batches tracked (model engine)") and lines[6].endswith(" 60 events left over")
 
 
 def test_the_end_of_a_stream_by_ctrl_c(send, follow, dot_events, monkeypatch):
@@ -161,6 +164,89 @@ def test_the_end_of_a_stream_by_ctrl_c(send, follow, dot_events, monkeypatch):
     done = follow(send(HEADS["evt3"] + evt3(dot_events), 2))
     assert done.status == 0 and done.err == "note: interrupted; this is the end of the stream\n"
     assert done.out.startswith("3 batches tracked (model engine), ")
+
+
+@pytest.mark.parametrize("form", ["evt2", "evt21"])
+def test_wrong_words_among_them(send, follow, expected, dot_events, tmp_path, rng, form):
+    """One in a hundred lies outside the sensor, or is of a type that nobody knows: the rest gives what it gave."""
+    data, size = ENCODE[form](dot_events), 4 if form == "evt2" else 8
+    words = [data[k : k + size] for k in range(0, len(data), size)]
+    count = -(-len(words) // 100)
+    for k in rng.integers(1, len(words), count):
+        wrong = (
+            int(rng.choice([0x1, 0x0, 0x5, 0xC])) << 28 | int(rng.integers(32, 2048)) << 11 | int(rng.integers(2048))
+        )
+        words.insert(k, wrong.to_bytes(4, "little") + b"\x01\0\0\0" * (size == 8))
+    done = follow(send(HEADS[form] + b"".join(words)), "--json")
+    assert (done.status, done.err) == (0, "")
+    assert (tmp_path / "live" / "track.csv").read_bytes() == expected
+    summary = json.loads(done.out.splitlines()[-1])["summary"]
+    assert summary["received"] - summary["out_of_sensor"] == 600 and summary["out_of_sensor"] <= count
+    assert summary["not_tracked"] == summary["events_left_over"] == 60
+
+
+def test_too_many_wrong_words(send, follow, dot_events):
+    words = b"".join(
+        evt2(dot_events)[k : k + 8] + (0x1 << 28 | 900 << 11).to_bytes(4, "little") for k in range(0, 4800, 8)
+    )
+    done = follow(send(HEADS["evt2"] + words))
+    assert re.search(r"600 of 1200 events lie outside the sensor of 32×24 px; up to 10% are left out", done.error)
+
+
+def test_a_slow_sender_is_answered_within_a_second(send, command, tmp_path, rng):
+    """10,000 events/s of which few are in the ROI, and no batch option; then it breaks off, and nothing is lost."""
+    events = make_events(rng, 9000, step=400)  # 100 µs from one to the next
+    done = command(
+        track, send(evt2(events)[:-1], 1), "--format", "evt2", "--sensor", "240,180", "--roi", "100,60", "--json",
+        "--engine", "model", "--no-picture", "--out", tmp_path,
+    )  # fmt: skip
+    first, *_, last = map(json.loads, done.out.splitlines())
+    assert done.status == 2 and "cut off: 3 of 4 bytes" in done.err
+    assert first["t_ref_us"] - events.t[0] < 500_000 and first["events"] > 0
+    tracked = sum(json.loads(line)["events"] for line in done.out.splitlines()[:-1])
+    assert tracked + last["summary"]["not_tracked"] == last["summary"]["received"] == 8999
+
+
+def test_one_event_and_the_end(send, command, dot_events, small, tmp_path):
+    """Too few, whatever the options."""
+    for more in ([], ["--batch-events", 1], ["--batch-events", 90], ["--batch-us", 10], ["--batch-roi-events", 1]):
+        address = send(HEADS["evt2"] + evt2(dot_events[:1]))
+        done = command(track, address, "--roi", "8,9", "--engine", "model", *small, "--out", tmp_path, *more)
+        assert done.error == f"{address}: too few events for one batch after event 0 (1 left)", more
+
+
+def test_it_is_told_that_nothing_comes(send, follow, dot_events, monkeypatch, tmp_path):
+    """Before the header, between events, and of a pipe that nobody writes to; once each time."""
+    monkeypatch.setattr("cmfpga.events.live._QUIET_S", 0.4)
+    address = send(0.7, HEADS["evt3"], 0.7, evt3(dot_events))
+    assert follow(address).err == f"note: {address}: nothing has come for 0.4 s\n" * 2
+    os.mkfifo(tmp_path / "pipe")
+    data = HEADS["evt2"] + evt2(dot_events)
+    writer = threading.Timer(0.7, (tmp_path / "pipe").write_bytes, [data])
+    writer.start()
+    done = follow(tmp_path / "pipe")
+    assert (done.status, done.err) == (0, f"note: {tmp_path / 'pipe'}: nothing has come for 0.4 s\n")
+    writer.join()
+
+
+def test_sigterm_ends_a_stream(send, follow, dot_events):
+    """With a summary, in which each event is tracked or counted."""
+    timer = threading.Timer(0.7, os.kill, [os.getpid(), signal.SIGTERM])
+    timer.start()
+    before = signal.getsignal(signal.SIGTERM)
+    done = follow(send(HEADS["evt3"] + evt3(dot_events), 5))
+    assert (done.status, done.err) == (0, "note: interrupted; this is the end of the stream\n")
+    assert signal.getsignal(signal.SIGTERM) == before
+    assert "6 batches tracked (model engine)" in done.out and "60 events were not tracked any more" in done.out
+
+
+def test_an_empty_roi_does_not_end_the_others(send, command, dot_events, tmp_path):
+    small = [word for name, value in FAST.items() if name != "preset" for word in ("--set", f"{name}={value}")]
+    options = ["--engine", "model", "--batch-events", 90, *small, "--no-picture", "--out", tmp_path]
+    far = Events(dot_events.t, np.minimum(dot_events.x, 15), np.minimum(dot_events.y, 15), dot_events.p)
+    done = command(track, send(HEADS["evt3"] + evt3(far)), "--roi", "dot=8,8", "--roi", "empty=24,16", *options)
+    assert done.status == 0 and "dot: 6 batches tracked" in done.out and "empty: 6 batches tracked" in done.out
+    assert "warning: empty: ROI at 24,16: none of the events is in it, in 6 batches" in done.err
 
 
 @pytest.mark.parametrize("drop", [False, True])
@@ -203,7 +289,8 @@ def test_a_stream_is_closed_while_nothing_comes(send):
     ([b"hello, world, this is"], [], r"begins with b'hello, world, th'; a header of EVT 2.0, 2.1 or 3.0, or"),
     ([b"% evt 4.0\n% end\n"], [], "version '4.0'; '% evt' or '% format' of EVT 2.0, 2.1 or 3.0"),
     ([HEADS["evt3"]], [], "too few events for one batch after event 0 \\(0 left\\)"),
-    ([HEADS["evt3"], struct.pack("<3H", 0x8000, 0x0003, 0x2040)], [], "x of event 0 is 64; 0 to 31 is allowed on a"),
+    ([HEADS["evt3"], struct.pack("<3H", 0x8000, 0x0003, 0x2040)], [],
+     "1 of 1 events lie outside the sensor of 32×24 px; up to 10% are"),
 ])  # fmt: skip
 def test_what_comes_is_no_stream_of_events(send, follow, pieces, options, message):
     assert re.search(message, follow(send(*pieces), *options).error)

@@ -144,7 +144,7 @@ def test_two_that_are_found(command, tmp_path, two, how):
     (["--roi", "-a=1,2"], "argument --roi: expected one argument"),
     (["--roi", "a=auto2"], "argument --roi: 'auto2': X,Y, two whole numbers, is needed"),
     (["--roi", "1,2", "--roi", "500,2"], "ROI at 500,2: 0,0 to 176,116 is needed"),
-    (["--roi", "0,116", "--roi", "60,30"], "ROI at 0,116: none of the events is in it, in 2 batches; an ROI with"),
+    (["--roi", "0,116", "--roi", "1,116"], "ROI at 0,116: none of the events is in it, in 2 batches; an ROI with"),
     (["--roi", "auto"] + ["--roi", "auto"] * 3, "PATH: --roi auto: only 2 of 4 objects move clearly and far enough "),
     (["--roi", "auto", "--start-event", "7000", "--batches", "1"], "PATH: first event "),
     (["--roi", "1,2", "--objects", "2"], "--objects: one --roi auto, of which it says how many are to be found, is"),

@@ -193,6 +193,16 @@ def test_a_bad_port(command, name, dot, small, tmp_path):
     assert done.status == 2 and f"serial port {port}: " in done.error and "No such file" in done.error
 
 
+def test_a_port_has_one_owner():
+    pytest.importorskip("serial", reason="needs pyserial")
+    master, slave = pty.openpty()
+    line = SerialLine(os.ttyname(slave))
+    with pytest.raises(DeviceError, match=r"^serial port /dev/pts/\d+: .*exclusively lock") as caught:
+        SerialLine(os.ttyname(slave))
+    assert "\n" not in str(caught.value)
+    line.close(), os.close(master), os.close(slave)
+
+
 def test_without_pyserial(monkeypatch):
     monkeypatch.setitem(sys.modules, "serial", None)
     with pytest.raises(

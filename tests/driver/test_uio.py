@@ -193,11 +193,42 @@ def test_buffers(tree):
     folder = tree / "sys/class/u-dma-buf/cmfpga-events"
     assert (folder / "sync_for_device").read_text() == "1"
     (folder / "sync_for_device").unlink()
+    buffer.close()
     (folder / "dma_coherent").write_text("1")
     coherent = UdmaBuffer("cmfpga-events", root=tree)
     coherent.write(words)
     assert not (folder / "sync_for_device").exists()
-    buffer.close(), buffer.close(), coherent.close()
+    buffer.close(), coherent.close()
+
+
+def test_odd_entries_and_other_owners(tree):
+    def refused(message):
+        with pytest.raises(DeviceError, match=message) as error:
+            UioBackend(root=tree)
+        assert "\n" not in str(error.value)
+
+    size, buffer = tree / "sys/class/uio/uio3/maps/map0/size", tree / "sys/class/u-dma-buf/cmfpga-results"
+    for path in (size, buffer / "size", buffer / "phys_addr"):
+        usual = path.read_text()
+        for text in ("", "many", "-8", "0x3", "0xfffffffffffffffffff", "\N{LATIN SMALL LETTER E WITH ACUTE}"):
+            path.write_text(text, encoding="latin-1")
+            refused(f"^{path}: ")
+        path.write_text(usual)
+    for path, device in ((size, "uio3"), (buffer / "size", "cmfpga-results")):
+        usual = path.read_text()
+        path.write_text("0x20000")
+        refused(f"dev/{device}: cannot be mapped: ")
+        path.write_text(usual)
+    (tree / "sys/class/uio/uio4/name").write_bytes(b"\xff")
+    refused("no UIO device called cmfpga-dma")
+    (tree / "sys/class/uio/uio4/name").write_text("cmfpga-dma")
+    before = descriptors()
+    for make, name, file in ((UioDevice, "cmfpga", "uio3"), (UdmaBuffer, "cmfpga-events", "cmfpga-events")):
+        device = make(name, root=tree)
+        refused(f"dev/{file}: in use; close the program that has opened it$")
+        device.close()
+        assert descriptors() == before
+    UioBackend(root=tree).close()
 
 
 def test_what_is_missing_is_named(tree):
@@ -216,7 +247,7 @@ def test_what_is_missing_is_named(tree):
     (tree / "dev/cmfpga-results").unlink()
     refused("dev/cmfpga-results: No such file or directory; is the module u-dma-buf loaded")
     (tree / "sys/class/u-dma-buf/cmfpga-events/phys_addr").unlink()
-    refused("cmfpga-events/phys_addr: No such file")
+    refused("cmfpga-events/phys_addr: No such file or directory; is its module loaded")
     (tree / "sys/class/uio/uio4/name").write_text("other\n")
     refused(r"no UIO device called cmfpga-dma \(cmfpga, other found\); is the overlay loaded")
     (tree / "dev/uio3").unlink()

@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from cmfpga.events.numpy_files import _Member
+from cmfpga.events.numpy_files import Member
 from support.recordings import assert_reads, flip, make_events, refusal, structured
 
 
@@ -95,7 +95,7 @@ def test_members_can_be_read_backwards_too(tmp_path, rng):
     np.savez_compressed(tmp_path / "a.npz", C=table(events), F=table(events).T.copy().T)
     with zipfile.ZipFile(tmp_path / "a.npz") as archive:
         for name in ("C.npy", "F.npy"):
-            member = _Member(archive, name)
+            member = Member(archive, name)
             for start in (500, 900, 0, 499):
                 np.testing.assert_array_equal(member[start : start + 100], table(events)[start : start + 100])
             member.close()

@@ -29,6 +29,14 @@ def test_garbage_costs_no_frame_but_those_it_hits():
     assert reader.read(bytes([link.END, link.ESCAPE, 7, 1, 2, 3, link.END])) == [] and reader.bad == 4
 
 
+def test_a_line_without_an_end_is_not_kept():
+    reader, good = link.FrameReader(), link.frame(b"hello")
+    assert reader.read(b"x" * link.LONGEST) == [] and reader.read(b"x" * 1000) == [] == reader.read(b"x")
+    assert len(reader._waiting) <= link.LONGEST + 1 and reader.read(good) == [b"hello"] and reader.bad == 1
+    longest = bytes([link.END]) * (8 * link.FRAME_BEATS + 2)
+    assert reader.read(link.frame(longest)) == [longest]
+
+
 def test_the_links_registers_are_beyond_those_of_the_shell():
     assert link.BASE >= 0x1000 and link.REGISTERS["LINK_ID"].reset == link.ID
     assert link.FRAME_WORDS <= link.BUFFER_WORDS // 2

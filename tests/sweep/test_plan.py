@@ -10,6 +10,7 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
+from cmfpga.forms import Text
 from cmfpga.sweep import plan, store, truth
 from cmfpga.sweep.plan import Run, Subject, choices, rows, subjects
 from cmfpga.sweep.task import Task, run_task, version
@@ -221,14 +222,14 @@ def test_a_worker_of_another_version_refuses(a_task):
 
 def test_only_good_outcomes_are_kept(tmp_path):
     kept = store.Store(tmp_path / "new")
-    assert kept.get("a", bool) is None
+    assert kept.get("a", dict) is None
     assert kept.put("b", {"status": "failed", "reason": "x"})["reason"] == "x"
     assert not kept.folder.exists()
     assert kept.put("a", {"status": "ok", "pair": (1, 0.1)}) == {"status": "ok", "pair": [1, 0.1]}
-    assert kept.get("a", bool) == {"status": "ok", "pair": [1, 0.1]} and kept.get("a", lambda _: False) is None
+    assert kept.get("a", dict) == {"status": "ok", "pair": [1, 0.1]} and kept.get("a", {"status": Text()}) is None
     for damaged in ("", '{"status": "o', "[1]", '{"status": "failed"}', "\0"):
         (kept.folder / "a.json").write_text(damaged)
-        assert kept.get("a", bool) is None
+        assert kept.get("a", dict) is None
 
 
 def test_a_write_that_fails_changes_nothing(tmp_path, monkeypatch):

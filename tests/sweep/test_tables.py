@@ -1,6 +1,5 @@
 """Figures of the tables, from outcomes made by hand."""
 
-import functools
 import math
 from types import SimpleNamespace
 
@@ -179,15 +178,17 @@ def test_the_trusted_share_goes_before_the_contrast():
     {"batches": []}, {"batches": [1]}, {"batches": [{}]}, {"batches": {"a": 1}}, {"note": []},
     {"events_left_over": "7"},
     *({"batches": [batch(0, **wrong)]} for wrong in (
-        {"vx": "1"}, {"vx": [[1.0]]}, {"flags": "nonsense"}, {"flags": 3}, {"events": 1.5}, {"roi_events": {}},
+        {"vx": "1"}, {"vx": [[1.0]]},
+        {"vx": math.nan}, {"events": True}, {"cycles": 1 << 70}, {"more": 1},
+        {"flags": "nonsense"}, {"flags": 3}, {"events": 1.5}, {"roi_events": {}},
     )),
 ])  # fmt: skip
 def test_what_was_kept_and_changed_is_not_taken_for_a_result(tmp_path, change):
     kept = Store(tmp_path)
     good = ok(batch(0), batch(1, **DEGENERATE))
-    right = functools.partial(tables.right, "translation")
+    right = tables.outcome_form("translation")
     kept.put("a", good)
-    assert kept.get("a", right) == good and kept.get("a", functools.partial(tables.right, "rotation")) is None
+    assert kept.get("a", right) == good and kept.get("a", tables.outcome_form("rotation")) is None
     kept.put("a", {**good, **change})
     assert kept.get("a", right) is None
     (tmp_path / "a.json").write_text("[" * 100_000)

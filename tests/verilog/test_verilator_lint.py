@@ -4,7 +4,12 @@ import re
 
 import pytest
 
-from cmfpga.config import preset
+from cmfpga.boards import ULX3S
+from cmfpga.config import PRESETS, preset
+from cmfpga.rtl.axi.top import AxiTop
+from cmfpga.rtl.uart.top import UartTop
+from cmfpga.verilog.compile import kept_verilog
+from cmfpga.verilog.emit import AXI_TOP, UART_TOP
 from support.verilog_tools import CONFIGS, emitted, verilator_lint
 
 WAIVED = {"DECLFILENAME", "UNUSEDSIGNAL", "WIDTHEXPAND"}
@@ -23,8 +28,7 @@ def test_the_file_waives_these_rules_with_reasons(waivers):
 
 
 OTHERS = {
-    "fast": preset("fast"),
-    "quad": preset("quad"),
+    **{name: preset(name) for name in PRESETS},
     "filtered": preset("fast").replace(hot_pixels=1, background=1),
     "undistorted": preset("fast").replace(undistortion="on", undistortion_frac=6, background=1),
     "undistorted, no dither": preset("paper").replace(undistortion="on", sensor_width=64, sensor_height=65),
@@ -37,6 +41,19 @@ def test_no_warning_beside_them_and_all_are_needed(name, waivers, tmp_path):
     assert verilator_lint(text, tmp_path, "-Wall", waivers) == (0, set())
     status, warnings = verilator_lint(text, tmp_path, "-Wall")
     assert status and warnings == WAIVED
+
+
+def _serial(config):
+    return UartTop(config, clock_hz=ULX3S.clock_hz, baud=ULX3S.baud)
+
+
+@pytest.mark.parametrize("make, top, name", [
+    (AxiTop, AXI_TOP, "fast"), (AxiTop, AXI_TOP, "objects"), (AxiTop, AXI_TOP, "rotation"), (_serial, UART_TOP, "fast"),
+])  # fmt: skip
+def test_tops(make, top, name, waivers, tmp_path):
+    text = kept_verilog(make(preset(name)), top)
+    assert verilator_lint(text, tmp_path, "-Wall", waivers, top=top) == (0, set())
+    assert verilator_lint(text, tmp_path, top=top) == (1, {"WIDTHEXPAND"})  # as docs/verification.md says
 
 
 @pytest.mark.parametrize(

@@ -1,14 +1,19 @@
 """One of the objects that the command ``track`` follows: its files, and its part of the summary."""
 
+import math
+from array import array
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from ..errors import ConfigError, naming
 from ..imaging.camera import Camera
+from ..protocol.flags import Flag
 from ..show.gallery import Gallery
 from ..tracking.fit import FittedCutter
 from ..tracking.kept import Kept
 from ..tracking.loop import CsvConsumer
-from ..tracking.verdict import Verdict
+from ..tracking.verdict import JUDGED, Verdict
 
 
 @dataclass(kw_only=True)
@@ -41,11 +46,13 @@ class TrackedObject:
     cutter: object = None
     batches: int = 0
     warned: int = 0
+    events: int = 0
     seen: int = 0  # ROI events of all batches
     stride: int = 1  # the largest of a region
     dropped: dict = field(default_factory=dict)  # events, by what they were dropped as
-    cycles: list = field(default_factory=list)
-    values: list = field(default_factory=list)  # of the columns of each batch
+    cycles: array = field(default_factory=lambda: array("q"))
+    numbers: dict = field(default_factory=dict)  # of each batch what the verdict needs: a stream may have no end
+    flags: array = field(default_factory=lambda: array("i"))
     roi_next: tuple | None = None
     consumers: list = field(default_factory=list)
     files: list = field(default_factory=list)
@@ -60,12 +67,17 @@ class TrackedObject:
         result = batch.result
         self.batches += 1
         self.warned += bool(result.flags.warnings)
+        self.events += len(batch.events)
         self.seen += result.roi_events + result.overflow + result.thinned
         self.stride = max(self.stride, batch.thinning if self.config.regions else 1)
         for what in ("hot", "noise") if batch.marks else ():
             self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
         self.roi_next = batch.roi_next
-        self.values.append(batch.values)
+        for name in (*JUDGED, *batch.rates):
+            self.numbers.setdefault(name, array("d")).append(
+                math.nan if (value := batch.values[name]) is None else value
+            )
+        self.flags.append(batch.flags)
         if result.cycles is not None:
             self.cycles.append(result.cycles)
 
@@ -128,7 +140,7 @@ class TrackedObject:
 
     def check(self):
         """Raises :exc:`ConfigError` where there was no batch, or never an event in the ROI."""
-        if not self.batches:
+        if self.events < 2:  # one alone shows no motion
             raise self.cutter.too_few()
         if not self.seen:
             raise ConfigError(
@@ -144,7 +156,10 @@ class TrackedObject:
     @property
     def verdict(self):
         """Of the batches so far."""
-        return Verdict.of(self.values, self.config.motion, self.config.cold_after_doubtful)
+        flags = [Flag(one) for one in self.flags]
+        return Verdict(
+            lambda name: np.array(self.numbers[name]), flags, self.config.motion, self.config.cold_after_doubtful
+        )
 
     @property
     def dropped_text(self):

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+import threading
 import warnings
 
 from ..config import DEFAULT_PRESET, preset
@@ -99,7 +100,7 @@ class Tracker:
     """Follow an object through events that come piece by piece: from a camera, a socket, a program of your own.
 
     What it finds is what :func:`track` finds in all of them together, however they are cut into pieces. A context
-    manager; or :meth:`close` it.
+    manager; or :meth:`close` it. Several threads may push: one after the other, each in order of time.
 
     Parameters
     ----------
@@ -130,6 +131,7 @@ class Tracker:
         batch_us=None, batch_roi_events=None, **fields,
     ):  # fmt: skip
         self._time_unit, self._feed = time_unit, Feed(check_sensor(sensor, "Tracker"), "pushed events")
+        self._lock = threading.RLock()
         size = _batch_size(batch_events, batch_us, batch_roi_events)
         with contextlib.ExitStack() as stack:
             self._batches, self._cutter, self.tracking = _begin(
@@ -154,14 +156,16 @@ class Tracker:
         UserError
             The tracker is closed; or the events cannot be used: then none of them is taken.
         """
-        if self._open is None:
-            raise ConfigError("Tracker: it is closed")
-        self._feed.push(as_events(events, self._time_unit))
-        try:
-            return [*itertools.takewhile(lambda batch: batch is not None, self._batches)]
-        except BaseException:
-            self.close()
-            raise
+        taken = as_events(events, self._time_unit)
+        with self._lock:
+            if self._open is None:
+                raise ConfigError("Tracker: it is closed")
+            self._feed.push(taken)
+            try:
+                return [*itertools.takewhile(lambda batch: batch is not None, self._batches)]
+            except BaseException:
+                self.close()
+                raise
 
     @property
     def leftover(self):
@@ -170,13 +174,14 @@ class Tracker:
 
     def close(self):
         """Release the engine. Events after the last complete batch are not tracked. May be called more than once."""
-        if self._open is None:
-            return
-        self._feed.end()
-        with self._open:
-            self._open = None
-            for _ in self._batches:  # those that waited for a first length
-                pass
+        with self._lock:
+            if self._open is None:
+                return
+            self._feed.end()
+            with self._open:
+                self._open = None
+                for _ in self._batches:  # those that waited for a first length
+                    pass
 
     def __enter__(self):
         return self

@@ -86,6 +86,9 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
             f"{counts['received']} events came, {counts['lost']} were dropped; the sender was held up for "
             f"{counts['held_up_s']:g} s"
         )
+        for name, what in (("out_of_sensor", "lay outside the sensor"), ("not_tracked", "were not tracked any more")):
+            if counts[name]:
+                print(f"{counts[name]} events {what}")
         if counts["before_time"]:
             print(f"{counts['before_time']} events came before the first time word and were left out")
     for one in objects:

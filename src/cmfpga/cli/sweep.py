@@ -1,6 +1,5 @@
 """``cmfpga sweep``: many recordings, many configurations."""
 
-import functools
 import importlib.util
 import json
 import sys
@@ -110,9 +109,9 @@ def _sweep(options, run, rows, folder):
     done = {
         key: outcome
         for key, task in tasks.items()
-        if (outcome := tracked.get(key, functools.partial(tables.right, task.config.motion)))
+        if (outcome := tracked.get(key, tables.outcome_form(task.config.motion)))
     }
-    known = {key: outcome for key in estimates if (outcome := estimated.get(key, tables.right_estimate))}
+    known = {key: outcome for key in estimates if (outcome := estimated.get(key, tables.ESTIMATE_FORM))}
     left = {key: task for key, task in tasks.items() if key not in done}
     unknown = {key: job for key, job in estimates.items() if key not in known}
     kept = sum(row.task.key in done for row in rows if row.task)

@@ -2,7 +2,9 @@
 
 import argparse
 import contextlib
+import functools
 import re
+import signal
 import sys
 
 from tqdm import tqdm
@@ -11,8 +13,8 @@ from .. import cli
 from ..api.objects import TrackedObject
 from ..config.defaults import BATCH_EVENTS
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
-from ..errors import ConfigError
-from ..events import LiveSource, generate, open_source
+from ..errors import ConfigError, RecordingError
+from ..events import LiveSource, generate, is_live, open_source
 from ..show.gallery import picture_path
 from ..tracking.fit import batch_cutter
 from ..tracking.loop import follow
@@ -117,8 +119,11 @@ def _roi_option(text):
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
-    truth, recording = _open(options)
-    with recording:
+    with contextlib.ExitStack() as stack:
+        if options.recording is not None and is_live(options.recording):
+            stack.enter_context(_terminated())
+        truth, recording = _open(options)
+        stack.enter_context(recording)
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
         fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
@@ -137,18 +142,39 @@ def main(arguments=None):
             if isinstance(recording, LiveSource):
                 one.consumers.append(Lines(options.json, one.name))
         with cli.locked(options.out) as folder:
-            name, cycles = _track(options, objects, recording, folder, truth.motion if truth else None)
-        counts = recording.counts() if isinstance(recording, LiveSource) else None
+            name, cycles, broken = _track(options, objects, recording, folder, truth.motion if truth else None)
+        counts = None
+        if isinstance(recording, LiveSource):
+            counts = recording.counts()
+            gone = counts["lost"] + counts["out_of_sensor"] + cutter.position
+            counts["not_tracked"] = max(0, counts["received"] - gone)
         print_summary(objects, engine=name, cycles=cycles, clock=options.clock, as_json=options.json, counts=counts)
+        if broken:
+            raise broken
     for lines in found:
         print("\n".join(lines))
     return 0
 
 
+@contextlib.contextmanager
+def _terminated():
+    """SIGTERM ends a stream as Ctrl-C does."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _quiet(name, seconds):
+    print(f"note: {name}: nothing has come for {seconds} s", file=sys.stderr, flush=True)
+
+
 def _open(options):
     """The true motion (or None) and the recording."""
     if options.recording is not None:
-        return None, cli.noted(open_source(options.recording, drop=options.drop, **cli.reading(options)))
+        how = {"drop": options.drop, "quiet": functools.partial(_quiet, options.recording)}
+        return None, cli.noted(open_source(options.recording, **how, **cli.reading(options)))
     cli.require_recording(options, "drop")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
@@ -227,7 +253,7 @@ def _prepare(options, objects, config, recording):
 
 def _track(options, objects, recording, folder, motion):
     """Run all batches and write the files; returns the engine's name, and clock cycles of each batch."""
-    config, cutter, cycles = objects[0].config, objects[0].cutter, []
+    config, cutter, cycles, broken = objects[0].config, objects[0].cutter, [], None
     if options.wave is not None and config.regions:
         raise ConfigError("--wave: waveforms are those of a core of one ROI; one --roi, and no regions, are needed")
     if options.wave is not None and options.batches and options.wave >= options.batches:
@@ -258,8 +284,25 @@ def _track(options, objects, recording, folder, motion):
             if not live:
                 raise
             print("note: interrupted; this is the end of the stream", file=sys.stderr)
-    for one in objects:
-        one.check()
+        except RecordingError as error:
+            if not live or not objects[0].batches:
+                raise
+            broken = error  # what came before is worth knowing
+    _check(objects)
     for one in objects:
         one.finish()
-    return engine.name, cycles
+    return engine.name, cycles, broken
+
+
+def _check(objects):
+    """Raise where there is nothing to tell of any object; of some of several, warn."""
+    problems = []
+    for one in objects:
+        try:
+            one.check()
+        except ConfigError as error:
+            problems.append((one.name, error))
+    if len(problems) == len(objects):
+        raise problems[0][1]
+    for name, error in problems:
+        print(f"warning: {name}: {error}", file=sys.stderr)

@@ -20,7 +20,7 @@ _BITS, _ESCAPED = 10, 2
 
 
 class SerialLine:
-    """A serial port by pyserial, as :class:`UartBackend` wants one.
+    """A serial port by pyserial, as :class:`UartBackend` wants one; no other process opens it meanwhile.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class SerialLine:
             import serial
         self.name, self.baud = port, baud
         self._errors = (serial.SerialException, OSError, ValueError)
-        self._port = self._try(lambda: serial.serial_for_url(port, baudrate=baud, timeout=0))
+        self._port = self._try(lambda: serial.serial_for_url(port, baudrate=baud, timeout=0, exclusive=True))
 
     def _try(self, do):
         try:

@@ -5,6 +5,7 @@ error (SIGBUS).
 """
 
 import contextlib
+import fcntl
 import mmap
 import os
 import select
@@ -18,7 +19,35 @@ from .axi_dma import DmaBackend
 
 
 def _open(path):
-    return os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    """A descriptor of a device that nobody else has: two owners would undo each other's writes."""
+    file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        os.close(file)
+        raise DeviceError(f"{path}: in use; close the program that has opened it") from None
+    return file
+
+
+def _number(path, low=0, step=1):
+    """A number that sysfs tells."""
+    try:
+        value = int(path.read_text(), 0)
+    except OSError as error:
+        raise DeviceError(f"{path}: {error.strerror}; is its module loaded, and the overlay?") from None
+    except ValueError:
+        raise DeviceError(f"{path}: no number; is it of another kernel module?") from None
+    if not low <= value < 1 << 63 or value % step:
+        raise DeviceError(f"{path}: {value:#x}: a multiple of {step} from {low} on is needed")
+    return value
+
+
+def _map(path, make, *arguments):
+    """What ``make`` maps of a device, which may be smaller than sysfs tells."""
+    try:
+        return make(*arguments)
+    except (OSError, ValueError, OverflowError) as error:
+        raise DeviceError(f"{path}: cannot be mapped: {getattr(error, 'strerror', None) or error}") from None
 
 
 class Mapping:
@@ -63,23 +92,23 @@ class UioDevice:
     def __init__(self, name, *, root="/"):
         self.name = name
         folder = self._find(Path(root), name)
-        self.size = int((folder / "maps" / "map0" / "size").read_text(), 0)
+        self.size = _number(folder / "maps" / "map0" / "size", low=4, step=4)
         path = Path(root) / "dev" / folder.name
         try:
             self._file = _open(path)
         except OSError as error:
             raise DeviceError(f"{path}: {error.strerror}; are you root, or in its group?") from None
         try:
-            self._words = Mapping(self._file, self.size)
-        except OSError as error:
+            self._words = _map(path, Mapping, self._file, self.size)
+        except DeviceError:
             os.close(self._file)
-            raise DeviceError(f"{path}: cannot be mapped: {error.strerror}") from None
+            raise
 
     @staticmethod
     def _find(root, name):
         found = {}
         for path in sorted((root / "sys/class/uio").glob("uio*/name")):
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError, ValueError):
                 found.setdefault(path.read_text().strip(), path.parent)
         if name not in found:
             raise DeviceError(
@@ -98,7 +127,7 @@ class UioDevice:
 
     def _index(self, offset):
         if offset % 4 or not 0 <= offset < self.size:
-            raise ValueError(f"{self.name}: offset {offset:#x}: multiples of 4 below {self.size:#x} are allowed")
+            raise DeviceError(f"{self.name}: offset {offset:#x}: multiples of 4 below {self.size:#x} are allowed")
         return offset // 4
 
     def wait_interrupt(self, timeout):
@@ -126,22 +155,19 @@ class UdmaBuffer:
     def __init__(self, name, *, root="/"):
         self.name = name
         self._folder = Path(root) / "sys/class/u-dma-buf" / name
+        self.address, self.size = _number(self._folder / "phys_addr", step=8), _number(self._folder / "size", 8, 8)
+        coherent, path = self._folder / "dma_coherent", Path(root) / "dev" / name
+        self._coherent = coherent.exists() and bool(_number(coherent))
         try:
-            self.address = self._number("phys_addr")
-            self.size = self._number("size")
-            self._coherent = bool(self._number("dma_coherent")) if (self._folder / "dma_coherent").exists() else False
-            file = _open(Path(root) / "dev" / name)
+            file = _open(path)
         except OSError as error:
             raise DeviceError(
                 f"{error.filename}: {error.strerror}; is the module u-dma-buf loaded, and the overlay?"
             ) from None
         try:
-            self._map = mmap.mmap(file, self.size, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
+            self._map = _map(path, mmap.mmap, file, self.size, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
         finally:
-            os.close(file)
-
-    def _number(self, name):
-        return int((self._folder / name).read_text(), 0)
+            os.close(file)  # the mapping keeps it, and with it the lock
 
     def write(self, words):
         self._map[: words.nbytes] = words.tobytes()

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import ConfigError
+from ..errors import ConfigError, RecordingError
 from .arrays import Events
 from .recording import CHUNK_EVENTS
 
@@ -95,7 +95,7 @@ class BatchCutter:
         self._at = 0  # first event of the chunk that is in no batch yet
         self._position = self._start
         self._window_begin = None
-        self._leftover = None
+        self._leftover = self._broken = None
         self._parts, self._count, self._inside = [], 0, 0  # of the batch that is being filled
 
     @property
@@ -109,20 +109,35 @@ class BatchCutter:
         return self._leftover or 0
 
     def too_few(self):
-        """The :exc:`ConfigError` of a track without any batch."""
-        left = f"({self.leftover} left)"
+        """The :exc:`ConfigError` of a track without any batch, or of a single event."""
+        left = f"({self._position - self._start + self.leftover} left)"
         return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
-    def peek(self, count):
-        """The next ``count`` events, which stay; fewer at the end of the source; or :data:`WAITING`."""
+    def peek(self, count, until=None):
+        """The next ``count`` events, which stay; or :data:`WAITING`.
+
+        Fewer at the end of the source, and where one comes that is not earlier than ``until``, µs.
+        """
         parts, chunk = [self._chunk[self._at :]], _END
         while sum(map(len, parts)) < count:
-            chunk = next(self._chunks, _END)
+            if until is not None and len(parts[-1]) and parts[-1].t[-1] >= until:
+                break
+            chunk = self._pull()
             if chunk is None or chunk is _END:
                 break
             parts.append(chunk)
         self._chunk, self._at = Events.concatenate(parts), 0
+        if until is not None:
+            count = min(count, int(np.searchsorted(self._chunk.t, until)))
         return WAITING if chunk is None else self._chunk[:count]
+
+    def _pull(self):
+        """What the source gives next. Where it breaks off, its events end; once they are cut, :meth:`next` raises."""
+        try:
+            return next(self._chunks, _END)
+        except RecordingError as error:
+            self._broken = error
+            return _END
 
     def next(self, roi=None):
         """The next :class:`Batch`, None at the end, or :data:`WAITING`.
@@ -139,11 +154,13 @@ class BatchCutter:
             roi = _checked_roi(roi)
         while True:
             while self._at == len(self._chunk):
-                chunk = next(self._chunks, _END)
+                chunk = self._pull()
                 if chunk is None:
                     return WAITING
                 if chunk is _END:
                     self._leftover = self._count
+                    if self._broken:
+                        raise self._broken
                     return None
                 self._chunk, self._at = chunk, 0
             rest, count = self._chunk[self._at :], self._count

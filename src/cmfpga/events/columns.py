@@ -46,7 +46,7 @@ def as_events(data, time_unit=None):
     data : Events, tuple, mapping or array
         A tuple (t, x, y, p) of arrays; a structured array, a dictionary or a pandas ``DataFrame`` with columns named as
         in :data:`NAMES` (so those of tonic, Metavision, expelliarmus, faery and dv-processing); or N×4 with columns
-        t, x, y, p.
+        t, x, y, p, of which whole numbers of t are µs even where they are floats.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of t; whole numbers are µs by default.
 
@@ -59,14 +59,18 @@ def as_events(data, time_unit=None):
         return data if time_unit is None else Events(data.t, data.x, data.y, data.p, time_unit=time_unit)
     if isinstance(data, tuple) and len(data) == len(NAMES):
         return Events(*data, time_unit=time_unit)
+    table = None
     names = getattr(getattr(data, "dtype", None), "names", None) or (hasattr(data, "keys") and list(data.keys()))
     if names:
         found = require_names(names, "events")
         return Events(*(data[found[column]] for column in NAMES), time_unit=time_unit)
     with contextlib.suppress(ValueError, TypeError):  # lists of other lengths
         table = np.asarray(data)
-        if table.ndim == 2 and table.shape[1] == len(NAMES):
-            return Events(*table.T, time_unit=time_unit)
+    if table is not None and table.ndim == 2 and table.shape[1] == len(NAMES):
+        t = table[:, 0]
+        if table.dtype.kind == "f" and time_unit is None and not np.any(t[np.isfinite(t)] % 1):
+            time_unit = "us"  # whole numbers, which are floats for another column's sake
+        return Events(*table.T, time_unit=time_unit)
     shape = getattr(data, "shape", ())
     raise RecordingError(
         f"events: {type(data).__name__}{' of ' * bool(shape)}{'×'.join(map(str, shape))}; (t, x, y, p), a structured "

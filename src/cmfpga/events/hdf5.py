@@ -15,6 +15,7 @@ width), or ``geometry`` as ``"WxH"``. A file with ``t_offset`` and ``ms_to_idx``
 """
 
 import contextlib
+import math
 import os
 import re
 from pathlib import Path
@@ -28,7 +29,7 @@ from .ecf import EcfDataset, EcfError, is_compressed
 from .recording import Format, check_sensor
 from .units import parse_unit
 
-_READ_ERRORS = (OSError, RuntimeError, KeyError, EcfError)
+_READ_ERRORS = (OSError, RuntimeError, KeyError, EcfError, MemoryError)
 _MAGIC = b"\x89HDF\r\n\x1a\n"
 _MVSEC, _PROPHESEE = "davis/left/events", "CD/events"
 # Registered numbers of filters that HDF5 does not bring itself.
@@ -40,6 +41,9 @@ _FILTERS = {
 _SHOWN = 8
 _DSEC_SENSOR = (640, 480)
 _MVSEC_SENSOR = (346, 260)
+
+# HDF5 reads chunks whole, several of them at a time; files of cameras have some 100 kB.
+_MOST_CHUNK = 1 << 26
 
 # Events per stored chunk: small enough to read little around a batch, large enough to compress.
 _STORED_CHUNK = 1 << 14
@@ -67,7 +71,7 @@ class Hdf5Recording(ColumnsRecording):
                 sensor=sensor or _sensor(holders, path) or layout_sensor,
                 time_unit=time_unit,
                 file_unit=_unit(holders, path) or ("us" if holders[0].name == f"/{_PROPHESEE}" else None),
-                t_offset=None if offset is None else np.reshape(offset[()], (1,)),
+                t_offset=None if offset is None else _single(offset, f"{path}: t_offset"),
                 read_errors=_READ_ERRORS,
             )
             opened.pop_all()
@@ -116,6 +120,31 @@ def _contents(file):
     return ", ".join(shown + more) or "no data sets"
 
 
+def _single(dataset, where):
+    """A number that a data set holds, as an array of one."""
+    if not isinstance(dataset, h5py.Dataset) or dataset.size != 1 or dataset.dtype.kind not in "iuf":
+        raise RecordingError(f"{where}: a number is needed")
+    return np.reshape(dataset[()], (1,))
+
+
+def _require_events(dataset, path):
+    """Raises :exc:`RecordingError` where the file does not hold all that is declared: HDF5 gives zeros, without end."""
+    shape, chunk, stored = dataset.shape or (), dataset.chunks, dataset.id.get_storage_size()
+    if dataset.is_virtual:
+        raise RecordingError(f"{path}: {dataset.name} refers to other files; a copy of its events is needed")
+    if dataset.dtype.itemsize * math.prod(chunk or (1,)) > _MOST_CHUNK:
+        raise RecordingError(f"{path}: {dataset.name}: chunks of {chunk} are larger than {_MOST_CHUNK >> 20} MB")
+    if chunk:
+        short = dataset.id.get_num_chunks() < math.prod(
+            -(-size // step) for size, step in zip(shape, chunk, strict=True)
+        )
+    else:
+        short = stored < math.prod(shape) * dataset.dtype.itemsize
+    if short or stored > os.path.getsize(dataset.file.filename):
+        size = "×".join(map(str, shape))
+        raise RecordingError(f"{path}: {dataset.name} (truncated or damaged): it declares {size}, and holds less")
+
+
 def _require_filters(dataset, path):
     """Raises :exc:`RecordingError` where the data set cannot be read without a filter that is not installed."""
     made = dataset.id.get_create_plist()
@@ -138,6 +167,7 @@ def _require_filters(dataset, path):
 def _events_at(node, file, path):
     """As :func:`_find_events`, of a data set or a group."""
     if isinstance(node, h5py.Dataset):
+        _require_events(node, path)
         if not is_compressed(node):
             _require_filters(node, path)
         source = EcfDataset(node) if is_compressed(node) else node
@@ -147,6 +177,7 @@ def _events_at(node, file, path):
     for column, dataset in source.items():
         if not isinstance(dataset, h5py.Dataset):
             raise RecordingError(f"{path}: {dataset.name} is a group; {column} needs to be a data set")
+        _require_events(dataset, path)
         _require_filters(dataset, path)
     return source, None, (source["t"], node, file)
 

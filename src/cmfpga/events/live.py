@@ -24,6 +24,11 @@ from .raw import FORMS, HEADER_BYTES, evt_version, prophesee_header, raw_sensor
 #: Events that wait for the track, at most about so many.
 BUFFER_EVENTS = 1 << 20
 
+#: Of the events, so many may lie outside the sensor; with more its size is wrong, or what comes is no stream of events.
+MOST_OUTSIDE = 0.1
+
+_FEWEST = 1000  # events before the end that are judged by that
+_QUIET_S = 5  # then, and after each time twice as long, it is told that nothing comes
 _READ_BYTES = 1 << 16
 _POLL_S = 0.2  # how soon the thread notices that it is closed
 _CONNECT_S = 10
@@ -51,11 +56,13 @@ class LiveSource(Feed):
         Of a stream without a header (``% evt 3.0`` or ``% format EVT3;…``).
     drop : bool
         Drop what comes while the buffer is full, instead of holding the sender up.
+    quiet : callable, optional
+        ``quiet(seconds)`` is called where nothing has come for so long.
 
     Attributes
     ----------
-    received, lost : int
-        Events that came, and how many of them were dropped.
+    received, lost, outside : int
+        Events that came, how many of them were dropped, and how many lie outside the sensor and were left out.
     held_s : float
         Time that reading was held up by a full buffer, s.
 
@@ -65,9 +72,9 @@ class LiveSource(Feed):
         It cannot be opened, or does not begin as a stream of EVT 2.0, 2.1 or 3.0; one line.
     """
 
-    def __init__(self, path, *, sensor=None, form=None, drop=False, buffer_events=BUFFER_EVENTS):
-        self.received, self.lost, self.held_s = 0, 0, 0.0
-        self._drop, self._most = drop, buffer_events
+    def __init__(self, path, *, sensor=None, form=None, drop=False, quiet=None, buffer_events=BUFFER_EVENTS):
+        self.received, self.lost, self.outside, self.held_s = 0, 0, 0, 0.0
+        self._drop, self._most, self._quiet = drop, buffer_events, quiet or (lambda seconds: None)
         self._waiting, self._closed, self._error = 0, False, None
         self._changed = threading.Condition()
         name = os.fspath(path)
@@ -94,7 +101,7 @@ class LiveSource(Feed):
             if os.isatty(self._fd):
                 raise RecordingError("-: standard input is a terminal; a stream of EVT 2.0, 2.1 or 3.0 is needed")
         elif not name.startswith("tcp://"):
-            self._fd = os.open(name, os.O_RDONLY)
+            self._fd = os.open(name, os.O_RDONLY | os.O_NONBLOCK)  # a pipe may have no writer yet
         elif address := re.fullmatch(r"tcp://(\[[^\]]+\]|[^:/]+):(\d{1,5})/?", name):
             if not 0 < int(address[2]) < 1 << 16:
                 raise RecordingError(f"{name}: a port from 1 to 65535 is needed")
@@ -106,9 +113,13 @@ class LiveSource(Feed):
 
     def _read(self):
         """The next bytes; none at the end, or once it is closed."""
+        begin, told = time.monotonic(), _QUIET_S
         while not self._closed:
             if select.select([self._fd], [], [], _POLL_S)[0]:
                 return os.read(self._fd, _READ_BYTES)
+            if time.monotonic() - begin >= told:
+                self._quiet(told)
+                told *= 2
         return b""
 
     def _header(self, name):
@@ -161,12 +172,13 @@ class LiveSource(Feed):
                 begin = time.monotonic()
                 self._changed.wait_for(lambda: self._waiting < self._most or self._closed)
                 self.held_s += time.monotonic() - begin
-            self.push(events)
+            self._pieces.append(events)
             self._waiting += len(events)
             self._changed.notify_all()
 
     def chunks(self, start=0, size=None):
         """As of any source; waits for what comes. Raises :exc:`RecordingError` where the stream broke off."""
+        taken = 0
         for events in super().chunks():
             with self._changed:
                 if events is None:
@@ -174,10 +186,25 @@ class LiveSource(Feed):
                     continue
                 self._waiting -= len(events)
                 self._changed.notify_all()
+            taken += len(events)
+            if self.width is not None:  # as the hardware does it
+                inside = (events.x < self.width) & (events.y < self.height)
+                events = events if inside.all() else events[inside]
+                self.outside += len(inside) - len(events)
+                self._judge(taken, _FEWEST)
             yield events[start:]
             start = max(start - len(events), 0)
+        self._judge(taken, 1)
         if self._error:
             raise self._error
+
+    def _judge(self, taken, fewest):
+        """Raise where too many of the events so far, once these are ``fewest``, lie outside the sensor."""
+        if taken >= fewest and self.outside > MOST_OUTSIDE * taken:
+            raise RecordingError(
+                f"{self.name}: {self.outside} of {taken} events lie outside the sensor of {self.width}×{self.height} "
+                f"px; up to {MOST_OUTSIDE:.0%} are left out and counted"
+            )
 
     def extent(self):
         """How much will come is not known."""
@@ -189,7 +216,8 @@ class LiveSource(Feed):
     def counts(self):
         """What was received and lost, JSON-ready; ``before_time``: left out ahead of the first word of time."""
         held, early = round(self.held_s, 3), self._decoder.early
-        return {"received": self.received, "lost": self.lost, "held_up_s": held, "before_time": early}
+        counts = {"received": self.received, "lost": self.lost, "out_of_sensor": self.outside}
+        return {**counts, "held_up_s": held, "before_time": early}
 
     def close(self):
         """Stop reading. May be called more than once."""
@@ -211,7 +239,7 @@ class LiveSource(Feed):
         self.close()
 
 
-def open_source(path, *, form=None, drop=False, **options):
+def open_source(path, *, form=None, drop=False, quiet=None, **options):
     """A :class:`LiveSource` where ``path`` names a stream, or the :class:`~cmfpga.events.Recording` of a file.
 
     ``options`` are those of :func:`~cmfpga.events.open_recording`; of a stream only ``sensor`` counts.
@@ -228,4 +256,4 @@ def open_source(path, *, form=None, drop=False, **options):
             raise RecordingError(f"{path}: a stream; {name} can be told of files only")
     if form not in (None, *FORMS):
         raise RecordingError(f"{path}: a stream; --format {', '.join(FORMS)} is allowed, not {form[:40]}")
-    return LiveSource(path, sensor=sensor, form=form, drop=drop)
+    return LiveSource(path, sensor=sensor, form=form, drop=drop, quiet=quiet)

@@ -8,6 +8,7 @@
 """
 
 import contextlib
+import lzma
 import math
 import tokenize
 import zipfile
@@ -21,7 +22,8 @@ from .recording import Format
 # The header of an array is Python's notation, so a damaged one may fail as a program does.
 _NPY_ERRORS = (OSError, EOFError, ValueError, SyntaxError, TypeError, OverflowError, MemoryError, tokenize.TokenError)
 # RuntimeError, with NotImplementedError below it: encryption, compressions and versions that zipfile does not know.
-_NPZ_ERRORS = (*_NPY_ERRORS, RuntimeError, zipfile.BadZipFile, zlib.error)
+#: What reading a damaged archive raises.
+NPZ_ERRORS = (*_NPY_ERRORS, LookupError, RuntimeError, zipfile.BadZipFile, zlib.error, lzma.LZMAError)
 _SKIP_BYTES = 1 << 20
 
 
@@ -38,11 +40,11 @@ class NpzRecording(ColumnsRecording):
 
     def __init__(self, path, *, time_unit=None, sensor=None, columns=None):
         self._order = columns
-        with readable(f"{path}: not a readable .npz archive", _NPZ_ERRORS), contextlib.ExitStack() as opened:
+        with readable(f"{path}: not a readable .npz archive", NPZ_ERRORS), contextlib.ExitStack() as opened:
             self._file = opened.enter_context(zipfile.ZipFile(path))
             super().__init__(
                 self._open, path=path, format="NumPy archive", sensor=sensor, time_unit=time_unit,
-                read_errors=_NPZ_ERRORS,
+                read_errors=NPZ_ERRORS,
             )  # fmt: skip
             opened.pop_all()
 
@@ -51,9 +53,9 @@ class NpzRecording(ColumnsRecording):
         path = self._file.filename
         members = {name.removesuffix(".npy"): name for name in self._file.namelist() if name.endswith(".npy")}
         if not match_names(members) and ("events" in members or len(members) == 1):
-            return _Member(self._file, members.get("events") or next(iter(members.values())))
+            return Member(self._file, members.get("events") or next(iter(members.values())))
         names = require_names(members, path)
-        return {column: _Member(self._file, members[name]) for column, name in names.items()}
+        return {column: Member(self._file, members[name]) for column, name in names.items()}
 
     def _open(self):
         source = self._find()
@@ -66,7 +68,7 @@ class NpzRecording(ColumnsRecording):
         return Columns(source, self._file.filename, self._order, close)
 
 
-class _Member:
+class Member:
     """An array in an archive, sliced along its first axis with few bytes in memory; ascending slices are fast.
 
     One stream for an array in C order; one per column for Fortran order, which is what saving ``array.T`` gives.
@@ -87,6 +89,8 @@ class _Member:
             self._data = stream.tell()
         if self.dtype.hasobject:
             raise ValueError(f"{name} holds Python objects")
+        if math.prod(self.shape) * max(self.dtype.itemsize, 1) > archive.getinfo(name).file_size:
+            raise EOFError(f"{name} ends early")
         columns = fortran and len(self.shape) == 2
         self._streams = [None] * (self.shape[1] if columns else 1)
         self._row_bytes = self.dtype.itemsize * (1 if columns else math.prod(self.shape[1:]))
@@ -96,6 +100,11 @@ class _Member:
         if len(self._streams) == 1:
             return self._read(0, start, stop).reshape(-1, *self.shape[1:])
         return np.stack([self._read(k, start, stop) for k in range(len(self._streams))], axis=1)
+
+    def all(self):
+        """The whole array."""
+        self.shape, shape = self.shape or (1,), self.shape
+        return self[:].reshape(shape)
 
     def close(self):
         for stream in self._streams:
@@ -125,7 +134,7 @@ def _is_npz(head, path):
     try:
         with zipfile.ZipFile(path) as archive:
             return any(name.endswith(".npy") for name in archive.namelist())
-    except _NPZ_ERRORS:
+    except NPZ_ERRORS:
         return path.suffix.lower() == ".npz"
 
 

@@ -37,13 +37,16 @@ BUFFER_WORDS = 1024
 FRAME_WORDS = 256
 FRAME_BEATS = 64
 
+#: Bytes of the longest frame as it stands on the wire, each of them escaped.
+LONGEST = 2 * (4 * FRAME_WORDS + 8)
+
 #: ``{name: what is counted}``, of the sensor's port; each becomes a register COUNT_CPI_….
 CPI_COUNTERS = {
     "words": "words taken from the sensor",
     "overflow": "words lost because the FIFO was full",
-    "skipped": "words left out: the port was paused, or no time word had come since a pause or a loss",
+    "skipped": "words left out: paused, or no time word since a pause or a loss, or no frame since a broken word",
     "padding": "words of padding, which are no loss",
-    "broken": "words that a frame's start cut",
+    "broken": "words that a frame's start cut, or that cannot be: bytes were lost or doubled before them",
 }
 COUNTERS = {
     "bad_frames": "frames dropped: CRC, escape, stop bit, command or length",
@@ -107,7 +110,7 @@ class FrameReader:
     def read(self, received):
         """The payloads of the frames that these bytes complete: list of bytes."""
         *frames, rest = (self._waiting + received).split(bytes([END]))
-        self._waiting = bytearray(rest)
+        self._waiting = bytearray(rest[: LONGEST + 1])  # of a line without an end no more is kept than tells it
         payloads = [_payload(found) for found in frames if found]
         self.bad += payloads.count(None)
         return [payload for payload in payloads if payload is not None]
@@ -115,6 +118,8 @@ class FrameReader:
 
 def _payload(escaped):
     """Of one frame; None if it is damaged."""
+    if len(escaped) > LONGEST:
+        return None
     plain = bytearray()
     bytes_left = iter(escaped)
     for byte in bytes_left:

@@ -7,6 +7,7 @@ import statistics
 import pandas
 
 from ..config import Config
+from ..forms import Many, Number, Text
 from ..fpga import resources
 from ..imaging.camera import RATES
 from ..protocol.flags import Flag
@@ -62,8 +63,8 @@ RESULTS = declared(
 )  # fmt: skip
 
 _TYPES = {int: "Int64", float: "Float64", str: "string"}
-#: The same in JSON, where a number may be missing.
-_KINDS = {int: (int, type(None)), float: (int, float, type(None)), str: str}
+#: Of a column behind those of ``track.csv``, and resources: forms of what is kept.
+_MORE, _ESTIMATE = Number(missing=True), Number(low=0)
 
 
 def config_types():
@@ -171,23 +172,16 @@ def cycles_of(outcome):
     return [cycles for cycles in found if cycles is not None]
 
 
-def right(motion, outcome):
-    """Whether an outcome that was kept has what the tables need: batches with their columns, each of its kind."""
-    kinds = {name: _KINDS[column.dtype] for name, column in columns(motion).items()}
-    kinds |= dict.fromkeys(MORE_COLUMNS, _KINDS[float])
-    rows = outcome["batches"]
-    return (
-        bool(rows)
-        and isinstance(outcome["events_left_over"], int)
-        and isinstance(outcome["note"], str)
-        and all(isinstance(row[name], kind) for row in rows for name, kind in kinds.items())
-        and all(Flag.parse(row["flags"]) is not None for row in rows)
-    )
+def outcome_form(motion):
+    """The form of an outcome that was kept: batches with their columns, each of its kind."""
+    batch = {name: column.form for name, column in columns(motion).items()} | dict.fromkeys(MORE_COLUMNS, _MORE)
+    return {"status": Text(), "batches": Many(batch, 1), "events_left_over": Number(int, low=0), "note": Text()}
 
 
-def right_estimate(outcome):
-    """The same of resources."""
-    return all(isinstance(outcome["total"][kind], int | float) for kind in resources.KINDS)
+#: The same of resources.
+ESTIMATE_FORM = {
+    "status": Text(), "total": dict.fromkeys(resources.KINDS, _ESTIMATE), "yosys": Text(), "estimate": Text(),
+}  # fmt: skip
 
 
 def _mean(values):

@@ -17,9 +17,15 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..events import Motion
+from ..forms import Array, FormError
 
 COLUMNS = ("t_us", "vx_px_per_s", "vy_px_per_s")
 GROUP = "ground_truth/motion"
+
+#: A recording's motion has no more.
+MOST_PIECES = 1_000_000
+
+_FORMS = {"t": Array("iuf", ("N",)), "velocity": Array("iuf", ("N", 2)), "start": Array("iuf", (2,))}
 
 
 @dataclass(frozen=True)
@@ -67,9 +73,15 @@ def read_truth(path):
             group = file.get(GROUP)
             if not isinstance(group, h5py.Group):
                 return None
+            lengths = {}
+            for name, form in _FORMS.items():
+                if name in group or name != "start":
+                    form.head(group[name], name, lengths)
+            if lengths["N"] > MOST_PIECES:
+                raise FormError(f"more than {MOST_PIECES} pieces")
             times, velocities = group["t"][()], group["velocity"][()]
             start = group["start"][()] if "start" in group else None
-    except (OSError, KeyError, RuntimeError, TypeError) as error:
+    except (OSError, LookupError, RuntimeError, TypeError, AttributeError, FormError) as error:
         raise RecordingError(f"{where}: not readable: {str(error).splitlines()[0]}") from None
     return _checked(where, "recording", times, velocities, start)
 

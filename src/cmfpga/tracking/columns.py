@@ -10,7 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..forms import Number, Text
 from ..imaging.camera import RATES
+from ..protocol.flags import Flag
 
 _ARRAYS = {int: np.int64, float: np.float64, str: str}
 
@@ -48,6 +50,14 @@ class Column:
     text: str | Callable | None = "{}"
     shape: str = ""
     may_be_missing: bool = False
+
+    @property
+    def form(self):
+        """What a value must be that was kept."""
+        if self.dtype is str:
+            return Text(parse=Flag.parse)
+        most = 1 << (40 if self.dtype is int else 62)  # sums of the integers of a track are int64
+        return Number(self.dtype, -most, most, self.may_be_missing)
 
     def array(self, values):
         """One value per batch as an array: int64, float64 or str."""

@@ -9,7 +9,7 @@ import functools
 import math
 
 from ..config.defaults import BATCH_EVENTS
-from ..events import WAITING, BatchCutter
+from ..events import WAITING, BatchCutter, LiveSource
 from ..imaging.camera import extent, seen
 from ..imaging.iwe import events_in_roi
 from ..protocol.confidence import confidence, is_judged, is_sure
@@ -21,6 +21,7 @@ TARGET_PX, ALLOWED_PX = 4.0, (3.0, 5.0)
 #: Batches in a row that are not to be trusted, after which an object counts as lost.
 LOST_BATCHES = 3
 
+_SURVEY_US = 500_000  # of events, at most, so that a camera's first answer comes soon
 _FIRST_ROI_EVENTS = 150  # of the survey's first window
 _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
@@ -162,8 +163,12 @@ class FittedCutter(BatchCutter):
             self.size = max(len((yield from self._ahead(length))), 1)
 
     def _ahead(self, count):
-        """:meth:`peek`, once the events are there."""
-        while (ahead := self.peek(count)) is WAITING:
+        """:meth:`peek`, once the events are there; of a stream none that come later than :data:`_SURVEY_US`."""
+        while (first := self.peek(1)) is WAITING:
+            yield None
+        live = isinstance(self._source, LiveSource) and len(first)
+        until = int(first.t[0]) + _SURVEY_US if live else None
+        while (ahead := self.peek(count, until)) is WAITING:
             yield None
         return ahead
 
@@ -227,6 +232,8 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
     **size
         None, or one of :class:`BatchCutter`.
     """
+    if isinstance(source, LiveSource) and source.width is None:
+        source.width, source.height = config.sensor_width, config.sensor_height
     limit = config.max_batch_events
     chosen = {"start_event": start_event, "max_events": min(limit, most or limit)}
     if not size and config.motion_model.basis:

@@ -1,5 +1,6 @@
 """What a track keeps for its report: every batch's row, and the events of as many batches as a page can hold."""
 
+import functools
 import json
 import zipfile
 import zlib
@@ -10,6 +11,8 @@ import numpy as np
 
 from ..config import Config
 from ..errors import ConfigError, naming
+from ..events.numpy_files import NPZ_ERRORS, Member
+from ..forms import Array, FormError, Number, Text, check
 from ..imaging.camera import nearest
 from ..imaging.iwe import scaled_roi_events
 from .columns import columns
@@ -18,10 +21,19 @@ from .columns import columns
 FILE = "track.npz"
 
 #: Of the file's layout; another one is refused.
-VERSION = 1
+VERSION = 2
 
 #: Compressed bytes of details. Base64 makes them 4/3 as many, and plotly.js has 4.8 MB: the page stays below 10 MB.
 BUDGET = 3_500_000
+
+#: Bytes of details as they are count as so many compressed ones, which bounds memory where frames are empty.
+_DENSEST = 16
+
+#: Rows of a page; of a longer track, such as that of a stream, the first ones.
+MOST_ROWS = 10_000
+
+#: A file has no more, uncompressed.
+MOST_BYTES = 1 << 28
 
 #: Columns and rows of an event frame are binned to at most so many.
 FRAME_SIZE = 400
@@ -59,13 +71,13 @@ class Detail:
 
     @property
     def size(self):
-        """Compressed bytes, about."""
+        """Compressed bytes, about, and no fewer than a share of those that they are."""
         arrays = (self.frame, self.x, self.y, np.diff(self.since, prepend=np.uint32(0)))
-        return sum(len(zlib.compress(array.tobytes(), 6)) for array in arrays)
+        return sum(max(len(zlib.compress(array.tobytes(), 6)), array.nbytes // _DENSEST) for array in arrays)
 
 
 class Kept:
-    """Collects while batches go by, in bounded memory but for the rows.
+    """Collects while batches go by, in bounded memory: at most :data:`MOST_ROWS` of them.
 
     Where the details of all batches would be too much, those of every second, fourth … batch are kept.
 
@@ -91,12 +103,14 @@ class Kept:
         ROI after the last batch.
     details : list of Detail
         In the order of batches.
+    left_out : int
+        Batches after the last row.
     """
 
     def __init__(self, config, engine, recording, motion=None):
         self.config, self.engine, self.recording = config, engine, Path(recording).name
         self.rows, self.spans, self.truths, self.details = [], [], [], []
-        self.roi_next = (0, 0)
+        self.roi_next, self.left_out = (0, 0), 0
         self._motion = motion
         self._stride = 1
         self._sizes = {}
@@ -127,6 +141,9 @@ class Kept:
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`, which follows the last one."""
+        if len(self.rows) == MOST_ROWS:
+            self.left_out += 1
+            return
         self.rows.append(batch.row())
         self.spans.append(batch.result.span)
         self.roi_next = batch.roi_next
@@ -166,7 +183,8 @@ class Kept:
 
     def save(self, path):
         """Write everything as ``.npz``."""
-        head = {"version": VERSION, "engine": self.engine, "recording": self.recording, "config": self.config.to_dict()}
+        head = {"version": VERSION, "config": self.config.to_dict()}
+        head |= {name: getattr(self, name) for name in ("engine", "recording", "left_out")}
         details = self.details
 
         def joined(name, dtype):
@@ -194,41 +212,88 @@ class Kept:
 
     @classmethod
     def load(cls, path):
-        """What :meth:`save` wrote. Raises :exc:`ConfigError` for anything else."""
+        """What :meth:`save` wrote. Raises :exc:`ConfigError` for anything else, in bounded time and memory."""
+        if not Path(path).is_file():
+            raise ConfigError(f"{path}: no regular file")
         try:
-            with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-                data = {name: file[name] for name in file.files}
-            head = json.loads(str(data["head"]))
-            if head["version"] != VERSION:
-                raise ConfigError(f"{path}: version {head['version']}: {VERSION} is needed; track again with --report")
-            return cls._from_arrays(head, data)
-        except (zipfile.BadZipFile, zlib.error, EOFError, KeyError, TypeError, IndexError, ValueError) as error:
-            if isinstance(error, ConfigError):
-                raise
-            raise ConfigError(f"{path}: damaged, or not written by track --report") from None
+            with open(path, "rb") as raw, zipfile.ZipFile(raw) as archive:
+                return cls._of(functools.partial(_array, archive, {}, []))
+        except NPZ_ERRORS as error:  # FormError and Config's are ValueErrors
+            why = f" ({error})" if isinstance(error, FormError | ConfigError) else ""
+            raise ConfigError(f"{path}: damaged, or not written by track --report{why}") from None
 
     @classmethod
-    def _from_arrays(cls, head, data):
+    def _of(cls, array):
+        """From ``array(name, **lengths)``, which reads and checks."""
+        head = json.loads(str(array("head")))
+        if isinstance(head, dict) and head.get("version", VERSION) != VERSION:
+            raise ConfigError(f"version {str(head['version'])[:20]}: {VERSION} is needed; track again with --report")
+        check(head, _HEAD, "head")
         kept = cls(Config(**head["config"]), head["engine"], head["recording"])
-        kept.rows = [tuple(row) for row in data["rows"].tolist()]
-        kept.spans, kept.truths = data["spans"].tolist(), [tuple(pair) for pair in data["truths"].tolist()]
-        kept.roi_next = tuple(data["roi_next"].tolist())
-        if (
-            not kept.rows
-            or {len(row) for row in kept.rows} != {len(columns(kept.config.motion))}
-            or len(kept.spans) != len(kept.rows)
-        ):
-            raise ValueError("rows")
+        config, declared = kept.config, columns(kept.config.motion)
+        rows, side = array("rows", C=len(declared)).tolist(), kept.frame_bin
+        for k, row in enumerate(rows):
+            for (name, column), text in zip(declared.items(), row, strict=True):
+                column.form.read(text, f"row {k}: {name}")
+        kept.rows = [tuple(row) for row in rows]
+        kept.left_out = head["left_out"]
+        kept.spans, kept.truths = array("spans").tolist(), [tuple(pair) for pair in array("truths").tolist()]
+        kept.roi_next = tuple(array("roi_next").tolist())
+        batches = array("batches")
+        if (np.diff(batches) <= 0).any() or batches[-1] >= len(rows):
+            raise FormError("batches: numbers of rows, ascending, are needed")
+        size = {"h": -(-config.sensor_height // side), "w": -(-config.sensor_width // side)}
 
-        def split(name, counts):
-            return np.split(data[name], np.cumsum(data[counts])[:-1])
+        def split(counts, *names):
+            ends = array(counts)
+            for name in names:
+                whole = array(name, P=len(config.motion_model.names))
+                if ends.sum() != len(whole):
+                    raise FormError(f"{name}: as many as {counts} say are needed")
+                yield np.split(whole, np.cumsum(ends)[:-1])
 
-        parts = (
-            data["batches"].tolist(),
-            data["frames"],
-            *(split(name, "counts") for name in ("x", "y", "since")),
-            split("v", "velocities"),
-            split("levels", "iterations"),
-        )
-        kept.details = [Detail(*each) for each in zip(*parts, strict=True)]
+        parts = (*split("counts", "x", "y", "since"), *split("velocities", "v"), *split("iterations", "levels"))
+        kept.details = [Detail(*each) for each in zip(batches.tolist(), array("frames", **size), *parts, strict=True)]
         return kept
+
+
+#: What a file's head is; its configuration checks itself.
+_HEAD = {
+    "version": Number(int),
+    "engine": Text(),
+    "recording": Text(),
+    "left_out": Number(int, low=0),
+    "config": dict,
+}
+
+#: The arrays: B batches with C columns, D of them with details, of frames h by w, N events, V velocities, L levels.
+_ARRAYS = {
+    "head": Array("U", width=1 << 22),
+    "rows": Array("U", ("B", "C"), width=1 << 10),
+    "spans": Array("i", ("B",), low=0, high=1 << 40),
+    "truths": Array("f", ("B", 2), low=-1e12, high=1e12, gaps=True),
+    "roi_next": Array("i", (2,), low=0, high=1 << 16),
+    "batches": Array("i", ("D",), low=0),
+    "counts": Array("i", ("D",), low=0, high=1 << 32),
+    "iterations": Array("i", ("D",), low=0, high=1 << 32),
+    "velocities": Array("i", ("D",), low=1, high=1 << 32),
+    "frames": Array("u", ("D", "h", "w"), width=1),
+    "x": Array("u", ("N",), width=2),
+    "y": Array("u", ("N",), width=2),
+    "since": Array("u", ("N",), width=4),
+    "v": Array("f", ("V", "P"), low=-1e6, high=1e6),
+    "levels": Array("u", ("L",), width=1, high=3),
+}
+
+
+def _array(archive, lengths, sizes, name, **more):
+    """An array of an archive, checked; ``lengths`` and ``sizes`` are those of all before it."""
+    member, form = Member(archive, f"{name}.npy"), _ARRAYS[name]
+    lengths.update(more)
+    sizes.append(form.head(member, name, lengths))
+    if sum(sizes) > MOST_BYTES:
+        raise FormError(f"{name}: larger than tracks are")
+    found = member.all()
+    member.close()
+    form.check(found, name)
+    return found

@@ -10,6 +10,9 @@ from ..protocol.flags import Flag
 from .columns import columns
 from .fit import LOST_BATCHES
 
+#: Columns that a verdict needs, beside flags and what :data:`~cmfpga.imaging.camera.RATES` has.
+JUDGED = ("confidence", "vx_px_per_s", "vy_px_per_s", "vx", "vy", "t_ref_us")
+
 #: Where the image moves less, velocities are measured too large, px per half batch.
 BIASED_PX = 1.5
 

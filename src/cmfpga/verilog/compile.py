@@ -7,11 +7,11 @@ import hashlib
 import importlib.metadata
 import importlib.resources
 import importlib.util
-import tempfile
+import shutil
 import threading
 from pathlib import Path
 
-from filelock import FileLock
+from filelock import FileLock, Timeout
 from tqdm import tqdm
 
 from ..rtl.axi.top import AxiTop
@@ -21,6 +21,9 @@ from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
 #: Tables that are written at run time: what their ports begin with.
 TABLES = ("schedule", "mask", "node", "row")
+
+#: What is being made stands in a folder of the same name.
+_SCRATCH = ".scratch"
 
 
 def compile_library(core):
@@ -113,15 +116,29 @@ def kept_file(name, build):
         return path
     with FileLock(path.with_suffix(".lock")):  # the system releases it, should this process be killed
         if not is_sound(path):
-            with tempfile.TemporaryDirectory(dir=path.parent) as scratch:
-                built = Path(scratch) / name
-                build(Path(scratch), built)
+            scratch = path.with_suffix(_SCRATCH)
+            _clear(path.parent, but=scratch)
+            shutil.rmtree(scratch, ignore_errors=True)
+            scratch.mkdir()
+            try:
+                built = scratch / name
+                build(scratch, built)
                 digest = _digest_file(built)
                 digest.write_bytes(_digest(built))
                 # Atomic, each: who finds only one of the two new takes the lock, and looks again.
                 built.replace(path)
                 digest.replace(_digest_file(path))
+            finally:
+                shutil.rmtree(scratch, ignore_errors=True)
     return path
+
+
+def _clear(folder, but):
+    """Remove what processes were making that were killed: nobody holds the locks of that."""
+    for scratch in {*folder.glob(f"*{_SCRATCH}")} - {but}:
+        with contextlib.suppress(Timeout, RuntimeError):  # RuntimeError: this thread holds it
+            with FileLock(scratch.with_suffix(".lock"), timeout=0):
+                shutil.rmtree(scratch, ignore_errors=True)
 
 
 def _verilate(scratch, top, *more):

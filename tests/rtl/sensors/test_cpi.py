@@ -146,6 +146,47 @@ def _times_are_right(got, sent):
     assert all(event in rest for event in timed(got)), "an event has another time, or is out of order"
 
 
+@pytest.mark.parametrize("slip", ["lost", "doubled"])
+def test_an_edge_that_is_lost_or_doubled(slip, rng):
+    """What follows is dropped from the first word on that cannot be, up to the next frame; few come before it."""
+    words = stream(rng, 900)
+    frames, pins = [words[k : k + 64] for k in range(0, len(words), 64)], []
+    for k, frame in enumerate(frames):
+        clean = levels(to_bytes(frame), packet=64, packets=4)
+        at = int(rng.choice(np.flatnonzero(clean[:, 1])[8:-100]))
+        changed = np.delete(clean, at, axis=0) if slip == "lost" else np.insert(clean, at, clean[at], axis=0)
+        pins.append(changed if k % 2 == 0 and len(frame) == 64 else clean)
+    slips = -(-(len(words) // 64) // 2)
+    port, sent = Port(np.concatenate(pins), depth=64), iter(words)
+    wrong = [word for word in port.words if word not in words]
+    assert len(wrong) < slips and slips <= port.counts["broken"] <= 2 * slips and not port.counts["overflow"]
+    assert all(word in sent for word in port.words if word in words), "out of order"
+    assert sum(frame[-1] in port.words for frame in frames) >= len(frames) // 2 - 1
+
+
+WRONG = {
+    "type": 0x4000_0000,
+    "column": EVENT + (320 << 11),
+    "row": EVENT + 320,
+    "back": TIME - 1,
+    "far": TIME + (1 << 16),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_word_that_cannot_be_is_counted_at_once(wrong):
+    """And what follows, until a frame begins and a time word comes."""
+    frame, rest = [TIME, EVENT, WRONG[wrong], EVENT + 1, TIME + 1, EVENT + 2], [EVENT + 3, TIME + 9, EVENT + 4]
+    assert Port(levels(to_bytes(frame), pad=False)).counts == counts(words=2, broken=1, skipped=3)
+    port = Port(np.concatenate([levels(to_bytes(part), pad=False) for part in (frame, rest)]))
+    assert port.words == [TIME, EVENT, TIME + 9, EVENT + 4] and port.counts == counts(words=4, broken=1, skipped=4)
+
+
+def test_times_that_wrap():
+    words = [0x8FFF_FFFF, EVENT, 0x8000_0000, EVENT + 1, 0x8000_FFFF, EVENT + 2]
+    assert Port(levels(to_bytes(words), pad=False)).words == words
+
+
 def test_pause_and_resume(rng):
     words = stream(rng, 200)
     pins = levels(to_bytes(words))

@@ -47,6 +47,17 @@ def test_long_tracks_keep_every_second_batch(monkeypatch):
     assert sum(detail.size for detail in kept.details) <= 20_000
 
 
+def test_of_a_track_without_an_end_the_first_batches_are_kept(monkeypatch, tmp_path):
+    t = np.arange(2000) * 100
+    config = preset("fast").replace(cold="0:0", warm="0:0")
+    monkeypatch.setattr(module, "MOST_ROWS", 15)
+    kept = keep(config, MemoryRecording(Events(t, t % 240, t % 180, t % 2), 240, 180), roi=(0, 0), size=100)
+    kept.save(tmp_path / FILE)
+    for one in (kept, Kept.load(tmp_path / FILE)):
+        assert (len(one.rows), len(one.spans), one.left_out, one.details[-1].batch) == (15, 15, 5, 14)
+        assert "<li>5 batches after these are left out.</li>" in render(one, 150.0)
+
+
 def test_large_sensors_are_binned():
     t = np.arange(2000) * 100
     events = Events(t, t % 1280, t % 719, t % 2)

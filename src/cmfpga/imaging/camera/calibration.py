@@ -2,20 +2,23 @@
 
 import os
 import re
+import stat
 from dataclasses import dataclass
 
 import h5py
 
 from ...config.camera import NAMES, parse_camera
 from ...errors import ConfigError, needs
+from ...forms import FormError, Many, Text, check
 from .camera import Camera
 
 #: The data set of an HDF5 file: nine numbers in the order of :data:`~cmfpga.config.camera.NAMES`.
 DATASET = "camera_calibration"
 
 _MODEL = "plumb_bob"
+_NUMBER = Text(parse=float)
 _NUMBERS = re.compile(r"[-+.,eE\d\s]+")
-_LARGEST = 1 << 20  # bytes of a text
+_LARGEST = 1 << 16  # bytes of a text
 
 
 @dataclass(frozen=True)
@@ -40,6 +43,8 @@ def read_calibration(path):
         The file cannot be read, holds no calibration, or one of another model; one line.
     """
     try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise ConfigError(f"{path}: no readable calibration (not a regular file)")
         if h5py.is_hdf5(path):
             with h5py.File(path, "r") as file:
                 found = calibration_of(file, path)
@@ -47,16 +52,31 @@ def read_calibration(path):
                 raise ConfigError(f"{path}: no calibration; the data set /{DATASET} is needed")
             return found
         with open(path, encoding="utf-8") as file:
-            text = file.read(_LARGEST)
-    except (OSError, UnicodeDecodeError) as error:
+            text = file.read(_LARGEST + 1)
+    except ConfigError:  # which is a ValueError
+        raise
+    except (OSError, ValueError, RuntimeError) as error:  # ValueError: no UTF-8, or a NUL in the path
         raise ConfigError(f"{path}: no readable calibration ({getattr(error, 'strerror', None) or error})") from None
+    if len(text) > _LARGEST:
+        raise ConfigError(f"{path}: no calibration: larger than {_LARGEST >> 10} kB")
     lines = [line.partition("#")[0] for line in text.splitlines()]
     if not any(":" in line for line in lines):
         return Calibration(_camera(" ".join(lines), path))
     with needs("yaml", "", f"{path}, a YAML file"):
         import yaml
+
+    class Plain(yaml.BaseLoader):
+        """Texts, lists and mappings only; no aliases, of which a few lines fill any memory."""
+
+        def compose_node(self, parent, index):
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.MarkedYAMLError(problem="aliases are not read")
+            return super().compose_node(parent, index)
+
     try:
-        content = next(yaml.safe_load_all(text), None)
+        content = next(yaml.load_all(text, Plain), None)
+    except RecursionError:
+        raise ConfigError(f"{path}: no readable YAML (nested too deeply)") from None
     except yaml.YAMLError as error:
         why = " ".join(str(getattr(error, "problem", None) or "no YAML").split())
         raise ConfigError(f"{path}: no readable YAML ({why})") from None
@@ -65,12 +85,16 @@ def read_calibration(path):
 
 def calibration_of(file, path):
     """The :class:`Calibration` of an open HDF5 file, None without one. Raises :exc:`ConfigError`."""
-    node = file.get(DATASET)
-    if node is None:
-        return None
-    if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "iuf" or node.shape != (len(NAMES),):
-        raise ConfigError(f"{path}: /{DATASET}: {' '.join(NAMES)} is needed, nine numbers")
-    return Calibration(_camera(" ".join(map(repr, node[()].ravel().astype(float).tolist())), path))
+    try:
+        node = file.get(DATASET)
+        if node is None:
+            return None
+        if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "iuf" or node.shape != (len(NAMES),):
+            raise ConfigError(f"{path}: /{DATASET}: {' '.join(NAMES)} is needed, nine numbers")
+        numbers = node[()].astype(float).tolist()
+    except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:  # damaged
+        raise ConfigError(f"{path}: /{DATASET}: not readable: {' '.join(str(error).split())}") from None
+    return Calibration(_camera(" ".join(map(repr, numbers)), path))
 
 
 def camera_fields(camera, source):
@@ -124,17 +148,20 @@ def _of_camera_info(content, path):
         raise ConfigError(f"{path}: camera_matrix: fx 0 cx, 0 fy cy, 0 0 1 is needed")
     distortion = _numbers(content, ("distortion_coefficients", "D", "d"), (0, 4, 5), path)
     numbers = matrix[0], matrix[4], matrix[2], matrix[5], *distortion
-    size = content.get("image_width", content.get("width")), content.get("image_height", content.get("height"))
-    if not all(isinstance(side, int) and side > 0 for side in size):
-        size = None
-    return Calibration(_camera(" ".join(map(repr, numbers)), path), size)
+    sides = [str(content.get(f"image_{side}", content.get(side))) for side in ("width", "height")]
+    whole = all(re.fullmatch(r"[1-9][0-9]{0,5}", side) for side in sides)
+    return Calibration(_camera(" ".join(map(repr, numbers)), path), tuple(map(int, sides)) if whole else None)
 
 
 def _numbers(content, names, counts, path):
     """The list of numbers under the first of these names that there is; ``data`` of a matrix."""
     value = next((content[name] for name in names if name in content), None)
     value = value.get("data") if isinstance(value, dict) else value
-    plain = isinstance(value, list) and all(isinstance(one, (int, float)) for one in value)
-    if not plain or len(value) not in counts:
+    try:
+        check(value, Many(_NUMBER), names[0])
+        found = [float(one) for one in value]
+    except FormError:
+        found = None
+    if found is None or len(found) not in counts:
         raise ConfigError(f"{path}: {names[0]}: {' or '.join(map(str, counts))} numbers are needed, as in camera_info")
-    return [float(one) for one in value]
+    return found

@@ -72,8 +72,12 @@ class Schedule(wiring.Component):
         ]
         out_of_range = Signal()
         entry, highest = read.data, schedule_highest(config)
-        beyond = {name: entry[name] > high for name, high in highest.items()}
-        limited = {name: Mux(beyond[name], high, entry[name]) for name, high in highest.items()}
+        # What fills its bits cannot be beyond: linters see a constant comparison.
+        beyond = {name: entry[name] > high for name, high in highest.items() if high < (1 << len(entry[name])) - 1}
+        limited = {
+            name: Mux(beyond[name], high, entry[name]) if name in beyond else entry[name]
+            for name, high in highest.items()
+        }
         if "stride" in limited:
             m.d.sync += self.stride.eq(limited.pop("stride"))
         with m.If(self.new_batch):
@@ -86,7 +90,7 @@ class Schedule(wiring.Component):
                 pointer.eq(Mux(pointer == config.schedule_entries - 1, 0, pointer + 1)),
                 *(getattr(self, name).eq(value) for name, value in limited.items()),
             ]
-            m.d.sync += out_of_range.eq(reduce(or_, beyond.values()))
+            m.d.sync += out_of_range.eq(reduce(or_, beyond.values()) if beyond else 0)
         # Only an entry that was used counts, not the one behind the last.
         with m.If(self.advance & out_of_range):
             m.d.sync += self.limited.eq(1)

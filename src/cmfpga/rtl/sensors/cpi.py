@@ -17,8 +17,9 @@ from amaranth.lib.fifo import AsyncFIFO
 from amaranth.lib.wiring import In, Out
 
 from ...protocol.link import CPI_COUNTERS
-from ...protocol.word_format import TIME_HIGH
+from ...protocol.word_format import EVENT_TYPES, HIGH_BITS, OTHER_TYPES, TIME_HIGH
 from ..shell import payloads
+from ..shell.decoder import EVT
 
 #: A word that stands for nothing: type F, which no decoder takes for an event, and ones all through.
 PADDING = 0xFFFFFFFF
@@ -27,8 +28,13 @@ PADDING = 0xFFFFFFFF
 class CpiPort(wiring.Component):
     """Words from the pins, one to a beat. The pins are in the domain ``cpi``, all else is in ``sync``.
 
-    No event is given with a wrong time: where a time word was lost, and after a pause, words are left out until the
-    next time word. Nothing is lost without being counted.
+    Where a time word was lost, and after a pause, words are left out until the next time word. Nothing that comes whole
+    is lost without being counted.
+
+    A clock edge that is lost or doubled shifts all bytes up to the next frame, and only words tell. From the first on
+    that cannot be, all are left out until a frame begins and a time word comes. These cannot be: types without a use,
+    events outside the sensor, times that step back or by 2^time_bits time words or more. Words before the first
+    come, and are wrong: of random events 0.4 on average, and at most five in 223 trials.
 
     Parameters
     ----------
@@ -36,6 +42,8 @@ class CpiPort(wiring.Component):
         Words between the clocks, a power of two.
     padding : int
         The word that fills packets.
+    sensor : (int, int)
+        Columns and rows.
 
     Members
     -------
@@ -51,9 +59,11 @@ class CpiPort(wiring.Component):
         Totals, 32 bits each, of :data:`cmfpga.protocol.link.CPI_COUNTERS`.
     """
 
-    def __init__(self, depth=512, padding=PADDING):
-        self._depth = depth
-        self._padding = padding
+    #: Time words may be left out by a sensor that sees nothing for a while, 4 s here.
+    time_bits = 16
+
+    def __init__(self, depth=512, padding=PADDING, sensor=(320, 320)):
+        self._depth, self._padding, self._sensor = depth, padding, sensor
         super().__init__(
             {
                 "data": In(8),
@@ -82,8 +92,8 @@ class CpiPort(wiring.Component):
         m.d.cpi += [byte.eq(self.data), line.eq(self.hsync), frame.eq(self.vsync)]
         m.d.cpi += [frame_before.eq(frame ^ told["vsync_low"]), word_valid.eq(0)]
         m.d.comb += starts.eq((frame ^ told["vsync_low"]) & ~frame_before)
-        cut = Signal()
-        m.d.cpi += cut.eq(starts & (place != 0))
+        cut, begins = Signal(), Signal()
+        m.d.cpi += [cut.eq(starts & (place != 0)), begins.eq(starts)]
         with m.If(starts):
             m.d.cpi += place.eq(0)
         with m.If(line ^ told["hsync_low"]):
@@ -94,23 +104,35 @@ class CpiPort(wiring.Component):
                 m.d.cpi += [word.eq(Mux(told["big_endian"], swapped, whole)), word_valid.eq(1)]
 
         # Words that count.
-        in_time, is_time, real, passes = Signal(), Signal(), Signal(), Signal()
+        in_time, is_time, is_event, real, passes = Signal(), Signal(), Signal(), Signal(), Signal()
+        wrong, slipped, high, step = Signal(), Signal(), Signal(HIGH_BITS), Signal(HIGH_BITS)
+        fields, found = data.View(EVT, word), Signal()
         m.d.comb += [
-            is_time.eq(word[28:] == TIME_HIGH),
+            is_time.eq(fields.type == TIME_HIGH),
+            is_event.eq(fields.type.matches(*EVENT_TYPES)),
+            step.eq(word[:HIGH_BITS] - high),
+            wrong.eq(
+                (is_event & ((fields.x >= self._sensor[0]) | (fields.y >= self._sensor[1])))
+                | (is_time & in_time & step[self.time_bits :].any())
+                | ~fields.type.matches(*EVENT_TYPES, TIME_HIGH, *OTHER_TYPES)
+            ),
             real.eq(word_valid & (word != self._padding)),
-            passes.eq(real & told["enable"] & (in_time | is_time)),
+            passes.eq(real & told["enable"] & (in_time | is_time) & ~wrong & ~slipped),
+            found.eq(real & told["enable"] & wrong & ~slipped),
             fifo.w_data.eq(word),
             fifo.w_en.eq(passes & fifo.w_rdy),
             counts["words"].pulse.eq(fifo.w_en),
             counts["overflow"].pulse.eq(passes & ~fifo.w_rdy),
-            counts["skipped"].pulse.eq(real & ~passes),
+            counts["skipped"].pulse.eq(real & ~passes & ~found),
             counts["padding"].pulse.eq(word_valid & ~real),
-            counts["broken"].pulse.eq(cut),
+            counts["broken"].pulse.eq(cut | found),  # never both: no word ends while one is cut
         ]
-        with m.If(~told["enable"] | cut):
+        with m.If(~told["enable"] | cut | found):
             m.d.cpi += in_time.eq(0)
         with m.Elif(passes & is_time):
-            m.d.cpi += in_time.eq(fifo.w_rdy)
+            m.d.cpi += [in_time.eq(fifo.w_rdy), high.eq(word[:HIGH_BITS])]
+        with m.If(begins | found):
+            m.d.cpi += slipped.eq(found)
 
         m.d.comb += [
             self.o.valid.eq(fifo.r_rdy),

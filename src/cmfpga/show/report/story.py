@@ -39,14 +39,18 @@ def corners(points, tolerance):
 
     By halving at the farthest point (Ramer 1972; Douglas and Peucker 1973).
     """
-    first, last = points[0], points[-1]
-    along = last - first
-    share = np.clip((points - first) @ along / max(along @ along, 1e-12), 0, 1)
-    distance = np.hypot(*(points - first - share[:, None] * along).T)
-    far = int(distance.argmax())
-    if distance[far] <= tolerance:
-        return [0, len(points) - 1]
-    return corners(points[: far + 1], tolerance)[:-1] + [far + k for k in corners(points[far:], tolerance)]
+    found, left = [0], [(0, len(points) - 1)]
+    while left:
+        begin, end = left.pop()
+        part, along = points[begin : end + 1] - points[begin], points[end] - points[begin]
+        share = np.clip(part @ along / max(along @ along, 1e-12), 0, 1)
+        distance = np.hypot(*(part - share[:, None] * along).T)
+        far = begin + int(distance.argmax())
+        if distance[far - begin] <= tolerance:
+            found.append(end)
+        else:
+            left += [(far, end), (begin, far)]
+    return found
 
 
 class Story:
@@ -165,6 +169,8 @@ class Story:
         verdict, sharper = self.verdict, self.gain
         sentences = filter(None, (verdict.share, verdict.velocity, *verdict.warnings(), *verdict.notes(fitted=True)))
         found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
+        if self.kept.left_out:
+            found.insert(0, f"{self.kept.left_out:,} batches after these are left out.")
         if motion := verdict.motion_text:
             found.insert(0, f"{motion[0].upper()}{motion[1:]}." if motion[0] != "ω" else f"{motion}.")
         if image := self.kept.config.image:
