@@ -113,7 +113,7 @@ FOLLOWING = ("protocol", "tracking/test_loop.py", "tracking/test_rows.py", "trac
 def test_the_tests_that_exist_pass_with_the_example(heading, tmp_path):
     """In a copy; the long ones among them are left out."""
     source = applied(edits(heading), tmp_path)
-    for name in ("tests", "docs", "boards", "sim", "pyproject.toml", "README.md"):
+    for name in ("tests", "docs", "boards", "sim", "studies", "pyproject.toml", "README.md"):
         (tmp_path / name).symlink_to(ROOT / name)
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-n", "0", "-m", "not long", "--tb=line",

@@ -35,5 +35,5 @@ def test_windows_that_overlap(compiler, rng):
                 made.stop()
             else:
                 made.reset()
-        with pytest.raises(ConfigError, match=f"1 to {limit} are allowed"):
+        with pytest.raises(ConfigError, match=f"at most {limit} are allowed"):
             made.run(events_of(clouds(rng, limit + 1)))

@@ -1,5 +1,7 @@
 """The engines behind their one interface: equal results, and what they refuse."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from studies.crosscheck.batches import random_events, random_settings
@@ -13,6 +15,7 @@ from cmfpga.engines.verilated import VerilatedEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import COUNTS
 from cmfpga.protocol.settings import BatchSettings
 from support.designs import HARDWARE
@@ -200,6 +203,20 @@ def test_an_roi_outside_the_sensor_is_refused(engine, rng, corner):
         assert str(caught.value) == message
     assert engine.places == [(0, 0)]
     assert engine.run(make_events(rng, 60), settings((24, 16)))[0].roi == (24, 16)
+
+
+def test_rows_that_a_core_of_one_roi_has_not(engine, rng):
+    """Its table has one row, which may be written, and is as large as the ROI."""
+    row = Region.roi(CONFIG, (8, 8))
+    for rows in ([], [row, row], [replace(row, width=4)], [replace(row, moves=False)]):
+        with pytest.raises(ConfigError, match=r"^regions = 0: the table has one row, which is as large as the ROI"):
+            engine.write(rows)
+    engine.write([row])
+    first = engine.run(make_events(rng, 60), settings(start_last=False, v_start=(8192, 4096), eta=0))[0]
+    engine.write([row])  # it goes on where it has moved to
+    assert first.roi == (8, 8) and engine.places == [first.roi_next] == [(12, 10)]
+    engine.write([row], {0})
+    assert engine.places == [(8, 8)] and engine.run(make_events(rng, 60), settings())[0].roi == (8, 8)
 
 
 def test_check_roi_alone():

@@ -88,8 +88,8 @@ class Engine(ABC):
         fresh = {k for k, row in enumerate(regions) if k in anew or self.regions[k : k + 1] != [row]}
         if self.config.regions:
             self._write(regions, anew)
-        elif regions == [Region.roi(self.config, (regions[0].x, regions[0].y))]:
-            check_roi(self.config, (regions[0].x, regions[0].y))
+        elif regions and regions == [Region.roi(self.config, place := (regions[0].x, regions[0].y))]:
+            check_roi(self.config, place)
             self._loads |= bool(fresh)
         else:
             raise ConfigError("regions = 0: the table has one row, which is as large as the ROI, and moves")
