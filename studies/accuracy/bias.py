@@ -135,7 +135,6 @@ CAUSES = (
     ("edges, object inside the ROI", EdgeCamera(OBJECT), {}),
     ("edges, object inside, no dither", EdgeCamera(OBJECT), {"dither_frac": 0}),
     ("edges, scene beyond the ROI", EdgeCamera(_SIDE), ROOMY),
-    ("edges, beyond, border = corners", EdgeCamera(_SIDE), {**ROOMY, "border": "corners"}),
     ("pixels, object inside the ROI", PixelCamera(size=OBJECT), {}),
     ("pixels, object inside, no dither", PixelCamera(size=OBJECT), {"dither_frac": 0}),
     ("pixels, thresholds differ by 15 %", PixelCamera(size=OBJECT, mismatch=0.15), {}),

@@ -88,33 +88,35 @@ def test_what_goes_between_the_blocks_is_the_trace(waves, dot, config, batch):
     vcd = waves(config, batch)
     tracking = cmfpga.track(dot, roi=(8, 9), batch_events=90, **config)
     trace, result = tracking.trace(batch), tracking.results[batch]
-    n, iterations = len(trace.t), len(trace)
-    assert n > 10 and iterations > 2
-    warped = vcd.sent("warp.o", "x", "y", "dt").reshape(-1, n, 3)
+    n, evaluations, each = len(trace.t), len(trace), tracking.config.ascent_rule.evaluations
+    assert n > 10 and evaluations > 2
+    begin, end = ("warp.i", "voter.o") if each == 1 else ("evaluators.i", "evaluators.o_0")
     replayed = vcd.sent("event_buffer.o", "t", "x", "y").reshape(-1, n, 3)
     np.testing.assert_array_equal(replayed[0], np.stack([trace.t, trace.x, trace.y], axis=1))
-    scaled = vcd.sent("warp.i", "dt", "x", "y").reshape(-1, n, 3)
+    scaled = vcd.sent(begin, "dt", "x", "y").reshape(-1, n, 3)
     np.testing.assert_array_equal(scaled[0], np.stack([trace.dt, trace.x_dithered, trace.y_dithered], axis=1))
     gradients = vcd.sent("ascent.i", "x", "y")
     sums = vcd.sent("gradient.i", "i", "dx", "dy", "sx", "sy")
     speed = np.stack([vcd["ascent.v_x"], vcd["ascent.v_y"]], axis=1)
-    used = speed[vcd["gradient.i_valid"] == 1]
-    votes = vcd.sent("voter.o", *(f"banks_{bank}_{name}" for bank in range(4) for name in ("valid", "i")))
-    votes = votes.reshape(-1, n, 4, 2)
-    for k in range(iterations):
+    centres = speed[vcd["gradient.i_valid"] == 1]
+    # Evaluations of an event come one after the other.
+    votes = vcd.sent(end, *(f"banks_{bank}_{name}" for bank in range(4) for name in ("valid", "i")))
+    votes = votes.reshape(-1, n, each, 4, 2).swapaxes(1, 2).reshape(-1, n, 4, 2)
+    for k in range(evaluations):
         now = trace[k]
-        np.testing.assert_array_equal(warped[k], np.stack([now.x, now.y, trace.dt], axis=1))
         # The file has 16 digits.
         np.testing.assert_allclose(sums[k], [now.sum_i, *now.sum_d, *now.s], rtol=1e-15)
         np.testing.assert_allclose(gradients[k], now.g, rtol=1e-15)
-        np.testing.assert_array_equal(used[k], now.v)
+        np.testing.assert_array_equal(centres[k] * 2**tracking.config.v_frac, result.trace.v[k // each])
         assert (votes[k, ..., 0] * votes[k, ..., 1]).sum() == now.sum_i
-    probes = 4 if tracking.config.confidence else 0
-    assert len(sums) == len(warped) == len(votes) == iterations + probes and len(gradients) >= iterations
-    if probes:
+    assert len(sums) == len(votes) == len(gradients) == evaluations
+    if each == 1:
+        warped = vcd.sent("warp.o", "x", "y", "dt").reshape(-1, n, 3)
+        for k in range(evaluations):
+            np.testing.assert_array_equal(warped[k], np.stack([trace[k].x, trace[k].y, trace.dt], axis=1))
+    else:
         fraction = tracking.config.weight_frac + tracking.config.derivative_frac
-        probed = vcd.sent("judge.i", "x", "y") * 2**fraction
-        np.testing.assert_array_equal(curvature(*probed), result.curvature)
+        np.testing.assert_array_equal(curvature(*(gradients[-4:] * 2**fraction)), result.curvature)
     np.testing.assert_array_equal(speed[-1], result.v)
 
 
@@ -165,21 +167,21 @@ def test_fixed_point_numbers_are_real_numbers():
     found = {(probe.block, probe.name): probe for probe in WaveCore(config).probes}
     for block, name, text in (
         ("core", "settings_v_start_x", "Q5.6"), ("core", "settings_eta", "UQ6.10"), ("core", "result_v_y", "Q5.6"),
-        ("core", "result_sums_sx", "Q23.8"), ("dither", "o_x", "Q6.4"), ("warp", "o_y", "Q7.4"),
-        ("warp", "i_dt", "Q1.8"), ("warp", "v_x", "Q5.6"), ("voter", "o_banks_3_dy", "Q1.4"),
-        ("voter", "o_banks_0_i", "UQ1.4"), ("gradient", "o_x", "Q35.8"), ("roi_updater", "roi_gain", "UQ2.4"),
+        ("core", "result_sums_sx", "Q23.8"), ("dither", "o_x", "Q6.4"),
+        ("evaluators", "i_dt", "Q1.8"), ("evaluators", "centre_x", "Q5.6"), ("evaluators", "o_0_banks_3_dy", "Q1.4"),
+        ("evaluators", "o_0_banks_0_i", "UQ1.4"), ("gradient", "o_x", "Q35.8"), ("roi_updater", "roi_gain", "UQ2.4"),
         ("roi_updater", "v_x", "Q5.6"), ("tagged_accumulator", "o_2_total_dx", "Q11.4"), ("ascent", "v_x", "Q5.6"),
     ):  # fmt: skip
         assert found[block, name].format == text, (block, name)
     for block, name in (
         ("core", "event_x"), ("core", "settings_roi_x"), ("roi_filter", "o_x"), ("event_buffer", "o_y"),
         ("dither", "i_x"), ("reciprocal", "mantissa"), ("roi_updater", "corner_roi_x"), ("roi_updater", "x"),
-        ("schedule", "shift"), ("voter", "o_banks_1_address"), ("iteration_control", "iterations"),
+        ("schedule", "distance"), ("evaluators", "o_0_banks_1_address"), ("iteration_control", "iterations"),
         ("core", "result_span"),
     ):  # fmt: skip
         assert not found[block, name].fraction and not found[block, name].format, (block, name)
-    finer = {(probe.block, probe.name): probe.fraction for probe in WaveCore(config.replace(position_frac=7)).probes}
-    assert found["warp", "o_x"].fraction != finer["warp", "o_x"] == 7
+    finer = {(probe.block, probe.name): probe.fraction for probe in WaveCore(config.replace(dither_frac=7)).probes}
+    assert found["dither", "o_x"].fraction != finer["dither", "o_x"] == 7
 
 
 def test_the_hardware_is_the_same_but_for_the_wave_ports():
