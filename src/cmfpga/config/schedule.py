@@ -11,6 +11,7 @@ resolution that moves it by at most 1/16.
 ``auto`` is the schedule that was measured best, as far as the hardware's levels and format of v allow it.
 """
 
+import functools
 import re
 from fractions import Fraction
 from typing import NamedTuple
@@ -194,12 +195,12 @@ class Schedules(Derived):
         limits |= {"rounds": rounds, "best": "newton" if rounds else self._c.motion}
         return parse_schedule(getattr(self._c, name), name=name, **limits)
 
-    @property
+    @functools.cached_property
     def cold(self):
         """Iterations of a batch without a last v: tuple of :class:`ScheduleEntry`."""
         return self._parse("cold")
 
-    @property
+    @functools.cached_property
     def warm(self):
         """Iterations of a batch that starts from the last v."""
         return self._parse("warm")
