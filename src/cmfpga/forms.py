@@ -42,7 +42,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Text:
-    """A text of at most ``most`` characters, which ``parse`` takes."""
+    """A text of at most ``most`` characters, without half ones, which ``parse`` takes."""
 
     most: int = 1000
     parse: Callable = str
@@ -52,6 +52,7 @@ class Text:
             if not isinstance(value, str) or len(value) > self.most:
                 raise ValueError
             self.parse(value)
+            value.encode()
         except (ValueError, LookupError):
             raise FormError(f"{where}: {str(value)[:40]!r} is no text that stands here") from None
 

@@ -183,6 +183,23 @@ def test_odd_float_coordinates(h5, x, shown):
     assert f"x of event 1 is {shown}" in refusal(path, "read")
 
 
+@pytest.mark.parametrize("options, message", [
+    ({"shape": (10**12,)}, "it declares 1000000000000, and holds less"),
+    ({"shape": (10**12,), "chunks": (1000,)}, "it declares 1000000000000, and holds less"),
+    ({"shape": (10**9,), "chunks": (1 << 28,)}, "pieces of 2,147,483,648 bytes are needed at a time; too large"),
+])  # fmt: skip
+def test_events_that_are_declared_but_not_there(tmp_path, options, message):
+    """HDF5 would give zeros, without end."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in "txyp":
+            file.create_dataset(f"events/{name}", dtype="i8", **options)
+    assert message in refusal(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for name in "txyp":
+            file.create_virtual_dataset(f"events/{name}", h5py.VirtualLayout((10**12,), "i8"))
+    assert "/events/t refers to other files; a copy of its events is needed" in refusal(tmp_path / "a.h5")
+
+
 def test_damaged_inside(h5, rng, tmp_path):
     """Compressed bytes that were changed are found when they are read, not when the file is opened."""
     path = tmp_path / "a.h5"

@@ -11,7 +11,7 @@ import numpy as np
 #: What stands where something else did.
 ODD = (
     None, True, False, "", "x", "nan", "1e999", "9" * 400, -1, 0, 1.5, 1e300, float("nan"), float("inf"), 10**400, [],
-    {}, [[]], {"a": 1}, "degenerate|nonsense", "é\0\n", "2024-13-45",
+    {}, [[]], {"a": 1}, "degenerate|nonsense", "é\0\n", "\ud800", "2024-13-45",
 )  # fmt: skip
 DEEP = "[" * 3000 + "]" * 3000
 
@@ -170,8 +170,11 @@ def hdf5_changed(rng, content):
         elif kind == 1:
             holder = choose(rng, (opened, opened["events"], opened["events/t"]))
             key = choose(rng, ("unit", "time_unit", "sensor_width", "width", "geometry", "sensor_resolution"))
-            value = choose(rng, ("x", 1e300, [1, 2, 3], -1, float("nan"), b"\xff", "9" * 400, [], np.bool_(True)))
+            value = choose(
+                rng, ("x", 1e300, [1, 2, 3], -1, 4000, 65536, "4000x4000", b"\xff", "9" * 400, [], np.bool_(True))
+            )
             holder.attrs[key] = value
+            holder.attrs[key.replace("width", "height")] = value
         else:
             del opened[name]
             if kind == 2:

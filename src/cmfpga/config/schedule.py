@@ -11,6 +11,7 @@ step of 1/32 and all events.
 ``auto`` is the schedule that was measured best, as far as the hardware's levels and format of v allow it.
 """
 
+import functools
 import re
 from fractions import Fraction
 from typing import NamedTuple
@@ -186,12 +187,12 @@ class Schedules(Derived):
         limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}
         return parse_schedule(getattr(self._c, name), name=name, motion=self._c.motion, **limits)
 
-    @property
+    @functools.cached_property
     def cold(self):
         """Iterations of a batch without a last v: tuple of :class:`ScheduleEntry`."""
         return self._parse("cold")
 
-    @property
+    @functools.cached_property
     def warm(self):
         """Iterations of a batch that starts from the last v."""
         return self._parse("warm")

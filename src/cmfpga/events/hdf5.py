@@ -26,7 +26,7 @@ import numpy as np
 from ..errors import RecordingError
 from .columns import NAMES, Columns, ColumnsRecording, match_names, one_line, readable, require_names
 from .ecf import EcfDataset, EcfError, is_compressed
-from .recording import Format, check_sensor
+from .recording import CHUNK_EVENTS, Format, check_sensor
 from .units import parse_unit
 
 _READ_ERRORS = (OSError, RuntimeError, KeyError, EcfError, MemoryError)
@@ -42,8 +42,8 @@ _SHOWN = 8
 _DSEC_SENSOR = (640, 480)
 _MVSEC_SENSOR = (346, 260)
 
-# HDF5 reads chunks whole, several of them at a time; files of cameras have some 100 kB.
-_MOST_CHUNK = 1 << 26
+# HDF5 reads chunks whole, and we a number of events; in files of cameras that is some 100 kB.
+_MOST_PIECE = 1 << 26
 
 # Events per stored chunk: small enough to read little around a batch, large enough to compress.
 _STORED_CHUNK = 1 << 14
@@ -132,8 +132,9 @@ def _require_events(dataset, path):
     shape, chunk, stored = dataset.shape or (), dataset.chunks, dataset.id.get_storage_size()
     if dataset.is_virtual:
         raise RecordingError(f"{path}: {dataset.name} refers to other files; a copy of its events is needed")
-    if dataset.dtype.itemsize * math.prod(chunk or (1,)) > _MOST_CHUNK:
-        raise RecordingError(f"{path}: {dataset.name}: chunks of {chunk} are larger than {_MOST_CHUNK >> 20} MB")
+    piece = dataset.dtype.itemsize * max(math.prod(chunk or (1,)), CHUNK_EVENTS)
+    if piece > _MOST_PIECE:
+        raise RecordingError(f"{path}: {dataset.name}: pieces of {piece:,} bytes are needed at a time; too large")
     if chunk:
         short = dataset.id.get_num_chunks() < math.prod(
             -(-size // step) for size, step in zip(shape, chunk, strict=True)

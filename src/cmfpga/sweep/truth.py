@@ -63,7 +63,7 @@ def sidecar(path):
 def read_truth(path):
     """The :class:`Truth` of the recording at ``path``, or None. Raises :exc:`RecordingError` for a malformed one."""
     beside = sidecar(path)
-    if beside.exists():
+    if beside.is_file():
         return _checked(beside, "sidecar", *_read_csv(beside))
     if not h5py.is_hdf5(path):
         return None

@@ -56,8 +56,9 @@ class Column:
         """What a value must be that was kept."""
         if self.dtype is str:
             return Text(parse=Flag.parse)
-        most = 1 << (40 if self.dtype is int else 62)  # sums of the integers of a track are int64
-        return Number(self.dtype, -most, most, self.may_be_missing)
+        if self.dtype is int:  # sums over a track are int64
+            return Number(int, 0, 1 << 40, self.may_be_missing)
+        return Number(float, -(1 << 62), 1 << 62, self.may_be_missing)
 
     def array(self, values):
         """One value per batch as an array: int64, float64 or str."""

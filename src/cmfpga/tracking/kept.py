@@ -281,7 +281,7 @@ _ARRAYS = {
     "x": Array("u", ("N",), width=2),
     "y": Array("u", ("N",), width=2),
     "since": Array("u", ("N",), width=4),
-    "v": Array("f", ("V", "P"), low=-1e6, high=1e6),
+    "v": Array("f", ("V", "P"), low=-(1 << 12), high=1 << 12),
     "levels": Array("u", ("L",), width=1, high=3),
 }
 

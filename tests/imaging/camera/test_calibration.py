@@ -1,5 +1,6 @@
 """Files of calibrations: what is read, and what is refused in one line; the distortion against OpenCV."""
 
+import os
 from dataclasses import astuple
 
 import h5py
@@ -89,6 +90,11 @@ BAD = {
     "none.yaml": ("a: 1\n", "camera_matrix: 9 numbers are needed, as in camera_info"),
     "list.yaml": ("- a: 1\n", "camera_matrix: 9 numbers are needed, as in camera_info"),
     "broken.yaml": ("a: [1\nb: }", "no readable YAML ("),
+    "deep.yaml": (CALIBRATOR + "a: " + "[" * 20_000, "no readable YAML (nested too deeply)"),
+    "aliases.yaml": ("a: &a [1]\n" + CALIBRATOR + "b: *a\n", "no readable YAML (aliases are not read)"),
+    "true.yaml": (CALIBRATOR.replace("0, 0, 1]", "0, 0, true]", 1), "camera_matrix: 9 numbers are needed"),
+    "huge.yaml": (CALIBRATOR.replace("199.09", "9" * 5000), "camera_matrix: 9 numbers are needed"),
+    "long.yaml": (CALIBRATOR + "#" * (1 << 16), "no calibration: larger than 64 kB"),
     "negative.yaml": (CALIBRATOR.replace("[199.09", "[-199.09"), "fx = -199.09, fy = 198.83: focal lengths above 0 px"),
 }
 
@@ -116,6 +122,19 @@ def test_bad_hdf5(content, tmp_path):
     )
     with pytest.raises(ConfigError, match=rf"^{path}: {needed}"):
         read_calibration(path)
+
+
+def test_what_a_calibration_does_not_need_is_no_matter(tmp_path):
+    """Impossible dates, numbers without an end, and tags stay texts."""
+    text = CALIBRATOR + f"a: 2024-13-45\nb: {'9' * 5000}\nc: !!python/object/apply:os.system [x]\n"
+    (tmp_path / "a.yaml").write_text(text)
+    assert read_calibration(tmp_path / "a.yaml").size == (240, 180)
+
+
+def test_a_pipe_is_no_calibration(tmp_path):
+    os.mkfifo(tmp_path / "pipe")  # which nobody writes to
+    with pytest.raises(ConfigError, match=r"pipe: no readable calibration \(not a regular file\)$"):
+        read_calibration(tmp_path / "pipe")
 
 
 def test_a_file_that_is_not_there(tmp_path):

@@ -10,6 +10,9 @@ from tqdm import tqdm
 from ...config.defaults import ENGINES
 from ...errors import ConfigError, RecordingError
 
+#: Pixels of the largest sensor that is surveyed; those that are sold have 1280×800.
+MOST_PX = 1280 * 1024
+
 _MAX_BINS = 512  # of the rate over time, while it is collected
 
 # A hot pixel: at least so many events, and so many times those of the second busiest pixel around it.
@@ -17,6 +20,12 @@ _HOT_EVENTS, _HOT_TIMES = 20, 4
 _HOT_SHOWN = 5
 
 _SURVEYS = weakref.WeakKeyDictionary()  # of recordings that were read
+
+
+def _counts(rows, columns):
+    if rows * columns > MOST_PX:
+        raise RecordingError(f"a sensor of {columns}×{rows} px, which no camera has: --sensor W,H says how large it is")
+    return np.zeros((rows, columns), np.int64)
 
 
 class Survey:
@@ -36,7 +45,7 @@ class Survey:
     def __init__(self, width=None, height=None):
         self.events = self.on_events = 0
         self.t_first = self.t_last = None
-        self.counts = np.zeros((height or 1, width or 1), np.int64)
+        self.counts = _counts(height or 1, width or 1)
         self.bin_us = 1
         self._bins = np.zeros(_MAX_BINS, np.int64)
 
@@ -51,7 +60,7 @@ class Survey:
         self.on_events += int(events.p.sum())
         rows, columns = int(events.y.max()) + 1, int(events.x.max()) + 1
         if rows > self.counts.shape[0] or columns > self.counts.shape[1]:
-            larger = np.zeros(np.maximum(self.counts.shape, (rows, columns)), np.int64)
+            larger = _counts(*np.maximum(self.counts.shape, (rows, columns)).tolist())
             larger[: self.counts.shape[0], : self.counts.shape[1]] = self.counts
             self.counts = larger
         width = self.counts.shape[1]

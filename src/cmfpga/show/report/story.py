@@ -79,8 +79,8 @@ class Story:
         self.cycles, self.by_formula = hardware_cycles(kept)
         self.compute_us = self.cycles / clock_mhz
         spans = np.array(kept.spans, np.float64)
-        with np.errstate(invalid="ignore"):
-            self.margin = np.where(spans > 0, spans / self.compute_us, np.nan)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            self.margin = np.where((spans > 0) & (self.compute_us > 0), spans / self.compute_us, np.nan)
 
     @functools.cached_property
     def flags(self):
@@ -210,12 +210,13 @@ class Story:
     def gain(self):
         """How many times the contrast at v = 0 that at the found v is, in the median; None if nothing was measured."""
         config, ratios = self.kept.config, []
+        places = np.stack([self.kept.numbers(name) for name in ("roi_x", "roi_y")], axis=1)
         for detail in self.kept.details:
             span = self.kept.spans[detail.batch]
             if not len(detail.levels) or not span:
                 continue
             dt = (2 * detail.since.astype(np.float64) - span) / span
-            roi = [self.kept.numbers(name)[detail.batch] for name in ("roi_x", "roi_y")]
+            roi = places[detail.batch]
             ratios.append(gain(config, *self.kept.places(detail), dt, detail.v[-1], roi))
         return float(np.median(ratios)) if ratios else None
 
