@@ -43,11 +43,7 @@ def drawn(rng, count, *, outside=0.3, mean_us=40):
 def slid(config, hops, events, given, cuts=()):
     sliding = Sliding(config, CORNER, hops)
     edges = [0, *sorted(cuts), len(events[0])]
-    return [
-        hop
-        for a, b in itertools.pairwise(edges)
-        for hop in sliding.run(*(axis[a:b] for axis in events), given)
-    ]
+    return [hop for a, b in itertools.pairwise(edges) for hop in sliding.run(*(axis[a:b] for axis in events), given)]
 
 
 def listed(hops, events, least):
