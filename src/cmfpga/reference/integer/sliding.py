@@ -283,7 +283,7 @@ class Sliding:
             phase=self._begin - self._origin,
         )
         found = self.core.ascend(batch, settings, plan, corner)
-        return *found, int((self.core.dt == (2 << self.config.dt_frac) - 1).sum())
+        return *found, int((self.core.dt == self.config.formats.dt.max).sum())
 
     def _move(self, t_first, unit, cold, settings):
         """Carry the ROI on by the core's v, unless it stands still: what the sensor limited."""

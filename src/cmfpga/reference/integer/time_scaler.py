@@ -20,4 +20,4 @@ def time_scaler(config, t, *, span):
     shift, mantissa = reciprocal(config, span)
     numerator = (2 * t - span) << shift
     scaled = round_half_up(numerator * mantissa, config.span_bits - 1 + config.reciprocal_bits - config.dt_frac)
-    return saturate(scaled, -2 << config.dt_frac, (2 << config.dt_frac) - 1)
+    return saturate(scaled, config.formats.dt.min, config.formats.dt.max)

@@ -19,7 +19,7 @@ def placed_event(config):
     """
     frac = config.formats.dithered_frac
     places = {axis: payloads.Fixed(Q(bits, frac)) for axis, bits in _whole_bits(config).items()}
-    return payloads.layout(t=config.span_bits, **places, last=1)
+    return payloads.layout(t=signed(config.span_bits + 1), **places, last=1)
 
 
 def _whole_bits(config):

@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ...fixed import Q, bits_for, round_half_up
+from ...fixed import bits_for, round_half_up
 from .. import payloads
 from ..arithmetic import delay, saturate
 
@@ -29,7 +29,7 @@ class RoiCarrier(wiring.Component):
         The ROI is ``crop``, and at rest.
     move, cold : ``In(1)``
         Carry it on; with ``cold`` from ``crop``.
-    v, since, crop : ``In``, :func:`payloads.velocity`, raw dt with an integer bit more, :func:`payloads.roi_corner`
+    v, since, crop : ``In``, :func:`payloads.velocity`, raw dt, :func:`payloads.roi_corner`
         v and ``since`` stay until it is done. ``crop`` is where the window's newest events were cropped.
     image, next_crop : ``Out``, :func:`payloads.roi_corner`
         Where the next window's image lies, and events are cropped.
@@ -39,7 +39,7 @@ class RoiCarrier(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        bits = Q(1, config.dt_frac).width
+        bits = config.formats.dt.width
         self.latency = bits + 5
         where = payloads.roi_corner(config)
         super().__init__(
