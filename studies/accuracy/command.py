@@ -13,6 +13,7 @@ from cmfpga.errors import ConfigError, RecordingError, needs, write_text
 
 from .dense import run_dense
 from .motions import MOTIONS, run_motion
+from .moving import run_moving
 from .studies import STUDIES, run_study
 from .suites import run_suites
 from .synthetic import BATCHES, SEEDS
@@ -27,6 +28,7 @@ EXAMPLES = (
     "python -m studies.accuracy --known --data recordings      # and recordings of known motion, in the default use",
     "python -m studies.accuracy --motion rotation --data recordings    # and a similarity's",
     "python -m studies.accuracy --flow --data recordings",
+    "python -m studies.accuracy --moving --seeds 1-3 --data recordings",
     "python -m studies.accuracy --study widths --data recordings",
 )
 
@@ -71,6 +73,11 @@ def _parser():
         help="instead of the suites: dense flow with preset flow, tile by tile, of a scene whose flow is known; with "
         "--data of real recordings, too",
     )  # fmt: skip
+    made.add_argument(
+        "--moving", nargs="?", const="built", choices=("built", "plans"),
+        help="instead of the suites: scenes in which v changes, by windows that slide (preset quad) and by batches; "
+        "plans: with other rounds, too",
+    )  # fmt: skip
     made.add_argument("--eventcv", action="store_true", help="rows of the program eventcv, on the same batches")
     made.add_argument("--json", metavar="FILE", help="write all scores, and those of each batch")
     cli.add_config_options(made)
@@ -88,14 +95,16 @@ def _seeds(text):
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = _parser().parse_args(arguments)
-    if (options.motion or options.flow) and options.preset == DEFAULT_PRESET:
-        options.preset = options.motion or "flow"
+    if (options.motion or options.flow or options.moving) and options.preset == DEFAULT_PRESET:
+        options.preset = options.motion or ("flow" if options.flow else "quad")
     config = cli.make_config(options)
-    for name in ("motion", "flow"):
+    for name in ("motion", "flow", "moving"):
         if getattr(options, name) and (options.study or options.known or options.engine == "all"):
             raise ConfigError(f"--{name}: --study, --known and --engine all go without it")
-    if options.motion and options.flow:
-        raise ConfigError("--flow: --motion goes without it")
+    if sum(map(bool, (options.motion, options.flow, options.moving))) > 1:
+        raise ConfigError("--motion, --flow, --moving: one of them at a time")
+    if options.moving and config.ascent != "newton":
+        raise ConfigError(f"--moving: ascent = {config.ascent}: rounds are needed, as of preset quad")
     if not options.motion and (config.roi_width, config.roi_height) != (ROI, ROI):
         raise ConfigError(f"ROI of {config.roi_width}×{config.roi_height} px: the suites are for {ROI}×{ROI} px")
     if options.data is not None and not Path(options.data).is_dir():
@@ -106,7 +115,7 @@ def main(arguments=None):
     if options.data is None:
         print("note: no folder of recordings (--data, $CMFPGA_DATA): synthetic batches only", file=sys.stderr)
     with needs("torch", "reference", "all but --engine rtl"):
-        kinds = {"motion": run_motion, "flow": run_dense, "study": run_study}
+        kinds = {"motion": run_motion, "flow": run_dense, "moving": run_moving, "study": run_study}
         next((run for name, run in kinds.items() if getattr(options, name)), run_suites)(options, config, report)
     if options.json:
         text = json.dumps({"config": config.to_dict(), "results": report.results}, indent=1)

@@ -21,6 +21,7 @@ class TakenIn:
     counts: dict  # what is known of the batch, by the names of the fields of BatchResult
     flags: Flag
     next_thinning: int | None  # what would have brought this batch down to its target
+    phase: int = 0  # of the first event in the dither
 
     def enough(self, settings):
         """Whether there is something to iterate over."""

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+from amaranth.hdl import signed
 
-from cmfpga.config import Config
+from cmfpga.config import Config, preset
+from cmfpga.fixed import Q
 from cmfpga.reference.integer.time_scaler import reciprocal, time_scaler
+from cmfpga.rtl import payloads
 from cmfpga.rtl.image.time_scaler import TimeScaler
 from support.bench import GAPS, check_flow
 from support.configs import CONFIGS
@@ -55,3 +58,32 @@ def test_every_time_of_every_short_span():
     config = SHAPES["short"]
     for span in range(1, 16):
         check(config, list(range(span + 1)), span, [0] * (span + 1))
+
+
+@pytest.mark.parametrize("name", ["quad", "short", "wide"])
+def test_in_a_window_that_slides_times_reach_twice_as_far(name, rng):
+    """And are limited there; the last reference time comes as one more event, which may lie before the first."""
+    config = {
+        "quad": preset("quad"),
+        "short": Config(span_bits=5, time_bits=8, reciprocal_bits=8, dt_frac=4),
+        "wide": Config(span_bits=20, reciprocal_bits=17, dt_frac=12),
+    }[name]
+    place = payloads.Fixed(Q(9, config.formats.dithered_frac))
+    block = TimeScaler(config, payloads.layout(t=signed(config.span_bits + 1), x=place, y=place, last=1))
+    most = 1 << config.span_bits
+    for span in (1, 2, 3, most // 2, int(rng.integers(1, most)), most - 1):
+        shift, mantissa = reciprocal(config, span)
+        turn = [edge + more for edge in (-span // 2, 3 * span // 2) for more in (-2, -1, 0, 1, 2)]
+        times = [*edge_integers(rng, -most, most - 1, 40).tolist(), *turn]
+        times = [t for t in times if -most <= t < most]
+        dt = time_scaler(config, tensor(times), span=span).tolist()
+        assert span > most // 3 or {-2 << config.dt_frac, (2 << config.dt_frac) - 1} <= {*dt}
+        items = [{**random_value(block.i.payload.shape(), rng), "t": t} for t in times]
+        expected = [
+            {"dt": value, **{key: item[key] for key in ("x", "y", "last")}}
+            for item, value in zip(items, dt, strict=True)
+        ]
+        check_flow(
+            block, items, expected, gaps=[0] * len(items), rng=rng,
+            before=[{"span": span, "shift": shift, "mantissa": mantissa}],
+        )  # fmt: skip

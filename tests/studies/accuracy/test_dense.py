@@ -74,4 +74,4 @@ def test_what_goes_without_it(told, capsys):
 
 def test_a_motion_is_another_suite(capsys):
     assert run("--flow", "--motion", "rotation") == 2
-    assert "--flow: --motion goes without it" in capsys.readouterr().err
+    assert "--motion, --flow, --moving: one of them at a time" in capsys.readouterr().err

@@ -199,14 +199,3 @@ class TaggedAccumulatorHarness(Harness):
             m.d.comb += Assert(marked | ~self.running)
             with m.If(marked):
                 m.d.comb += [Assert(word[name] == image[name]) for name in image.shape().members]
-
-    def register(self, name):
-        """A register of the device by its name."""
-        found = [
-            signal
-            for statement in self.fragment.statements["sync"]
-            for signal in statement._lhs_signals()
-            if signal.name == name
-        ]
-        assert found, f"no register {name!r} in {type(self.dut).__name__}: what the induction is told has to follow"
-        return found[0]

@@ -149,6 +149,17 @@ class Harness(Elaboratable):
         """Add inputs, assertions and covers."""
         raise NotImplementedError
 
+    def register(self, name, domain="sync"):
+        """A register of the device by its name, or another signal that ``domain`` drives."""
+        found = [
+            signal
+            for statement in self.fragment.statements[domain]
+            for signal in statement._lhs_signals()
+            if signal.name == name
+        ]
+        assert found, f"no register {name!r} in {type(self.dut).__name__}: what the induction is told has to follow"
+        return found[0]
+
 
 # What `sby` has Yosys do, in one process.
 PREPARE = """\

@@ -67,7 +67,7 @@ class IntegerCore(Sequence):
     def ascend(self, batch, settings, plan, roi, middle=None):
         config = self.config
         self.dt = time_scaler(config, batch.t, span=batch.counts["span"])
-        x, y = dither(config, batch.x, batch.y)
+        x, y = dither(config, batch.x, batch.y, batch.phase)
         b = basis(config, x, y, roi=roi, camera=settings.camera, middle=middle)
         velocities, sums, flags, rounds = [self.v], [], Flag(0), config.ascent_rule.evaluations > 1
         for k, entry in enumerate(plan):

@@ -1,6 +1,6 @@
 """Model of :mod:`cmfpga.rtl.ingest.reciprocal` and :mod:`cmfpga.rtl.image.time_scaler`."""
 
-from ...fixed import round_half_up
+from ...fixed import round_half_up, saturate
 
 
 def reciprocal(config, span):
@@ -13,7 +13,11 @@ def reciprocal(config, span):
 
 
 def time_scaler(config, t, *, span):
-    """Raw ``config.formats.dt`` of events at ``t`` µs after t_1: (2t − span)/span, −1 … 1 (Eqs. t_ref and dt)."""
+    """Raw ``config.formats.dt`` of events at ``t`` µs after t_1: (2t − span)/span, −1 … 1 (Eqs. t_ref and dt).
+
+    In windows that slide ``span`` is the last one's range: up to twice as far from the middle, and limited to that.
+    """
     shift, mantissa = reciprocal(config, span)
     numerator = (2 * t - span) << shift
-    return round_half_up(numerator * mantissa, config.span_bits - 1 + config.reciprocal_bits - config.dt_frac)
+    scaled = round_half_up(numerator * mantissa, config.span_bits - 1 + config.reciprocal_bits - config.dt_frac)
+    return saturate(scaled, config.formats.dt.min, config.formats.dt.max)

@@ -1,6 +1,6 @@
 """t_ref/dt scaler: turns an event's time into dt = (t − t_ref)/((t_N − t_1)/2)."""
 
-from amaranth.hdl import Cat, Const, Module, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
@@ -15,12 +15,21 @@ class TimeScaler(wiring.Component):
     dt = (2t − span)/span with t counted from t_1, so t_ref's half microsecond is not lost. Two multipliers, one
     for each half of a number that is too wide for those of some devices.
 
+    Where a window slides, ``span`` is the range of the one before: times reach twice as far from the middle, and are
+    limited to that.
+
     One event per cycle; latency :attr:`latency` cycles.
+
+    Parameters
+    ----------
+    config : Config
+    event : StructLayout, optional
+        Of a window that slides: ``t``, signed with a bit more, ``x``, ``y`` and ``last``.
 
     Members
     -------
-    i : ``In``, flow of :func:`payloads.dithered_event`
-    o : ``Out``, flow of :func:`payloads.scaled_event`
+    i : ``In``, flow of :func:`payloads.dithered_event`, or of ``event``
+    o : ``Out``, flow of :func:`payloads.scaled_event`, or of ``event`` with ``dt`` in place of ``t``
     basis : ``In``, :func:`payloads.basis`
         That of the event that goes out; only where the motion has one.
     span, shift, mantissa : ``In``
@@ -29,13 +38,17 @@ class TimeScaler(wiring.Component):
 
     latency = 6
 
-    def __init__(self, config):
-        self.config = config
+    def __init__(self, config, event=None):
+        self.config, self._slides = config, event is not None
+        scaled = payloads.scaled_event(config)
+        if self._slides:
+            rest = {name: event.members[name] for name in ("x", "y", "last")}
+            scaled = payloads.layout(dt=payloads.Fixed(config.formats.dt), **rest)
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.dithered_event(config))),
+                "i": In(payloads.flow(event or payloads.dithered_event(config))),
                 **payloads.with_basis(config, In),
-                "o": Out(payloads.flow(payloads.scaled_event(config))),
+                "o": Out(payloads.flow(scaled)),
                 "span": In(config.span_bits),
                 "shift": In(bits_for(config.span_bits - 1)),
                 "mantissa": In(config.reciprocal_bits + 1),
@@ -45,8 +58,8 @@ class TimeScaler(wiring.Component):
     def elaborate(self, platform):
         config = self.config
         m = Module()
-        width = config.span_bits + 1
-        numerator_s1 = Signal(signed(width), reset_less=True)
+        width = config.span_bits + 1 + self._slides
+        numerator_s1 = Signal(signed(width + self._slides), reset_less=True)
         numerator_s2 = Signal(signed(width), reset_less=True)
         numerator_s3 = Signal(signed(width), reset_less=True)
         low = width // 2
@@ -68,7 +81,8 @@ class TimeScaler(wiring.Component):
         m.d.sync += product_s5.eq((high_s4 << low) + low_s4)
         # Stage 6: round.
         fraction = config.span_bits - 1 + config.reciprocal_bits - config.dt_frac
-        m.d.sync += self.o.payload.dt.eq(round_half_up(product_s5, fraction))
+        dt = round_half_up(product_s5, fraction)
+        m.d.sync += self.o.payload.dt.eq(self._limited(m, numerator_s1, dt) if self._slides else dt)
 
         m.d.sync += [
             self.o.valid.eq(delay(m, self.i.valid, self.latency - 1, name="valid", valid=True)),
@@ -80,3 +94,9 @@ class TimeScaler(wiring.Component):
         if self.config.motion_model.basis:
             m.d.comb += self.o.payload.basis.eq(self.basis)
         return m
+
+    def _limited(self, m, numerator_s1, dt):
+        """``dt``, or the end of its format where it reaches farther: always from twice the span on."""
+        fmt, twice = self.config.formats.dt, self.span << 1
+        beyond = delay(m, Cat(numerator_s1 >= twice, numerator_s1 <= -twice), 4, name="beyond")
+        return Mux(beyond[1], fmt.min, Mux(beyond[0] | (dt > fmt.max), fmt.max, dt))

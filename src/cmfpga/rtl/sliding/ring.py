@@ -1,0 +1,124 @@
+"""Ring: keeps the newest events of the ROI, and replays a window of them while others are written."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import memory, wiring
+from amaranth.lib.wiring import In, Out
+
+from ...fixed import bits_for
+from .. import payloads
+from ..arithmetic import delay
+
+
+def ring_event(config):
+    """An event as the ring keeps it: time, column and row, of each the lowest bits.
+
+    Two times in the ring differ by less than 2^span_bits µs. Two places differ by less than four times the ROI's
+    longer side.
+    """
+    sides = bits_for(4 * max(config.roi_width, config.roi_height) - 1)
+    bits = (min(sides, axis) + config.formats.event_frac for axis in (config.geometry.x_bits, config.geometry.y_bits))
+    return payloads.layout(t=config.span_bits, **dict(zip("xy", bits, strict=True)))
+
+
+def address_bits(config):
+    """Width of an event's place in the ring, which holds ``buffer_events`` or a few more."""
+    return bits_for(config.buffer_events)
+
+
+class Ring(wiring.Component):
+    """Stores events one after the other, the newest in place of the oldest, and replays those from ``first`` on.
+
+    A replay follows the writes: it goes on with each event that comes, until it is told with which one the window ends.
+    It stays one event behind, because only then it knows which one is the last. Who writes takes care that no event of
+    a window that is being replayed is overwritten.
+
+    One event per cycle in and out, as long as there is ``room`` for what comes out. An event can be read
+    :attr:`write_latency` cycles after it came. The first one appears :attr:`latency` cycles after ``replay``; the last
+    one :attr:`write_latency` + :attr:`latency` cycles after it came, at most, if no replay is late and ``closed`` comes
+    with it. Where evaluations of an event take turns, an event comes out in the first cycle of each turn.
+
+    Parameters
+    ----------
+    config : Config
+        ``buffer_events`` is less than the depth, a power of two.
+
+    Members
+    -------
+    i : ``In``, flow of :func:`ring_event`
+    o : ``Out``, flow of :func:`ring_event`, and ``last``
+    written : ``Out``
+        Place behind the newest event that can be read.
+    replay : ``In(1)``
+        Begin a replay at ``first``. Not while one is under way.
+    closed, end : ``In(1)``, ``In``
+        The window under way ends before the place ``end``, from now on until the next ``replay``; no later than any
+        event behind it can be read.
+    room : ``In(1)``
+        Where it is low, the replay pauses.
+    look : ``In``
+        A place. Its event is ``o.payload``, :attr:`latency` − 1 cycles later, while no replay is under way.
+    idle : ``Out(1)``
+        No replay is under way, but for what is still to come out.
+    """
+
+    latency, write_latency = 3, 2
+
+    def __init__(self, config):
+        self.config = config
+        place, event = address_bits(config), ring_event(config)
+        super().__init__(
+            {
+                "i": In(payloads.flow(event)),
+                "o": Out(payloads.flow(payloads.layout(**event.members, last=1))),
+                "written": Out(place),
+                "replay": In(1),
+                "first": In(place),
+                "closed": In(1),
+                "end": In(place),
+                "room": In(1, init=1),
+                "look": In(place),
+                "idle": Out(1, init=1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.events = events = memory.Memory(
+            shape=ring_event(self.config), depth=1 << address_bits(self.config), init=[]
+        )
+        write, read = events.write_port(), events.read_port()
+
+        # Written a cycle after it came.
+        m.d.sync += [write.en.eq(self.i.valid), write.data.eq(self.i.payload)]
+        m.d.sync += [write.addr.eq(write.addr + write.en), self.written.eq(self.written + write.en)]
+
+        # Stage 1: place, and what follows it.
+        reading_s1 = Signal()
+        address_s1 = Signal.like(self.first)
+        next_s1 = Signal.like(self.first)
+        last_s1 = Signal()
+        there = Signal()
+        goes = Signal()
+        turn = Signal(self.config.geometry.turn_bits)
+        m.d.sync += turn.eq(Mux(self.replay, 0, turn + 1))
+        m.d.comb += [
+            last_s1.eq(self.closed & (next_s1 == self.end)),
+            there.eq((address_s1 != self.written) & (last_s1 | (next_s1 != self.written))),
+            goes.eq(reading_s1 & self.room & (turn == 0) & there),
+            self.idle.eq(~reading_s1),
+        ]
+        with m.If(self.replay):
+            m.d.sync += [reading_s1.eq(1), address_s1.eq(self.first), next_s1.eq(self.first + 1)]
+        with m.Elif(goes):
+            m.d.sync += [reading_s1.eq(~last_s1), address_s1.eq(next_s1), next_s1.eq(next_s1 + 1)]
+        with m.Elif(self.closed & (address_s1 == self.end)):  # a window without events
+            m.d.sync += reading_s1.eq(0)
+
+        # Stage 2: the memory's own register. Stage 3: its output register.
+        m.d.comb += read.addr.eq(Mux(reading_s1, address_s1, self.look))
+        m.d.sync += [self.o.payload[name].eq(read.data[name]) for name in read.data.shape().members]
+        m.d.sync += [
+            self.o.payload.last.eq(delay(m, last_s1, 1, name="last")),
+            self.o.valid.eq(delay(m, goes, 1, name="goes", valid=True)),
+        ]
+        return m

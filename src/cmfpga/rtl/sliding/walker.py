@@ -1,0 +1,102 @@
+"""Walker: where the next window begins."""
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from ...config.dither import DITHER_BITS, FACTORS
+from ...fixed import bits_for
+from .ring import Ring, address_bits
+
+
+def lengths(config):
+    """Layout of what a window may hold, as of :class:`cmfpga.reference.integer.sliding.HopSettings`."""
+    count, time = bits_for(config.buffer_events), config.span_bits
+    return data.StructLayout({"window_events": count, "window_us": time, "hop_events": count, "hop_us": time})
+
+
+class Walker(wiring.Component):
+    """Moves the begin b of the window on when a hop has closed, as far as the next hop's events ask for it.
+
+    Dropped are more than ``window_events`` − ``hop_events``, and events that were older than ``window_us`` − ``hop_us``
+    when the hop closed; after a pause of more than ``window_us`` all. It keeps the dither's phase at b, so that an
+    event keeps its own for as long as it stays; a window that shares no event with the last one begins it anew.
+
+    An event per cycle, after :attr:`latency` cycles: of d dropped events ``done`` is d + :attr:`latency` cycles after
+    ``go``. The ring's read port is its own for so long.
+
+    Parameters
+    ----------
+    config : Config
+
+    Members
+    -------
+    go : ``In(1)``
+        The hop has closed: ``end``, ``now`` and ``stale`` say where, when, and whether after a pause. Not while one
+        walks. The event before ``end`` can be read.
+    lengths : ``In``, :func:`lengths`
+    look, t : ``Out``, ``In``
+        A place, and the time of the event there, :attr:`Ring.latency <.ring.Ring.latency>` − 1 cycles later.
+    done : ``Out(1)``
+        One cycle. What follows is valid from then on until the next ``go``.
+    begin, t_first, empty : ``Out``
+        b; the time of its event, where there is one; there is none yet.
+    phase_x, phase_y : ``Out``
+        Its dither: (k + ½)·α.
+    """
+
+    latency = Ring.latency + 1
+
+    def __init__(self, config):
+        self.config = config
+        place = address_bits(config)
+        super().__init__(
+            {
+                "go": In(1),
+                "end": In(place),
+                "now": In(config.span_bits),
+                "stale": In(1),
+                "lengths": In(lengths(config)),
+                "look": Out(place),
+                "t": In(config.span_bits),
+                "done": Out(1),
+                "begin": Out(place),
+                "t_first": Out(config.span_bits),
+                "empty": Out(1, init=1),
+                **{f"phase_{axis}": Out(DITHER_BITS, init=f // 2) for axis, f in zip("xy", FACTORS, strict=True)},
+            }
+        )
+
+    def elaborate(self, platform):
+        config, lengths = self.config, self.lengths
+        m = Module()
+        phases = self.phase_x, self.phase_y
+        held = Signal.like(self.begin)  # events of the window
+        most = Signal.like(self.begin)  # how many of them may stay
+        now, oldest, stale = Signal.like(self.now), Signal(config.span_bits), Signal()
+        # A place is looked at in each cycle; what is there comes back in the same order.
+        walking = Signal()
+        arrived = Signal(Ring.latency)
+        drops = Signal()
+        m.d.comb += drops.eq((held != 0) & (stale | (held > most) | ((now - self.t)[: config.span_bits] > oldest)))
+        m.d.sync += [self.done.eq(0), arrived.eq((arrived << 1) | walking), self.look.eq(self.look + 1)]
+        with m.If(self.go):
+            m.d.sync += [
+                walking.eq(1),
+                self.look.eq(self.begin),
+                held.eq(self.end - self.begin),
+                most.eq(lengths.window_events - lengths.hop_events),
+                now.eq(self.now),
+                stale.eq(self.stale),
+                oldest.eq(Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us) - lengths.hop_us),
+                arrived.eq(0),
+            ]
+        with m.Elif(walking & arrived[-2]):
+            with m.If(drops):
+                m.d.sync += [self.begin.eq(self.begin + 1), held.eq(held - 1)]
+                m.d.sync += [phase.eq(phase + factor) for phase, factor in zip(phases, FACTORS, strict=True)]
+            with m.Else():
+                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(self.t), self.empty.eq(held == 0)]
+                with m.If(held == 0):
+                    m.d.sync += [phase.eq(factor // 2) for phase, factor in zip(phases, FACTORS, strict=True)]
+        return m

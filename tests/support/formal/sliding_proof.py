@@ -1,0 +1,152 @@
+"""The properties of the ring and of the walker: a word of a window is the one that was written, b never passes e."""
+
+from amaranth.hdl import Assert, Assume, Cat, Cover, Mux, Signal
+
+from cmfpga.config import Config
+from cmfpga.config.dither import FACTORS
+from support.formal.bank_proof import anything
+from support.formal.harness import Harness
+
+#: Eight places.
+TINY = Config(roi_width=4, roi_height=4, sensor_width=4, sensor_height=4, buffer_events=7, span_bits=4, time_bits=8)
+PLACES = 8
+
+
+class RingHarness(Harness):
+    """Any events, replays, ends and pauses; no event comes whose place a replay has still to read.
+
+    One place that the solver chooses is followed: what was written there last.
+    """
+
+    COVERS = 3
+    any_content = True
+
+    def properties(self, m, row, memories):
+        dut, (memory,) = self.dut, memories
+        word = memory.read.data.shape()
+        # Which the induction has to be told about. These names are not part of the interface.
+        reading, address, following = (self.register(name) for name in ("reading_s1", "address_s1", "next_s1"))
+        goes, last = (self.register(name, "comb") for name in ("goes", "last_s1"))
+        gone = self.register("goes_s1")
+        stored = Signal(range(PLACES))  # place of the event that comes
+        m.d.sync += stored.eq(stored + dut.i.valid)
+        free = dut.i.valid, dut.i.payload.as_value(), dut.replay, dut.first, dut.closed, dut.end, dut.room, dut.look
+        after = (stored + 1)[: len(stored)]
+        m.d.comb += [
+            *map(anything, free),
+            Assume(~(dut.replay & reading)),
+            # A replay begins among what can be read, or right behind it.
+            Assume(~(dut.replay & memory.write.en) | (dut.first != stored)),
+            Assume(~(dut.i.valid & reading) | (after != address)),
+            Assume(~(dut.i.valid & dut.replay) | (after != dut.first)),
+            Assert(stored == (dut.written + memory.write.en)[: len(stored)]),
+            Assert(memory.write.addr == dut.written),
+            Assert(~reading | (following == (address + 1)[: len(address)])),
+        ]
+
+        # A replay never passes what was written: counted, and not the difference of two places.
+        ahead = Signal(range(2 * PLACES))  # events that can be read and have not been
+        more = memory.write.en
+        with m.If(dut.replay):
+            m.d.sync += ahead.eq((dut.written - dut.first)[: len(address)] + more)
+        with m.Elif(reading):
+            m.d.sync += ahead.eq(ahead + more - goes)
+        m.d.comb += [
+            Assert(~reading | (ahead < PLACES)),
+            Assert(~reading | (ahead == (dut.written - address)[: len(address)])),
+            Assert(~reading | ~more | (ahead < PLACES - 1)),
+            Assert(~goes | (ahead != 0)),
+        ]
+
+        # What was written to that place last, before it is in the memory and while it is read. A register starts at a
+        # constant, so it holds the difference from the first word.
+        difference, wanted, out = Signal(word.size), [Signal(word.size) for _ in range(2)], [Signal() for _ in range(2)]
+        shadow = memory.first ^ difference
+        with m.If(dut.i.valid & (stored == row)):
+            m.d.sync += difference.eq(memory.first ^ dut.i.payload.as_value())
+        m.d.sync += [
+            out[0].eq(goes & (address == row)),
+            out[1].eq(out[0]),
+            wanted[0].eq(shadow),
+            wanted[1].eq(wanted[0]),
+        ]
+        event = {name: dut.o.payload[name] for name in word.members}
+        found = Signal(word)
+        m.d.comb += [found[name].eq(value) for name, value in event.items()]
+        written = memory.write.data.as_value()
+        m.d.comb += [
+            Assert(Mux(memory.written, written, memory.content.as_value()) == shadow),
+            Assert(~out[0] | (memory.read.data.as_value() == wanted[0])),
+            Assert(~out[1] | (dut.o.valid & (found.as_value() == wanted[1]))),
+            Assert(~out[0] | gone),
+        ]
+
+        # The last one is that before the end, and ends the replay.
+        ends = Signal()
+        m.d.comb += ends.eq(goes & dut.closed & (following == dut.end))
+        line = [Signal(2, name=f"ended_{n}") for n in range(2)]
+        m.d.sync += [line[0].eq(Cat(goes, ends)), line[1].eq(line[0])]
+        began = Signal()
+        m.d.sync += began.eq(dut.replay)
+        m.d.comb += [
+            Assert(~line[0][1] | ~reading | began),
+            Assert(line[0][0] == gone),
+            Assert(~line[0][0] | (self.register("last_s1") == line[0][1])),
+            Assert(dut.o.valid == line[1][0]),
+            Assert(~line[1][0] | (dut.o.payload.last == line[1][1])),
+        ]
+        waits = Signal()
+        with m.If(dut.replay):
+            m.d.sync += waits.eq(0)
+        with m.Elif(reading & dut.room & ~goes):
+            m.d.sync += waits.eq(1)
+        m.d.comb += [
+            Cover(goes & waits & (address == 0) & last),  # it waited, and went on from the last place to the first
+            Cover(out[1] & (found.as_value() != memory.first)),
+            Cover(reading & (ahead == PLACES - 1)),
+        ]
+
+
+class WalkerHarness(Harness):
+    """Any ends, lengths, and times of events."""
+
+    COVERS = 2
+
+    def properties(self, m, row, memories):
+        dut = self.dut
+        held, walking = self.register("held"), self.register("walking")
+        lengths, end, before = dut.lengths, Signal.like(dut.end), Signal.like(dut.begin)
+        asked, most = Signal(), Signal.like(dut.begin)
+        m.d.comb += [
+            *map(anything, (dut.go, dut.end, dut.now, dut.stale, lengths.as_value(), dut.t)),
+            Assume(~dut.go | ~(walking | asked)),
+            Assume(lengths.hop_events <= lengths.window_events),
+        ]
+        m.d.sync += [before.eq(dut.begin), asked.eq(dut.go)]
+        with m.If(dut.go):
+            m.d.sync += [end.eq(dut.end), most.eq(lengths.window_events - lengths.hop_events)]
+        moved = Signal.like(dut.begin)
+        m.d.comb += [
+            moved.eq(dut.begin - before),
+            Assert(~walking | (held == (end - dut.begin)[: len(end)])),
+            Assert(~dut.done | (held == (end - dut.begin)[: len(end)])),
+            Assert(~dut.done | (dut.empty == (held == 0))),
+            Assert(~dut.done | (held <= most)),  # no more than leave room for the hop
+            *(
+                Assert(~(dut.done & dut.empty) | (phase == factor // 2))
+                for phase, factor in zip((dut.phase_x, dut.phase_y), FACTORS, strict=True)
+            ),
+        ]
+        # b moves by one event, and never past e.
+        left, started = Signal(range(PLACES)), Signal()
+        m.d.sync += started.eq(dut.go)
+        with m.If(dut.go):
+            m.d.sync += left.eq((dut.end - dut.begin)[: len(end)])
+        with m.Else():
+            m.d.sync += left.eq(held)
+        m.d.comb += [
+            Assert(moved <= 1),
+            Assert(~(moved == 1) | (left != 0)),
+            Cover(dut.done & ~dut.empty & (dut.begin == 5)),
+            Cover(dut.done & dut.empty & (end == 6)),
+        ]
