@@ -132,7 +132,7 @@ def test_two_objects_of_which_one_turns(tmp_path, capsys):
     where = [
         f"--roi={name}={x},{y}" for name, (x, y) in zip("ab", (one.roi_start(64, 64) for one in made), strict=True)
     ]
-    fields = ["motion=similarity", "schedule_entries=64", "confidence_limit=30"]
+    fields = ["motion=similarity", "ascent=sign", "schedule_entries=64", "confidence_limit=30"]
     told = [tmp_path / "two.h5", "--preset", "objects", *(part for field in fields for part in ("--set", field))]
     told += ["--engine", "model", "--batch-us", "75000", "--batches", "1", "--no-picture", "--out", tmp_path]
     assert track.main([*map(str, told), *where]) == 0

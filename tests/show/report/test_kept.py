@@ -49,7 +49,7 @@ def test_long_tracks_keep_every_second_batch(monkeypatch):
 
 def test_of_a_track_without_an_end_the_first_batches_are_kept(monkeypatch, tmp_path):
     t = np.arange(2000) * 100
-    config = preset("fast").replace(cold="0:0", warm="0:0")
+    config = preset("fast").replace(cold="0:1:1", warm="0:1:1")
     monkeypatch.setattr(module, "MOST_ROWS", 15)
     kept = keep(config, MemoryRecording(Events(t, t % 240, t % 180, t % 2), 240, 180), roi=(0, 0), size=100)
     kept.save(tmp_path / FILE)
