@@ -66,7 +66,7 @@ PRESETS = {
         max_batch_events=32767,
         min_roi_events=30,
         # From the coarse tile's v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
-        warm="1:3/4:1 0:3/4:1/4 0:3/4:1/8",
+        warm="0:1:1 0:3/4:1/2 0:3/4:1/4",
         confidence_limit=12.0,
     ),
     "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),
