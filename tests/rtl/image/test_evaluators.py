@@ -14,6 +14,7 @@ from cmfpga.reference.integer.warp import warp
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image import evaluators, image_of, one_pass_gradient, one_pass_image
 from cmfpga.rtl.image.evaluators import Evaluators
+from cmfpga.rtl.sliding.placer import placed_event
 from support.bench import play
 from support.configs import ROUNDS
 from support.mutation import break_blocks
@@ -23,8 +24,8 @@ from support.values import edge_integers, tensor
 class Rounds(wiring.Component):
     """From scaled events to the sums of their evaluations."""
 
-    def __init__(self, config):
-        self.evaluators, self.image = Evaluators(config), image_of(config)(config, in_flight=9)
+    def __init__(self, config, event=None):
+        self.evaluators, self.image = Evaluators(config, event), image_of(config)(config, in_flight=9)
         names = ("i", "centre", "distance", "level")
         super().__init__(
             {name: self.evaluators.signature.members[name] for name in names}
@@ -46,13 +47,13 @@ class Rounds(wiring.Component):
         return m
 
 
-def rounds(config, rng, count):
+def rounds(config, rng, count, around=0):
     """``(x, y, dt, centre, number of the distance, level)`` of so many rounds of one to many events."""
     one, half, fmt = 1 << config.dt_frac, (1 << config.dither_frac) >> 1, config.formats.v
     for k in range(count):
         n = (1, 40, 2, 5)[k % 4]
         places = [
-            edge_integers(rng, -half, ((size - 1) << config.dither_frac) + max(0, half - 1), n)
+            edge_integers(rng, -half - around, ((size - 1) << config.dither_frac) + max(0, half - 1) + around, n)
             for size in (config.roi_width, config.roi_height)
         ]
         if k % 4 == 1:  # all in one place
@@ -73,13 +74,18 @@ def wanted(config, x, y, dt, centre, number, level):
         yield sums.named(config), int((images.i**2).sum())
 
 
-def check(config, rng, count=8):
+def check(config, rng, count=8, slides=False):
     """Cycles from a round's last evaluation to its last sums, when it has been compared."""
-    block = Rounds(config)
+    block, around = Rounds(config), 0
+    if slides:
+        placed = placed_event(config)
+        rest = {name: placed[name].shape for name in ("x", "y", "last")}
+        block = Rounds(config, payloads.layout(dt=payloads.Fixed(config.formats.dt), **rest))
+        around = min(config.roi_width, config.roi_height) << config.dither_frac
     pace, idle = 1 << config.geometry.turn_bits, config.one_pass.latency
     script = [{}] * (2 * config.geometry.bank_depth)  # the sweep after a reset
     right, ends = [], []
-    for x, y, dt, centre, number, level in rounds(config, rng, count):
+    for x, y, dt, centre, number, level in rounds(config, rng, count, around):
         begin = len(script)
         script.append({"centre": dict(zip("xy", centre, strict=True)), "distance": number, "next": 1})
         for k, event in enumerate(zip(dt.tolist(), x.tolist(), y.tolist(), strict=True)):
@@ -102,6 +108,12 @@ def check(config, rng, count=8):
 @pytest.mark.parametrize("name", ROUNDS)
 def test_sums_are_the_models(name, count, rng):
     check(ROUNDS[name].replace(evaluators=count), rng)
+
+
+@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("name", ROUNDS)
+def test_events_around_the_image_of_a_window_that_slides(name, count, rng):
+    check(ROUNDS[name].replace(evaluators=count), rng, slides=True)
 
 
 MUTANTS = {  # evaluators, module, old, new

@@ -127,9 +127,12 @@ def windows(hops, events, crops, rng, *, busy=(0, 40), gap=0.93, stall=0.3, **mo
             ctx.set(walk.go, 1)
             await ctx.tick()
             ctx.set(walk.go, 0)
+            cycles, last = 1, begin
             while not ctx.get(walk.done):
                 await ctx.tick()
+                cycles += 1
             begin, phases = ctx.get(walk.begin), (ctx.get(walk.phase_x), ctx.get(walk.phase_y))
+            assert cycles == (begin - last) % (1 << ring.address_bits(CONFIG)) + walk.latency
             first = None if ctx.get(walk.empty) else ctx.get(walk.t_first)
         done.append(True)
 

@@ -13,7 +13,8 @@ hop k is those from b(k) to e(k), without e(k).
    and the ROI stay. The next full window starts cold, with its own range of times as the unit of time; so does the
    first. A window is full when it holds ``window_events``, as far as its hop does, or when none has been degenerate for
    ``window_us``. Each further window starts from the last v, in px per half window, with the rounds of ``follow``:
-   their unit of time is the range of the window before, so that they can begin with event b(k) before the others come.
+   their unit of time is the range that the window has if its hop takes as long as the last one, so that they can begin
+   with event b(k) before the others come. Events that are later count as at its end.
    Without such rounds the warm schedule runs, and the unit is the window's own range. The rounds of ``after`` run
    after the result, on the same window. Either they judge: v stays, and the next result carries their sums, curvature
    and verdict; or they search: they move only the v from which the next hop starts.
@@ -83,7 +84,7 @@ class Hop:
     unit : int
         v is px per half of this, µs; 0 of a degenerate window.
     late : int
-        Events so late that their scaled time is limited.
+        Events after the unit's end, whose scaled time is limited to that.
     outcome : RegionOutcome
         ``roi`` is where the image lies, ``roi_next`` where events are cropped from the end of the next hop on.
     """
@@ -143,7 +144,7 @@ class Sliding:
         self._last_end = 0  # e(k−1)
         self._found = self._outside = self._back = 0  # of this hop: in the ROI, not thinned out yet; and others
         self._closed = self._latest = self._fresh = None  # T; the latest event's time; T after a degenerate window
-        self._unit, self._t_ref, self._followed = 0, 0, False
+        self._step, self._t_ref, self._followed = 0, 0, False  # the first is how long the last hop took, µs
         self._judged = None  # sums, flags and fields of the rounds after the last result, if they judge
         self._thinned = 0  # phase of the thinning
         self._frac = config.v_frac + config.dt_frac
@@ -219,7 +220,8 @@ class Sliding:
         trace = Trace.without_iterations(self.config, self.core.v)
         if self._followed:
             follows = hops.follow and not cold
-            unit = self._unit if follows else span
+            unit = self._ahead(t_first) if follows else span
+            unit = int(saturate(unit, 1, (1 << self.config.span_bits) - 1))
             plan = hops.follow if follows else self.config.ascent_rule.plan(settings, not cold)
             if cold:
                 self.core.v = tuple(settings.v_start)
@@ -259,7 +261,7 @@ class Sliding:
             outcome=outcome,
         )
         if self._followed:
-            self._unit, self._judged = span, None
+            self._judged = None
             if hops.after:
                 after, verdict, found, _ = self._ascend(hops.after, unit, corner, settings)
                 if hops.judges:
@@ -267,8 +269,13 @@ class Sliding:
                 else:
                     self.core.v = tuple(after.v[-1].tolist())
         self.crop = coming
+        self._step = step
         self._begin_hop(now, stale)
         return hop
+
+    def _ahead(self, t_first):
+        """The range of the window, if its hop takes as long as the last one."""
+        return self._step + (self._closed - t_first if self._begin < self._last_end else 0)
 
     def _ascend(self, plan, unit, corner, settings):
         """``(trace, flags, fields, late)`` of these rounds or iterations, from the core's v on."""
@@ -282,8 +289,7 @@ class Sliding:
             None,
             phase=self._begin - self._origin,
         )
-        found = self.core.ascend(batch, settings, plan, corner)
-        return *found, int((self.core.dt == self.config.formats.dt.max).sum())
+        return *self.core.ascend(batch, settings, plan, corner), int((t - t[0] > unit).sum())
 
     def _move(self, t_first, unit, cold, settings):
         """Carry the ROI on by the core's v, unless it stands still: what the sensor limited."""

@@ -33,10 +33,12 @@ class Evaluators(wiring.Component):
     ----------
     config : Config
         Of an ascent of four evaluations.
+    event : StructLayout, optional
+        Of a window that slides: ``dt``, ``x``, ``y`` and ``last``; its events lie in and around the image.
 
     Members
     -------
-    i : ``In``, flow of :func:`payloads.scaled_event`
+    i : ``In``, flow of :func:`payloads.scaled_event`, or of ``event``
     centre : ``In``, :func:`payloads.velocity`
     distance : ``In``, :func:`payloads.distance`
     level : ``In``
@@ -46,14 +48,14 @@ class Evaluators(wiring.Component):
         evaluations of an event; and ``last`` marks the last evaluation of the last event.
     """
 
-    def __init__(self, config):
+    def __init__(self, config, event=None):
         self.config = config
         self.voters = [BilinearVoter(config) for _ in range(config.evaluators)]
         self._moving = 5 if config.max_level else 4
         self.latency = self._moving + BilinearVoter.latency
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.scaled_event(config))),
+                "i": In(payloads.flow(event or payloads.scaled_event(config))),
                 "centre": In(payloads.velocity(config)),
                 "distance": In(payloads.distance(config)),
                 "level": In(bits_for(config.max_level)),

@@ -15,8 +15,8 @@ class TimeScaler(wiring.Component):
     dt = (2t − span)/span with t counted from t_1, so t_ref's half microsecond is not lost. Two multipliers, one
     for each half of a number that is too wide for those of some devices.
 
-    Where a window slides, ``span`` is the range of the one before: times reach twice as far from the middle, and are
-    limited to that.
+    Where a window slides, ``span`` is known before the events are: later ones count as at its end, and times before t_1
+    are limited to −2.
 
     One event per cycle; latency :attr:`latency` cycles.
 
@@ -96,7 +96,7 @@ class TimeScaler(wiring.Component):
         return m
 
     def _limited(self, m, numerator_s1, dt):
-        """``dt``, or the end of its format where it reaches farther: always from twice the span on."""
-        fmt, twice = self.config.formats.dt, self.span << 1
+        """``dt`` from −2 to 1. From twice the span on the product means nothing."""
+        low, high, twice = self.config.formats.dt.min, 1 << self.config.dt_frac, self.span << 1
         beyond = delay(m, Cat(numerator_s1 >= twice, numerator_s1 <= -twice), 4, name="beyond")
-        return Mux(beyond[1], fmt.min, Mux(beyond[0] | (dt > fmt.max), fmt.max, dt))
+        return Mux(beyond[1], low, Mux(beyond[0] | (dt > high), high, dt))
