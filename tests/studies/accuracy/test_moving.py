@@ -78,7 +78,7 @@ def test_hops_follow_a_reversal_that_batches_lose(capsys, monkeypatch, tmp_path)
 @pytest.mark.parametrize(
     "wrong, said",
     [
-        (["--preset", "fast-128"], "rounds are needed"),
+        (["--preset", "paper"], "rounds are needed"),
         (["--study", "plain"], "--moving: --study, --known and --engine all go without it"),
         (["--flow"], "one of them at a time"),
     ],
