@@ -44,7 +44,7 @@ def test_all_of_a_configuration_is_drawn(compiler):
     assert {(config.gradient, config.ascent, config.buffers) for config in drawn} == {
         (gradient, ascent, buffers)
         for gradient in GRADIENTS for ascent in ASCENTS for buffers in (1, 2)
-        if (gradient, ascent) != ("sweep", "newton")  # four images, of one pass
+        if gradient == "one_pass" or ascent == "constant"
     }  # fmt: skip
     assert any(config.roi_width % 2 and config.roi_height % 2 for config in drawn)
     for config in drawn[:20]:  # what is printed makes the same configuration
