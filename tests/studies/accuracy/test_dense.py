@@ -43,7 +43,9 @@ def test_without_recordings_it_is_the_scene_alone(capsys, tmp_path, monkeypatch)
     assert len(lines) == 3 and lines[2].startswith("| synthetic")
     (kept,) = json.loads((tmp_path / "scores.json").read_text())["results"].values()
     assert kept["scores"]["tiles"] == len(kept["values"]) > 140
-    assert kept["scores"]["median_px"] == pytest.approx(np.median(kept["values"])) and kept["scores"]["median_px"] < 0.31
+    assert (
+        kept["scores"]["median_px"] == pytest.approx(np.median(kept["values"])) and kept["scores"]["median_px"] < 0.31
+    )
 
 
 def test_the_bars_on_real_recordings(data_dir, tmp_path, monkeypatch):
