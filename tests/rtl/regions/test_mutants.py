@@ -43,7 +43,7 @@ MUTANTS = {  # module, old, new
     "a degenerate region forgets v": (collector, "Mux(outcome.degenerate, state.v.as_value(), outcome.v.as_value())",
                                       "outcome.v"),
     "a region does not move": (collector, "Mux(bit, v, 0)", "0"),
-    "never doubtful": (collector, "verdict.doubtful & probed", "verdict.doubtful & 0"),
+    "never doubtful": (collector, "verdict.doubtful & asked", "verdict.doubtful & 0"),
     "the last one is not": (collector, "done + 1 >= batch", "done >= batch"),
     "a row keeps its state": (regions, "write.valid & write.payload.fresh", "0"),
 }  # fmt: skip
