@@ -68,7 +68,8 @@ async def cycles_of_the_wrapper(dut):
     board, expected, settings = await begin(dut, form="PACKED")
     shell = AxiTop(CONFIG).shell
     assert shell.result_latency <= 20
-    await board.cycles(CONFIG.roi_width * CONFIG.roi_height)  # after a reset the image is cleared before the first event
+    # After a reset the image is cleared before the first event is taken in.
+    await board.cycles(CONFIG.roi_width * CONFIG.roi_height)
     for form, count in (("PACKED", 200), ("PACKED", 90), ("EVT21", 150), ("EVT20", 151)):
         await board.write("INPUT", FORMAT=form)
         await board.until("STATUS", "INPUT_PENDING", 0)
