@@ -3,7 +3,7 @@
 Where torch is installed the integer model computes the result. A board does without: ``golden.json`` holds it for the
 presets. After a change of the presets or of the arithmetic:
 
-    cmfpga driver.golden
+    python -m cmfpga.driver.golden
 """
 
 import json
