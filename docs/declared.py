@@ -68,14 +68,6 @@ def resources_table(name):
     return f"{made}\nYosys {stored['yosys']}.\n"
 
 
-def widths_table():
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["widths"]
-    kinds = ("lut", "ff", "bram36", "dsp")
-    rows = [(name, *(f"{row[kind]:,}".removesuffix(".0") for kind in kinds)) for name, row in stored.items()]
-    head = ("fraction bits: dt, v, position, weight, derivative, dither", *(resources.KINDS[kind] for kind in kinds))
-    return table(head, rows, right=range(1, len(head)))
-
-
 def region_registers_table():
     """What hardware of preset ``flow`` has beside that, and the word of a record that says whose it is."""
     known = {register.name for name in ("fast", "paper") for register in register_map(preset(name))}
@@ -110,5 +102,4 @@ DECLARED = {
     "fields": fields_table,
     "resources_fast": lambda: resources_table("fast"),
     "resources_paper": lambda: resources_table("paper"),
-    "resources_of_widths": widths_table,
 }

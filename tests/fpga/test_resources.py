@@ -1,7 +1,6 @@
 """Estimates of resources: stored baselines, so that growth is noticed; and what Yosys says is not misread."""
 
 import pytest
-from studies.accuracy.studies import WIDTHS
 
 from cmfpga.boards import DEFAULT
 from cmfpga.config import preset
@@ -88,11 +87,6 @@ def test_motions_are_like_their_baselines(name):
 @pytest.mark.parametrize("name", update.REGIONS)
 def test_regions_are_like_their_baselines(name):
     assert_like_baseline(update.core_alone("regions", name, update.REGIONS[name])[0], BASELINES["regions"][name], name)
-
-
-@pytest.mark.parametrize("widths", WIDTHS, ids=str)
-def test_word_widths_are_like_their_baselines(widths):
-    assert_like_baseline(update.widths_of(widths)[0], BASELINES["widths"][", ".join(map(str, widths))], widths)
 
 
 def test_a_register_that_others_read_is_not_lost():

@@ -10,8 +10,6 @@ import re
 import sys
 from pathlib import Path
 
-from studies.accuracy.studies import WIDTH_FIELDS, WIDTHS
-
 from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
 from cmfpga.fpga import place, resources
@@ -72,13 +70,6 @@ def axi_of(name):
     return current(f"{name} axi", stored.get("axi"), neutral, measure), neutral
 
 
-def widths_of(widths):
-    """Row of ``fast`` with other fraction bits, of the study of word widths; and the text."""
-    name = ", ".join(map(str, widths))
-    text = emitted(preset("fast").replace(**dict(zip(WIDTH_FIELDS, widths, strict=True))))[1]
-    return current(name, BASELINES["widths"].get(name), text, lambda: resources.core(text)), text
-
-
 def core_alone(kind, name, changes):
     """Row of a preset's core, some of its fields changed; and the text."""
     text = emitted(preset(name.split(",")[0]).replace(**changes))[1]
@@ -109,7 +100,7 @@ def main(what=None):
             BASELINES["fingerprints"][f"{name} placed"] = fingerprint(text, BASELINES["placed"][name], place)
             write(BASELINES)
         return
-    presets, rows, fingerprints = (BASELINES[part] for part in ("presets", "widths", "fingerprints"))
+    presets, fingerprints = (BASELINES[part] for part in ("presets", "fingerprints"))
     for name in PRESETS:
         core, text = core_of(name)
         presets[name] = core | {"axi": presets.get(name, {}).get("axi")}
@@ -118,12 +109,6 @@ def main(what=None):
         presets[name]["axi"], text = axi_of(name)
         fingerprints[f"{name} axi"] = fingerprint(text, presets[name]["axi"])
         write(BASELINES)
-    for widths in WIDTHS:
-        name = ", ".join(map(str, widths))
-        rows[name], text = widths_of(widths)
-        fingerprints[name] = fingerprint(text, rows[name])
-        write(BASELINES)
-
     for kind, cores in (("plain", PLAIN), ("motions", MOTIONS), ("regions", REGIONS)):
         for name, changes in cores.items():
             BASELINES[kind][name], text = core_alone(kind, name, changes)
