@@ -6,6 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from cmfpga.events import open_recording
 from cmfpga.events.numpy_files import Member
 from support.recordings import assert_reads, flip, make_events, refusal, structured
 
@@ -60,8 +61,21 @@ def test_archive_of_a_structured_array(tmp_path, rng):
     assert_reads(path, events, size=300)
 
 
+@pytest.mark.parametrize("order", ["x,y,p,t", "x,y,t,p", "t,p,x,y", "p,t,x,y"])
+def test_order_of_columns_without_names(save, rng, order):
+    events, at = make_events(rng), ["txyp".index(name) for name in order.split(",")]
+    path = save(table(events)[:, at])
+    assert_reads(path, events, size=300)
+    note = f"{path}: columns taken as {order}, as their values are; --columns gives another order"
+    for told, notes in ((None, [note]), (order, [])):
+        with open_recording(path, columns=told) as recording:
+            assert recording.notes() == notes
+
+
 def test_message_names_the_columns(save, rng):
-    assert "columns t, x, y, p" in refusal(save(table(make_events(rng))[:, [1, 2, 0, 3]]), "read")
+    """Where no order fits."""
+    message = refusal(save(table(make_events(rng))[::-1]), "read")
+    assert "(columns t, x, y, p; --columns (columns=) gives another order): time stamp of event" in message
 
 
 @pytest.mark.parametrize("array, message", [

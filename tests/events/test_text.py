@@ -41,6 +41,21 @@ def test_columns_in_the_order_that_is_told(txt, head):
     assert "line 2: t is 'x'" in refusal(txt("1 2 3 0\n1 2 3 x\n"), columns="p,x,y,t")
 
 
+def test_order_of_columns_without_names(txt, rng):
+    """As Metavision (commas) and eDVS (blanks) write them."""
+    events = make_events(rng)
+    for name, separator in (("events.csv", ","), ("edvs.txt", " ")):
+        rows = zip(events.x, events.y, events.p, events.t, strict=True)
+        path = txt("".join(f"{separator.join(map(str, row))}\n" for row in rows), name)
+        assert_reads(path, events)
+        with open_recording(path) as recording:
+            assert recording.notes() == [
+                f"{path}: columns taken as x,y,p,t, as their values are; --columns gives another order"
+            ]
+    message = refusal(txt("20 1 2 1\n10 1 2 0\n"), "read")
+    assert "(columns t, x, y, p; --columns (columns=) gives another order): time stamp of event 1" in message
+
+
 @pytest.mark.parametrize("columns", ["x,y,t", "x,y,t,t,p", "", "txyp", 3, [1, 2, 3, 4]])
 def test_columns_that_are_none(txt, columns):
     assert "t, x, y and p, each once, in their order are needed" in refusal(txt("1 2 3 0\n"), columns=columns)

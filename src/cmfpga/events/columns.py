@@ -38,6 +38,29 @@ def require_names(names, where):
     return found
 
 
+def guess_order(table):
+    """Names of the four columns of the first events, numbers without names: t, x, y, p unless that cannot be.
+
+    t is a column that never falls, p one of at most two codes; x stands before y. Another order than t, x, y, p, such
+    as the x, y, p, t of Metavision, is taken where it is the only one.
+    """
+    rising = [k for k in range(4) if (table[1:, k] >= table[:-1, k]).all()]
+    codes = [k for k in range(4) if len(np.unique(table[:, k])) <= 2]
+    fits = [(t, p) for t in rising for p in codes if t != p]
+    if (0, 3) in fits or len(fits) != 1:
+        return (*NAMES,)
+    ((t, p),) = fits
+    rest = iter("xy")
+    return tuple("t" if k == t else "p" if k == p else next(rest) for k in range(4))
+
+
+def order_notes(order, guessed):
+    """What is said of columns without names: of messages about events, and the notes where another order is taken."""
+    layout = f" (columns {', '.join(order)}{'; --columns (columns=) gives another order' * guessed})"
+    odd = guessed and order != (*NAMES,)
+    return layout, [f"columns taken as {','.join(order)}, as their values are; --columns gives another order"] * odd
+
+
 def as_events(data, time_unit=None):
     """:class:`Events` of whatever holds them in memory.
 
@@ -104,6 +127,7 @@ class Columns:
         self.close = close
         if order and (isinstance(source, dict) or source.dtype.names):
             raise RecordingError(f"{where}: columns {','.join(order)}: they have names of their own")
+        told = order
         self._order = order = order or (*NAMES,)
         self._source = source
         self._names = None
@@ -136,8 +160,9 @@ class Columns:
         if not shape[0]:
             raise RecordingError(f"{where}: no events")
         self._length = shape[0]
-        #: What messages add to the name.
-        self.layout = "" if isinstance(source, dict) or self._names else f" (columns {', '.join(order)})"
+        #: Whether the order is neither told nor in names; what messages add to the name.
+        self.assumed = not (told or isinstance(source, dict) or self._names)
+        self.layout = "" if isinstance(source, dict) or self._names else order_notes(order, False)[0]
 
     def __len__(self):
         return self._length
@@ -179,7 +204,7 @@ class ColumnsRecording(Recording):
         name = name or str(path)
         self._read_errors = read_errors
         first = columns()
-        self._layout = first.layout
+        self._layout, self._at = first.layout, range(4)
         source = "given" if time_unit else "file" if file_unit else "assumed"
         unit = time_unit or file_unit
         super().__init__(
@@ -187,9 +212,13 @@ class ColumnsRecording(Recording):
             time_unit_source=source,
         )  # fmt: skip
         with contextlib.closing(first):
-            sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))[0]
+            sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))
+        if first.assumed:
+            order = guess_order(np.stack(sample, axis=1))
+            self._layout, self._order_notes = order_notes(order, True)
+            self._at = [order.index(name) for name in NAMES]
         if unit is None:
-            self.time_unit = guess_unit(sample)
+            self.time_unit = guess_unit(sample[self._at[0]])
         self._offset_us = 0 if t_offset is None else int(to_us(t_offset, self.time_unit, f"{name}: t_offset")[0])
 
     @property
@@ -206,7 +235,8 @@ class ColumnsRecording(Recording):
         if self._closed:
             raise self._closed_error()
         try:
-            return columns.read(start, stop)
+            found = columns.read(start, stop)
+            return [found[k] for k in self._at]
         except self._read_errors as error:
             events = f"events {start} to {stop - 1}"
             raise RecordingError(f"{self.name}: {events} cannot be read {why(error)}") from None

@@ -57,6 +57,7 @@ class Recording(abc.ABC):
         self.time_unit = time_unit
         self.time_unit_source = time_unit_source
         self._closed = False
+        self._order_notes = []
 
     def chunks(self, start=0, size=CHUNK_EVENTS):
         """Iterator of :class:`Events` from event ``start`` (from 0) to the end, each of ``size``, the last of the rest.
@@ -102,13 +103,16 @@ class Recording(abc.ABC):
 
     def notes(self):
         """What is odd about the first events, for people; empty for most recordings."""
+        return [f"{self.name}: {note}" for note in (*self._order_notes, *self._odd_times())]
+
+    def _odd_times(self):
         with contextlib.suppress(RecordingError):  # told where the events are used
             t = next(self.chunks(0, SAMPLE_EVENTS)).t
             times, counts = np.unique(t, return_counts=True)
             most = int(counts.argmax())
             if len(t) >= _MIN_SAMPLE and counts[most] > _ONE_TIME * len(t):
                 return [
-                    f"{self.name}: {counts[most] / len(t):.0%} of the first {len(t):,} events share the time "
+                    f"{counts[most] / len(t):.0%} of the first {len(t):,} events share the time "
                     f"{times[most]} µs, so no motion can be seen in them: is the unit of time too coarse?"
                 ]
         return []

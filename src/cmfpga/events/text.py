@@ -6,8 +6,8 @@ file, or several of which one is ``events.txt``.
 
 A line of names before the first event, also as a comment, says which column is which (names: see ``columns.NAMES``,
 and ``on`` for the polarity); other columns are skipped. Behind a name may stand the unit of t (``t [us]``, ``t_us``),
-or the sensor's size (``x@240,y@180``, as ``faery`` writes it). Without names the columns are t, x, y, p, or as the
-caller says.
+or the sensor's size (``x@240,y@180``, as ``faery`` writes it). Without names the columns are as the caller says, or as
+:func:`~.columns.guess_order` does.
 
 Times are converted from their decimal digits, so they are exact to half a microsecond. The text is read in blocks,
 never as a whole; how many events there are is only known at its end.
@@ -24,7 +24,7 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
-from .columns import match_names, readable, why
+from .columns import guess_order, match_names, order_notes, readable, why
 from .recording import HEAD_BYTES, Format, check_sensor
 from .streamed import StreamedRecording
 from .textlines import PLAIN, Layout, LineError, parse_fast, parse_line, split_line
@@ -49,7 +49,13 @@ class TextRecording(StreamedRecording):
         self._member, self._gzipped = member, kind == "gzipped text"
         name = str(path) if member is None else f"{path}/{member}"
         super().__init__(path, kind, sensor=sensor, time_unit=time_unit, name=name)
-        self._skip_lines, self._layout, header_sensor, header_unit = self._read_header(columns)
+        self._skip_lines, named, header_sensor, header_unit = self._read_header(columns)
+        self._layout, self._where = named or PLAIN, name
+        if not named and len(table := self._first_fields(_FRACTION_LINES)):
+            order = guess_order(table)
+            self._layout = Layout(*map(order.index, "txyp"))
+            layout, self._order_notes = order_notes(order, True)
+            self._where += layout
         if sensor is None and header_sensor is not None:
             self.width, self.height = header_sensor
         if time_unit is None and header_unit is not None:
@@ -77,7 +83,11 @@ class TextRecording(StreamedRecording):
                 elif fields:  # names of any kind
                     layout = told
                 skip = number
-        return skip, told or layout or PLAIN, sensor, unit
+        return skip, told or layout, sensor, unit
+
+    @property
+    def where(self):
+        return self._where
 
     def _guess_unit(self):
         with contextlib.closing(self._lines()) as lines:
@@ -85,7 +95,7 @@ class TextRecording(StreamedRecording):
                 self._parse_line(number, line, 0)  # the first odd line is reported whatever the unit is
                 fields = split_line(line)
                 if fields and float(fields[self._layout.t]) % 1:
-                    return guess_unit(self._first_times())
+                    return guess_unit(self._first_fields(SAMPLE_EVENTS)[:, self._layout.t])
         with contextlib.closing(self._pieces(power=0)) as blocks:
             parts = []
             for columns in blocks:
@@ -94,12 +104,12 @@ class TextRecording(StreamedRecording):
                     break
         return guess_unit(np.concatenate(parts)) if parts else "us"
 
-    def _first_times(self):
-        """The first time stamps as they stand there, float64."""
+    def _first_fields(self, count):
+        """Fields of the first ``count`` lines as they stand there, float64; NaN for what is no number."""
         with contextlib.closing(self._lines()) as lines:
-            fields = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + SAMPLE_EVENTS))
-            texts = (field[self._layout.t] for field in fields if len(field) == self._layout.fields)
-            return np.array([float(text) for text in texts if _is_number(text)])
+            rows = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + count))
+            rows = [row for row in rows if len(row) == self._layout.fields]
+        return np.array([[float(f) if _is_number(f) else np.nan for f in row] for row in rows])
 
     # ---------------------------------------------------------------- blocks, lines, columns
 
