@@ -33,6 +33,8 @@ def same(path, expected, **options):
     ("01_evt21/legacy.raw", 6000, {}, (320, 320)),
     ("05_metavision_csv/events.csv", 3000, {}, (None, None)),
     ("05_metavision_csv/edvs.txt", 3000, {}, (None, None)),
+    ("12_polarity_codes/p12.npz", 1500, {}, (None, None)),
+    ("12_polarity_codes/p255.npz", 1500, {}, (None, None)),
 ])  # fmt: skip
 def test_scene(path, count, options, size):
     if not (CASES / path).exists():

@@ -78,6 +78,13 @@ def test_message_names_the_columns(save, rng):
     assert "(columns t, x, y, p; --columns (columns=) gives another order): time stamp of event" in message
 
 
+def test_minus_one_of_an_unsigned_byte(tmp_path):
+    np.savez(tmp_path / "a.npz", t=[1, 2, 3], x=[1, 1, 1], y=[1, 1, 1], p=np.array([1, 255, 1], np.uint8))
+    assert_reads(tmp_path / "a.npz", {"p": [1, 0, 1]})
+    with open_recording(tmp_path / "a.npz") as recording:
+        assert "1 (2), 255 (1); those above 0, but for 255, are taken as brighter" in recording.notes()[0]
+
+
 @pytest.mark.parametrize("array, message", [
     (np.zeros((5, 3)), "array of 5×3; N×4"),
     (np.zeros(5), "array of 5; N×4"),

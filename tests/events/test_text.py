@@ -313,7 +313,7 @@ def test_csv_as_faery_writes_it(tmp_path, rng):
 @pytest.mark.parametrize("content, message", [
     ("t,x,y,p\n1,2,3\n", "line 2: 3 fields in '1,2,3'; 4 are needed (t x y p)"),
     ("a,x,y,t,p\n0,1,2,3\n", "line 2: 4 fields in '0,1,2,3'; 5 are needed (… x y t p)"),
-    ("t,x,y,polarity,t\n0,1,2,3,4\n", "polarity of event 0 is 3"),
+    ("t,x,y,polarity,t\n0,1,2,33,4\n", "polarity of event 0 is 33"),
     ("when,x,y,p\n0,1,2,1\n", "line 1: t is 'when'; a number is needed"),
     ("t,x,y,p\nt,x,y,p\n1,2,3,1\n", "line 2: t is 't'; a number is needed"),
     ("t,x@0,y@180,p\n1,2,3,1\n", "line 1: sensor of 0×180 px"),

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from .arrays import Events
+from .checks import highest_off
 from .recording import Recording, check_sensor
 from .units import SAMPLE_EVENTS, guess_unit, to_us
 
@@ -217,6 +218,7 @@ class ColumnsRecording(Recording):
             order = guess_order(np.stack(sample, axis=1))
             self._layout, self._order_notes = order_notes(order, True)
             self._at = [order.index(name) for name in NAMES]
+        self._highest_off = highest_off(sample[self._at[3]])
         if unit is None:
             self.time_unit = guess_unit(sample[self._at[0]])
         self._offset_us = 0 if t_offset is None else int(to_us(t_offset, self.time_unit, f"{name}: t_offset")[0])

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from .arrays import Events
-from .checks import EventChecker
+from .checks import EventChecker, polarity_notes
 from .units import SAMPLE_EVENTS, parse_unit
 
 CHUNK_EVENTS = 1 << 16
@@ -57,7 +57,7 @@ class Recording(abc.ABC):
         self.time_unit = time_unit
         self.time_unit_source = time_unit_source
         self._closed = False
-        self._order_notes = []
+        self._order_notes, self._highest_off = [], 0
 
     def chunks(self, start=0, size=CHUNK_EVENTS):
         """Iterator of :class:`Events` from event ``start`` (from 0) to the end, each of ``size``, the last of the rest.
@@ -80,7 +80,7 @@ class Recording(abc.ABC):
         return self._checked(start, size)
 
     def _checked(self, start, size):
-        check = EventChecker(self.where, self.width, self.height, start)
+        check = EventChecker(self.where, self.width, self.height, start, self._highest_off)
         for columns in self._columns(start, size):
             yield Events(*check(*columns))
 
@@ -103,7 +103,12 @@ class Recording(abc.ABC):
 
     def notes(self):
         """What is odd about the first events, for people; empty for most recordings."""
-        return [f"{self.name}: {note}" for note in (*self._order_notes, *self._odd_times())]
+        return [f"{self.name}: {note}" for note in (*self._order_notes, *self._odd_polarities(), *self._odd_times())]
+
+    def _odd_polarities(self):
+        with contextlib.suppress(RecordingError):  # told where the events are used
+            return polarity_notes(next(self._columns(0, SAMPLE_EVENTS))[3])
+        return []
 
     def _odd_times(self):
         with contextlib.suppress(RecordingError):  # told where the events are used

@@ -24,6 +24,7 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
+from .checks import highest_off
 from .columns import guess_order, match_names, order_notes, readable, why
 from .recording import HEAD_BYTES, Format, check_sensor
 from .streamed import StreamedRecording
@@ -51,11 +52,13 @@ class TextRecording(StreamedRecording):
         super().__init__(path, kind, sensor=sensor, time_unit=time_unit, name=name)
         self._skip_lines, named, header_sensor, header_unit = self._read_header(columns)
         self._layout, self._where = named or PLAIN, name
-        if not named and len(table := self._first_fields(_FRACTION_LINES)):
+        table = self._first_fields(_FRACTION_LINES)
+        if not named and len(table):
             order = guess_order(table)
             self._layout = Layout(*map(order.index, "txyp"))
             layout, self._order_notes = order_notes(order, True)
             self._where += layout
+        self._highest_off = highest_off(table[:, self._layout.p]) if len(table) else 0
         if sensor is None and header_sensor is not None:
             self.width, self.height = header_sensor
         if time_unit is None and header_unit is not None:
