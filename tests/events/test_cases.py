@@ -9,35 +9,38 @@ from cmfpga.events import open_recording
 from support.recordings import read_all
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
-_SCENE = "01_evt21"  # whose events most of the others hold, too
 
 
-def scene(count, **changes):
-    """The first ``count`` events of the scene as columns; ``changes`` are functions of a column."""
-    with np.load(CASES / _SCENE / "expected.npz") as file:
+def small(columns):
+    """The scene on a sensor of 128×128."""
+    return columns | {"x": columns["x"] - 60, "y": columns["y"] - 50}
+
+
+def tiny(columns):
+    """The scene on a sensor of 34×34."""
+    return columns | {"x": columns["x"] % 34, "y": columns["y"] % 34}
+
+
+# The events are the first ``count`` of one scene, but for those that a folder of its own has.
+@pytest.mark.parametrize("path, count, options, size, change", [
+    ("01_evt21/genx320.raw", 6000, {}, (320, 320), None),
+    ("01_evt21/legacy.raw", 6000, {}, (320, 320), None),
+    ("05_metavision_csv/events.csv", 3000, {}, (None, None), None),
+    ("05_metavision_csv/edvs.txt", 3000, {}, (None, None), None),
+    ("06_v2e_aedat2/v2e.aedat", 3000, {"sensor": (346, 260)}, (346, 260), None),
+    ("10_dvs128_aedat2/dvs128.aedat", 2000, {}, (128, 128), small),
+    ("12_polarity_codes/p12.npz", 1500, {}, (None, None), None),
+    ("12_polarity_codes/p255.npz", 1500, {}, (None, None), None),
+])  # fmt: skip
+def test_right_events(path, count, options, size, change):
+    folder = CASES / path.split("/")[0]
+    if not folder.exists():
+        pytest.skip("no such case here")
+    own = folder / "expected.npz"
+    with np.load(own if own.exists() else CASES / "01_evt21" / "expected.npz") as file:
         columns = {name: file[name][:count] for name in "txyp"}
-    return columns | {name: change(columns[name]) for name, change in changes.items()}
-
-
-def same(path, expected, **options):
     with open_recording(CASES / path, **options) as recording:
         found = read_all(recording)
-        recording.notes()
-    for name, column in expected.items():
+        assert (recording.width, recording.height) == size
+    for name, column in (change(columns) if change else columns).items():
         np.testing.assert_array_equal(getattr(found, name), column, err_msg=name)
-    return recording
-
-
-@pytest.mark.parametrize("path, count, options, size", [
-    ("01_evt21/genx320.raw", 6000, {}, (320, 320)),
-    ("01_evt21/legacy.raw", 6000, {}, (320, 320)),
-    ("05_metavision_csv/events.csv", 3000, {}, (None, None)),
-    ("05_metavision_csv/edvs.txt", 3000, {}, (None, None)),
-    ("12_polarity_codes/p12.npz", 1500, {}, (None, None)),
-    ("12_polarity_codes/p255.npz", 1500, {}, (None, None)),
-])  # fmt: skip
-def test_scene(path, count, options, size):
-    if not (CASES / path).exists():
-        pytest.skip("no such case here")
-    recording = same(path, scene(count), **options)
-    assert (recording.width, recording.height) == size

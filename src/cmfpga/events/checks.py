@@ -116,6 +116,6 @@ def polarity_notes(p):
     found = ", ".join(f"{code:g} ({count:,})" for code, count in zip(codes, counts, strict=True))
     beyond = f", but for {_CODES[-1]}," if codes[-1] == _CODES[-1] else ""
     return [
-        f"polarities of the first {len(p):,} events: {found}; those above {highest_off(p)}{beyond} are taken as brighter "
-        "(contrast needs none)"
+        f"polarities of the first {len(p):,} events: {found}; those above {highest_off(p)}{beyond} are taken as "
+        "brighter (contrast needs none)"
     ]

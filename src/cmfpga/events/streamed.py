@@ -7,6 +7,10 @@ import numpy as np
 
 from ..errors import RecordingError
 from .recording import Recording
+from .units import to_us
+
+#: Decoded at a time.
+RECORDS = 1 << 16
 
 
 class StreamedRecording(Recording):
@@ -85,6 +89,43 @@ class StreamedRecording(Recording):
                 raise RecordingError(f"{self.name}: no events")
         finally:
             pieces.close()
+
+
+class RecordsRecording(StreamedRecording):
+    """A recording of records of one size behind a header of ``begin`` bytes, with times of few bits, which wrap."""
+
+    record_bytes: int
+    time_bits: int
+
+    def __init__(self, path, format, *, begin=0, sensor, time_unit):
+        self._begin = begin
+        super().__init__(path, format, sensor=sensor, time_unit=time_unit)
+        self._require_events()
+
+    @abc.abstractmethod
+    def _decode(self, content):
+        """``(t, x, y, p)`` of whole records, int64; t as it stands there."""
+
+    def _pieces(self):
+        wraps, last, count = 0, 0, 0
+        with self.path.open("rb") as file:
+            file.seek(self._begin)
+            while content := file.read(RECORDS * self.record_bytes):
+                rest = len(content) % self.record_bytes
+                t, *others = self._decode(content[: len(content) - rest])
+                if len(t):
+                    # Half the range back is a wrap; less is a step back, which the checks report.
+                    back = np.diff(t, prepend=last) < -(1 << self.time_bits - 1)
+                    last = int(t[-1])
+                    t = t + (wraps + np.cumsum(back) << self.time_bits)
+                    wraps += int(back.sum())
+                    yield to_us(t, self.time_unit, self.name, count), *others
+                    count += len(t)
+                if rest:
+                    raise RecordingError(
+                        f"{self.name}: truncated: {rest} of {self.record_bytes} bytes of the last record are there; "
+                        f"the {count} events before were read"
+                    )
 
 
 def _join(parts):
