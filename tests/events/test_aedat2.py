@@ -83,8 +83,8 @@ def test_truncated(tmp_path):
 @pytest.mark.parametrize("header, message", [
     (b"#!AER-DAT2.0\r\n", "no line '# AEChip:' in the header; a DAVIS240, DAVIS346 or DVS128 is needed, or --sensor"),
     (AEDAT2_HEADER.replace(b"davis.DAVIS240C", b"cDVSTest"), "chip 'cDVSTest'; a DAVIS240, DAVIS346 or DVS128"),
-    (b"#!AER-DAT3.1\r\n#Format: RAW\r\n", "AEDAT '3.1'; version 2.0 or 4.0 is needed"),
-    (b"#!AER-DAT\xff\r\n", "version 2.0 or 4.0 is needed"),
+    (b"#!AER-DAT3.0\r\n#Format: RAW\r\n", "AEDAT '3.0'; version 2.0, 3.1 or 4.0 is needed"),
+    (b"#!AER-DAT\xff\r\n", "version 2.0, 3.1 or 4.0 is needed"),
 ])  # fmt: skip
 def test_not_read(tmp_path, header, message):
     assert re.search(f"^: .*{re.escape(message)}", refusal(write_aedat2(tmp_path / "a.aedat", WORDS, header)))

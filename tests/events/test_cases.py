@@ -16,11 +16,6 @@ def small(columns):
     return columns | {"x": columns["x"] - 60, "y": columns["y"] - 50}
 
 
-def tiny(columns):
-    """The scene on a sensor of 34×34."""
-    return columns | {"x": columns["x"] % 34, "y": columns["y"] % 34}
-
-
 # The events are the first ``count`` of one scene, but for those that a folder of its own has.
 @pytest.mark.parametrize("path, count, options, size, change", [
     ("01_evt21/genx320.raw", 6000, {}, (320, 320), None),
@@ -28,6 +23,8 @@ def tiny(columns):
     ("05_metavision_csv/events.csv", 3000, {}, (None, None), None),
     ("05_metavision_csv/edvs.txt", 3000, {}, (None, None), None),
     ("06_v2e_aedat2/v2e.aedat", 3000, {"sensor": (346, 260)}, (346, 260), None),
+    ("08_nmnist_bin/digit.bin", 2000, {}, (None, None), small),
+    ("09_aedat31/gesture.aedat", 2000, {}, (128, 128), small),
     ("10_dvs128_aedat2/dvs128.aedat", 2000, {}, (128, 128), small),
     ("12_polarity_codes/p12.npz", 1500, {}, (None, None), None),
     ("12_polarity_codes/p255.npz", 1500, {}, (None, None), None),

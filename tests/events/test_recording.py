@@ -161,7 +161,7 @@ NO_RECORDINGS = [
     ("folder", folder, "a directory"),
     ("pipe.txt", pipe, "not a regular file"),
     *((name, empty, "the file is empty") for name in ("a.h5", "a.txt", "a.npy", "a.npz", "a.zip", "a")),
-    *((name, any_bytes, r"format not known; .*HDF5 \(\.h5.*text \(\.txt") for name in ("a.bin", "a.rosbag", "a")),
+    *((name, any_bytes, r"format not known; .*HDF5 \(\.h5.*text \(\.txt") for name in ("a.blob", "a.rosbag", "a")),
     *((f"a.{suffix}", any_bytes, "does not begin like it") for suffix in SUFFIXES),
 ]
 

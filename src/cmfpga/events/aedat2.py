@@ -28,6 +28,11 @@ _DVS128 = (128, 128)
 _CHIPS = {"DAVIS240": (240, 180), "DAVIS346": (346, 260), "DVS128": _DVS128, "TMPDIFF128": _DVS128}
 
 
+def chip_size(name):
+    """``(width, height)`` of the sensor of a chip; None if its name is not known."""
+    return next((size for begin, size in _CHIPS.items() if name.upper().startswith(begin)), None)
+
+
 class Aedat2Recording(RecordsRecording):
     """Events of an AEDAT 2.0 file."""
 
@@ -45,7 +50,7 @@ class Aedat2Recording(RecordsRecording):
                 begin = file.tell()
             file.seek(begin)
             first = self._words(file.read(_SAMPLE_BYTES))[:, 0]
-        size = next((size for name, size in _CHIPS.items() if (chip or "").upper().startswith(name)), None)
+        size = chip_size(chip or "")
         self._small = size == _DVS128 or (size is None and len(first) > 0 and not (first >> 16).any())
         size = size or (_DVS128 if self._small else sensor)
         if size is None:
@@ -76,11 +81,11 @@ class Aedat2Recording(RecordsRecording):
 def _refuse(path, *, time_unit=None, sensor=None):
     with path.open("rb") as file:
         version = file.readline(40)[9:].strip().decode("latin-1")
-    raise RecordingError(f"{path}: AEDAT {version!r}; version 2.0 or 4.0 is needed")
+    raise RecordingError(f"{path}: AEDAT {version!r}; version 2.0, 3.1 or 4.0 is needed")
 
 
 FORMATS = (
-    # Asked last of the three: any other version.
+    # Asked last: any other version.
     Format("AEDAT", (".aedat",), lambda head, path: head.startswith(b"#!AER-DAT"), _refuse),
     Format("AEDAT 2.0", (".aedat",), lambda head, path: head.startswith(_MAGIC), Aedat2Recording),
 )
