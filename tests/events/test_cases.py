@@ -28,6 +28,11 @@ def small(columns):
     ("10_dvs128_aedat2/dvs128.aedat", 2000, {}, (128, 128), small),
     ("12_polarity_codes/p12.npz", 1500, {}, (None, None), None),
     ("12_polarity_codes/p255.npz", 1500, {}, (None, None), None),
+    ("17_evimo2_npy", 2000, {}, (None, None), None),
+    ("17_evimo2_npy/dataset_events_t.npy", 2000, {}, (None, None), None),
+    ("18_raw_without_header/dump.raw", 2000, {"form": "evt2", "sensor": (320, 320)}, (320, 320), None),
+    ("19_fractions/ms.csv", 6000, {}, (None, None), None),
+    ("19_fractions/us.csv", 6000, {}, (None, None), None),
 ])  # fmt: skip
 def test_right_events(path, count, options, size, change):
     folder = CASES / path.split("/")[0]

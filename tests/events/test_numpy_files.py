@@ -85,6 +85,25 @@ def test_minus_one_of_an_unsigned_byte(tmp_path):
         assert "1 (2), 255 (1); those above 0, but for 255, are taken as brighter" in recording.notes()[0]
 
 
+@pytest.mark.parametrize("parts", [("t", "xy", "p"), ("t", "x", "y", "p")])
+def test_files_of_a_column_each(tmp_path, rng, parts):
+    """As EVIMO2 has them: each stands for all, and so does their folder."""
+    events = make_events(rng)
+    for part in parts:
+        array = np.stack([getattr(events, name) for name in part], axis=1)
+        np.save(tmp_path / f"dataset_events_{part}.npy", array if part == "xy" else array[:, 0])
+    np.save(tmp_path / "depth_t.npy", np.zeros(3))
+    for path in (tmp_path, *(tmp_path / f"dataset_events_{part}.npy" for part in parts)):
+        assert_reads(path, events, size=300)
+    (tmp_path / "dataset_events_p.npy").unlink()
+    assert ": a directory; a file is needed" in refusal(tmp_path)
+    assert "array of 1000; N×4" in refusal(tmp_path / "dataset_events_t.npy")
+    if "xy" in parts:
+        np.save(tmp_path / "dataset_events_p.npy", events.p)
+        np.save(tmp_path / "dataset_events_xy.npy", events.x)
+        assert "dataset_events_xy.npy: array of 1000; N×2 of x and y is needed" in refusal(tmp_path)
+
+
 @pytest.mark.parametrize("array, message", [
     (np.zeros((5, 3)), "array of 5×3; N×4"),
     (np.zeros(5), "array of 5; N×4"),

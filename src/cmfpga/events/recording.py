@@ -153,7 +153,8 @@ class Format:
     extensions : tuple of str
         Usual file extensions, lower case, with the dot. Only used where the content does not decide.
     matches : callable
-        ``matches(head, path)``: whether the file is of this format, from its first ``HEAD_BYTES`` bytes.
+        ``matches(head, path)``: whether the file is of this format, from its first ``HEAD_BYTES`` bytes; none of a
+        folder.
     open : callable
         ``open(path, time_unit=, sensor=)``: the :class:`Recording`; both arguments are checked, or None.
     options : tuple of str
@@ -194,7 +195,7 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file; or a folder, where a format is one.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Unit of the time stamps; by default found as ``cmfpga.events.units`` says.
     sensor : (int, int), optional
@@ -234,6 +235,8 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
                 able = ", ".join(other.name for other in _FORMATS if name in other.options)
                 raise RecordingError(f"{path}: {fmt.name}; {name} can be told of {able} only")
             return fmt.open(path, time_unit=time_unit, sensor=sensor, **given)
+    if path.is_dir():
+        raise RecordingError(f"{path}: a directory; a file is needed, or a folder of t.npy, xy.npy and p.npy")
     known = "; ".join(f"{fmt.name} ({', '.join(fmt.extensions)})" for fmt in _FORMATS)
     for fmt in _FORMATS:
         if path.suffix.lower() in fmt.extensions:
@@ -273,7 +276,7 @@ def check_columns(columns, where):
 def _read_head(path):
     try:
         if path.is_dir():
-            raise RecordingError(f"{path}: a directory; a file is needed")
+            return b""
         if path.exists() and not path.is_file():
             raise RecordingError(f"{path}: not a regular file; pipes and devices cannot be read")
         with path.open("rb") as file:

@@ -203,7 +203,7 @@ def _is_text(head, path):
     # Event cameras' binary formats also begin with lines of text: AEDAT with "#!AER-DAT", Prophesee RAW with "% ".
     if head.startswith((b"#!AER-DAT", b"% ")):
         return False
-    return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
+    return bool(head) and not any(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
 
 
 def _is_zip(head, path):
