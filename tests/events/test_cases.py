@@ -9,6 +9,12 @@ from cmfpga.events import open_recording
 from support.recordings import read_all
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
+BAGS = ("ros1.bag", "ros2", "ros2/ros2.mcap")
+
+
+def later(columns):
+    """The scene in the time of ROS."""
+    return columns | {"t": columns["t"] + 1_700_000_000 * 10**6}
 
 
 def small(columns):
@@ -20,6 +26,8 @@ def small(columns):
 @pytest.mark.parametrize("path, count, options, size, change", [
     ("01_evt21/genx320.raw", 6000, {}, (320, 320), None),
     ("01_evt21/legacy.raw", 6000, {}, (320, 320), None),
+    *((f"04_rosbag/{name}", 3000, {"dataset": "/event_camera/events"}, (640, 480), None) for name in BAGS),
+    *((f"04_rosbag/{name}", 3000, {"dataset": "/dvs/events"}, (640, 480), later) for name in BAGS),
     ("05_metavision_csv/events.csv", 3000, {}, (None, None), None),
     ("05_metavision_csv/edvs.txt", 3000, {}, (None, None), None),
     ("06_v2e_aedat2/v2e.aedat", 3000, {"sensor": (346, 260)}, (346, 260), None),
@@ -38,6 +46,8 @@ def test_right_events(path, count, options, size, change):
     folder = CASES / path.split("/")[0]
     if not folder.exists():
         pytest.skip("no such case here")
+    if "rosbag" in path:
+        pytest.importorskip("rosbags")
     own = folder / "expected.npz"
     with np.load(own if own.exists() else CASES / "01_evt21" / "expected.npz") as file:
         columns = {name: file[name][:count] for name in "txyp"}

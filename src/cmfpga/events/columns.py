@@ -281,6 +281,9 @@ _WHOLE = (
     ("Python objects|No NumPy equivalent|unsupported type", "of an unsupported type", "numbers t, x, y, p are needed"),
     (r"superblock version|unknown version|has version|expected 2\.x", "of an unknown version",
      "a newer release of the package that reads it, or a copy in another format, is needed"),
+    ("storage format", "of another extension", ".mcap or .db3 is needed"),
+    ("Profile is not ros2|Bag version", "of another kind", "a copy by 'ros2 bag convert' is needed"),
+    ("not indexed", "closed without its index", "'rosbag reindex' makes it"),
     ("lock file", "in use", "close the program that writes it, or take a copy"),
     ("external raw data|can't open file", "incomplete", "it refers to another file, which is needed beside it"),
 )  # fmt: skip

@@ -203,7 +203,7 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
     columns : str or sequence of str, optional
         Names of the columns in their order, ``"x,y,t,p"``, for text without names and for N×4; others are skipped.
     dataset : str, optional
-        Path inside of HDF5: a data set, or a group of them.
+        Path inside of HDF5: a data set, or a group of them. Or a topic of a ROS bag.
     form : str, optional
         The format of a file that does not say it, one of :func:`forms`: ``"evt2"`` of words without a header, …
 
@@ -236,7 +236,9 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
                 raise RecordingError(f"{path}: {fmt.name}; {name} can be told of {able} only")
             return fmt.open(path, time_unit=time_unit, sensor=sensor, **given)
     if path.is_dir():
-        raise RecordingError(f"{path}: a directory; a file is needed, or a folder of t.npy, xy.npy and p.npy")
+        raise RecordingError(
+            f"{path}: a directory; a file is needed, a bag of ROS 2, or a folder of t.npy, xy.npy and p.npy"
+        )
     known = "; ".join(f"{fmt.name} ({', '.join(fmt.extensions)})" for fmt in _FORMATS)
     for fmt in _FORMATS:
         if path.suffix.lower() in fmt.extensions:

@@ -22,6 +22,8 @@ class StreamedRecording(Recording):
 
     #: Whether reading all of it takes little time, beside all that is done with its events.
     fast = True
+    #: Events ahead of the first word of EVT's time that were met.
+    _early = 0
 
     def __init__(self, path, format, *, sensor, time_unit, name=None):
         super().__init__(
@@ -39,6 +41,10 @@ class StreamedRecording(Recording):
             for t, *_ in pieces:
                 count, last = count + len(t), int(t[-1])
         return count, last
+
+    def notes(self):
+        early = [f"{self.name}: {self._early:,} events ahead of the first time word have no time: they are left out"]
+        return [*super().notes(), *early * bool(self._early)]
 
     @abc.abstractmethod
     def _pieces(self):
