@@ -63,7 +63,7 @@ def test_columns_that_are_none(txt, columns):
 
 def test_what_cannot_be_told(txt, tmp_path):
     path = txt("1 2 3 0\n")
-    assert "text; dataset can be told of HDF5 only" in refusal(path, dataset="a")
+    assert "text; dataset can be told of ROS 2 bag, ROS 1 bag, HDF5 only" in refusal(path, dataset="a")
     path.write_bytes(gzip.compress(b"\0\1\2"))
     assert "gzip of something else than text; text is needed" in refusal(path)
     path.write_bytes(gzip.compress(b""))

@@ -111,8 +111,9 @@ class TextRecording(StreamedRecording):
         """Fields of the first ``count`` lines as they stand there, float64; NaN for what is no number."""
         with contextlib.closing(self._lines()) as lines:
             rows = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + count))
-            rows = [row for row in rows if len(row) == self._layout.fields]
-        return np.array([[float(f) if _is_number(f) else np.nan for f in row] for row in rows])
+            fields = (field for row in rows if len(row) == self._layout.fields for field in row)
+            values = np.fromiter((float(field) if _is_number(field) else np.nan for field in fields), float)
+        return values.reshape(-1, self._layout.fields)
 
     # ---------------------------------------------------------------- blocks, lines, columns
 
