@@ -52,6 +52,9 @@ def test_order_of_columns_without_names(txt, rng):
             assert recording.notes() == [
                 f"{path}: columns taken as x,y,p,t, as their values are; --columns gives another order"
             ]
+    assert refusal(txt("when,x,y,p\n1,2,3,1\n")).endswith(
+        "a number is needed; --columns (columns=) says which is which"
+    )
     message = refusal(txt("20 1 2 1\n10 1 2 0\n"), "read")
     assert "(columns t, x, y, p; --columns (columns=) gives another order): time stamp of event 1" in message
 
@@ -301,6 +304,16 @@ def test_what_names_say_of_unit_and_sensor(txt):
     with open_recording(path, time_unit="us", sensor=(300, 200)) as recording:
         assert (recording.time_unit, recording.time_unit_source) == ("us", "given")
         assert recording.width == 300
+
+
+@pytest.mark.parametrize(
+    "head", ["%geometry:640,480\n", "%geometry:640x480\n%x,y,p,t\n", "%geometry:640,480\nx,y,p,timestamp_us\n"]
+)
+def test_the_head_of_metavision(txt, rng, head):
+    events = make_events(rng, 20)
+    rows = zip(events.x, events.y, events.p, events.t, strict=True)
+    recording = assert_reads(txt(head + "".join(f"{x},{y},{p},{t}\n" for x, y, p, t in rows)), events)
+    assert (recording.width, recording.height) == (640, 480)
 
 
 def test_csv_as_faery_writes_it(tmp_path, rng):

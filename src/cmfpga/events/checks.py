@@ -111,7 +111,8 @@ def highest_off(p):
 def polarity_notes(p):
     """What is said of unusual codes among the first polarities, as they stand in a file."""
     codes, counts = np.unique(p, return_counts=True)
-    if set(codes.tolist()) <= {0, 1} or set(codes.tolist()) <= {-1, 1}:
+    told = set(codes.tolist())
+    if told <= {0, 1} or told <= {-1, 1} or not told <= {*_CODES}:  # the checks report others
         return []
     found = ", ".join(f"{code:g} ({count:,})" for code, count in zip(codes, counts, strict=True))
     beyond = f", but for {_CODES[-1]}," if codes[-1] == _CODES[-1] else ""

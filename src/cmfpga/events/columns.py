@@ -11,6 +11,8 @@ from .checks import highest_off
 from .recording import Recording, check_sensor
 from .units import SAMPLE_EVENTS, guess_unit, to_us
 
+_MIN_EVENTS = 10  # by which an order of columns is told
+
 # Names under which the four columns are found, in data sets, archives and structured arrays.
 NAMES = {
     "t": ("t", "ts", "timestamp", "timestamps", "time", "times"),
@@ -42,15 +44,15 @@ def require_names(names, where):
 def guess_order(table):
     """Names of the four columns of the first events, numbers without names: t, x, y, p unless that cannot be.
 
-    t is a column that never falls, p one of at most two codes; x stands before y. Another order than t, x, y, p, such
-    as the x, y, p, t of Metavision, is taken where it is the only one.
+    t is a column that never falls, p one of at most two codes; x stands before y. Another order than t, x, y, p is
+    taken where it is x, y, p, t, as Metavision writes it, or x, y, t, p, or the only one. A few events tell nothing.
     """
     rising = [k for k in range(4) if (table[1:, k] >= table[:-1, k]).all()]
-    codes = [k for k in range(4) if len(np.unique(table[:, k])) <= 2]
-    fits = [(t, p) for t in rising for p in codes if t != p]
-    if (0, 3) in fits or len(fits) != 1:
-        return (*NAMES,)
-    ((t, p),) = fits
+    found = [set(np.unique(table[:, k]).tolist()) for k in range(4)]
+    codes = [k for k in range(4) if len(found[k]) <= 2 and found[k] <= {-1, 0, 1, 2, 255}]
+    fits = [(t, p) for t in rising for p in codes if t != p] * (len(table) >= _MIN_EVENTS)
+    usual = [fit for fit in ((0, 3), (3, 2), (2, 3)) if fit in fits]
+    t, p = usual[0] if usual else fits[0] if len(fits) == 1 else (0, 3)
     rest = iter("xy")
     return tuple("t" if k == t else "p" if k == p else next(rest) for k in range(4))
 

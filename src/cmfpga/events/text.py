@@ -1,8 +1,8 @@
 """Text recordings: one event ``t x y p`` per line, as in the DAVIS 240C data set, or CSV; also gzipped or zipped.
 
 Fields are separated by blanks, commas or semicolons. Empty lines and what follows ``#`` are skipped. One line with two
-integers, width and height of the sensor, may stand before the first event. An archive holds one ``.txt`` or ``.csv``
-file, or several of which one is ``events.txt``.
+integers, width and height of the sensor, may stand before the first event, or lines that begin with ``%``, such as
+``%geometry:W,H``. An archive holds one ``.txt`` or ``.csv`` file, or several of which one is ``events.txt``.
 
 A line of names before the first event, also as a comment, says which column is which (names: see ``columns.NAMES``,
 and ``on`` for the polarity); other columns are skipped. Behind a name may stand the unit of t (``t [us]``, ``t_us``),
@@ -52,6 +52,7 @@ class TextRecording(StreamedRecording):
         super().__init__(path, kind, sensor=sensor, time_unit=time_unit, name=name)
         self._skip_lines, named, header_sensor, header_unit = self._read_header(columns)
         self._layout, self._where = named or PLAIN, name
+        self._cure = "" if named else "; --columns (columns=) says which is which"
         table = self._first_fields(_FRACTION_LINES)
         if not named and len(table):
             order = guess_order(table)
@@ -73,8 +74,10 @@ class TextRecording(StreamedRecording):
         told = columns and Layout(**{name: columns.index(name) for name in "txyp"}, fields=len(columns))
         with contextlib.closing(self._lines()) as lines:
             for number, line in lines:
-                fields = split_line(line)
+                fields = [] if line.startswith(b"%") else split_line(line)
                 where = f"{self.name}, line {number}"
+                if size := _GEOMETRY.match(line):
+                    sensor = check_sensor(map(int, size.groups()), where)
                 names = None if layout else _column_names(line, comment=not fields)
                 if names:
                     layout, unit, size = names
@@ -154,7 +157,7 @@ class TextRecording(StreamedRecording):
         try:
             return parse_line(line, power, self._layout)
         except LineError as error:
-            raise RecordingError(f"{self.name}, line {number}: {error}") from None
+            raise RecordingError(f"{self.name}, line {number}: {error}{self._cure}") from None
 
     def _pieces(self, power=None):
         """Yields columns (t, x, y, p), int64, of one block each; t in µs, or times ``10**power``."""
@@ -183,11 +186,15 @@ def _is_number(field):
 _NAME = re.compile(r"([a-z]+)(?:(?:\s*[\[(]|_|\s+)([a-zµμ]+)[\])]?|@(\d+))?")
 
 
+# The head that Metavision writes.
+_GEOMETRY = re.compile(rb"% *geometry *: *(\d+)[,x](\d+)")
+
+
 def _column_names(line, comment):
     """``(layout, unit or None, size of the sensor or None)`` if a line names t, x, y and p; otherwise None."""
     text = line.decode("utf-8", "replace").strip()
     if comment:
-        text = text.lstrip("#").strip()
+        text = text.lstrip("#%").strip()
     fields = re.split(r"\s*[,;\t]\s*" if re.search(r"[,;\t]", text) else r"\s+", text.lower())
     matches = [_NAME.fullmatch(field.strip("\"' ")) for field in fields]
     names = [match[1] if match else "" for match in matches]
