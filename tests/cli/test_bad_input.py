@@ -54,7 +54,7 @@ RECORDINGS = [
     # name, how it is made, message; what else the readers refuse is in tests/events
     ("missing.h5", None, r"no such file"),
     (
-        "bytes.bin",
+        "bytes.blob",
         lambda path: path.write_bytes(bytes(range(256))),
         r"format not known; one of .* for what has no header",
     ),

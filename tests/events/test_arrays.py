@@ -66,10 +66,10 @@ def test_what_fits_is_not_copied():
     ({"x": ["3", "4"]}, "x holds <U1; real numbers are needed"),
     ({"x": [[3, 4]]}, "x has 2 dimensions; 1 is needed"),
     ({"x": [3]}, "t, x, y and p must have one length"),
-    ({"p": [0, 2]}, "polarity of event 1 is 2; 0 and 1, or -1 and 1, are allowed"),
-    ({"p": np.array([0, 255], np.uint8)}, "polarity of event 1 is 255; 0 and 1, or -1 and 1, are allowed"),
-    ({"p": [0.5, 1]}, "polarity of event 0 is 0.5; 0 and 1, or -1 and 1, are allowed"),
-    ({"p": [-1, 0]}, "polarities -1 and 0 both occur up to event 0 or later; 0 and 1, or -1 and 1, are allowed"),
+    ({"p": [0, 16]}, "polarity of event 1 is 16; 0 and 1, or -1 and 1, are usual; 2 to 15 and 255 go"),
+    ({"p": np.array([0, 254], np.uint8)}, "polarity of event 1 is 254; 0 and 1, or -1 and 1, are usual"),
+    ({"p": [0.5, 1]}, "polarity of event 0 is 0.5; 0 and 1, or -1 and 1, are usual"),
+    ({"p": [np.nan, 1]}, "polarity of event 0 is nan; 0 and 1, or -1 and 1, are usual"),
 ])  # fmt: skip
 def test_refused(wrong, message):
     with warnings.catch_warnings(), pytest.raises(RecordingError) as error:

@@ -6,6 +6,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from cmfpga.events import open_recording
 from cmfpga.events.numpy_files import Member
 from support.recordings import assert_reads, flip, make_events, refusal, structured
 
@@ -60,8 +61,47 @@ def test_archive_of_a_structured_array(tmp_path, rng):
     assert_reads(path, events, size=300)
 
 
+@pytest.mark.parametrize("order", ["x,y,p,t", "x,y,t,p", "t,p,x,y", "p,t,x,y"])
+def test_order_of_columns_without_names(save, rng, order):
+    events, at = make_events(rng), ["txyp".index(name) for name in order.split(",")]
+    path = save(table(events)[:, at])
+    assert_reads(path, events, size=300)
+    note = f"{path}: columns taken as {order}, as their values are; --columns gives another order"
+    for told, notes in ((None, [note]), (order, [])):
+        with open_recording(path, columns=told) as recording:
+            assert recording.notes() == notes
+
+
 def test_message_names_the_columns(save, rng):
-    assert "columns t, x, y, p" in refusal(save(table(make_events(rng))[:, [1, 2, 0, 3]]), "read")
+    """Where no order fits."""
+    message = refusal(save(table(make_events(rng))[::-1]), "read")
+    assert "(columns t, x, y, p; --columns (columns=) gives another order): time stamp of event" in message
+
+
+def test_minus_one_of_an_unsigned_byte(tmp_path):
+    np.savez(tmp_path / "a.npz", t=[1, 2, 3], x=[1, 1, 1], y=[1, 1, 1], p=np.array([1, 255, 1], np.uint8))
+    assert_reads(tmp_path / "a.npz", {"p": [1, 0, 1]})
+    with open_recording(tmp_path / "a.npz") as recording:
+        assert "1 (2), 255 (1); those above 0, but for 255, are taken as brighter" in recording.notes()[0]
+
+
+@pytest.mark.parametrize("parts", [("t", "xy", "p"), ("t", "x", "y", "p")])
+def test_files_of_a_column_each(tmp_path, rng, parts):
+    """As EVIMO2 has them: each stands for all, and so does their folder."""
+    events = make_events(rng)
+    for part in parts:
+        array = np.stack([getattr(events, name) for name in part], axis=1)
+        np.save(tmp_path / f"dataset_events_{part}.npy", array if part == "xy" else array[:, 0])
+    np.save(tmp_path / "depth_t.npy", np.zeros(3))
+    for path in (tmp_path, *(tmp_path / f"dataset_events_{part}.npy" for part in parts)):
+        assert_reads(path, events, size=300)
+    (tmp_path / "dataset_events_p.npy").unlink()
+    assert ": a directory; a file is needed" in refusal(tmp_path)
+    assert "array of 1000; N×4" in refusal(tmp_path / "dataset_events_t.npy")
+    if "xy" in parts:
+        np.save(tmp_path / "dataset_events_p.npy", events.p)
+        np.save(tmp_path / "dataset_events_xy.npy", events.x)
+        assert "dataset_events_xy.npy: array of 1000; N×2 of x and y is needed" in refusal(tmp_path)
 
 
 @pytest.mark.parametrize("array, message", [

@@ -62,6 +62,19 @@ def test_values(write, given, read):
     assert_reads(write(**{**GOOD, **given}), read)
 
 
+@pytest.mark.parametrize("given, read, counted", [
+    ([1, 2, 2, 1], [0, 1, 1, 0], "1 (2), 2 (2); those above 1 are"),  # of MATLAB
+    ([0, 1, 2, 3], [0, 1, 1, 1], "0 (1), 1 (1), 2 (1), 3 (1); those above 0 are"),
+    ([1, -1, 0, 1], [1, 0, 0, 1], "-1 (1), 0 (1), 1 (2); those above 0 are"),
+])  # fmt: skip
+def test_unusual_polarities(write, given, read, counted):
+    path = write(**{**GOOD, "p": given})
+    assert_reads(path, {"p": read}, size=1)
+    with open_recording(path) as recording:
+        (note,) = recording.notes()
+    assert note.endswith(f": polarities of the first 4 events: {counted} taken as brighter (contrast needs none)")
+
+
 def test_sensor_given(write):
     recording = assert_reads(write(**GOOD), GOOD, sensor=(240, np.int64(180)))
     assert (recording.width, recording.height) == (240, 180)
@@ -94,8 +107,8 @@ def test_nothing_stays_open(write):
     (dict(x=[0, 5, 240, 7]), "x of event 2 is 240; 0 to 239 is allowed on a sensor of 240×180"),
     (dict(x=[0, 5, 30_000, 7]), "x of event 2 is 30000; 0 to 239"),
     (dict(y=[180, 9, 3, 7]), "y of event 0 is 180; 0 to 179 is allowed on a sensor of 240×180"),
-    (dict(p=[0, 1, 2, 0]), "polarity of event 2 is 2; 0 and 1, or -1 and 1"),
-    (dict(p=[0, 1, 1, -1]), "-1 and 0 both"),
+    (dict(p=[0, 1, 16, 0]), "polarity of event 2 is 16; 0 and 1, or -1 and 1"),
+    (dict(p=[0, 1, 1, -2]), "polarity of event 3 is -2; 0 and 1, or -1 and 1"),
 ])  # fmt: skip
 @pytest.mark.parametrize("size", [1, 100])
 def test_unusable_events(write, changed, message, size):
@@ -148,7 +161,7 @@ NO_RECORDINGS = [
     ("folder", folder, "a directory"),
     ("pipe.txt", pipe, "not a regular file"),
     *((name, empty, "the file is empty") for name in ("a.h5", "a.txt", "a.npy", "a.npz", "a.zip", "a")),
-    *((name, any_bytes, r"format not known; .*HDF5 \(\.h5.*text \(\.txt") for name in ("a.bin", "a.rosbag", "a")),
+    *((name, any_bytes, r"format not known; .*HDF5 \(\.h5.*text \(\.txt") for name in ("a.blob", "a.rosbag", "a")),
     *((f"a.{suffix}", any_bytes, "does not begin like it") for suffix in SUFFIXES),
 ]
 

@@ -41,6 +41,24 @@ def test_columns_in_the_order_that_is_told(txt, head):
     assert "line 2: t is 'x'" in refusal(txt("1 2 3 0\n1 2 3 x\n"), columns="p,x,y,t")
 
 
+def test_order_of_columns_without_names(txt, rng):
+    """As Metavision (commas) and eDVS (blanks) write them."""
+    events = make_events(rng)
+    for name, separator in (("events.csv", ","), ("edvs.txt", " ")):
+        rows = zip(events.x, events.y, events.p, events.t, strict=True)
+        path = txt("".join(f"{separator.join(map(str, row))}\n" for row in rows), name)
+        assert_reads(path, events)
+        with open_recording(path) as recording:
+            assert recording.notes() == [
+                f"{path}: columns taken as x,y,p,t, as their values are; --columns gives another order"
+            ]
+    assert refusal(txt("when,x,y,p\n1,2,3,1\n")).endswith(
+        "a number is needed; --columns (columns=) says which is which"
+    )
+    message = refusal(txt("20 1 2 1\n10 1 2 0\n"), "read")
+    assert "(columns t, x, y, p; --columns (columns=) gives another order): time stamp of event 1" in message
+
+
 @pytest.mark.parametrize("columns", ["x,y,t", "x,y,t,t,p", "", "txyp", 3, [1, 2, 3, 4]])
 def test_columns_that_are_none(txt, columns):
     assert "t, x, y and p, each once, in their order are needed" in refusal(txt("1 2 3 0\n"), columns=columns)
@@ -48,7 +66,7 @@ def test_columns_that_are_none(txt, columns):
 
 def test_what_cannot_be_told(txt, tmp_path):
     path = txt("1 2 3 0\n")
-    assert "text; dataset can be told of HDF5 only" in refusal(path, dataset="a")
+    assert "text; dataset can be told of ROS 2 bag, ROS 1 bag, HDF5 only" in refusal(path, dataset="a")
     path.write_bytes(gzip.compress(b"\0\1\2"))
     assert "gzip of something else than text; text is needed" in refusal(path)
     path.write_bytes(gzip.compress(b""))
@@ -288,6 +306,16 @@ def test_what_names_say_of_unit_and_sensor(txt):
         assert recording.width == 300
 
 
+@pytest.mark.parametrize(
+    "head", ["%geometry:640,480\n", "%geometry:640x480\n%x,y,p,t\n", "%geometry:640,480\nx,y,p,timestamp_us\n"]
+)
+def test_the_head_of_metavision(txt, rng, head):
+    events = make_events(rng, 20)
+    rows = zip(events.x, events.y, events.p, events.t, strict=True)
+    recording = assert_reads(txt(head + "".join(f"{x},{y},{p},{t}\n" for x, y, p, t in rows)), events)
+    assert (recording.width, recording.height) == (640, 480)
+
+
 def test_csv_as_faery_writes_it(tmp_path, rng):
     events = make_events(rng)
     write_by_faery(tmp_path / "a.csv", events)
@@ -298,7 +326,7 @@ def test_csv_as_faery_writes_it(tmp_path, rng):
 @pytest.mark.parametrize("content, message", [
     ("t,x,y,p\n1,2,3\n", "line 2: 3 fields in '1,2,3'; 4 are needed (t x y p)"),
     ("a,x,y,t,p\n0,1,2,3\n", "line 2: 4 fields in '0,1,2,3'; 5 are needed (… x y t p)"),
-    ("t,x,y,polarity,t\n0,1,2,3,4\n", "polarity of event 0 is 3"),
+    ("t,x,y,polarity,t\n0,1,2,33,4\n", "polarity of event 0 is 33"),
     ("when,x,y,p\n0,1,2,1\n", "line 1: t is 'when'; a number is needed"),
     ("t,x,y,p\nt,x,y,p\n1,2,3,1\n", "line 2: t is 't'; a number is needed"),
     ("t,x@0,y@180,p\n1,2,3,1\n", "line 1: sensor of 0×180 px"),

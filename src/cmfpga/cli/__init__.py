@@ -152,7 +152,7 @@ def add_layout_options(made):
         metavar="x,y,t,p",
         help="columns in their order, of text without names and of N×4; others: any name",
     )
-    made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file")
+    made.add_argument("--dataset", metavar="PATH", help="data set or group inside of an HDF5 file; topic of a ROS bag")
     made.add_argument(
         "--format", dest="form", choices=forms(), metavar="F",
         help=f"format of a file or stream that doesn't say it: {', '.join(forms())}",

@@ -1,6 +1,6 @@
 """Events in: recordings, synthetic scenes, and batches cut from them."""
 
-from . import aedat2, cameras, hdf5, numpy_files, raw, text
+from . import aedat2, aedat3, bags, cameras, hdf5, nmnist, numpy_files, raw, text
 from .arrays import Events
 from .batches import WAITING, Batch, BatchCutter
 from .columns import MemoryRecording, as_events
@@ -13,7 +13,10 @@ from .source import EventSource
 from .synthetic import Scene, Synthetic, generate
 
 # Text is registered first: it matches loosely, so it must be asked last.
-for _format in (*text.FORMATS, *aedat2.FORMATS, *cameras.FORMATS, raw.FORMAT, *hdf5.FORMATS, *numpy_files.FORMATS):
+for _format in (
+    *text.FORMATS, *aedat2.FORMATS, aedat3.FORMAT, *cameras.FORMATS, raw.FORMAT, *hdf5.FORMATS, *numpy_files.FORMATS,
+    nmnist.FORMAT, *bags.FORMATS,
+):  # fmt: skip
     register_format(_format)
 
 __all__ = [

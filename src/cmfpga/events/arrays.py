@@ -5,7 +5,7 @@ from dataclasses import InitVar, dataclass, field
 import numpy as np
 
 from ..errors import RecordingError
-from .checks import EventChecker
+from .checks import EventChecker, highest_off
 from .units import TIME_UNITS, parse_unit, to_us
 
 
@@ -21,7 +21,8 @@ class Events:
     x, y : arrays of whole numbers
         Column (0 = left) and row (0 = top), 0 to 65535. Kept as uint16.
     p : array
-        Polarity: True and False, 1 and 0, or 1 and -1; 1 = brighter. Kept as uint8, 1 = brighter, 0 = darker.
+        Polarity: True and False, 1 and 0, or 1 and -1; 1 = brighter. Of 1 and 2, as MATLAB has them, 2 is. 3 to 15
+        are brighter, too, and 255, an unsigned -1, is darker. Kept as uint8, 1 = brighter, 0 = darker.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Of ``t``.
 
@@ -42,7 +43,7 @@ class Events:
         if len({len(array) for array in arrays.values()}) > 1:
             raise RecordingError("Events: t, x, y and p must have one length")
         arrays["t"] = _microseconds(arrays["t"], time_unit)
-        check = EventChecker("Events")
+        check = EventChecker("Events", highest_off=highest_off(arrays["p"]))
         for name in "xy":
             if arrays[name].dtype != np.uint16:
                 arrays[name] = check.coordinate(name, arrays[name])

@@ -8,6 +8,7 @@ Formats: https://gitlab.com/inivation/inivation-docs (AEDAT 4), https://docs.pro
 https://github.com/neuromorphic-paris/event_stream (Event Stream).
 """
 
+import importlib
 import struct
 
 from ..errors import RecordingError
@@ -41,7 +42,7 @@ class CameraRecording(StreamedRecording):
 
     def __init__(self, path, *, kind, format, time_unit=None, sensor=None, file_sensor=None):
         self._kind = kind
-        self._faery = _import_faery(path, format)
+        self._faery = import_optional("faery", path, format)
         super().__init__(path, format, sensor=sensor or file_sensor, time_unit=time_unit)
         if self.width is None:
             self.width, self.height = self._decoder_sensor() or (None, None)
@@ -102,14 +103,14 @@ class CameraRecording(StreamedRecording):
         return f"{rest} of {_DAT_EVENT_BYTES} bytes of the last word are there" if rest else None
 
 
-def _import_faery(path, format):
+def import_optional(name, path, format):
+    """The package ``name``; a :exc:`RecordingError` that says how to install it."""
     try:
-        import faery
+        return importlib.import_module(name)
     except ModuleNotFoundError as error:
-        if error.name != "faery":
+        if error.name != name:
             raise
-        raise RecordingError(f"{path}: reading {format} needs the package faery: {EXTRA}") from None
-    return faery
+        raise RecordingError(f"{path}: reading {format} needs the package {name}: {EXTRA}") from None
 
 
 # -------------------------------------------------------------------- DAT

@@ -6,6 +6,9 @@ from ..errors import RecordingError
 
 # Columns and rows are uint16 in memory.
 _LARGEST_COORDINATE = (1 << 16) - 1
+# Polarities: contrast does not use them, so odd ones are taken. What goes beyond is another column. The last is -1 of
+# an unsigned byte.
+_CODES = (*range(-1, 16), 255)
 
 
 class EventChecker:
@@ -19,16 +22,17 @@ class EventChecker:
         Size of the sensor, px. Without it coordinates are only held to 0 … 65535.
     first_event : int
         Index in the recording of the first event that will be given.
+    highest_off : int
+        Polarities up to it mean darker.
     """
 
-    def __init__(self, where, width=None, height=None, first_event=0):
+    def __init__(self, where, width=None, height=None, first_event=0, highest_off=0):
         self.where = where
         self.width = width
         self.height = height
         self.next_event = first_event
         self._last_t = None
-        self._seen_minus = False
-        self._seen_zero = False
+        self._off = highest_off
 
     def __call__(self, t, x, y, p):
         """``(t, x, y, p)`` of the next chunk, as :class:`Events` keep them.
@@ -40,13 +44,13 @@ class EventChecker:
         x, y : arrays of integers, or of floats with whole values
             Column and row.
         p : array of bool or numbers
-            Polarity: 0 and 1, or -1 and 1.
+            Polarity: -1 to 15, or 255, which is -1.
 
         Raises
         ------
         RecordingError
             A time stamp is lower than the one before (also across chunks), a coordinate is no whole number,
-            negative or outside the sensor, a polarity is another number, or -1 and 0 both occur.
+            negative or outside the sensor, or a polarity is another number.
         """
         self._check_order(t)
         x, y, p = self.coordinate("x", x, self.width), self.coordinate("y", y, self.height), self.polarity(p)
@@ -92,15 +96,27 @@ class EventChecker:
         """Polarities as uint8, 0 and 1."""
         if values.dtype.kind == "b":
             return values.astype(np.uint8)
-        minus, zero, one = values == -1, values == 0, values == 1
-        bad = ~(minus | zero | one)
+        bad = ~np.isin(values, _CODES)
         if bad.any():
             k = int(bad.argmax())
-            self._fail(k, f"polarity of {{event}} is {values[k]}; 0 and 1, or -1 and 1, are allowed")
-        self._seen_minus |= bool(minus.any())
-        self._seen_zero |= bool(zero.any())
-        if self._seen_minus and self._seen_zero:
-            # Either could be the darker one, or 0 could mean "unknown".
-            k = int((minus | zero).argmax())
-            self._fail(k, "polarities -1 and 0 both occur up to {event} or later; 0 and 1, or -1 and 1, are allowed")
-        return one.astype(np.uint8)
+            self._fail(k, f"polarity of {{event}} is {values[k]}; 0 and 1, or -1 and 1, are usual; 2 to 15 and 255 go")
+        return ((values > self._off) & (values < _CODES[-1])).astype(np.uint8)
+
+
+def highest_off(p):
+    """The highest code of polarity that means darker, of the first codes: 1 of MATLAB's 1 and 2; otherwise 0."""
+    return int(set(np.unique(p).tolist()) == {1, 2})
+
+
+def polarity_notes(p):
+    """What is said of unusual codes among the first polarities, as they stand in a file."""
+    codes, counts = np.unique(p, return_counts=True)
+    told = set(codes.tolist())
+    if told <= {0, 1} or told <= {-1, 1} or not told <= {*_CODES}:  # the checks report others
+        return []
+    found = ", ".join(f"{code:g} ({count:,})" for code, count in zip(codes, counts, strict=True))
+    beyond = f", but for {_CODES[-1]}," if codes[-1] == _CODES[-1] else ""
+    return [
+        f"polarities of the first {len(p):,} events: {found}; those above {highest_off(p)}{beyond} are taken as "
+        "brighter (contrast needs none)"
+    ]

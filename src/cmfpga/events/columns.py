@@ -7,8 +7,11 @@ import numpy as np
 
 from ..errors import RecordingError
 from .arrays import Events
+from .checks import highest_off
 from .recording import Recording, check_sensor
 from .units import SAMPLE_EVENTS, guess_unit, to_us
+
+_MIN_EVENTS = 10  # by which an order of columns is told
 
 # Names under which the four columns are found, in data sets, archives and structured arrays.
 NAMES = {
@@ -36,6 +39,29 @@ def require_names(names, where):
             + "; ".join(f"{column} may be named {', '.join(NAMES[column])}" for column in missing)
         )
     return found
+
+
+def guess_order(table):
+    """Names of the four columns of the first events, numbers without names: t, x, y, p unless that cannot be.
+
+    t is a column that never falls, p one of at most two codes; x stands before y. Another order than t, x, y, p is
+    taken where it is x, y, p, t, as Metavision writes it, or x, y, t, p, or the only one. A few events tell nothing.
+    """
+    rising = [k for k in range(4) if (table[1:, k] >= table[:-1, k]).all()]
+    found = [set(np.unique(table[:, k]).tolist()) for k in range(4)]
+    codes = [k for k in range(4) if len(found[k]) <= 2 and found[k] <= {-1, 0, 1, 2, 255}]
+    fits = [(t, p) for t in rising for p in codes if t != p] * (len(table) >= _MIN_EVENTS)
+    usual = [fit for fit in ((0, 3), (3, 2), (2, 3)) if fit in fits]
+    t, p = usual[0] if usual else fits[0] if len(fits) == 1 else (0, 3)
+    rest = iter("xy")
+    return tuple("t" if k == t else "p" if k == p else next(rest) for k in range(4))
+
+
+def order_notes(order, guessed):
+    """What is said of columns without names: of messages about events, and the notes where another order is taken."""
+    layout = f" (columns {', '.join(order)}{'; --columns (columns=) gives another order' * guessed})"
+    odd = guessed and order != (*NAMES,)
+    return layout, [f"columns taken as {','.join(order)}, as their values are; --columns gives another order"] * odd
 
 
 def as_events(data, time_unit=None):
@@ -104,6 +130,7 @@ class Columns:
         self.close = close
         if order and (isinstance(source, dict) or source.dtype.names):
             raise RecordingError(f"{where}: columns {','.join(order)}: they have names of their own")
+        told = order
         self._order = order = order or (*NAMES,)
         self._source = source
         self._names = None
@@ -136,8 +163,9 @@ class Columns:
         if not shape[0]:
             raise RecordingError(f"{where}: no events")
         self._length = shape[0]
-        #: What messages add to the name.
-        self.layout = "" if isinstance(source, dict) or self._names else f" (columns {', '.join(order)})"
+        #: Whether the order is neither told nor in names; what messages add to the name.
+        self.assumed = not (told or isinstance(source, dict) or self._names)
+        self.layout = "" if isinstance(source, dict) or self._names else order_notes(order, False)[0]
 
     def __len__(self):
         return self._length
@@ -179,7 +207,7 @@ class ColumnsRecording(Recording):
         name = name or str(path)
         self._read_errors = read_errors
         first = columns()
-        self._layout = first.layout
+        self._layout, self._at = first.layout, range(4)
         source = "given" if time_unit else "file" if file_unit else "assumed"
         unit = time_unit or file_unit
         super().__init__(
@@ -187,9 +215,14 @@ class ColumnsRecording(Recording):
             time_unit_source=source,
         )  # fmt: skip
         with contextlib.closing(first):
-            sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))[0]
+            sample = self._read(first, 0, min(len(first), SAMPLE_EVENTS))
+        if first.assumed:
+            order = guess_order(np.stack(sample, axis=1))
+            self._layout, self._order_notes = order_notes(order, True)
+            self._at = [order.index(name) for name in NAMES]
+        self._highest_off = highest_off(sample[self._at[3]])
         if unit is None:
-            self.time_unit = guess_unit(sample)
+            self.time_unit = guess_unit(sample[self._at[0]])
         self._offset_us = 0 if t_offset is None else int(to_us(t_offset, self.time_unit, f"{name}: t_offset")[0])
 
     @property
@@ -206,7 +239,8 @@ class ColumnsRecording(Recording):
         if self._closed:
             raise self._closed_error()
         try:
-            return columns.read(start, stop)
+            found = columns.read(start, stop)
+            return [found[k] for k in self._at]
         except self._read_errors as error:
             events = f"events {start} to {stop - 1}"
             raise RecordingError(f"{self.name}: {events} cannot be read {why(error)}") from None
@@ -249,6 +283,9 @@ _WHOLE = (
     ("Python objects|No NumPy equivalent|unsupported type", "of an unsupported type", "numbers t, x, y, p are needed"),
     (r"superblock version|unknown version|has version|expected 2\.x", "of an unknown version",
      "a newer release of the package that reads it, or a copy in another format, is needed"),
+    ("storage format", "of another extension", ".mcap or .db3 is needed"),
+    ("Profile is not ros2|Bag version", "of another kind", "a copy by 'ros2 bag convert' is needed"),
+    ("not indexed", "closed without its index", "'rosbag reindex' makes it"),
     ("lock file", "in use", "close the program that writes it, or take a copy"),
     ("external raw data|can't open file", "incomplete", "it refers to another file, which is needed beside it"),
 )  # fmt: skip

@@ -1,7 +1,8 @@
 """NumPy recordings: ``.npz`` archives and ``.npy`` arrays.
 
 - ``.npy``: a structured array with fields named as in ``columns.NAMES``, or N×4 with columns t, x, y, p. The file is
-  mapped into memory, so only what is read is loaded.
+  mapped into memory, so only what is read is loaded. Or three files, ``…t.npy``, ``…xy.npy`` and ``…p.npy``, as EVIMO2
+  has them, or four: each of them stands for all, and so does the folder that holds no others of the kind.
 - ``.npz``: arrays named as in ``columns.NAMES``; or one array, named ``events`` or the only one, as for ``.npy``.
   Members are streamed, compressed or not: memory is bounded, but an iteration that starts at a later event
   decompresses all that comes before it.
@@ -16,6 +17,7 @@ import zlib
 
 import numpy as np
 
+from ..errors import RecordingError
 from .columns import Columns, ColumnsRecording, match_names, readable, require_names
 from .recording import Format
 
@@ -28,11 +30,29 @@ _SKIP_BYTES = 1 << 20
 
 
 def open_npy(path, *, time_unit=None, sensor=None, columns=None):
-    """The :class:`Recording` of a ``.npy`` file."""
-    with readable(f"{path}: not a readable .npy file of numbers", _NPY_ERRORS):
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    found = Columns(array, str(path), columns)
+    """The :class:`Recording` of a ``.npy`` file, or of some that hold a column each."""
+    files, source = _files_of_columns(path), {}
+    for part, file in (files or {"": path}).items():
+        with readable(f"{file}: not a readable .npy file of numbers", _NPY_ERRORS):
+            array = np.load(file, mmap_mode="r", allow_pickle=False)
+        if len(part) == 2 and (array.ndim != 2 or array.shape[1] != 2):
+            raise RecordingError(f"{file}: array of {'×'.join(map(str, array.shape))}; N×2 of x and y is needed")
+        source |= {name: array[:, k] if len(part) == 2 else array for k, name in enumerate(part)}
+    found = Columns(source or array, str(path), columns)
     return ColumnsRecording(lambda: found, path=path, format="NumPy array", sensor=sensor, time_unit=time_unit)
+
+
+def _files_of_columns(path):
+    """``{"t": file, "xy": file, "p": file}`` of which ``path`` is one, or the folder; empty if there are no such."""
+    folder, begins = path.parent, [path.stem[: path.stem.rfind("_") + 1]]
+    if path.is_dir():
+        folder, begins = path, [file.stem[:-1] for file in path.glob("*t.npy")]
+    found = [
+        {part: folder / f"{begin}{part}.npy" for part in parts}
+        for begin in begins for parts in (("t", "xy", "p"), ("t", "x", "y", "p"))
+    ]  # fmt: skip
+    found = [files for files in found if all(file.is_file() for file in files.values())]
+    return found[0] if len(found) == 1 and (path.is_dir() or path in found[0].values()) else {}
 
 
 class NpzRecording(ColumnsRecording):
@@ -128,6 +148,10 @@ class Member:
         return np.frombuffer(content, self.dtype)
 
 
+def _is_npy(head, path):
+    return head.startswith(b"\x93NUMPY") or (path.is_dir() and bool(_files_of_columns(path)))
+
+
 def _is_npz(head, path):
     if not head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
         return False
@@ -139,6 +163,6 @@ def _is_npz(head, path):
 
 
 FORMATS = (
-    Format("NumPy array", (".npy",), lambda head, path: head.startswith(b"\x93NUMPY"), open_npy, ("columns",)),
+    Format("NumPy array", (".npy",), _is_npy, open_npy, ("columns",)),
     Format("NumPy archive", (".npz",), _is_npz, NpzRecording, ("columns",)),
 )

@@ -111,7 +111,7 @@ class RawRecording(StreamedRecording):
         with path.open("rb") as file:
             head = file.read(HEADER_BYTES)
         fields, self._begin = prophesee_header(head)
-        self._version, self._early = evt_version(fields, form, path, head), 0
+        self._version = evt_version(fields, form, path, head)
         name = f"Prophesee RAW (EVT {self._version.replace(' legacy', ', legacy order')})"
         super().__init__(path, name, sensor=sensor or raw_sensor(fields), time_unit=time_unit)
         self._require_events()
@@ -129,10 +129,6 @@ class RawRecording(StreamedRecording):
         if decoder.rest:
             rest = f"{len(decoder.rest)} of {decoder.word_bytes} bytes of the last word are there"
             raise RecordingError(f"{self.name}: truncated: {rest}; the {count} events before were read")
-
-    def notes(self):
-        early = [f"{self.name}: {self._early:,} events ahead of the first time word have no time: they are left out"]
-        return [*super().notes(), *early * bool(self._early)]
 
 
 def is_prophesee(head):

@@ -11,7 +11,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from .arrays import Events
-from .checks import EventChecker
+from .checks import EventChecker, polarity_notes
 from .units import SAMPLE_EVENTS, parse_unit
 
 CHUNK_EVENTS = 1 << 16
@@ -57,6 +57,7 @@ class Recording(abc.ABC):
         self.time_unit = time_unit
         self.time_unit_source = time_unit_source
         self._closed = False
+        self._order_notes, self._highest_off = [], 0
 
     def chunks(self, start=0, size=CHUNK_EVENTS):
         """Iterator of :class:`Events` from event ``start`` (from 0) to the end, each of ``size``, the last of the rest.
@@ -79,7 +80,7 @@ class Recording(abc.ABC):
         return self._checked(start, size)
 
     def _checked(self, start, size):
-        check = EventChecker(self.where, self.width, self.height, start)
+        check = EventChecker(self.where, self.width, self.height, start, self._highest_off)
         for columns in self._columns(start, size):
             yield Events(*check(*columns))
 
@@ -102,13 +103,21 @@ class Recording(abc.ABC):
 
     def notes(self):
         """What is odd about the first events, for people; empty for most recordings."""
+        return [f"{self.name}: {note}" for note in (*self._order_notes, *self._odd_polarities(), *self._odd_times())]
+
+    def _odd_polarities(self):
+        with contextlib.suppress(RecordingError):  # told where the events are used
+            return polarity_notes(next(self._columns(0, SAMPLE_EVENTS))[3])
+        return []
+
+    def _odd_times(self):
         with contextlib.suppress(RecordingError):  # told where the events are used
             t = next(self.chunks(0, SAMPLE_EVENTS)).t
             times, counts = np.unique(t, return_counts=True)
             most = int(counts.argmax())
             if len(t) >= _MIN_SAMPLE and counts[most] > _ONE_TIME * len(t):
                 return [
-                    f"{self.name}: {counts[most] / len(t):.0%} of the first {len(t):,} events share the time "
+                    f"{counts[most] / len(t):.0%} of the first {len(t):,} events share the time "
                     f"{times[most]} µs, so no motion can be seen in them: is the unit of time too coarse?"
                 ]
         return []
@@ -144,7 +153,8 @@ class Format:
     extensions : tuple of str
         Usual file extensions, lower case, with the dot. Only used where the content does not decide.
     matches : callable
-        ``matches(head, path)``: whether the file is of this format, from its first ``HEAD_BYTES`` bytes.
+        ``matches(head, path)``: whether the file is of this format, from its first ``HEAD_BYTES`` bytes; none of a
+        folder.
     open : callable
         ``open(path, time_unit=, sensor=)``: the :class:`Recording`; both arguments are checked, or None.
     options : tuple of str
@@ -185,7 +195,7 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
     Parameters
     ----------
     path : str or Path
-        The file.
+        The file; or a folder, where a format is one.
     time_unit : {"s", "ms", "us", "ns"}, optional
         Unit of the time stamps; by default found as ``cmfpga.events.units`` says.
     sensor : (int, int), optional
@@ -193,7 +203,7 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
     columns : str or sequence of str, optional
         Names of the columns in their order, ``"x,y,t,p"``, for text without names and for N×4; others are skipped.
     dataset : str, optional
-        Path inside of HDF5: a data set, or a group of them.
+        Path inside of HDF5: a data set, or a group of them. Or a topic of a ROS bag.
     form : str, optional
         The format of a file that does not say it, one of :func:`forms`: ``"evt2"`` of words without a header, …
 
@@ -225,6 +235,10 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
                 able = ", ".join(other.name for other in _FORMATS if name in other.options)
                 raise RecordingError(f"{path}: {fmt.name}; {name} can be told of {able} only")
             return fmt.open(path, time_unit=time_unit, sensor=sensor, **given)
+    if path.is_dir():
+        raise RecordingError(
+            f"{path}: a directory; a file is needed, a bag of ROS 2, or a folder of t.npy, xy.npy and p.npy"
+        )
     known = "; ".join(f"{fmt.name} ({', '.join(fmt.extensions)})" for fmt in _FORMATS)
     for fmt in _FORMATS:
         if path.suffix.lower() in fmt.extensions:
@@ -264,7 +278,7 @@ def check_columns(columns, where):
 def _read_head(path):
     try:
         if path.is_dir():
-            raise RecordingError(f"{path}: a directory; a file is needed")
+            return b""
         if path.exists() and not path.is_file():
             raise RecordingError(f"{path}: not a regular file; pipes and devices cannot be read")
         with path.open("rb") as file:

@@ -7,6 +7,10 @@ import numpy as np
 
 from ..errors import RecordingError
 from .recording import Recording
+from .units import to_us
+
+#: Decoded at a time.
+RECORDS = 1 << 16
 
 
 class StreamedRecording(Recording):
@@ -18,6 +22,8 @@ class StreamedRecording(Recording):
 
     #: Whether reading all of it takes little time, beside all that is done with its events.
     fast = True
+    #: Events ahead of the first word of EVT's time that were met.
+    _early = 0
 
     def __init__(self, path, format, *, sensor, time_unit, name=None):
         super().__init__(
@@ -35,6 +41,10 @@ class StreamedRecording(Recording):
             for t, *_ in pieces:
                 count, last = count + len(t), int(t[-1])
         return count, last
+
+    def notes(self):
+        early = [f"{self.name}: {self._early:,} events ahead of the first time word have no time: they are left out"]
+        return [*super().notes(), *early * bool(self._early)]
 
     @abc.abstractmethod
     def _pieces(self):
@@ -85,6 +95,43 @@ class StreamedRecording(Recording):
                 raise RecordingError(f"{self.name}: no events")
         finally:
             pieces.close()
+
+
+class RecordsRecording(StreamedRecording):
+    """A recording of records of one size behind a header of ``begin`` bytes, with times of few bits, which wrap."""
+
+    record_bytes: int
+    time_bits: int
+
+    def __init__(self, path, format, *, begin=0, sensor, time_unit):
+        self._begin = begin
+        super().__init__(path, format, sensor=sensor, time_unit=time_unit)
+        self._require_events()
+
+    @abc.abstractmethod
+    def _decode(self, content):
+        """``(t, x, y, p)`` of whole records, int64; t as it stands there."""
+
+    def _pieces(self):
+        wraps, last, count = 0, 0, 0
+        with self.path.open("rb") as file:
+            file.seek(self._begin)
+            while content := file.read(RECORDS * self.record_bytes):
+                rest = len(content) % self.record_bytes
+                t, *others = self._decode(content[: len(content) - rest])
+                if len(t):
+                    # Half the range back is a wrap; less is a step back, which the checks report.
+                    back = np.diff(t, prepend=last) < -(1 << self.time_bits - 1)
+                    last = int(t[-1])
+                    t = t + (wraps + np.cumsum(back) << self.time_bits)
+                    wraps += int(back.sum())
+                    yield to_us(t, self.time_unit, self.name, count), *others
+                    count += len(t)
+                if rest:
+                    raise RecordingError(
+                        f"{self.name}: truncated: {rest} of {self.record_bytes} bytes of the last record are there; "
+                        f"the {count} events before were read"
+                    )
 
 
 def _join(parts):

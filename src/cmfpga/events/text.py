@@ -1,13 +1,13 @@
 """Text recordings: one event ``t x y p`` per line, as in the DAVIS 240C data set, or CSV; also gzipped or zipped.
 
 Fields are separated by blanks, commas or semicolons. Empty lines and what follows ``#`` are skipped. One line with two
-integers, width and height of the sensor, may stand before the first event. An archive holds one ``.txt`` or ``.csv``
-file, or several of which one is ``events.txt``.
+integers, width and height of the sensor, may stand before the first event, or lines that begin with ``%``, such as
+``%geometry:W,H``. An archive holds one ``.txt`` or ``.csv`` file, or several of which one is ``events.txt``.
 
 A line of names before the first event, also as a comment, says which column is which (names: see ``columns.NAMES``,
 and ``on`` for the polarity); other columns are skipped. Behind a name may stand the unit of t (``t [us]``, ``t_us``),
-or the sensor's size (``x@240,y@180``, as ``faery`` writes it). Without names the columns are t, x, y, p, or as the
-caller says.
+or the sensor's size (``x@240,y@180``, as ``faery`` writes it). Without names the columns are as the caller says, or as
+:func:`~.columns.guess_order` does.
 
 Times are converted from their decimal digits, so they are exact to half a microsecond. The text is read in blocks,
 never as a whole; how many events there are is only known at its end.
@@ -24,7 +24,8 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
-from .columns import match_names, readable, why
+from .checks import highest_off
+from .columns import guess_order, match_names, order_notes, readable, why
 from .recording import HEAD_BYTES, Format, check_sensor
 from .streamed import StreamedRecording
 from .textlines import PLAIN, Layout, LineError, parse_fast, parse_line, split_line
@@ -49,7 +50,16 @@ class TextRecording(StreamedRecording):
         self._member, self._gzipped = member, kind == "gzipped text"
         name = str(path) if member is None else f"{path}/{member}"
         super().__init__(path, kind, sensor=sensor, time_unit=time_unit, name=name)
-        self._skip_lines, self._layout, header_sensor, header_unit = self._read_header(columns)
+        self._skip_lines, named, header_sensor, header_unit = self._read_header(columns)
+        self._layout, self._where = named or PLAIN, name
+        self._cure = "" if named else "; --columns (columns=) says which is which"
+        table = self._first_fields(_FRACTION_LINES)
+        if not named and len(table):
+            order = guess_order(table)
+            self._layout = Layout(*map(order.index, "txyp"))
+            layout, self._order_notes = order_notes(order, True)
+            self._where += layout
+        self._highest_off = highest_off(table[:, self._layout.p]) if len(table) else 0
         if sensor is None and header_sensor is not None:
             self.width, self.height = header_sensor
         if time_unit is None and header_unit is not None:
@@ -64,8 +74,10 @@ class TextRecording(StreamedRecording):
         told = columns and Layout(**{name: columns.index(name) for name in "txyp"}, fields=len(columns))
         with contextlib.closing(self._lines()) as lines:
             for number, line in lines:
-                fields = split_line(line)
+                fields = [] if line.startswith(b"%") else split_line(line)
                 where = f"{self.name}, line {number}"
+                if size := _GEOMETRY.match(line):
+                    sensor = check_sensor(map(int, size.groups()), where)
                 names = None if layout else _column_names(line, comment=not fields)
                 if names:
                     layout, unit, size = names
@@ -77,7 +89,11 @@ class TextRecording(StreamedRecording):
                 elif fields:  # names of any kind
                     layout = told
                 skip = number
-        return skip, told or layout or PLAIN, sensor, unit
+        return skip, told or layout, sensor, unit
+
+    @property
+    def where(self):
+        return self._where
 
     def _guess_unit(self):
         with contextlib.closing(self._lines()) as lines:
@@ -85,7 +101,7 @@ class TextRecording(StreamedRecording):
                 self._parse_line(number, line, 0)  # the first odd line is reported whatever the unit is
                 fields = split_line(line)
                 if fields and float(fields[self._layout.t]) % 1:
-                    return guess_unit(self._first_times())
+                    return guess_unit(self._first_fields(SAMPLE_EVENTS)[:, self._layout.t])
         with contextlib.closing(self._pieces(power=0)) as blocks:
             parts = []
             for columns in blocks:
@@ -94,12 +110,13 @@ class TextRecording(StreamedRecording):
                     break
         return guess_unit(np.concatenate(parts)) if parts else "us"
 
-    def _first_times(self):
-        """The first time stamps as they stand there, float64."""
+    def _first_fields(self, count):
+        """Fields of the first ``count`` lines as they stand there, float64; NaN for what is no number."""
         with contextlib.closing(self._lines()) as lines:
-            fields = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + SAMPLE_EVENTS))
-            texts = (field[self._layout.t] for field in fields if len(field) == self._layout.fields)
-            return np.array([float(text) for text in texts if _is_number(text)])
+            rows = (split_line(line) for _, line in islice(lines, self._skip_lines, self._skip_lines + count))
+            fields = (field for row in rows if len(row) == self._layout.fields for field in row)
+            values = np.fromiter((float(field) if _is_number(field) else np.nan for field in fields), float)
+        return values.reshape(-1, self._layout.fields)
 
     # ---------------------------------------------------------------- blocks, lines, columns
 
@@ -140,7 +157,7 @@ class TextRecording(StreamedRecording):
         try:
             return parse_line(line, power, self._layout)
         except LineError as error:
-            raise RecordingError(f"{self.name}, line {number}: {error}") from None
+            raise RecordingError(f"{self.name}, line {number}: {error}{self._cure}") from None
 
     def _pieces(self, power=None):
         """Yields columns (t, x, y, p), int64, of one block each; t in µs, or times ``10**power``."""
@@ -169,11 +186,15 @@ def _is_number(field):
 _NAME = re.compile(r"([a-z]+)(?:(?:\s*[\[(]|_|\s+)([a-zµμ]+)[\])]?|@(\d+))?")
 
 
+# The head that Metavision writes.
+_GEOMETRY = re.compile(rb"% *geometry *: *(\d+)[,x](\d+)")
+
+
 def _column_names(line, comment):
     """``(layout, unit or None, size of the sensor or None)`` if a line names t, x, y and p; otherwise None."""
     text = line.decode("utf-8", "replace").strip()
     if comment:
-        text = text.lstrip("#").strip()
+        text = text.lstrip("#%").strip()
     fields = re.split(r"\s*[,;\t]\s*" if re.search(r"[,;\t]", text) else r"\s+", text.lower())
     matches = [_NAME.fullmatch(field.strip("\"' ")) for field in fields]
     names = [match[1] if match else "" for match in matches]
@@ -190,7 +211,7 @@ def _is_text(head, path):
     # Event cameras' binary formats also begin with lines of text: AEDAT with "#!AER-DAT", Prophesee RAW with "% ".
     if head.startswith((b"#!AER-DAT", b"% ")):
         return False
-    return not any(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
+    return bool(head) and not any(byte < 32 and byte not in b"\t\n\r\f" for byte in head)
 
 
 def _is_zip(head, path):

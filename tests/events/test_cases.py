@@ -1,0 +1,58 @@
+"""Files as people bring them, where they lie beside the checkout; each with its right events."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cmfpga.events import open_recording
+from support.recordings import read_all
+
+CASES = Path(__file__).parents[3] / "shared" / "cases"
+BAGS = ("ros1.bag", "ros2", "ros2/ros2.mcap")
+
+
+def later(columns):
+    """The scene in the time of ROS."""
+    return columns | {"t": columns["t"] + 1_700_000_000 * 10**6}
+
+
+def small(columns):
+    """The scene on a sensor of 128×128."""
+    return columns | {"x": columns["x"] - 60, "y": columns["y"] - 50}
+
+
+# The events are the first ``count`` of one scene, but for those that a folder of its own has.
+@pytest.mark.parametrize("path, count, options, size, change", [
+    ("01_evt21/genx320.raw", 6000, {}, (320, 320), None),
+    ("01_evt21/legacy.raw", 6000, {}, (320, 320), None),
+    *((f"04_rosbag/{name}", 3000, {"dataset": "/event_camera/events"}, (640, 480), None) for name in BAGS),
+    *((f"04_rosbag/{name}", 3000, {"dataset": "/dvs/events"}, (640, 480), later) for name in BAGS),
+    ("05_metavision_csv/events.csv", 3000, {}, (None, None), None),
+    ("05_metavision_csv/edvs.txt", 3000, {}, (None, None), None),
+    ("06_v2e_aedat2/v2e.aedat", 3000, {"sensor": (346, 260)}, (346, 260), None),
+    ("08_nmnist_bin/digit.bin", 2000, {}, (None, None), small),
+    ("09_aedat31/gesture.aedat", 2000, {}, (128, 128), small),
+    ("10_dvs128_aedat2/dvs128.aedat", 2000, {}, (128, 128), small),
+    ("12_polarity_codes/p12.npz", 1500, {}, (None, None), None),
+    ("12_polarity_codes/p255.npz", 1500, {}, (None, None), None),
+    ("17_evimo2_npy", 2000, {}, (None, None), None),
+    ("17_evimo2_npy/dataset_events_t.npy", 2000, {}, (None, None), None),
+    ("18_raw_without_header/dump.raw", 2000, {"form": "evt2", "sensor": (320, 320)}, (320, 320), None),
+    ("19_fractions/ms.csv", 6000, {}, (None, None), None),
+    ("19_fractions/us.csv", 6000, {}, (None, None), None),
+])  # fmt: skip
+def test_right_events(path, count, options, size, change):
+    folder = CASES / path.split("/")[0]
+    if not folder.exists():
+        pytest.skip("no such case here")
+    if "rosbag" in path:
+        pytest.importorskip("rosbags")
+    own = folder / "expected.npz"
+    with np.load(own if own.exists() else CASES / "01_evt21" / "expected.npz") as file:
+        columns = {name: file[name][:count] for name in "txyp"}
+    with open_recording(CASES / path, **options) as recording:
+        found = read_all(recording)
+        assert (recording.width, recording.height) == size
+    for name, column in (change(columns) if change else columns).items():
+        np.testing.assert_array_equal(getattr(found, name), column, err_msg=name)
