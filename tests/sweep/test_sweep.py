@@ -151,7 +151,8 @@ def test_bad_recordings_are_flagged_and_the_rest_is_run(recordings, tmp_path):
     reasons = rows["reason"].tolist()
     assert reasons[1].startswith(f"{bad}: not a readable HDF5 file")
     assert reasons[2] == f"{short}: too few events for one batch after event 0 (49 left)"
-    assert reasons[3].startswith(f"{late}: time stamp of event 49 is 1 µs, after 49 µs of the event before")
+    assert reasons[3].startswith(f"{late} (columns t, x, y, p; ")
+    assert "): time stamp of event 49 is 1 µs, after 49 µs of the event before" in reasons[3]
     assert reasons[4] == f"{tmp_path / 'none.h5'}: no such file"
     assert reasons[5] == "no event ever entered the ROI at 0,16"
     assert reasons[6].startswith("ROI at 25,0: 0,0 to 24,16 is needed")

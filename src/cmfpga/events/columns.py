@@ -45,9 +45,10 @@ def guess_order(table):
     """Names of the four columns of the first events, numbers without names: t, x, y, p unless that cannot be.
 
     t is a column that never falls, p one of at most two codes; x stands before y. Another order than t, x, y, p is
-    taken where it is x, y, p, t, as Metavision writes it, or x, y, t, p, or the only one. A few events tell nothing.
+    taken where it is x, y, p, t, as Metavision writes it, or x, y, t, p, or the only one. Then t also has to rise: a
+    column of one value is no time. A few events tell nothing.
     """
-    rising = [k for k in range(4) if (table[1:, k] >= table[:-1, k]).all()]
+    rising = [k for k in range(4) if (table[1:, k] >= table[:-1, k]).all() and (k == 0 or table[-1, k] > table[0, k])]
     found = [set(np.unique(table[:, k]).tolist()) for k in range(4)]
     codes = [k for k in range(4) if len(found[k]) <= 2 and found[k] <= {-1, 0, 1, 2, 255}]
     fits = [(t, p) for t in rising for p in codes if t != p] * (len(table) >= _MIN_EVENTS)
