@@ -16,7 +16,7 @@ CLEAN = {
     "config": (["cmfpga.config", "cmfpga.fixed", "cmfpga.errors"], ["amaranth", "numpy", "torch", "h5py"]),
     "contract": (
         ["cmfpga.protocol.settings", "cmfpga.protocol.results"],
-        ["amaranth", "numpy", "torch", "cmfpga.config", "cmfpga.protocol.registers"],
+        ["amaranth", "numpy", "torch", "cmfpga.protocol.registers"],
     ),
     "trace": (["cmfpga.protocol.trace"], ["amaranth", "torch"]),
     "registers": (
