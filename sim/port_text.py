@@ -16,18 +16,20 @@ def declarations(core):
 
 def fill_banks(core):
     """Words in tagged banks, as in a device: 0·X, in a simulator, is X. Random ones."""
-    memories = []
-    if "tagged_accumulator" in core.blocks:
-        bank = core.blocks["tagged_accumulator"].banks[0]
-        names = [f"ram.{name}" for name in slices(bank.word.size)] if bank.deep else ["ram"]
-        memories += [f"tagged_accumulator.bank_{n}.{name}" for name in names for n in range(4)]
-    if memories:
-        yield "integer word;"
-        yield "initial begin"
-        for path in memories:
-            some, words = "{$random, $random, $random}", core.config.geometry.bank_depth
-            yield f"  for (word = 0; word < {words}; word = word + 1) core.image.{path}[word] = {some};"
-        yield "end"
+    config = core.config
+    bank = next((block.banks[0] for name, block in core.blocks.items() if name.startswith("tagged_accumulator")), None)
+    if bank is None:
+        return
+    count, depth = config.geometry.images, config.geometry.bank_depth
+    images = [f"image_{number}." for number in range(count)] if count > 1 else [""]
+    parts = slices(bank.word.size, depth, config.ram_style)
+    rams = [f"ram.{part}" for part in parts] if bank.deep else ["ram"]
+    yield "integer word;"
+    yield "initial begin"
+    for path in (f"{image}tagged_accumulator.bank_{n}.{ram}" for image in images for ram in rams for n in range(4)):
+        some = "{$random, $random, $random}"
+        yield f"  for (word = 0; word < {depth}; word = word + 1) core.image.{path}[word] = {some};"
+    yield "end"
 
 
 def drive(memory, columns, ports):
