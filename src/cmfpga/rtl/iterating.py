@@ -95,7 +95,8 @@ class Iterating:
         each = f"({each})" if self.sweep_cycles else each
         if self.rounds:
             events = "4·n" if self.config.geometry.turn_bits else "n"
-            return f"T·({events} + {self.iteration_latency}) + {beside + self.judge_latency}"
+            judged = self.judge_latency if self.config.confidence else 0
+            return f"T·({events} + {self.iteration_latency}) + {beside + judged}"
         if self.judge is None:
             return f"Σ n_k + T·{each} + {beside}"
         probes = self.probe.count
