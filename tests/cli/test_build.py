@@ -248,10 +248,10 @@ def test_the_description_is_that_of_the_configuration(files):
     )
     if config.gradient == "sweep":
         assert bits["trace_pixels_0_i"] == (info["formats"]["I"]["bits"], False)
-    untimed = {"ingest_control", "iteration_control", "ascent_schedule", "ascent_velocity", "image", "image_means"}
+    untimed = {"ingest_control", "iteration_control", "ascent_schedule", "ascent_velocity", "image", "means"}
     timed = blocks_of(config) - untimed
     assert set(info["latencies"]) == {name.removeprefix("image_") for name in timed}
-    assert all(isinstance(cycles, int) and cycles > 0 for cycles in info["latencies"].values())
+    assert all(isinstance(cycles, int) and cycles >= 0 for cycles in info["latencies"].values())
 
 
 def test_the_formula_of_cycles(files):
