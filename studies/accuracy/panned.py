@@ -65,7 +65,7 @@ def _against(gyroscope, events, camera, size, options, config, report):
     changed = {name: value for name, value in fields.items() if getattr(own, name) != value}
     found = track(
         Path(options.data) / PANNED, preset="rotation", engine=options.engine, batch_events=size,
-        **(changed | {"camera": camera.text}),
+        **(changed | {"camera": camera.text, "hot_pixels": 0}),
     )  # fmt: skip
     spans = np.array([result.span for result in found.results])
     ends = [found.t_ref_us + way * spans / 2 for way in (-1, 1)]

@@ -72,7 +72,7 @@ def test_hardware_and_model_through_long_batches_and_without_a_pause(config):
 MUTANTS = {  # module, old, new, configuration
     "ROI in whole pixels": (roi_filter, "y - Cat(Const(0, frac), self.roi.y)", "y - self.roi.y", "fast"),
     "a row more": (roi_filter, "(y_s2 < height << frac)", "(y_s2 < (height + 1) << frac)", "paper"),
-    "half a pixel twice": (warp, "return 0, scaled", "return 1 << config.dt_frac + config.v_frac - 1, scaled", "fast"),
+    "half a pixel twice": (warp, "return 0, scaled", "return 1 << config.dt_frac, scaled", "fine dither"),
     "half a pixel stays": (warp, "return 0, scaled", "return 0, 0", "paper"),
     "dither too small": (dither, "Cat(Const(0, wide - frac), offset)", "offset", "coarse dither"),
     "positions too small": (dither, "event[axis] << (wide - formats.event_frac)", "event[axis]", "fine dither"),

@@ -80,11 +80,6 @@ def test_real_is_missed_where_events_are_dropped(real):
     assert scores["batches_that_drop_events"] == len(large) > 0
 
 
-def test_real_is_missed_without_dither(real):
-    """Coarse levels are needed by the synthetic batches alone, as above."""
-    assert not reaches(score_shares(FAST.replace(dither_frac=0), real[::EVERY]), **REAL)
-
-
 def test_float_is_no_better(synthetic):
     """The arithmetic costs nothing that can be seen: the float engine reaches the same, within two batches."""
     model, exact = (score_errors(FAST, synthetic[:PART], engine=name) for name in ("model", "float"))
