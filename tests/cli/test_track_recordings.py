@@ -22,18 +22,8 @@ def star(compiler, data_dir, tmp_path_factory, command, rows):
     """The recording in which a star moves to the right, its track by the Verilog, and the folder."""
     folder = tmp_path_factory.mktemp("star")
     recording = data_dir / "davis240c_shapes_rotation_0.0s.h5"
-    options = [
-        "--start-event",
-        15000,
-        "--roi",
-        "100,30",
-        "--batches",
-        20,
-        "--batch-events",
-        5000,
-        "--hot-pixels",
-        "none",
-    ]
+    options = ["--start-event", 15000, "--roi", "100,30", "--batches", 20, "--batch-events", 5000]
+    options += ["--hot-pixels", "none"]
     done = command(track, recording, *options, "--preset", "paper", "--out", folder)
     assert (done.status, done.err) == (0, "")
     assert done.out.startswith("20 batches tracked (rtl engine), 0 with warnings, 0 events left over\n")
@@ -106,7 +96,7 @@ def test_the_fast_hardware_follows_the_star(star, command, rows, tmp_path):
      ["--roi", "100,60", "--batch-us", 20000], (-150, -110), (-30, 0), ()),
     # Up, measured at 30 to 33 px/s over the whole image.
     ("davis240b_evbench_seq0002.h5", "model",
-     ["--roi", "60,100", "--batch-roi-events", 1500, "--batches", 5], (-10, 10), (-50, -25), (0,)),
+     ["--roi", "60,100", "--batch-roi-events", 2000, "--batches", 5], (-10, 10), (-50, -28), ()),
 ])  # fmt: skip
 def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, name, engine, options, vx, vy, doubtful):
     if engine == "rtl" and find_compiler() is None:
@@ -119,7 +109,7 @@ def test_other_recordings_and_other_batches(data_dir, command, rows, tmp_path, n
     for axis, (low, high) in (("vx_px_per_s", vx), ("vy_px_per_s", vy)):
         assert low < np.median(floats(found, axis)) < high
     if "--batch-roi-events" in options:
-        assert {row["roi_events"] for row in found} == {"1500"}
+        assert {row["roi_events"] for row in found} == {"2000"}
 
 
 def test_a_text_recording_as_it_was_published(compiler, data_dir, command, rows, tmp_path):
