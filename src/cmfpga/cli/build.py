@@ -77,6 +77,7 @@ def estimate(verilog, axi=None):
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga build``."""
     tops = "; ".join(f"{board.name}: {board.top}" for board in BOARDS.values())
     made = cli.parser("cmfpga build", "Emit the accelerator as Verilog.", EXAMPLES)
     made.add_argument("--out", default="build", metavar="DIR", help="folder to write into (default: build)")

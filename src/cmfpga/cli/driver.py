@@ -17,6 +17,7 @@ EXAMPLES = (
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga driver``."""
     made = cli.parser("cmfpga driver", "Check the accelerator: identity, registers, interrupt, a batch.", EXAMPLES)
     made.add_argument(
         "--backend",

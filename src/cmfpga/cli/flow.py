@@ -37,6 +37,7 @@ PICTURE, PAGE = "flow.png", "flow.html"
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga flow``."""
     made = cli.parser("cmfpga flow", "Dense optical flow of a recording, by the simulated hardware.", EXAMPLES)
     cli.files(made.add_argument("recording", nargs="?", metavar="RECORDING", help="a file of any known format"))
     made.add_argument("--tile", type=cli.positive, metavar="PX", help="size of a tile (default: 32; 48 for HD)")

@@ -36,6 +36,7 @@ def _number(text):
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga generate``."""
     made = cli.parser("cmfpga generate", "Write a synthetic recording whose motion is known, as HDF5.", EXAMPLES)
     cli.files(made.add_argument("out", metavar="FILE", help="file to write (.h5); one that exists is replaced"))
     made.add_argument("--seed", type=cli.natural, default=0, metavar="S", help="equal seeds, equal events (default: 0)")

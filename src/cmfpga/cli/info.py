@@ -37,6 +37,7 @@ _NOISE_EVENTS = 1_000_000  # of which noise_shares are measured
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga info``."""
     made = cli.parser("cmfpga info", "Say what a recording holds, and propose an ROI and batches for it.", EXAMPLES)
     cli.files(made.add_argument("recording", metavar="RECORDING", help="a file of any known format"))
     made.add_argument(

@@ -20,6 +20,7 @@ def page_name(file):
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga report``."""
     made = cli.parser("cmfpga report", "Write the report of a track: one HTML page that needs no network.", EXAMPLES)
     made.add_argument("folder", metavar="DIR", help="the folder into which track wrote a report; its track.npz is read")
     cli.add_clock_option(made)

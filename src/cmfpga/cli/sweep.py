@@ -23,6 +23,7 @@ EXAMPLES = (
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga sweep``."""
     made = cli.parser("cmfpga sweep", "Track many recordings with many configurations, and rank these.", EXAMPLES)
     made.add_argument(
         "recordings", nargs="+", metavar="RECORDING[@X,Y]",

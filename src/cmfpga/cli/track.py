@@ -50,6 +50,7 @@ DEMO_FIELDS = {"eta": 4.0}
 
 
 def parser():
+    """Parser of the arguments of ``cmfpga track``."""
     made = cli.parser("cmfpga track", "Follow an object through a recording of events.", EXAMPLES)
     cli.files(made.add_argument(
         "recording", nargs="?", metavar="RECORDING",
