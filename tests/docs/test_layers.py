@@ -1,6 +1,7 @@
 """Who may import whom: configuration, then models, then RTL, then tools; torch only where it is needed."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 import cmfpga
 
 PACKAGE = Path(cmfpga.__file__).parent
+ROOT = Path(__file__).parents[2]
 
 #: Modules, and what must not be loaded once they are.
 CLEAN = {
@@ -65,7 +67,8 @@ CLEAN = {
 
 def run(code, folder, *arguments):
     command = [sys.executable, "-c", code, *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}  # the suites of `studies` are not installed
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
 def matches(name, prefix):

@@ -58,9 +58,10 @@ def workplace(recordings, tmp_path):
 
 
 def run(command, folder):
+    # The suites of `studies` are not installed: they are found from the checkout, as where a reader runs them.
     done = subprocess.run(
         command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=TIME_OUT,
-        encoding="utf-8", env={**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "100"},
+        encoding="utf-8", env={**os.environ, "PYTHONIOENCODING": "utf-8", "COLUMNS": "100", "PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     return done.returncode, done.stdout
 
