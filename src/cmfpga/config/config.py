@@ -17,7 +17,7 @@ from ..errors import ConfigError
 from .ascent import ASCENTS
 from .camera import parse_camera
 from .checks import check_field, check_real, check_size
-from .choices import CHOICES, GRADIENTS, UNDISTORTION
+from .choices import CHOICES, GRADIENTS, UNDISTORTION, WINDOWS
 from .confidence import check_beside, check_confidence
 from .formats import Formats
 from .geometry import Geometry
@@ -27,6 +27,7 @@ from .one_pass import OnePass
 from .regions import Regions, check_regions
 from .schedule import AUTO, Schedules
 from .widths import Widths
+from .windows import check_windows
 
 START_MODES = ("zero", "given", "last")
 WHEN_FULL = ("drop", "thin")
@@ -95,13 +96,20 @@ class Config:
         runtime=True,
     )
 
-    # Batches
-    buffer_events: int = _field(2048, "ROI events that the event buffer holds", unit="events", low=1, high=1 << 17)
+    # Batches, or windows
+    windows: str = _field(
+        "batches",
+        "what is evaluated: batches, one after the other; or sliding, the newest events again and again",
+        choices=tuple(WINDOWS),
+    )
+    buffer_events: int = _field(
+        2048, "ROI events that the event buffer holds, or a ring at least", unit="events", low=1, high=1 << 17
+    )
     buffers: int = _field(
         1, "event buffers; with 2 a batch is taken in while the one before is optimised", low=1, high=2
     )
     max_batch_events: int = _field(
-        65535, "largest batch, in events of the whole sensor", unit="events", low=1, high=(1 << 31) - 1
+        65535, "largest batch, or hop, in events of the whole sensor", unit="events", low=1, high=(1 << 31) - 1
     )
     when_full: str = _field(
         "drop",
@@ -120,6 +128,26 @@ class Config:
         unit="events",
         low=0,
         high=1 << 17,
+        runtime=True,
+    )
+    window_events: int = _field(1000, "most events of a window", unit="events", low=1, high=1 << 17, runtime=True)
+    window_us: int = _field(
+        60_000,
+        "oldest event of a window when its hop ends; 0: half of what a span counts to",
+        unit="µs",
+        low=0,
+        high=1 << 31,
+        runtime=True,
+    )
+    hop_events: int = _field(
+        62, "a hop ends with so many new ROI events", unit="events", low=1, high=1 << 17, runtime=True
+    )
+    hop_us: int = _field(
+        4000,
+        "or before the first event that is so much later; 0: at any time",
+        unit="µs",
+        low=0,
+        high=1 << 31,
         runtime=True,
     )
 
@@ -145,7 +173,15 @@ class Config:
     max_iterations: int = _field(1023, "largest T that the hardware counts to", low=1, high=65535)
     cold: str = _field(AUTO, "schedule without a last v; auto: the best measured", runtime=True)
     warm: str = _field(AUTO, "schedule from the last v; auto: the best measured", runtime=True)
-    schedule_entries: int = _field(32, "iterations that the table of schedules holds, cold and warm", low=2, high=256)
+    follow: str = _field(
+        AUTO,
+        "rounds that begin before a hop's last event; auto: the best measured; empty: warm, after it",
+        runtime=True,
+    )
+    after: str = _field(
+        AUTO, "the round after a result that judges the window; auto: the best measured; empty: none", runtime=True
+    )
+    schedule_entries: int = _field(32, "iterations that the table of schedules holds, of all of them", low=2, high=256)
     max_level: int = _field(0, "coarsest level: pixels 2^level px wide", low=0, high=3)
     eta: float = _field(
         1.0, "step η of the constant ascent", unit="(px/half batch)² per (events/px)²", low=0.0, runtime=True
@@ -209,6 +245,7 @@ class Config:
             )
         check_size(self, "min_roi_events", "buffer_events")
         check_size(self, "thin_target", "buffer_events")
+        check_windows(self)
         q = self.formats
         for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
             check_real(self, name, fmt)
@@ -313,6 +350,11 @@ class Config:
     def slice_events(self):
         """The most events that are taken in for a result: those of a batch, or of a slice of a window."""
         return self.max_batch_events // self.slices
+
+    @property
+    def slides(self):
+        """Whether windows slide."""
+        return self.windows == "sliding"
 
     @property
     def image(self):

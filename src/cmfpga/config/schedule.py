@@ -26,6 +26,8 @@ MEASURED = {
     "translation": {
         "cold": "2:3:4 2:2:3 2:3/2:2 1:1:1 0:3/4:1/4",
         "warm": "1:1:3/2 1:3/4:1 0:3/4:1/8",
+        "follow": "1:3/4:1",
+        "after": "0:3/4:1/16",
     },
     "similarity": {
         "cold": "2:1*3 2:0*4 2:-1*4 2:-2 1:-1*2 1:-2*3 0:-3*3 0:-4*2 0:-5*2",
@@ -138,7 +140,7 @@ _FORMS = {
 }
 
 
-def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
+def parse_schedule(text, *, name, max_level, v, entries, motion="translation", least=1):
     """The iterations of a schedule, a tuple of :class:`ScheduleEntry`, or of :class:`Round`.
 
     Parameters
@@ -146,7 +148,7 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
     text : str
         See above.
     name : str
-        ``cold`` or ``warm``: for messages, and for ``auto``.
+        ``cold``, ``warm``, ``follow`` or ``after``: for messages, and for ``auto``.
     max_level : int
         Largest level that the hardware has.
     v : Q
@@ -155,16 +157,18 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
         Length of the hardware's table.
     motion : str
         Whose schedule it is.
+    least : int
+        Fewest iterations.
 
     Raises
     ------
     ConfigError
-        The text is malformed or empty, too long, or has a level, step or stride out of range.
+        The text is malformed, too short or too long, or has a level, step or stride out of range.
     """
     auto = text == AUTO
     form, make, needed = _FORMS[motion == "translation"]
     iterations = []
-    for word in (MEASURED[motion][name] if auto else text).split():
+    for word in (MEASURED[motion].get(name, "") if auto else text).split():
         match = form.fullmatch(word)
         if not match:
             raise ConfigError(f"{name}: {word!r}: {needed}")
@@ -175,17 +179,17 @@ def parse_schedule(text, *, name, max_level, v, entries, motion="translation"):
         if not 1 <= count <= entries:
             raise ConfigError(f"{name}: {word!r}: a count of 1 to {entries} is needed (schedule_entries)")
         iterations += [entry._replace(level=min(level, max_level))] * count
-    if not 1 <= len(iterations) <= entries:
-        raise ConfigError(f"{name}: {len(iterations)} iterations: 1 to {entries} are needed (schedule_entries)")
+    if not least <= len(iterations) <= entries:
+        raise ConfigError(f"{name}: {len(iterations)} iterations: {least} to {entries} are needed (schedule_entries)")
     return tuple(iterations)
 
 
 class Schedules(Derived):
     """The schedules that a configuration asks for."""
 
-    def _parse(self, name):
+    def _parse(self, name, least=1):
         limits = {"max_level": self._c.max_level, "v": self._c.formats.v, "entries": self._c.schedule_entries}
-        return parse_schedule(getattr(self._c, name), name=name, motion=self._c.motion, **limits)
+        return parse_schedule(getattr(self._c, name), name=name, motion=self._c.motion, least=least, **limits)
 
     @functools.cached_property
     def cold(self):
@@ -197,12 +201,25 @@ class Schedules(Derived):
         """Iterations of a batch that starts from the last v."""
         return self._parse("warm")
 
+    @functools.cached_property
+    def follow(self):
+        """Rounds of a window that slides, which begin before its last event; () if none do."""
+        return self._parse("follow", least=0) if self._c.slides else ()
+
+    @functools.cached_property
+    def after(self):
+        """The round behind its result that judges it; () if none does."""
+        return self._parse("after", least=0) if self._c.slides else ()
+
     def check(self):
         """Raise :exc:`ConfigError` unless the hardware can hold them and count to their lengths."""
-        lengths = {"cold": len(self.cold), "warm": len(self.warm)}
+        names = ("cold", "warm", *(("follow", "after") if self._c.slides else ()))
+        lengths = {name: len(getattr(self, name)) for name in names}
+        if len(self.after) > 1:
+            raise ConfigError(f"after: {len(self.after)} iterations: at most one is allowed")
         if sum(lengths.values()) > self._c.schedule_entries:
             raise ConfigError(
-                f"cold and warm: {lengths['cold']} + {lengths['warm']} iterations; "
+                f"{' and '.join(names)}: {' + '.join(map(str, lengths.values()))} iterations; "
                 f"at most {self._c.schedule_entries} are allowed in all (schedule_entries)"
             )
         for name, iterations in lengths.items():

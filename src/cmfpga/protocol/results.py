@@ -14,7 +14,15 @@ from typing import Any
 
 from ..fixed import Q
 from .flags import Flag
-from .settings import velocity_shape, with_background, with_confidence, with_hot_pixels, with_regions
+from .settings import (
+    in_batches,
+    velocity_shape,
+    with_background,
+    with_confidence,
+    with_hot_pixels,
+    with_regions,
+    with_windows,
+)
 from .shapes import REQUIRED, Place, always, corner, leaves, pair, up_to, whole
 
 CYCLE_BITS = 32
@@ -31,7 +39,7 @@ class ResultField:
     name: str
     shape: Callable  # shape(config)
     scope: str  # batch; region, of one region of interest; wrapper, of the AXI top alone (WireResult); packet
-    counts: bool = False  # one of those that add up to events
+    counts: bool | Callable = False  # one of those that add up to events; counts(config)
     taken_in: bool = False  # known when the batch has been taken in, before its first iteration
     when: Callable = always  # when(config): the hardware has it; without it, outcomes have the default
     read: Callable | None = None  # read(*raw leaves): the attribute; by default real numbers, a tuple if several
@@ -54,7 +62,7 @@ class ResultField:
 
 def thins(config):
     """Only where a full buffer thins out what it holds."""
-    return config.when_full == "thin"
+    return config.when_full == "thin" and not config.slides
 
 
 def _events(config):
@@ -131,7 +139,7 @@ RESULTS = (
                 unit="µs", places=(Place(word=7),)),
     ResultField(name="events", shape=_events, scope="batch", taken_in=True, unit="events",
                 doc="N; the sum of all counts of events that follow", places=(Place(word=9),)),
-    ResultField(name="roi_events", **_COUNT | {"shape": lambda c: up_to(c.buffer_events)},
+    ResultField(name="roi_events", **_COUNT | {"shape": lambda c: up_to(c.buffer_events), "counts": in_batches},
                 doc="n: in the ROI, and stored", places=(Place(word=10),),
                 total=Place(word=18, doc="stored, of all results")),
     ResultField(name="outside", **_COUNT, doc="outside the ROI", places=(Place(word=11),),
@@ -159,7 +167,8 @@ RESULTS = (
                         *_long(40, "RESULT_SZOOM", "_szoom", "Σ I·D of the zoom"),
                         *_long(42, "RESULT_SROLL", "_sroll", "Σ I·D of the roll"))),
     ResultField(name="cycles", shape=lambda c: whole(CYCLE_BITS), scope="region", default=None, nothing=None,
-                doc="from the first event's offer to the result", unit="cycles", places=(Place(word=3),)),
+                doc="from the first event's offer to the result; of a hop from its end on", unit="cycles",
+                places=(Place(word=3),)),
     ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag,
                 nothing=Flag.DEGENERATE, doc="what was unusual", places=_FLAGS),
     ResultField(name="thinning_used", shape=_thinning_used, scope="region", taken_in=True, when=thins, default=None,
@@ -180,6 +189,13 @@ RESULTS = (
                 doc="1: began cold, because the batch before was doubtful",
                 places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),
                 total=Place(word=27, doc="began cold, because the batch before was doubtful")),
+    ResultField(name="t_us", shape=lambda c: whole(c.time_bits), scope="batch", taken_in=True, when=with_windows,
+                default=None, nothing=None, doc="when the hop ended", unit="µs", places=(Place(word=44),)),
+    ResultField(name="fresh", **_COUNT | {"shape": lambda c: up_to(c.buffer_events), "default": None},
+                when=with_windows, doc="of the window's events those that this hop brought", places=(Place(word=45),)),
+    ResultField(name="late", **_COUNT | {"shape": lambda c: up_to(c.buffer_events), "counts": False, "default": None},
+                when=with_windows, doc="later than the unit of time, and counted as at its end",
+                places=(Place(word=46),)),
     ResultField(name="hot", **_COUNT | _FILTERED, when=with_hot_pixels, doc="dropped: of pixels marked as hot"),
     ResultField(name="noise", **_COUNT | _FILTERED, when=with_background,
                 doc="dropped: no other pixel of the cell had an event shortly before"),
@@ -226,7 +242,7 @@ def fields_of(*scopes, config=None):
 
 def counts_of(config):
     """:data:`COUNTS`, and those of the filters that the hardware has."""
-    return tuple(f.name for f in RESULTS if f.counts and f.when(config))
+    return tuple(f.name for f in RESULTS if f.when(config) and (f.counts(config) if callable(f.counts) else f.counts))
 
 
 def not_judged(config):
@@ -249,6 +265,7 @@ def decode(config, values, *more):
     found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
     if Flag.DEGENERATE in found["flags"]:
         found["sums"] = (0,) * len(found["sums"])  # the core's mean nothing then
+        found |= not_judged(config)
     return found
 
 

@@ -47,6 +47,16 @@ def with_undistortion(config):
     return config.undistortion == "on"
 
 
+def with_windows(config):
+    """Only where windows slide."""
+    return config.slides
+
+
+def in_batches(config):
+    """Only where they do not."""
+    return not config.slides
+
+
 @dataclass(frozen=True, kw_only=True)
 class Setting:
     """One input of the hardware that may change from batch to batch.
@@ -181,14 +191,29 @@ def plan_places(word, doc):
     )  # fmt: skip
 
 
-def _plan(name, word, without, first):
-    """A schedule; ``first(config, settings)`` is its first entry in the table."""
-    doc = f"schedule of a batch {without} a last v"
+#: The parts of the table of schedules, in order.
+PLANS = ("cold", "warm", "follow", "after")
+
+
+def _plan(name, word, doc, when=by_signs):
+    """A schedule, behind those before it in the table."""
+    before = PLANS[: PLANS.index(name)]
     return Setting(
-        name=name, high=plan_high, when=by_signs, default=(), doc=doc, shown=with_one_roi,
-        asked=lambda config: getattr(config.schedules, name) if by_signs(config) else (),
-        raw=lambda config, settings: (first(config, settings), len(getattr(settings, name))),
+        name=name, high=plan_high, when=when, default=(), doc=doc, shown=with_one_roi,
+        asked=lambda config: getattr(config.schedules, name) if when(config) else (),
+        raw=lambda config, settings: (
+            sum(len(getattr(settings, one)) for one in before) % config.schedule_entries, len(getattr(settings, name))
+        ),
         places=plan_places(word, doc),
+    )  # fmt: skip
+
+
+def _length(name, word, low=0):
+    """How long a window or a hop is, at most."""
+    events = name.endswith("_events")
+    return Setting(
+        name=name, field=name, low=low, default=0, when=with_windows, places=(Place(word=word),),
+        high=lambda c: c.buffer_events if events else 1 << (c.span_bits - 1),
     )  # fmt: skip
 
 
@@ -210,9 +235,10 @@ SETTINGS = (
             doc="top row of the ROI, limited to the sensor", unit="px",
             places=(Place(word=4, register="ROI", field="Y", lsb=16, width=16, doc="top row"),)),
     Setting(name="batch_events", high=lambda c: c.slice_events, blocks=("core", "shell"), raw=lambda c, s: 0,
+            when=in_batches,
             doc="end a batch after so many events; 0: not by their number", unit="events", places=(Place(word=0),)),
     Setting(name="batch_roi_events", high=lambda c: c.buffer_events, raw=lambda c, s: 0, unit="events",
-            shown=with_one_roi,
+            shown=with_one_roi, when=in_batches,
             doc="end a batch after so many stored ROI events; 0: not by their number", places=(Place(word=1),)),
     Setting(name="duration", high=lambda c: (1 << c.span_bits) - 1, blocks=("shell",), raw=lambda c, s: 0, unit="µs",
             doc="end a batch before the event that is so much later than its first; 0: not by time",
@@ -224,7 +250,7 @@ SETTINGS = (
     Setting(name="thinning", field="thinning", shape=lambda c: whole(c.widths.thinning_bits), low=1, default=1,
             high=lambda c: c.widths.thinning_max, shown=with_one_roi, places=(Place(word=11),)),
     Setting(name="thin_target", field="thin_target", high=lambda c: c.buffer_events, default=0, shown=with_one_roi,
-            places=(Place(word=12),)),
+            when=in_batches, places=(Place(word=12),)),
     Setting(name="iterations", field="iterations", high=lambda c: c.max_iterations, shown=by_gradient,
             # The sign ascent does not read it: the hardware may then count to less than the default.
             asked=lambda c: min(c.iterations, c.max_iterations), places=(Place(word=13),)),
@@ -233,7 +259,7 @@ SETTINGS = (
     Setting(name="roi_gain", field="roi_gain", shape=lambda c: c.formats.roi_gain, shown=with_moving_roi,
             doc="displacement of the ROI per v, raw", places=(Place(word=6),)),
     Setting(name="start_last", shape=lambda c: whole(1), asked=lambda c: c.start == "last", reset=1,
-            shown=with_one_roi,
+            shown=with_one_roi, when=in_batches,
             doc="1: start from the last batch's v; 0: from the start velocity",
             places=(Place(word=7, register="START_MODE", field="LAST", width=1,
                           doc="1: the last batch's v; 0: V_START_X, V_START_Y",
@@ -245,13 +271,19 @@ SETTINGS = (
                     Place(word=23, register="V_START_ZOOM", part="_zoom", unit="", doc="start of the zoom, raw"),
                     Place(word=24, register="V_START_ROLL", part="_roll", unit="", doc="start of the roll, raw"))),
     Setting(name="min_roi_events", field="min_roi_events", high=lambda c: c.buffer_events, places=(Place(word=10),)),
-    _plan("cold", 15, "without", lambda c, s: 0),
-    _plan("warm", 16, "with", lambda c, s: len(s.cold) % c.schedule_entries),
+    _plan("cold", 15, "schedule of a batch without a last v"),
+    _plan("warm", 16, "schedule of a batch with a last v"),
+    _plan("follow", 27, "rounds that begin before a hop's last event; 0: WARM, after it", with_windows),
+    _plan("after", 28, "the round after a result that judges the window; at most one", with_windows),
+    _length("window_events", 29, low=1),
+    _length("window_us", 30),
+    _length("hop_events", 31, low=1),
+    _length("hop_us", 32),
     Setting(name="judge", field="judge", shape=lambda c: whole(1), default=1, when=with_confidence,
             places=(Place(word=17, register="CONFIDENCE", field="JUDGE", width=1,
                           register_doc="how sure v is, and what follows"),)),
     Setting(name="cold_after_doubtful", field="cold_after_doubtful", shape=lambda c: whole(1), default=1,
-            when=with_confidence,
+            when=lambda c: with_confidence(c) and in_batches(c),
             places=(Place(word=17, register="CONFIDENCE", field="COLD_AFTER_DOUBTFUL", lsb=1, width=1),)),
     Setting(name="confidence_limit", low=1, high=lambda c: (1 << c.widths.limit_bits) - 1, when=with_confidence,
             asked=lambda c: round(LIMIT_SCALE * c.confidence_limit), default=90, reset=90,
@@ -327,8 +359,8 @@ def settings_values(config, settings):
 
 
 def schedule_table(config, settings):
-    """The table of schedules, cold then warm, as :func:`settings_values` points at it: tuple of :func:`table_entry`."""
-    return tuple(table_entry(config, entry) for entry in (*settings.cold, *settings.warm))
+    """The table of schedules as :func:`settings_values` points at it, :data:`PLANS`: tuple of :func:`table_entry`."""
+    return tuple(table_entry(config, entry) for name in PLANS for entry in getattr(settings, name))
 
 
 def schedule_highest(config):

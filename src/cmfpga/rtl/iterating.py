@@ -15,6 +15,7 @@ from .image import image_of
 from .image.event_path import EventPath
 from .ingest.event_buffer import EventBuffer
 from .iteration_control import IterationControl
+from .sliding.ring import Ring
 
 
 class Iterating:
@@ -31,7 +32,7 @@ class Iterating:
         """
         config = self.config
         self.rounds = config.ascent_rule.evaluations > 1
-        self.event_buffer = EventBuffer(config)
+        self.event_buffer = (Ring if config.slides else EventBuffer)(config)
         self.path = EventPath(config)
         in_flight = self.event_buffer.latency + self.path.latency - 1
         self.image = image_of(config)(config, in_flight=in_flight)
@@ -44,13 +45,12 @@ class Iterating:
         # From a replay to the warp; from the last vote to the next v.
         self._feed = in_flight + 1 - self.path.evaluating
         self._evaluate = self.image.latency + self.gradient.latency + self.ascent.latency
-        self.iteration_control = IterationControl(
-            config,
-            replay_delay=max(0, self._evaluate - self._feed),
-            move=move,
-            settle=settle,
-            probe_delay=Probe.latency,
-        )
+        self._replay_delay = max(0, self._evaluate - self._feed)
+        self.iteration_control = self._make_control(move, settle)
+
+    def _make_control(self, move, settle):
+        delays = {"replay_delay": self._replay_delay, "probe_delay": Probe.latency}
+        return IterationControl(self.config, move=move, settle=settle, **delays)
 
     @property
     def blocks(self):
@@ -114,9 +114,10 @@ class Iterating:
         m.d.comb += [self.event_buffer.replay.eq(control.replay), self.event_buffer.room.eq(image.room)]
         v = self.ascent.warped if self.probe else self.ascent.v
         self.path.scale_and_warp(m, batch, reciprocal, v, self.ascent)
+        following = control.next if self.config.slides else control.run.updated
         m.d.comb += [
             control.complete.eq(image.complete),
-            image.next.eq(control.run.updated | self._probed(m) if self.probe else control.run.updated),
+            image.next.eq(following | self._probed(m) if self.probe else following),
         ]
         if self.config.ascent_rule.strides:
             stride = self.ascent.stride

@@ -5,6 +5,7 @@ from amaranth.lib import data
 
 from .core import Core
 from .regions.regions import Regions
+from .sliding.core import SlidingCore
 
 
 def flatten(layout, prefix):
@@ -45,6 +46,8 @@ class PlainPorts:
                 groups[prefix] = (getattr(self, f"{prefix}_write"), {"valid": True, "payload": True})
         if hasattr(self, "pixels"):
             groups["trace_pixels"] = (self.pixels, {"valid": False, "payload": False})
+        if hasattr(self, "busy"):
+            self._add("busy", self.busy.shape(), self.busy, False)
         for prefix, (member, signals) in groups.items():
             for name, is_input in signals.items():
                 inside = getattr(member, name) if name else member
@@ -90,6 +93,14 @@ class VerilogRegions(PlainPorts, Regions):
         self._make_ports({f"trace_{number}": trace for number, trace in enumerate(self.traces)})
 
 
+class VerilogSliding(PlainPorts, SlidingCore):
+    """:class:`~cmfpga.rtl.sliding.core.SlidingCore` with plain ports."""
+
+    def __init__(self, config):
+        super().__init__(config)
+        self._make_ports({"trace": self.trace})
+
+
 def verilog_top(config):
     """The one that a configuration asks for."""
-    return (VerilogRegions if config.regions else VerilogCore)(config)
+    return (VerilogRegions if config.regions else VerilogSliding if config.slides else VerilogCore)(config)

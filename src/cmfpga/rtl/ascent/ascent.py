@@ -5,6 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
+from ...protocol.settings import PLANS
 from .. import payloads
 from .velocity import Velocity
 
@@ -26,6 +27,8 @@ def ascent_run(config):
         Iterations of the batch.
     updated
         v has changed.
+    plan
+        Which of :data:`~cmfpga.protocol.settings.PLANS` its iterations follow. Only where windows slide.
     final, doubtful
         The iteration is the batch's last; with ``done``, whether v is in doubt. Only where that is measured.
     """
@@ -34,6 +37,7 @@ def ascent_run(config):
         {
             "settings": Out(payloads.settings(config)),
             **dict.fromkeys(signals, Out(1)),
+            **({"plan": Out(range(len(PLANS)))} if config.slides else {}),
             "planned": In(config.widths.iteration_bits),
             "updated": In(1),
         }
@@ -82,7 +86,7 @@ class Ascent(wiring.Component):
         layout, self._probes = payloads.velocity(config), config.confidence and config.ascent_rule.evaluations == 1
         probed = {"probe": In(payloads.flow(layout)), "warped": Out(layout)} if self._probes else {}
         probed |= {"restarted": Out(1)} if config.confidence else {}
-        self.velocity = Velocity(layout, target_bits=target_bits, probes=bool(self._probes))
+        self.velocity = Velocity(layout, target_bits=target_bits, probes=bool(self._probes), holds=config.slides)
         super().__init__(
             {
                 "i": In(payloads.flow(payloads.gradient(config))),

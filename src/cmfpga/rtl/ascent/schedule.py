@@ -7,10 +7,12 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
-from ...protocol.settings import schedule_highest
+from ...protocol.settings import PLANS, schedule_highest
 from .. import payloads
-from ..arithmetic import delay
+from ..arithmetic import delay, select
 from .ascent import Ascent
+
+_PART = "first", "count"  # of a table
 
 
 class Schedule(wiring.Component):
@@ -120,16 +122,28 @@ class ScheduledAscent(Ascent):
     def scheduled(self):
         """A module with velocity and schedule in it, which goes on with each move."""
         run, settings, schedule = self.run, self.run.settings, self.schedule
+        if self.config.slides:
+            m = self.begin(run.plan != PLANS.index("cold"))
+            m.d.comb += self.velocity.hold.eq(run.plan == PLANS.index("after"))
+            if self.config.confidence:
+                m.d.comb += schedule.hold.eq(run.final)
+            self._walk(m, {name: select(run.plan, [settings[plan][name] for plan in PLANS]) for name in _PART})
+            return m
         # Warm only while an object is followed: a new ROI, or a batch that found nothing, begins cold.
         tracking = Signal()
         warm = Signal()
         m = self.begin(warm)
-        m.submodules.schedule = schedule
-        connect(m, flipped(self.schedule_write), schedule.write)
         with m.If(run.done):
             m.d.sync += tracking.eq(~run.degenerate)
         m.d.sync += warm.eq(self._unless_in_doubt(m, settings.start_last & tracking & ~settings.roi_load))
-        plan = {name: Mux(warm, settings.warm[name], settings.cold[name]) for name in ("first", "count")}
+        self._walk(m, {name: Mux(warm, settings.warm[name], settings.cold[name]) for name in _PART})
+        return m
+
+    def _walk(self, m, plan):
+        """The schedule goes through a part of the table."""
+        run, schedule = self.run, self.schedule
+        m.submodules.schedule = schedule
+        connect(m, flipped(self.schedule_write), schedule.write)
         m.d.comb += [
             run.planned.eq(plan["count"]),
             schedule.new_batch.eq(run.take),
@@ -139,7 +153,6 @@ class ScheduledAscent(Ascent):
             self.level.eq(schedule.level),
             self.limited.eq(schedule.limited),
         ]
-        return m
 
     def _unless_in_doubt(self, m, warm):
         """``warm``, but not after a doubtful batch, if the settings say so."""

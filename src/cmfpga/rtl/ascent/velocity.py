@@ -21,6 +21,8 @@ class Velocity(wiring.Component):
         Width of a target, two's complement; None: that of v.
     probes : bool
         Whether events can be warped by another velocity than v.
+    holds : bool
+        Whether a move can leave v as it is.
 
     Members
     -------
@@ -32,6 +34,8 @@ class Velocity(wiring.Component):
         Take ``target``, limited.
     clipped : ``In(1)``
         With ``move``: what the target comes from was limited before.
+    hold : ``In(1)``
+        With ``move``: v stays. Only with ``holds``.
     start, target : ``In``
     v : ``Out``
         Zero after a reset.
@@ -46,7 +50,7 @@ class Velocity(wiring.Component):
 
     latency = 1
 
-    def __init__(self, layout, *, target_bits, probes=False):
+    def __init__(self, layout, *, target_bits, probes=False, holds=False):
         targets = {name: signed(target_bits or shape.q.width) for name, shape in layout.members.items()}
         super().__init__(
             {
@@ -57,19 +61,20 @@ class Velocity(wiring.Component):
                 "moved": Out(1),
                 "saturated": Out(1),
                 **({"probe": In(flow(layout)), "warped": Out(layout)} if probes else {}),
+                **({"hold": In(1)} if holds else {}),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        limited = self.clipped
+        limited, moves = self.clipped, self.move & ~self.hold if hasattr(self, "hold") else self.move
         for name, shape in self.v.shape().members.items():
             fmt = shape.q
             v, target = self.v[name], self.target[name]
             registers = [v, self.warped[name]] if hasattr(self, "warped") else [v]
             with m.If(self.load):
                 m.d.sync += [register.eq(self.start[name]) for register in registers]
-            with m.Elif(self.move):
+            with m.Elif(moves):
                 m.d.sync += [register.eq(saturate(target, fmt.min, fmt.max)) for register in registers]
             if hasattr(self, "warped"):
                 with m.If(self.probe.valid):

@@ -2,6 +2,7 @@
 
 from amaranth.lib.wiring import connect
 
+from ..sliding.placer import Placer, placed_event
 from .basis import Basis
 from .dither import Dither
 from .evaluators import Evaluators
@@ -11,7 +12,7 @@ from .warp import Warp
 
 
 class EventPath:
-    """Dither, where there is one, scaler, warp and voter, or in place of these evaluators; one event a cycle.
+    """Dither, where there is one, or placer, scaler, warp and voter, or in place of these evaluators; an event a cycle.
 
     Parameters
     ----------
@@ -30,8 +31,16 @@ class EventPath:
         self.config = config
         self.blocks = {"dither": Dither(config)} if config.dither_frac else {}
         rounds = config.ascent_rule.evaluations > 1
-        last = {"evaluators": Evaluators(config)} if rounds else {"warp": Warp(config), "voter": BilinearVoter(config)}
-        self.blocks |= {"time_scaler": TimeScaler(config), **last}
+        if config.slides:
+            self.blocks = {"placer": Placer(config)}
+            scaler = TimeScaler(config, placed_event(config))
+            last = {"evaluators": Evaluators(config, scaler.o.payload.shape())}
+        else:
+            scaler = TimeScaler(config)
+            last = (
+                {"evaluators": Evaluators(config)} if rounds else {"warp": Warp(config), "voter": BilinearVoter(config)}
+            )
+        self.blocks |= {"time_scaler": scaler, **last}
         self.latency = sum(block.latency for block in self.blocks.values())
         self.evaluating = sum(block.latency for block in last.values())
         self.basis = Basis(config) if config.motion_model.basis else None

@@ -158,15 +158,15 @@ class TaggedAccumulator(wiring.Component):
     """Sums votes into I, Dx and Dy, spread over four banks by the parity of column and row.
 
     Every word carries the number of the iteration that wrote it, so nothing is cleared between iterations. Before a
-    number is used again, no word may carry it: in cycles without an event, which all lie between iterations, a sweep
-    writes tag 0, which no iteration has, one address after the other, through the same pipeline as the votes.
+    number is used again, no word may carry it: in cycles without an event between iterations, a sweep writes tag 0,
+    which no iteration has, one address after the other, through the same pipeline as the votes.
 
     One event per cycle; ``o`` follows by :attr:`latency` cycles.
 
     Members
     -------
     i : ``In``, flow of :func:`payloads.votes`
-        Without a gap inside an iteration.
+        Without a gap inside an iteration, unless windows slide.
     next_tag : ``In(1)``
         An iteration is over. At least one cycle after its last event.
     o : ``Out``, array of four :func:`payloads.tagged_step`
@@ -199,8 +199,14 @@ class TaggedAccumulator(wiring.Component):
 
         address = Signal(range(max(2, config.geometry.bank_depth)))
         last = address == config.geometry.bank_depth - 1
-        m.d.comb += self.swept.eq(~self.i.valid & last)
-        with m.If(~self.i.valid):
+        sweeps = ~self.i.valid
+        if config.slides:
+            inside = Signal()  # an iteration that waits for events
+            with m.If(self.i.valid):
+                m.d.sync += inside.eq(~self.i.payload.last)
+            sweeps &= ~inside
+        m.d.comb += self.swept.eq(sweeps & last)
+        with m.If(sweeps):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
 
         voted = Signal(self.latency)
@@ -213,6 +219,6 @@ class TaggedAccumulator(wiring.Component):
                 m.d.comb += [bank.i.valid.eq(vote.valid), operation.address.eq(vote.address), operation.tag.eq(tag)]
                 m.d.comb += [operation.add[name].eq(vote[name]) for name in payloads.pixel(config).members]
             with m.Else():
-                m.d.comb += [bank.i.valid.eq(1), operation.address.eq(address)]
+                m.d.comb += [bank.i.valid.eq(sweeps), operation.address.eq(address)]
             m.d.comb += [self.o[number].eq(bank.o.payload), self.o[number].valid.eq(bank.o.valid & voted[-1])]
         return m

@@ -7,7 +7,7 @@ import numpy as np
 
 from ...imaging.camera import node_writes
 from ...protocol.regions import RegionTable
-from ...protocol.settings import schedule_table, settings_values
+from ...protocol.settings import PLANS, schedule_table, settings_values
 from ...protocol.tables import mask_writes
 from ...protocol.trace import to_batch_result
 from ...rtl.top import verilog_top
@@ -237,6 +237,25 @@ class VerilatedCore:
             steps = {k: np.delete(trace[trace[:, which] == k], which, 1) for k in range(count)}
         return [self._result(rows[at : at + count], steps) for at in range(0, len(rows), count)]
 
+    def slide(self, t, x, y, settings, *, gaps=None, stalls=None):
+        """Events into a core whose windows slide, which goes on where it was: a :class:`BatchResult` of each hop.
+
+        See :meth:`results` for the parameters, and ``valid`` of the attribute :attr:`finished`.
+        """
+        config = self.config
+        self.write_tables(settings)
+        plans = [len(getattr(settings, name)) for name in PLANS]
+        turns = config.ascent_rule.evaluations << config.geometry.turn_bits
+        most = 2 * len(t) + 1
+        stalls = np.resize([0] if stalls is None else stalls, most)
+        limit = self._patience(gaps, stalls) + len(t)
+        limit += most * (sum(plans) * (turns * config.buffer_events + 200) + config.buffer_events + 1000)
+        rows, trace, _, self.offered = self._drive(
+            [(t, x, y)], [settings_values(config, settings)], gaps, stalls, most * max(plans), limit
+        )
+        self.finished, steps = [row["valid"] for row in rows], {0: trace}
+        return [self._result([row], steps) for row in rows]
+
     def _bounds(self, batches, settings, regions):
         """Iterations that each region may have, and clock cycles that the batches may take."""
         config, limit = self.config, 4 * self.config.store.bins
@@ -323,7 +342,8 @@ class VerilatedCore:
             )
         if status == RESULT_CHANGED:
             raise AssertionError("a result changed while it was waiting to be taken")
-        values = [dict(zip(self.result_names, row, strict=True)) for row in arrays["results"].tolist()]
+        rows = arrays["results"][: run.results_count].tolist()
+        values = [dict(zip(self.result_names, row, strict=True)) for row in rows]
         for number, row in enumerate(values):
             row |= {"valid": int(arrays["valid"][number]), "accepted": run.accepted}
         done = self._traced(sum(row["iterations"] for row in values))

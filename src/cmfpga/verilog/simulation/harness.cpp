@@ -68,7 +68,7 @@ struct Run {
     int64_t *offered, *valid;      // [batches], [outcomes]: cycle of the first offer, and of the result
     int64_t *trace;                // [trace_rows][TRACE_VALUES], of all batches
     int64_t *pixels;               // [pixel_rows][PIXEL_VALUES], of all batches, or null
-    int64_t batches, outcomes;     // results come as often as that, of all batches
+    int64_t batches, outcomes;     // results come as often as that, of all batches; of windows that slide at most
     int64_t open_end;              // do not mark the last event of a batch
     int64_t max_cycles;            // give up after these
     int64_t trace_rows, pixel_rows;
@@ -155,6 +155,8 @@ int core_run(void *simulation, Run *run) {
         if (run->pixels && pixels && run->pixel_count < run->pixel_rows)
             get_pixels(top, run->pixels + PIXEL_VALUES * run->pixel_count);
         run->pixel_count += pixels;
+
+        if (batch == run->batches && !busy(top)) return DONE;
 
         const bool accepted = offer && top.event_ready;
         bool taken = false;

@@ -1,0 +1,274 @@
+"""The core whose windows slide: events in, velocity and a moving ROI out, again and again."""
+
+from types import SimpleNamespace
+
+from amaranth.hdl import Module, Mux, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect
+
+from ...protocol.flags import Flag
+from ...protocol.results import fields_of
+from .. import payloads
+from ..ingest.reciprocal import Reciprocal
+from ..iterating import Iterating
+from .hop_control import HopControl
+from .hop_evaluation import AFTER, HopEvaluation
+from .roi_carrier import RoiCarrier
+from .walker import Walker
+
+
+class SlidingCore(Iterating, wiring.Component):
+    """Contrast Maximization of the newest events, as :mod:`cmfpga.reference.integer.sliding` says::
+
+        i ─► hop control ─► ring ─► placer ─► scaler ─► evaluators ─► images
+               ▲      │       ▲        ▲         ▲          ▲ v         │ sums
+               │ crop │ hop   │ b      │ corner  │ unit     │           ▼
+               │      ▼       │        │         │        ascent ◄── gradient
+               │    walker ───┘      ROI carrier ┴ reciprocal │
+               └─────────────────────────┴────────────────────┘
+        o ◄── hop evaluation: replay, round, result
+
+    One event a cycle at the input, while others are replayed. An event waits only if a hop would close before the last
+    one is evaluated, or if the ring has no place. A result follows the event that ends its hop by the cycles that
+    :meth:`hop_cycles` gives, if the round that follows the writes has caught up by then.
+
+    Parameters
+    ----------
+    config : Config
+        ``windows`` is ``sliding``.
+
+    Members
+    -------
+    i : ``In``, stream of :func:`payloads.event`
+        ``last`` is not looked at.
+    o : ``Out``, stream of :func:`payloads.result`
+        One of each hop; evaluations wait until it is taken.
+    settings : ``In``, :func:`payloads.settings`
+        Taken over with the first event after a reset.
+    trace : ``Out``, flow of :func:`payloads.trace`
+        Every round's v and sums, for verification; not of the one that judges.
+    busy : ``Out(1)``
+        An event waits, or the result of a hop that has closed.
+    schedule_write : ``In``, flow of :func:`payloads.schedule_write`
+        Fills the table of schedules, before the first event.
+    """
+
+    def __init__(self, config):
+        self.config = config
+        self.hop_control, self.walker, self.roi_carrier = HopControl(config), Walker(config), RoiCarrier(config)
+        self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
+        self._make_iterating()
+        self.image.check(self.iteration_latency)
+        super().__init__(
+            {
+                "i": In(stream.Signature(payloads.event(config))),
+                "o": Out(stream.Signature(payloads.result(config))),
+                "settings": In(payloads.settings(config)),
+                "trace": Out(payloads.flow(payloads.trace(config))),
+                "busy": Out(1),
+                "schedule_write": self.ascent.signature.members["schedule_write"],
+            }
+        )
+
+    def _make_control(self, move, settle):
+        return HopEvaluation(self.config, replay_delay=self._replay_delay, move=self.roi_carrier.latency + 1)
+
+    @property
+    def boxes(self):
+        """What stands directly in the core, by name, in the order of data flow."""
+        first = ("hop_control", "event_buffer", "walker", "reciprocal")
+        last = ("image", "gradient", "means", "ascent", "judge", "roi_carrier", "iteration_control")
+        first, last = ({name: getattr(self, name) for name in names} for names in (first, last))
+        boxes = [first, self.path.boxes, last]
+        return {name: block for part in boxes for name, block in part.items() if block is not None}
+
+    def elaborate(self, platform):
+        m = Module()
+        self._add_boxes(m)
+        hop = self._take_in(m)
+        control, walker, carrier = self.iteration_control, self.walker, self.roi_carrier
+        settings, unit = control.run.settings, control.unit
+        self._iterate(m, SimpleNamespace(span=unit), self.reciprocal)
+        self._ascend(m)
+        self._average(m)
+        if self.config.confidence:
+            self._confide(m, hop.count)
+
+        # The crops of the hop that is evaluated, and of the one that is taken in; where the image lies.
+        crop, cropped, corner = (
+            Signal(payloads.roi_corner(self.config), name=name) for name in ("crop", "cropped", "at")
+        )
+        with m.If(self.hop_control.closed):
+            m.d.sync += cropped.eq(crop)
+        with m.If(self.hop_control.closed | control.load | ~control.opened):
+            m.d.sync += crop.eq(carrier.next_crop)
+        with m.If(control.run.start & (control.run.plan != AFTER)):
+            m.d.sync += corner.eq(Mux(control.cold, cropped, carrier.image))
+        placer, scaler = self.path.blocks["placer"], self.path.blocks["time_scaler"]
+        limits = {"x": self.config.geometry.roi_x_max, "y": self.config.geometry.roi_y_max}
+        wanted = {axis: settings[f"roi_{axis}"] for axis in "xy"}
+        loaded = {axis: Mux(settings.roi_load, Mux(wanted[axis] > most, most, wanted[axis]), 0)
+                  for axis, most in limits.items()}  # fmt: skip
+        m.d.comb += [
+            self.reciprocal.start.eq(control.divide),
+            self.reciprocal.span.eq(unit),
+            control.divided.eq(self.reciprocal.done),
+            placer.start.eq(control.replay),
+            placer.phase_x.eq(walker.phase_x),
+            placer.phase_y.eq(walker.phase_y),
+            placer.t_first.eq(hop.t_first),
+            placer.corner.eq(corner),
+            scaler.i.payload.t.eq(Mux(placer.o.valid, placer.o.payload.t, control.since)),
+            carrier.load.eq(control.load),
+            carrier.move.eq(control.move & (settings.roi_gain != 0)),
+            carrier.cold.eq(control.cold),
+            carrier.v.eq(self.ascent.v),
+            carrier.since.eq(scaler.o.payload.dt),
+            *(carrier.crop[axis].eq(Mux(control.opened, cropped[axis], loaded[axis])) for axis in "xy"),
+        ]
+        late = Signal.like(hop.count)
+        with m.If(control.replay):
+            m.d.sync += late.eq(0)
+        with m.Elif(placer.o.valid & (placer.o.payload.t > unit)):
+            m.d.sync += late.eq(late + 1)
+        outside = settings.roi_load & ((wanted["x"] > limits["x"]) | (wanted["y"] > limits["y"]))
+        self._result(m, hop, corner, cropped, late, outside)
+        return m
+
+    def _take_in(self, m):
+        """Hop control, ring and walker; what is known of the hop, as :func:`.hop_evaluation.hop` has it."""
+        hops, ring, walker, control = self.hop_control, self.event_buffer, self.walker, self.iteration_control
+        lengths, hop, settings = Signal(hops.lengths.shape()), control.hop, control.run.settings
+        connect(m, hops.o, ring.i)
+        m.d.comb += [
+            *(lengths[name].eq(settings[name]) for name in lengths.shape().members),
+            hops.lengths.eq(lengths),
+            walker.lengths.eq(lengths),
+            hops.thinning.eq(settings.thinning),
+            hops.i.valid.eq(self.i.valid & control.opened),
+            hops.i.payload.eq(self.i.payload),
+            self.i.ready.eq(hops.i.ready & control.opened),
+            hops.corner.eq(self.roi_carrier.next_crop),
+            hops.free.eq(control.free),
+            hops.oldest.eq(walker.begin),
+            walker.go.eq(control.walk),
+            walker.end.eq(hops.end),
+            walker.now.eq(hops.now),
+            walker.stale.eq(hops.stale),
+            walker.t.eq(ring.o.payload.t),
+            ring.look.eq(walker.look),
+            ring.first.eq(walker.begin),
+            ring.end.eq(hops.end),
+            ring.closed.eq(control.closed),
+            control.offered.eq(self.i.valid),
+            control.cleared.eq(self._once(m, self.image.cleared)),
+            self.image.clear.eq(~self._once(m, 1)),
+            control.given.eq(self.settings),
+            control.walked.eq(walker.done),
+            control.summed.eq(self.means.done),
+            control.drained.eq(ring.idle),
+            hop.closed.eq(hops.closed),
+            hop.now.eq(hops.now),
+            hop.step.eq(hops.step),
+            hop.stale.eq(hops.stale),
+            hop.empty.eq(walker.empty),
+        ]
+        # The first event that was stored after a hop had closed begins a window that is empty by then.
+        seen, first_new, newest, first = (
+            Signal(),
+            *(Signal.like(hop.t_first, name=n) for n in ("new", "newest", "first")),
+        )
+        time = hops.o.payload.t
+        with m.If(hops.closed):
+            only = walker.empty & ~seen & hops.o.valid  # the event that ends the hop
+            m.d.sync += [seen.eq(0), first.eq(Mux(only, time, hop.t_first))]
+            m.d.sync += hop.t_last.eq(Mux(hops.o.valid, time, newest))
+        with m.Elif(hops.o.valid & ~seen):
+            m.d.sync += [seen.eq(1), first_new.eq(time)]
+        with m.If(hops.o.valid):
+            m.d.sync += newest.eq(time)
+        m.d.sync += hop.count.eq(hops.end - walker.begin)
+        m.d.comb += hop.t_first.eq(Mux(control.closed, first, Mux(walker.empty, first_new, walker.t_first)))
+        return hop
+
+    def _once(self, m, value):
+        """From the cycle after ``value`` was high on."""
+        been = Signal()
+        m.d.sync += been.eq(been | value)
+        return been
+
+    def _confide(self, m, events):
+        """The verdict of the window's own last round, or of the one that judges it."""
+        control, verdict = self.iteration_control, self.judge
+        judged = Signal(name="judged")
+        m.d.sync += judged.eq((judged | verdict.done) & ~control.run.take)
+        m.d.comb += [
+            verdict.begin.eq(self.means.done & control.run.final & control.wants_verdict),
+            verdict.sum_i.eq(self.means.o.i),
+            verdict.squares.eq(self.means.o_squares),
+            verdict.curvature.eq(self.ascent.curvature),
+            verdict.events.eq(events),
+            verdict.limit.eq(control.run.settings.confidence_limit),
+            control.judged.eq(judged),
+        ]
+
+    def _result(self, m, hop, corner, cropped, late, outside):
+        """Nothing of this changes while a result waits."""
+        control, hops, config, sums = self.iteration_control, self.hop_control, self.config, self.image.sums
+        settings, counts, result = control.run.settings, hops.counts, self.o.payload
+        degenerate, first = control.degenerate, Signal(init=1)
+        pending = Signal()
+        with m.If(control.taken):
+            m.d.sync += first.eq(0)
+        m.d.sync += pending.eq(hops.closed | (pending & ~control.taken))
+        m.d.comb += self.busy.eq(hops.waits | hops.closed | pending)
+        moved = ~degenerate & (settings.roi_gain != 0)
+        flags = {
+            Flag.DEGENERATE: degenerate,
+            Flag.TIME_BACK: counts.time_back != 0,
+            Flag.SATURATED: self.ascent.saturated & ~degenerate,
+            Flag.ROI_CLAMPED: (self.roi_carrier.clamped & moved) | (first & outside),
+            Flag.SCHEDULE: self.ascent.limited & ~degenerate,
+            Flag.THINNED: counts.thinned != 0,
+        }
+        own = {"sums": self.means.o}
+        if config.confidence:
+            own |= {"sum_squares": self.means.o_squares, "curvature": self.ascent.curvature}
+        shape = data.StructLayout({name: result.shape()[name].shape for name in own} | {"doubtful": 1})
+        kept, found = Signal(shape), Signal(shape)
+        m.d.comb += [found[name].eq(value) for name, value in own.items()]
+        if config.confidence:
+            m.d.comb += found.doubtful.eq(self.judge.doubtful)
+            with m.If(control.keep):
+                m.d.sync += kept.eq(found)
+        chosen = Signal(shape)
+        m.d.comb += chosen.eq(Mux(control.kept, kept, found))
+        age = (hops.now - hop.t_first)[: config.span_bits]
+        values = {
+            "t_first": hops.now - age,
+            "span": Mux(degenerate, 0, control.unit),
+            "t_us": hops.now,
+            **{name: counts[name] for name in counts.shape().members},
+            "roi_events": hop.count,
+            "late": Mux(degenerate, 0, late),
+            "roi": Mux(degenerate, cropped, corner),
+            "roi_next": self.roi_carrier.next_crop,
+            "v": self.ascent.v,
+            "iterations": Mux(degenerate, 0, control.iterations),
+            "cycles": control.cycles,
+            **{name: chosen[name] for name in own},
+        }
+        if config.confidence:
+            judged = settings.judge & ~degenerate
+            flags[Flag.DOUBTFUL] = judged & chosen.doubtful
+            values |= {"confidence_limit": Mux(judged, settings.confidence_limit, 0)}
+        there = {f.name for f in fields_of("batch", "region", config=config)}
+        m.d.comb += [
+            self.o.valid.eq(control.run.done),
+            control.taken.eq(self.o.ready & control.run.done),
+            *(result[name].eq(values[name]) for name in values if name in there),
+            *(result.flags[flag.bit_length() - 1].eq(value) for flag, value in flags.items()),
+            self.trace.valid.eq(sums.valid & control.iterating & (control.run.plan != AFTER)),
+            self.trace.payload.v.eq(self.ascent.v),
+            self.trace.payload.sums.eq(sums.payload),
+        ]

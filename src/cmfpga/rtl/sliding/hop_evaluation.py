@@ -1,0 +1,271 @@
+"""Hop evaluation: when a window is replayed, by which rounds, and what comes of it."""
+
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from ...protocol.results import CYCLE_BITS
+from ...protocol.settings import PLANS
+from .. import payloads
+from ..arithmetic import delay
+from ..ascent.ascent import ascent_run
+from .ring import address_bits
+
+COLD, WARM, FOLLOW, AFTER = range(len(PLANS))
+
+
+def hop(config):
+    """Signature of what is known of a hop, from hop control and walker; right as they say.
+
+    ``empty``, ``t_first``, ``t_last`` and ``count`` are the window's: it shares no event with the last one; times of
+    its first and last event, if there is one; events. All are right from the second cycle after ``closed`` on.
+    """
+    time = Out(config.span_bits)
+    return wiring.Signature(
+        {
+            "closed": Out(1),
+            **dict.fromkeys(("now", "step", "t_first", "t_last"), time),
+            **dict.fromkeys(("stale", "empty"), Out(1)),
+            "count": Out(address_bits(config)),
+        }
+    )
+
+
+class HopEvaluation(wiring.Component):
+    """Runs the rounds of one hop after the other, in a state machine.
+
+    OPEN, LOAD
+        After a reset: wait until the image is clear and an event is offered, take over the settings, place the ROI.
+    AHEAD
+        The window's begin is known. One that follows the last v begins; else it is waited for the hop's end (WAIT).
+    DIVIDE
+        Wait for the reciprocal of the unit of time, then replay.
+    ROUNDS
+        Replay once a round. The first one of ``follow`` takes events in as they come.
+    DISCARD
+        The window has turned out to be degenerate: wait for its sums, which nobody reads.
+    MOVE
+        Wait until the ROI is carried on, and for the verdict, if it is this window's own.
+    RESULT
+        Offer the result until it is taken.
+    AFTER, JUDGE
+        The round that judges, on the same window. What it finds is kept for the next result.
+    WALK
+        Wait until the begin of the next window is known.
+
+    Parameters
+    ----------
+    config : Config
+    replay_delay : int
+        Cycles from ``complete`` to the next replay.
+    move : int
+        Cycles of the ROI's move.
+
+    Members
+    -------
+    offered, cleared : ``In(1)``
+        An event is offered; the image is clear.
+    given : ``In``, :func:`payloads.settings`
+        Taken over in OPEN.
+    hop : ``In``, :func:`hop`
+    walked, divided, complete, summed, judged, drained : ``In(1)``
+        The walker, the division are done; all of a round's events have voted; its sums are there; the verdict is known;
+        no replay is under way.
+    run : ``Out``, :func:`~cmfpga.rtl.ascent.ascent.ascent_run`
+    load, opened : ``Out(1)``
+        Place the ROI; from then on events are taken in.
+    free : ``Out(1)``
+        A hop may close.
+    closed : ``Out(1)``
+        The hop under way has closed.
+    unit : ``Out``
+        What v is px per half of, µs.
+    divide, replay, next : ``Out(1)``
+        Divide by ``unit``; replay the window; what comes now belongs to another image. One cycle each.
+    iterating : ``Out(1)``
+        Gradients count.
+    wants_verdict : ``Out(1)``
+        The round under way is judged, if it is the last.
+    move, cold, walk : ``Out(1)``
+        Carry the ROI on; the window starts cold; move the window's begin on.
+    since : ``Out``
+        The last reference time as an event's of this window, µs.
+    keep, kept : ``Out(1)``
+        Keep what the judging round found; that is what the result is judged by.
+    degenerate : ``Out(1)``
+    iterations, cycles : ``Out``
+        Rounds done; clock cycles since the hop closed.
+    taken : ``In(1)``
+        The result is taken, if there is one: ``run.done``.
+    """
+
+    def __init__(self, config, *, replay_delay, move):
+        self.config, self._replay_delay, self._move = config, replay_delay, move
+        inputs = ("offered", "cleared", "walked", "divided", "complete", "summed", "judged", "drained", "taken")
+        outputs = (
+            "load", "opened", "free", "closed", "divide", "replay", "next", "iterating", "wants_verdict", "move",
+            "cold", "walk", "keep", "kept", "degenerate",
+        )  # fmt: skip
+        super().__init__(
+            {
+                **dict.fromkeys(inputs, In(1)),
+                **dict.fromkeys(outputs, Out(1)),
+                "given": In(payloads.settings(config)),
+                "hop": In(hop(config)),
+                "run": Out(ascent_run(config)),
+                "unit": Out(config.span_bits),
+                "since": Out(signed(config.span_bits + 1)),
+                "iterations": Out(config.widths.iteration_bits),
+                "cycles": Out(CYCLE_BITS),
+            }
+        )
+
+    def elaborate(self, platform):
+        config, run, hop, settings = self.config, self.run, self.hop, self.run.settings
+        m = Module()
+        decided, followed, follows = Signal(), Signal(), Signal()
+        self.age = Signal(config.span_bits + 1)
+        enough, held = Signal(), Signal()  # of the window; a judging round has been kept for it
+        final = Signal()
+        timer = Signal(range(max(self._move, 8)))
+        judges = settings.judge if config.confidence else 0
+        span, age = self._judge(m, decided, enough, followed)
+        ahead = Signal(config.span_bits + 2)
+        last_step = Signal.like(hop.step)
+        m.d.comb += [
+            ahead.eq(last_step + Mux(hop.empty, 0, (hop.now - hop.t_first)[: config.span_bits])),
+            self.cold.eq(run.plan == COLD),
+            self.kept.eq(held & ~self.cold),
+            self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~self.kept)),
+        ]
+        m.d.sync += final.eq((run.plan == AFTER) | (self.iterations + 1 == run.planned))
+        if config.confidence:
+            m.d.comb += run.final.eq(final)
+        another = self.complete & self.iterating & ~final & (run.plan != AFTER)
+        next_replay = delay(m, another, self._replay_delay, name="next_replay", valid=True)
+        m.d.comb += self.replay.eq(run.start | next_replay)
+        closing = Signal()  # in a state in which a hop may close
+        m.d.comb += self.free.eq(closing & ~self.closed)
+        m.d.sync += self.cycles.eq(Mux(hop.closed, 1, self.cycles + 1))
+        with m.If(hop.closed):
+            m.d.sync += self.closed.eq(1)
+        with m.If(self.walked):
+            m.d.sync += [self.closed.eq(0), decided.eq(0)]
+        m.d.comb += self.next.eq(run.updated)
+        # The last reference time lies half a unit behind the last window's first event.
+        half, first = Signal(config.span_bits - 1), Signal.like(hop.t_first)
+        m.d.sync += self.since.eq(half - (hop.t_first - first)[: config.span_bits])
+        with m.FSM(name="evaluate") as machine:
+            with m.State("OPEN"):
+                m.d.sync += run.settings.eq(self.given)
+                with m.If(self.offered & self.cleared):
+                    m.next = "LOAD"
+            with m.State("LOAD"):
+                m.d.comb += self.load.eq(1)
+                m.d.sync += timer.eq(7)
+                m.next = "LOADED"
+            with m.State("LOADED"):
+                m.d.sync += timer.eq(timer - 1)
+                with m.If(timer == 0):
+                    m.d.sync += self.opened.eq(1)
+                    m.next = "AHEAD"
+            with m.State("AHEAD"):
+                m.d.comb += follows.eq(followed & (settings.follow.count != 0))
+                m.d.sync += [self.iterations.eq(0), self.degenerate.eq(0)]
+                m.d.sync += self.unit.eq(Mux(ahead == 0, 1, Mux(ahead >> config.span_bits != 0, ~0, ahead)))
+                m.next = "WAIT"
+                with m.If(follows):
+                    m.d.sync += run.plan.eq(FOLLOW)
+                    m.next = "TAKE"
+            with m.State("WAIT"):
+                m.d.sync += [self.unit.eq(span), run.plan.eq(Mux(followed, WARM, COLD))]
+                with m.If(decided):
+                    m.d.sync += self.degenerate.eq(~enough)
+                    m.next = "TAKE"
+                    with m.If(~enough):
+                        m.next = "RESULT"
+            with m.State("TAKE"):
+                m.d.comb += [run.take.eq(1), self.divide.eq(1)]
+                m.next = "DIVIDE"
+            with m.State("DIVIDE"):
+                with m.If(self.divided):
+                    m.d.comb += run.start.eq(1)
+                    m.next = "ROUNDS"
+            with m.State("ROUNDS"):
+                discard = decided & ~enough
+                m.d.comb += self.iterating.eq(~discard)
+                m.d.sync += timer.eq(self._move - 1)
+                with m.If(discard):
+                    m.d.sync += self.degenerate.eq(1)
+                    with m.If(hop.count == 0):
+                        m.next = "RESULT"
+                    with m.Elif(self.summed):
+                        m.d.comb += self.next.eq(1)
+                        m.next = "RESULT"
+                with m.Elif(run.updated):
+                    m.d.sync += self.iterations.eq(self.iterations + 1)
+                    with m.If(final):
+                        m.d.comb += self.move.eq(1)
+                        m.next = "MOVE"
+            with m.State("MOVE"):
+                m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
+                with m.If((timer == 0) & (self.judged | ~self.wants_verdict)):
+                    m.next = "RESULT"
+            with m.State("RESULT"):
+                m.d.comb += run.done.eq(self.drained)
+                m.d.sync += [self.cycles.eq(self.cycles), timer.eq(4)]
+                with m.If(self.taken):
+                    m.d.sync += [followed.eq(~self.degenerate), last_step.eq(hop.step), self.age.eq(age)]
+                    m.d.comb += self.walk.eq(1)
+                    m.next = "WALK"
+                    with m.If(~self.degenerate):
+                        m.d.sync += [held.eq(0), half.eq(self.unit >> 1), first.eq(hop.t_first)]
+                        with m.If(judges & (settings.after.count != 0)):
+                            m.d.comb += self.walk.eq(0)
+                            m.d.sync += run.plan.eq(AFTER)
+                            m.next = "AFTER"
+            with m.State("AFTER"):
+                m.d.comb += run.take.eq(timer == 4)
+                m.d.sync += timer.eq(timer - 1)
+                with m.If(timer == 0):
+                    m.d.comb += run.start.eq(1)
+                    m.next = "JUDGE"
+            with m.State("JUDGE"):
+                m.d.comb += self.iterating.eq(1)
+                done = Signal()
+                m.d.sync += done.eq(done | run.updated)
+                with m.If((done | run.updated) & self.judged):
+                    m.d.comb += [self.keep.eq(1), self.walk.eq(1)]
+                    m.d.sync += [held.eq(1), done.eq(0)]
+                    m.next = "WALK"
+            with m.State("WALK"):
+                with m.If(self.walked):
+                    m.next = "AHEAD"
+        m.d.comb += closing.eq(Cat(map(machine.ongoing, ("AHEAD", "WAIT", "TAKE", "DIVIDE", "ROUNDS"))).any())
+        m.d.comb += run.degenerate.eq(self.degenerate)
+        return m
+
+    def _judge(self, m, decided, enough, followed):
+        """Whether the window can be evaluated, from ``decided`` on; its range, and how long none was too short, µs."""
+        config, hop, settings = self.config, self.hop, self.run.settings
+        span = Signal(config.span_bits)
+        aged, age = Signal(config.span_bits + 1), Signal(config.span_bits + 1)
+        oldest = Mux(settings.window_us == 0, 1 << (config.span_bits - 1), settings.window_us)
+        room, left = Signal(len(hop.count)), Signal(config.span_bits)
+        planned, many, timed, whole = (Signal(name=name) for name in ("planned", "many", "timed", "whole"))
+        full = Signal()
+        m.d.sync += [
+            room.eq(settings.window_events - settings.hop_events),
+            left.eq(oldest - settings.hop_us),
+            planned.eq((settings.cold.count != 0) & ((settings.follow.count != 0) | (settings.warm.count != 0))),
+            span.eq(hop.t_last - hop.t_first),
+            aged.eq(Mux(self.age[-1], self.age, self.age + hop.step)),
+            many.eq((hop.count != 0) & (hop.count >= settings.min_roi_events)),
+            whole.eq(hop.count > room),
+            full.eq(whole | (aged >= left)),
+            timed.eq((span != 0) & ~hop.stale & planned),
+        ]
+        with m.If(delay(m, hop.closed, 4, name="closed", valid=True)):
+            m.d.sync += decided.eq(1)
+        m.d.comb += [enough.eq(many & timed & (full | followed)), age.eq(Mux(many & timed, aged, 0))]
+        return span, age

@@ -1,0 +1,99 @@
+"""The Verilog of windows that slide against the model: every round's sums and every field, whenever events come."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from cmfpga.config import preset
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.reference.integer.sliding import Sliding
+from cmfpga.verilog.simulation.core import VerilatedCore
+
+SMALL = {
+    "windows": "sliding", "roi_width": 16, "roi_height": 12, "sensor_width": 32, "sensor_height": 24,
+    "buffer_events": 200, "time_bits": 18, "span_bits": 16, "tag_bits": 5, "confidence_limit": 1.0,
+    "min_roi_events": 6, "window_events": 120, "hop_events": 10,
+    "window_us": 0, "hop_us": 0,
+}  # fmt: skip
+QUAD = preset("quad").replace(**SMALL)
+FAST = preset("fast").replace(**SMALL | {"tag_bits": 7})
+#: Hops that close by number, by time, share nothing, are of one event; with the warm schedule, judged by themselves.
+CASES = {
+    "both": QUAD.replace(window_events=120, hop_events=9, window_us=4000, hop_us=300),
+    "by number": QUAD.replace(window_events=120, hop_events=10, window_us=0, hop_us=0),
+    "disjoint": QUAD.replace(window_events=60, hop_events=60, window_us=2000, hop_us=900, follow="", thinning=2),
+    "one event a hop": QUAD.replace(window_events=50, hop_events=1, window_us=900, hop_us=40, after=""),
+    "two rounds": QUAD.replace(window_events=80, hop_events=12, follow="1:3/4:1 0:3/4:1/4", judge=0),
+    "short hops": QUAD.replace(window_events=80, hop_events=40, max_batch_events=25, min_roi_events=1, roi_gain=0.0),
+    "one evaluator": FAST.replace(window_events=120, hop_events=9, window_us=4000, hop_us=300),
+}
+CORNER = (7, 5)
+
+
+def drawn(rng, count, *, mean_us=40):
+    """Events of a dot that moves, some of them elsewhere; with ties, bursts, gaps and steps back; times wrap."""
+    steps = rng.exponential(mean_us, count) * rng.choice([0, 0.1, 1, 3], count)
+    steps[rng.random(count) < 0.006] += 60 * mean_us
+    t = np.cumsum(steps).astype(np.int64)
+    side = 5 * np.sin(t / t[-1] * 9)
+    x = (CORNER[0] + 8 + side + rng.normal(0, 2, count)).astype(np.int64).clip(0, 31)
+    y = (CORNER[1] + 6 + side / 2 + rng.normal(0, 2, count)).astype(np.int64).clip(0, 23)
+    away = rng.random(count) < 0.2
+    x[away], y[away] = rng.integers(0, 32, away.sum()), rng.integers(0, 24, away.sum())
+    t[rng.random(count) < 0.01] -= 100
+    return (t + (1 << 18) - 9000) % (1 << 18), x, y
+
+
+def played(core, given, events, rng, *, waits):
+    """Results of the core for events that come in pieces, at once, or with pauses and results that are taken late."""
+    core.reset()
+    n, found = len(events[0]), []
+    gaps = rng.integers(0, 60, n) * (np.arange(n) % 100 > 30) if waits else None
+    stalls = rng.integers(0, 50, 50) if waits else None
+    for a, b in itertools.pairwise([0, *sorted(rng.integers(0, n, 3)), n]):
+        part = slice(a, b)
+        if b > a:
+            pauses = None if gaps is None else gaps[part]
+            found += core.slide(*(axis[part] for axis in events), given, gaps=pauses, stalls=stalls)
+    return found
+
+
+def same(one):
+    """All fields but the cycles; ``t_first`` means nothing without events."""
+    values = {f.name: getattr(one, f.name) for f in dataclasses.fields(one) if f.name != "regions"}
+    region = {f.name: getattr(one, f.name) for f in dataclasses.fields(one.regions[0]) if f.name != "cycles"}
+    return values | region | {"t_first": one.t_first if one.roi_events else None}
+
+
+def compare(wanted, found):
+    for k, (one, other) in enumerate(zip(map(same, wanted), map(same, found), strict=False)):
+        differ = {name: (one[name], other[name]) for name in one if not (one[name] == other[name])}
+        assert not differ, (k, differ)
+    assert len(wanted) == len(found)
+
+
+@pytest.fixture(scope="module")
+def cores():
+    """A simulated core of each hardware that is asked for."""
+    made = {}
+    yield lambda config: made.setdefault(config.hardware_hash, VerilatedCore(config))
+    for core in made.values():
+        core.close()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_hops_equal_the_model(name, cores, rng):
+    config = CASES[name]
+    given = BatchSettings.from_config(config, roi=CORNER)
+    degenerate = 0
+    for count in (700, 700, 2500):
+        events = drawn(rng, count)
+        wanted = list(Sliding(config, given).run(*events))
+        for waits in (False, True):
+            compare(wanted, played(cores(config), given, events, rng, waits=waits))
+        degenerate += sum(Flag.DEGENERATE in one.flags for one in wanted)
+        assert len(wanted) > 20 and any(one.late for one in wanted) == bool(given.follow)
+    assert degenerate > 2
