@@ -61,12 +61,12 @@ class Tracking:
         return len(self.results)
 
     def __getattr__(self, name):
-        if "config" in vars(self) and name in (declared := columns(self.config.motion)):
+        if "config" in vars(self) and name in (declared := columns(self.config.motion, self.config.slides)):
             return declared[name].array([values[name] for values in self._values])
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def __dir__(self):
-        return [*super().__dir__(), *columns(self.config.motion)]
+        return [*super().__dir__(), *columns(self.config.motion, self.config.slides)]
 
     def __repr__(self):
         return f"<Tracking of {self.source.name}: {len(self)} batches, {self.engine} engine>"
@@ -96,13 +96,13 @@ class Tracking:
     def to_csv(self, path):
         """Write ``track.csv``, the same text as the command's."""
         with naming(path), open(path, "w", newline="") as file:
-            write = csv_writer(file, columns(self.config.motion), self.config.image)
+            write = csv_writer(file, columns(self.config.motion, self.config.slides), self.config.image)
             for values in self._values:
                 write(row(values))
 
     def to_arrays(self):
         """``{name: array}`` of all columns of ``track.csv``."""
-        return {name: getattr(self, name) for name in columns(self.config.motion)}
+        return {name: getattr(self, name) for name in columns(self.config.motion, self.config.slides)}
 
     def to_pandas(self):
         """The same as a pandas ``DataFrame``. Needs pandas: ``pip install 'cmfpga[pandas]'``."""
@@ -113,7 +113,7 @@ class Tracking:
     def _repr_html_(self):
         """In a notebook: the first and last batches as a table, and the picture."""
         shown = self._values if len(self) <= 2 * _SHOWN else [*self._values[:_SHOWN], None, *self._values[-_SHOWN:]]
-        declared = columns(self.config.motion).values()
+        declared = columns(self.config.motion, self.config.slides).values()
         lines = [[column.title + (f" [{column.unit}]" if column.unit else "") for column in declared]]
         lines += [row(values) if values else ["…"] * len(declared) for values in shown]
         table = "".join(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in line)}</tr>" for line in lines)

@@ -130,17 +130,24 @@ class Config:
         high=1 << 17,
         runtime=True,
     )
-    window_events: int = _field(1000, "most events of a window", unit="events", low=1, high=1 << 17, runtime=True)
+    window_events: int = _field(
+        0, "most events of a window; 0: as suits the motion", unit="events", low=0, high=1 << 17, runtime=True
+    )
     window_us: int = _field(
-        60_000,
-        "oldest event of a window when its hop ends; 0: half of what a span counts to",
+        0,
+        "oldest event of a window when its hop ends; 0: half of what a span counts to, or as suits the motion",
         unit="µs",
         low=0,
         high=1 << 31,
         runtime=True,
     )
     hop_events: int = _field(
-        62, "a hop ends with so many new ROI events", unit="events", low=1, high=1 << 17, runtime=True
+        0,
+        "a hop ends with so many new ROI events; 0: with a 16th of a window's",
+        unit="events",
+        low=0,
+        high=1 << 17,
+        runtime=True,
     )
     hop_us: int = _field(
         4000,

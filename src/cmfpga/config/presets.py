@@ -31,6 +31,8 @@ PRESETS = {
     "fast": _FAST.replace(ram_style="block"),
     # An event in every cycle, for four.
     "quad": _FAST.replace(evaluators=4),
+    # The newest events, again after every few of them.
+    "sliding": _FAST.replace(evaluators=4, windows="sliding", buffer_events=8191),
     # Images as large lie in UltraRAM, which holds four as well as one that is four times as deep.
     "fast-128": _FAST.replace(
         evaluators=4, roi_width=128, roi_height=128, buffer_events=4095, tag_bits=9, ram_style="ultra"

@@ -4,6 +4,20 @@ from ..errors import ConfigError
 from .checks import check_size
 
 
+#: A window's events where nothing says how many; how many hops its length has.
+USUAL_EVENTS, HOPS = 1000, 16
+
+
+def window_events(config):
+    """Most events of a window."""
+    return config.window_events or min(USUAL_EVENTS, config.buffer_events)
+
+
+def hop_events(config):
+    """Most events of a hop."""
+    return config.hop_events or max(1, round(window_events(config) / HOPS))
+
+
 def check_windows(config):
     """Raise :exc:`ConfigError` unless the hardware can hold and time such windows."""
     if not config.slides:
@@ -12,7 +26,10 @@ def check_windows(config):
         if getattr(config, name) != needed:
             raise ConfigError(f"windows = sliding: {name} = {needed} is needed")
     check_size(config, "window_events", "buffer_events")
-    check_size(config, "hop_events", "window_events")
+    if config.hop_events > window_events(config):
+        raise ConfigError(
+            f"hop_events = {config.hop_events}: at most {window_events(config)} is allowed (window_events)"
+        )
     longest = 1 << (config.span_bits - 1)
     for name, most, why in (
         ("window_us", longest, "half of what span_bits counts to"), ("hop_us", config.window_us or longest, "window_us")

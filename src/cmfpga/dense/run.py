@@ -35,7 +35,7 @@ class FieldCutter(FittedCutter):
         share = max(1, self._config.sensor_width * self._config.sensor_height // FIRST_PIXELS)
         count = min(FIRST_EVENTS * share, self.max_events)
         while True:
-            ahead = yield from self._ahead(count)
+            ahead = yield from self.ahead(count)
             moved = trial(ahead)
             wanted = 2 * count if moved is None else fit(count, (moved,), True)
             if len(ahead) < count or count == self.max_events or (moved is not None and wanted <= count):

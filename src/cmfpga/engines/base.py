@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from ..errors import ConfigError
 from ..protocol.regions import Region
 from ..protocol.results import BatchResult
-from ..protocol.settings import clamp_roi
+from ..protocol.settings import BatchSettings, clamp_roi
 from ..protocol.trace import Trace
 
 
@@ -32,6 +32,11 @@ def check_events(config, events):
                 f"{name} of an event is {values.max()}: 0 to {size - 1} is allowed on a sensor of "
                 f"{config.sensor_width}×{config.sensor_height} px (sensor_width, sensor_height)"
             )
+
+
+def batches_of(config):
+    """The configuration that takes batches where ``config`` has windows."""
+    return config.replace(windows="batches", buffers=2, when_full="thin")
 
 
 class Engine(ABC):
@@ -64,7 +69,7 @@ class Engine(ABC):
     result, traced = BatchResult, True  # kind of the results, and whether they have a trace
 
     def __init__(self, config):
-        self.config, self.regions, self.cycles = config, [], None
+        self.config, self.regions, self.cycles, self._batches = config, [], None, None
         self.forget()
 
     def forget(self):
@@ -72,7 +77,7 @@ class Engine(ABC):
         if not self.config.regions:
             self.regions = [Region.roi(self.config, (0, 0))]
         self.places = [(row.x, row.y) for row in self.regions]
-        self._last, self._loads = [None] * len(self.regions), False
+        self._last, self._loads, self._begun = [None] * len(self.regions), False, None
 
     def write(self, regions, anew=()):
         """Replace the table of regions, between runs.
@@ -103,16 +108,19 @@ class Engine(ABC):
         Parameters
         ----------
         events : Events
-            One batch; with ``slices`` one slice.
+            One batch; with ``slices`` one slice; where windows slide any number.
         settings : BatchSettings
             Run-time inputs. ``roi`` writes the row of a core of one ROI anew. A table of regions reads neither that
-            nor ``thinning``, ``thin_target`` and ``start_last``.
+            nor ``thinning``, ``thin_target`` and ``start_last``. Where windows slide, all are taken over when the row
+            is written anew.
 
         Returns
         -------
         list of BatchResult
             In the order of their last events, each with an outcome for each region. A batch has one. That of a slice
-            is its window's, of the last so many slices. An accelerator's results have no trace.
+            is its window's, of the last so many slices. Where windows slide there is one of each hop that ends with
+            these events; they go on where the last ones ended, unless the row is written anew. An accelerator's
+            results have no trace.
 
         Raises
         ------
@@ -120,20 +128,35 @@ class Engine(ABC):
             There are more events than the hardware counts to, or an event or the ROI lies outside the sensor.
         """
         config, limit = self.config, self.config.slice_events
-        if len(events) > limit:
+        if len(events) > limit and not config.slides:
             raise ConfigError(f"a batch of {len(events)} events: at most {limit} are allowed (max_batch_events)")
         check_events(config, events)
         if settings.roi is not None and not config.regions:
             self.write([Region.roi(config, settings.roi)], {0})
         self.cycles = None
         if not len(events):
-            return [self._nothing()]
+            return [] if config.slides else [self._nothing()]
+        if config.slides:
+            settings = self._begun if not self._loads and self._begun else settings
+            self._begun = settings
         results = self._run(events, dataclasses.replace(settings, roi=self.places[0] if self._loads else None))
-        self._loads, self._last = False, list(results[-1].regions)
+        self._loads = False
+        if not results:
+            return results
+        self._last = list(results[-1].regions)
         self.places = [one.roi_next for one in self._last]
         if not config.regions:
             self.cycles = results[-1].cycles
         return results
+
+    def trial(self, events, settings):
+        """:meth:`run`, of a batch whose length is tried: where windows slide by hardware that takes batches."""
+        if not self.config.slides:
+            return self.run(events, settings)
+        if self._batches is None:
+            self._batches = type(self)(batches_of(self.config))
+        self._batches.write(self.regions, {0})
+        return self._batches.run(events, BatchSettings.from_config(self._batches.config))
 
     def _nothing(self):
         """The result of no events, which never reach the hardware."""
@@ -152,5 +175,7 @@ class Engine(ABC):
     def _run(self, events, settings):
         """Checked events, at least one; ``settings.roi`` where a core of one ROI loads it."""
 
-    def close(self):  # noqa: B027 - most engines hold nothing
+    def close(self):
         """Release what the engine holds."""
+        if self._batches is not None:
+            self._batches.close()

@@ -4,7 +4,9 @@ import torch
 
 from ..reference.float_core import FloatCore
 from ..reference.integer.core import IntegerCore
+from ..reference.integer.sliding import Sliding
 from ..reference.regions import RegionSequence
+from ..errors import ConfigError
 from .base import Engine
 
 
@@ -23,7 +25,15 @@ class ModelEngine(Engine):
     def _write(self, regions, anew):
         self._table.write(regions, anew)
 
+    def forget(self):
+        super().forget()
+        self._sliding = None
+
     def _run(self, events, settings):
+        if self.config.slides:
+            if self._sliding is None or settings.roi is not None:
+                self._sliding = Sliding(self.config, settings)
+            return list(self._sliding.run(events.t, events.x, events.y))
         return [self._table.run(events.t, events.x, events.y, settings)]
 
 
@@ -36,3 +46,8 @@ class FloatEngine(ModelEngine):
 
     name = "float"
     model = FloatCore
+
+    def __init__(self, config):
+        if config.slides:
+            raise ConfigError("engine float: windows = batches is needed; rtl and model have windows that slide")
+        super().__init__(config)

@@ -15,6 +15,8 @@ _END = object()
 
 # Events whose coordinates are looked at in one go when ROI events are counted: little more than a batch.
 _SCAN_EVENTS = 4096
+#: The most events that :meth:`BatchCutter.pieces` gives at a time.
+PIECE_EVENTS = 4096
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,6 +183,32 @@ class BatchCutter:
             self._at += take
             if complete or cut_short:
                 return self._batch(cut_short)
+
+    def pieces(self):
+        """A function that gives what has come next, however much it is; None at the end, or :data:`WAITING`.
+
+        In place of :meth:`next`: nothing waits for a batch to be complete.
+        """
+
+        def piece():
+            if self._leftover is not None:
+                return None
+            while self._at == len(self._chunk):
+                chunk = self._pull()
+                if chunk is None:
+                    return WAITING
+                if chunk is _END:
+                    self._leftover = 0
+                    if self._broken:
+                        raise self._broken
+                    return None
+                self._chunk, self._at = chunk, 0
+            part = self._chunk[self._at : self._at + PIECE_EVENTS]
+            self._at += len(part)
+            self._position += len(part)
+            return part
+
+        return piece
 
     def _take_window(self, rest, count):
         if self._window_begin is None:

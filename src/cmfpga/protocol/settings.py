@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..config.schedule import DISTANCES, STRIDES
+from ..config.windows import hop_events, window_events
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
@@ -208,12 +209,12 @@ def _plan(name, word, doc, when=by_signs):
     )  # fmt: skip
 
 
-def _length(name, word, low=0):
+def _length(name, word, low=0, asked=None):
     """How long a window or a hop is, at most."""
-    events = name.endswith("_events")
     return Setting(
         name=name, field=name, low=low, default=0, when=with_windows, places=(Place(word=word),),
-        high=lambda c: c.buffer_events if events else 1 << (c.span_bits - 1),
+        high=lambda c: c.buffer_events if asked else 1 << (c.span_bits - 1),
+        asked=(lambda c: asked(c) if c.slides else 0) if asked else None,
     )  # fmt: skip
 
 
@@ -275,9 +276,9 @@ SETTINGS = (
     _plan("warm", 16, "schedule of a batch with a last v"),
     _plan("follow", 27, "rounds that begin before a hop's last event; 0: WARM, after it", with_windows),
     _plan("after", 28, "the round after a result that judges the window; at most one", with_windows),
-    _length("window_events", 29, low=1),
+    _length("window_events", 29, low=1, asked=window_events),
     _length("window_us", 30),
-    _length("hop_events", 31, low=1),
+    _length("hop_events", 31, low=1, asked=hop_events),
     _length("hop_us", 32),
     Setting(name="judge", field="judge", shape=lambda c: whole(1), default=1, when=with_confidence,
             places=(Place(word=17, register="CONFIDENCE", field="JUDGE", width=1,

@@ -7,11 +7,6 @@ class CycleFormula:
     """What :class:`~cmfpga.rtl.core.Core` knows of time without being simulated."""
 
     @property
-    def latencies(self):
-        """Clock cycles from input to output of each block that the events or the sums go through, by name."""
-        return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
-
-    @property
     def batch_latency(self):
         """Cycles of a batch that depend on neither N, n nor T."""
         move = self.roi_updater.latency if self.config.buffers == 1 else 1

@@ -59,6 +59,11 @@ class Iterating:
         return {name: block for box in boxes for name, block in box.items()}
 
     @property
+    def latencies(self):
+        """Clock cycles from input to output of each block that the events or the sums go through, by name."""
+        return {name: block.latency for name, block in self.blocks.items() if hasattr(block, "latency")}
+
+    @property
     def iteration_latency(self):
         """L: an iteration of n events takes n + L cycles from one v to the next, and those of the image's sweep.
 

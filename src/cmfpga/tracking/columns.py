@@ -159,10 +159,21 @@ MORE = declared(
 )  # fmt: skip
 
 
-def columns(motion):
-    """``{name: Column}`` of a track with this motion, in the order of its CSV."""
+#: Where windows slide, beside those.
+HOPS = declared(
+    Column(name="t_us", dtype=int, title="last event", unit="µs", value=lambda b: b.t_us, may_be_missing=True,
+           doc="time of the window's last event, on the recording's clock; v is the mean over the window"),
+    Column(name="window_us", dtype=int, title="length of the window", unit="µs", value=_result("span"),
+           doc="v is px per half of it; 0 of a degenerate window"),
+)  # fmt: skip
+
+
+def columns(motion, slides=False):
+    """``{name: Column}`` of a track with this motion, of windows that slide or batches, in the order of its CSV."""
     found = {}
     for name, column in COLUMNS.items():
+        if slides and name == "t_ref_us":
+            found |= HOPS
         found[name] = column
         if name == "vy_px_per_s":
             found |= {rate: MORE[rate] for rate in RATES[motion]}
@@ -171,5 +182,5 @@ def columns(motion):
 
 def row(values):
     """Text of a batch's values, ``{name: value}``."""
-    every = COLUMNS | MORE
+    every = COLUMNS | MORE | HOPS
     return tuple(every[name].shown(value) for name, value in values.items())

@@ -110,7 +110,7 @@ class FittedCutter(BatchCutter):
             return (yield from self._trials(trial, *rois))
         length = self._shortest = self._sure = yield from self._first_length(rois)
         while True:
-            half = min(length, len((yield from self._ahead(2 * length))) // 2)
+            half = min(length, len((yield from self.ahead(2 * length))) // 2)
             agreed, sure = yield from self._windows(trial, half, _WINDOWS if half == length else 2)
             found = (half, agreed) if agreed >= _MIN_PX else found
             if sure:
@@ -124,7 +124,7 @@ class FittedCutter(BatchCutter):
             self.size = min(fit(count, (moved,), True), self.max_events)
         else:
             self.size = max(min(_REACH * self._shortest, half // 4), self._shortest)
-        self.size = max(len((yield from self._ahead(self.size))), 1)
+        self.size = max(len((yield from self.ahead(self.size))), 1)
 
     def _windows(self, trial, length, count):
         """How far the image moves in windows of this length, one after the other, up to two that agree, px.
@@ -136,7 +136,7 @@ class FittedCutter(BatchCutter):
         """
         last, agreed, sure = (), 0.0, 0.0
         for k in range(count if length else 0):
-            ahead = yield from self._ahead((k + 1) * length)
+            ahead = yield from self.ahead((k + 1) * length)
             if agreed or len(ahead) < (k + 1) * length or len(ahead) > 2 * self.max_events:
                 break
             window = trial(ahead[k * length :])
@@ -151,7 +151,7 @@ class FittedCutter(BatchCutter):
         Of several objects the farthest counts, of those that are to be trusted where there are any.
         """
         for _ in range(_TRIALS):
-            ahead = yield from self._ahead(self.size)
+            ahead = yield from self.ahead(self.size)
             results = trial(ahead)
             self.size = len(ahead) or 1
             known = [one for one in zip(results, rois, strict=True) if Flag.DEGENERATE not in one[0].flags]
@@ -160,9 +160,9 @@ class FittedCutter(BatchCutter):
             length = min(fit(self.size, (moved,), bool(known)), self.max_events)
             if length == self.size:
                 return
-            self.size = max(len((yield from self._ahead(length))), 1)
+            self.size = max(len((yield from self.ahead(length))), 1)
 
-    def _ahead(self, count):
+    def ahead(self, count):
         """:meth:`peek`, once the events are there; of a stream none that come later than :data:`_SURVEY_US`."""
         while (first := self.peek(1)) is WAITING:
             yield None
@@ -187,7 +187,7 @@ class FittedCutter(BatchCutter):
         """Events of the whole sensor among which some are in one of the ROIs."""
         length = min(2 * _FIRST_ROI_EVENTS, self.max_events)
         while True:
-            ahead = yield from self._ahead(length)
+            ahead = yield from self.ahead(length)
             inside = [events_in_roi(self._seen(ahead), roi[:2], *roi[2:])[0] for roi in rois]
             last = [int(one[_FIRST_ROI_EVENTS - 1]) for one in inside if len(one) >= _FIRST_ROI_EVENTS]
             if last:

@@ -132,7 +132,7 @@ class Kept:
 
     def column(self, name):
         """Text of a column of ``track.csv``, one per batch."""
-        at = list(columns(self.config.motion)).index(name)
+        at = list(columns(self.config.motion, self.config.slides)).index(name)
         return [row[at] for row in self.rows]
 
     def numbers(self, name):
@@ -230,7 +230,7 @@ class Kept:
             raise ConfigError(f"version {str(head['version'])[:20]}: {VERSION} is needed; track again with --report")
         check(head, _HEAD, "head")
         kept = cls(Config(**head["config"]), head["engine"], head["recording"])
-        config, declared = kept.config, columns(kept.config.motion)
+        config, declared = kept.config, columns(kept.config.motion, kept.config.slides)
         rows, side = array("rows", C=len(declared)).tolist(), kept.frame_bin
         for k, row in enumerate(rows):
             for (name, column), text in zip(declared.items(), row, strict=True):

@@ -22,6 +22,7 @@ from ..reference.integer.noise_filter import NoiseFilter
 from ..reference.integer.thinner import next_thinning
 from .columns import columns, csv_writer, row
 from .fit import LOST_BATCHES, FittedCutter
+from .sliding import Newest, window_lengths
 
 _RESERVE = 1.3  # of events that a stride leaves room for: the rate is not the same in all batches
 
@@ -52,6 +53,9 @@ def windows(engine, cutter, table, batches=None):
     cold = replace(usual, start_last=False)
     while batches is None or index < batches:
         rois = [(*place, *size) for place in table.places]
+        if config.slides:
+            yield from table.slide(cutter, rois, batches)
+            return
         if fitted:
             yield from cutter.survey(lambda events: table.trial(events, cold), *rois)
         while (part := cutter.next(rois[0])) is WAITING:
@@ -110,6 +114,11 @@ class Measured:
     def t_ref(self):
         """Middle of the window's time range (Eq. t_ref), µs; None without events."""
         return float(self.events.t[0]) + self.result.span / 2 if len(self.events) else None
+
+    @property
+    def t_us(self):
+        """Time of the window's last event, µs; None without events."""
+        return int(self.events.t[-1]) if len(self.events) else None
 
     @functools.cached_property
     def seen(self):
@@ -190,7 +199,7 @@ class TrackedBatch(Measured):
     @functools.cached_property
     def values(self):
         """``{name: value}`` of the :func:`~cmfpga.tracking.columns.columns`; None where there is no value."""
-        return {name: column.value(self) for name, column in columns(self.config.motion).items()}
+        return {name: column.value(self) for name, column in columns(self.config.motion, self.config.slides).items()}
 
     def row(self):
         """The same as text, as in ``track.csv``."""
@@ -201,7 +210,7 @@ class CsvConsumer:
     """A consumer that writes ``track.csv`` as the batches of a configuration come."""
 
     def __init__(self, file, config):
-        self._write = csv_writer(file, columns(config.motion), config.image)
+        self._write = csv_writer(file, columns(config.motion, config.slides), config.image)
 
     def add(self, batch):
         """Write a batch's line."""
@@ -245,7 +254,7 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
 
 
 class _Objects(Table):
-    """Rows that each follow an object."""
+    """Rows that each follow an object; or the newest events of one, evaluated again and again."""
 
     def __init__(self, engine, rois):
         super().__init__(engine)
@@ -272,7 +281,42 @@ class _Objects(Table):
         ]
 
     def trial(self, events, settings):
+        if self.config.slides:
+            (course,) = self._courses
+            self.engine.write([Region.roi(self.config, course.start)], {0})
+            return self.engine.trial(events, settings)
         return [result for result, *_ in self.measure(events, settings)]
+
+    def slide(self, cutter, rois, most):
+        """What :func:`windows` yields where windows slide: :class:`TrackedBatch`, one of each hop.
+
+        Hops before the first full window are passed over.
+        """
+        (course,), index = self._courses, 0
+        lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
+        given, pieces = replace(self._usual, **lengths), cutter.pieces()
+        self.engine.write([Region.roi(self.config, course.start)], {0})
+        newest = Newest(self.config, cutter.position)
+        while most is None or index < most:
+            if (piece := pieces()) is WAITING:
+                yield None
+                continue
+            if piece is None:
+                return
+            newest.add(piece)
+            for result in self.engine.run(piece, given):
+                events = newest.window(result)
+                if Flag.DEGENERATE in result.flags and not index:
+                    self.passed_over += 1
+                    continue
+                plan = given.cold if not self._warm else given.follow or given.warm
+                self._warm = Flag.DEGENERATE not in result.flags
+                yield [TrackedBatch(index, self.config, events, result, plan=plan[: result.iterations])]
+                index += 1
+                if index == most:
+                    break
+
+    _warm = False  # the hop before gave the v from which this one starts
 
     def window(self, index, events, measured):
         made = []

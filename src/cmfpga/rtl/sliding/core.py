@@ -29,8 +29,9 @@ class SlidingCore(Iterating, wiring.Component):
         o ◄── hop evaluation: replay, round, result
 
     One event a cycle at the input, while others are replayed. An event waits only if a hop would close before the last
-    one is evaluated, or if the ring has no place. A result follows the event that ends its hop by the cycles that
-    :meth:`hop_cycles` gives, if the round that follows the writes has caught up by then.
+    one is evaluated, or if the ring has no place. A result comes :attr:`tail` cycles after its hop's end, whatever the
+    window holds, if the round that follows the writes has caught up by then. A window of n events that starts when its
+    hop has ended takes :meth:`cycles`.
 
     Parameters
     ----------
@@ -72,6 +73,34 @@ class SlidingCore(Iterating, wiring.Component):
 
     def _make_control(self, move, settle):
         return HopEvaluation(self.config, replay_delay=self._replay_delay, move=self.roi_carrier.latency + 1)
+
+    @property
+    def tail(self):
+        """Clock cycles from the end of a hop to its result, if its only round has caught up with the writes."""
+        ring = self.event_buffer
+        return ring.write_latency + ring.latency + self.path.latency + self._evaluate + self.roi_carrier.latency + 2
+
+    @property
+    def _beside(self):
+        """Cycles of :meth:`cycles` that depend on neither n nor T."""
+        move = max(self.roi_carrier.latency + 1, self.judge_latency + 1)
+        return 6 + self.reciprocal.latency + min(self._feed, self._evaluate) + move + 1
+
+    def cycles(self, *, roi_events, iterations, events=0, judge=None):
+        """Clock cycles from the end of a hop to its result, if all its rounds begin then: T·(n + L) + constant.
+
+        ``events`` counts for nothing, because they are taken in before. For the other parameters see
+        :meth:`~cmfpga.rtl.iterating.Iterating.iterated_cycles`.
+        """
+        count = iterations if isinstance(iterations, int) else len(iterations)
+        votes = roi_events << self.config.geometry.turn_bits
+        return count * (votes + self.iteration_latency) + self._beside
+
+    @property
+    def cycle_formula(self):
+        """:meth:`cycles` as text."""
+        events = "4·n" if self.config.geometry.turn_bits else "n"
+        return f"T·({events} + {self.iteration_latency}) + {self._beside}"
 
     @property
     def boxes(self):

@@ -1,0 +1,91 @@
+"""Windows that slide through a recording: how long they are, and which events each hop's window has.
+
+In a window the image moves by :data:`WAY_PX`, which is less than a batch aims at: results overlap. What a survey of
+batches found (:meth:`~cmfpga.tracking.fit.FittedCutter.survey`) says how many events that takes. Figures:
+docs/sliding.md.
+"""
+
+import numpy as np
+
+from ..config.windows import HOPS, hop_events, window_events
+from ..events import Events
+from ..events.batches import Batch
+from ..imaging.camera import seen
+from ..imaging.iwe import events_in_roi
+from .fit import TARGET_PX, FittedCutter
+
+#: Motion of the image in a window, px; the least ``window_us``, µs, and the same in usual ranges of a window; how many
+#: times fewer events than most a window has at least.
+WAY_PX, LEAST_US, LONGER, FEWEST = 6.0, 60_000, 1.75, 4
+
+
+def window_lengths(config, cutter, trial, roi):
+    """The settings that say how long windows and hops are: those of the configuration, or as suits the motion.
+
+    Parameters
+    ----------
+    config : Config
+    cutter : BatchCutter
+        A :class:`~cmfpga.tracking.fit.FittedCutter` surveys the first events, unless ``window_events`` says it all.
+    trial : callable
+        As of its survey.
+    roi : (x, y, width, height)
+
+    Yields
+    ------
+    None
+        Where the source has no events yet.
+    """
+    count, longest = window_events(config), 1 << (config.span_bits - 1)
+    least = max(config.min_roi_events, count // FEWEST)
+    if config.window_events or not isinstance(cutter, FittedCutter):
+        return {"window_events": count, "hop_events": hop_events(config), "min_roi_events": least}
+    yield from cutter.survey(trial, roi)
+    ahead = yield from cutter.ahead(max(1, round(cutter.size * WAY_PX / (2 * TARGET_PX))))
+    inside = len(events_in_roi(seen(config, ahead), roi[:2], *roi[2:])[0])
+    count = max(1, min(inside, config.buffer_events))
+    span = int(ahead.t[-1] - ahead.t[0]) if len(ahead) else 0
+    oldest = config.window_us or min(longest, max(LEAST_US, round(LONGER * span * count / max(1, inside))))
+    return {
+        "window_events": count,
+        "hop_events": min(config.hop_events or max(1, round(count / HOPS)), count),
+        "window_us": oldest,
+        "hop_us": min(config.hop_us, oldest),
+        "min_roi_events": max(config.min_roi_events, count // FEWEST),
+    }
+
+
+class Newest:
+    """The newest events of the whole sensor, of which hops tell where a window begins and ends.
+
+    Parameters
+    ----------
+    config : Config
+    first : int
+        Number of the first event that comes.
+    """
+
+    def __init__(self, config, first):
+        self._wrap, self._events = 1 << config.time_bits, Events.empty()
+        self._begin = self._end = first  # numbers of the first event that is kept, and of the one behind the last hop's
+
+    def add(self, events):
+        """Events that follow the last ones."""
+        self._events = Events.concatenate([self._events, events])
+
+    def window(self, result):
+        """The events of the window of the next result, a :class:`Batch`; what is older is forgotten."""
+        self._end += result.events
+        begin = end = self._end - self._begin
+        times = self._events.t[:end]
+        if result.roi_events and end:
+            last = int(times[-1])
+            begin = int(np.searchsorted(times, last - self._age(result, last)))
+        parts = (getattr(self._events, axis)[begin:end] for axis in "txyp")
+        self._events, self._begin = self._events[begin:], self._begin + begin
+        return Batch(*parts, self._begin)
+
+    def _age(self, result, last):
+        """How old the window's first event was when its last one came, µs."""
+        since = (result.t_us - last + self._wrap // 2) % self._wrap - self._wrap // 2
+        return (result.t_us - result.t_first) % self._wrap - since
