@@ -13,14 +13,16 @@ from pathlib import Path
 
 import numpy as np
 
-from cmfpga.config.schedule import Round
 from cmfpga.engines import make_engine
+from cmfpga.engines.base import batches_of
 from cmfpga.events import BatchCutter, Events, MemoryRecording, generate, open_recording
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import confidence, is_sure
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.reference.integer.sliding import HopSettings, Sliding
+from cmfpga.reference.integer.sliding import Sliding
+from cmfpga.rtl.core import Core
+from cmfpga.rtl.sliding.core import SlidingCore
 from cmfpga.tracking.loop import track
 
 from .default_use import WRONG
@@ -30,7 +32,6 @@ from .table import percent
 from .yardstick import ROI
 
 CLOCK_MHZ = 100.0
-ROUND_CYCLES, END_CYCLES = 49, 60  # of a round beside its n events, and of a result
 WAY = 6.0  # px that the object moves in a window
 SLICES = 16  # hops in a window's length
 HOP_US, FEWEST_US, LONGER = 4000, 60_000, 1.75  # longest hop; window_us, and the same in usual ranges of a window
@@ -38,14 +39,12 @@ FEWEST = 4  # a window has so many times fewer events at least
 FIRST_US, STEP_US = 150_000, 500  # from where on, and how densely, v is compared with the truth
 PIECE_US = 2000
 
-_JUDGE, _SEARCH = Round(0, 3, 1 / 16), Round(1, 3, 1.0)
-#: Rounds of a hop: those that follow the writes and give v, those after the result, and whether these judge.
+#: Rounds of a hop: those that follow the writes and give v, and the one after the result that judges.
 PLANS = {
-    "a search, then a judging round": ((_SEARCH,), (_JUDGE,), True),
-    "a judging round, then a search": ((_JUDGE,), (_SEARCH,), False),
-    "a search": ((_SEARCH,), (), False),
-    "a judging round": ((_JUDGE,), (), False),
-    "a judging round that moves v": ((Round(0, 3, 1.0),), (), False),
+    "a search, then a judging round": ("1:3/4:1", "0:3/4:1/16"),
+    "a search": ("1:3/4:1", ""),
+    "a judging round": ("0:3/4:1/16", ""),
+    "a judging round that moves v": ("0:3/4:1", ""),
 }
 BUILT = "a search, then a judging round"
 
@@ -122,50 +121,49 @@ class Course:
         return float(np.sqrt(np.mean(np.sum((newest - truth) ** 2, axis=1))))
 
 
-def window_settings(count, span_us, plan):
-    """:class:`HopSettings` of windows of ``count`` events, which usually take ``span_us``."""
-    follow, after, judges = PLANS[plan]
+def windows_of(config, count, span_us, plan):
+    """``config`` with windows of ``count`` events, which usually take ``span_us``."""
+    follow, after = PLANS[plan]
     longest = max(FEWEST_US, round(LONGER * span_us))
-    hop = max(1, round(count / SLICES))
-    return HopSettings(
-        window_events=count, window_us=longest, hop_events=hop, hop_us=HOP_US, follow=follow, after=after, judges=judges
-    )
+    return config.replace(
+        windows="sliding", window_events=count, window_us=longest, hop_events=max(1, round(count / SLICES)),
+        hop_us=HOP_US, follow=follow, after=after, min_roi_events=max(1, count // FEWEST),
+    )  # fmt: skip
 
 
-def slide(config, events, roi, hops, truth):
+def slide(config, events, roi, truth):
     """The :class:`Course` of windows that slide; ``truth(first, last)``: mean (vx, vy) between two times."""
-    settings = BatchSettings.from_config(config)
-    settings = dataclasses.replace(settings, min_roi_events=hops.window_events // FEWEST)
+    settings, core = BatchSettings.from_config(config, roi=roi), SlidingCore(config)
     rows, judged, free = [], [], 0.0
-    for hop in Sliding(config, roi, hops).run(events.t, events.x, events.y, settings):
-        done = hop.outcome
-        rounds, n = done.iterations, done.roi_events
-        each = n + ROUND_CYCLES
-        # The first round may have begun long before the last event; its end needs a round's and a result's cycles.
-        if rounds > len(hops.follow):
-            ready = hop.t_us + (rounds * each + END_CYCLES) / CLOCK_MHZ
+    for hop in Sliding(config, settings).run(events.t, events.x, events.y):
+        alone = core.cycles(roi_events=hop.roi_events, iterations=max(1, hop.iterations))
+        # The first round may have begun long before the last event; then only the tail is left.
+        if hop.iterations > len(settings.follow):
+            ready = hop.t_us + alone / CLOCK_MHZ
         else:
-            ready = max(hop.t_us, free + n / CLOCK_MHZ) + (ROUND_CYCLES + END_CYCLES) / CLOCK_MHZ
-        free = ready + len(hops.after) * each / CLOCK_MHZ if rounds else ready
-        v = hop.v_px_per_s
-        rows.append((ready, *(v or (0.0, 0.0)), *done.roi_next))
-        if v:
-            half = hop.unit * 0.5e-6
-            error = math.dist(np.multiply(v, half), np.multiply(truth(hop.t_first, hop.t_last), half))
-            kappa = confidence(config, done)
-            judged.append((error, -math.inf if kappa is None else kappa, is_sure(done)))
+            ready = max(hop.t_us + core.tail / CLOCK_MHZ, free + alone / CLOCK_MHZ)
+        judges = len(settings.after) * core.cycles(roi_events=hop.roi_events, iterations=1) * bool(hop.iterations)
+        free = ready + judges / CLOCK_MHZ
+        degenerate = Flag.DEGENERATE in hop.flags
+        half = hop.span * 0.5e-6
+        v = (0.0, 0.0) if degenerate else np.divide(hop.v, half)
+        rows.append((ready, *v, *hop.roi_next))
+        if not degenerate:
+            error = math.dist(hop.v, np.multiply(truth(hop.t_first, hop.t_us), half))
+            kappa = confidence(config, hop)
+            judged.append((error, -math.inf if kappa is None else kappa, is_sure(hop)))
     return _course(rows, judged)
 
 
 def batches(config, events, roi, count, truth):
     """The :class:`Course` of batches of ``count`` ROI events, as ``track`` follows the object."""
-    rows, judged = [], []
+    rows, judged, core = [], [], Core(config)
     recording = MemoryRecording(events, config.sensor_width, config.sensor_height, "events")
     cutter = BatchCutter(recording, roi_events=count, max_events=config.max_batch_events)
     with closing(make_engine("model", config)) as engine:
         for batch in track(engine, cutter, roi=roi):
             result, last = batch.result, int(batch.events.t[-1])
-            ready = last + (result.iterations * (result.roi_events + ROUND_CYCLES) + END_CYCLES) / CLOCK_MHZ
+            ready = last + core.iterated_cycles(result.roi_events, result.iterations) / CLOCK_MHZ
             rows.append((ready, *(batch.v_px_per_s or (0.0, 0.0)), *batch.roi_next))
             if Flag.DEGENERATE not in batch.flags:
                 wanted = np.multiply(truth(int(batch.events.t[0]), last), result.span / 2e6)
@@ -197,9 +195,9 @@ def follow_scene(scene, seed, config, plans):
     end = PIECE_US * scene.pieces
     times = np.arange(FIRST_US, end, STEP_US)
     arguments = config, made.events, made.roi_start(ROI, ROI)
-    courses = {"batches": batches(*arguments, count, made.motion.mean_velocity)}
+    courses = {"batches": batches(batches_of(config), *arguments[1:], count, made.motion.mean_velocity)}
     for plan in plans:
-        courses[plan] = slide(*arguments, window_settings(count, span_us, plan), made.motion.mean_velocity)
+        courses[plan] = slide(windows_of(config, count, span_us, plan), *arguments[1:], made.motion.mean_velocity)
     found = {}
     for who, course in courses.items():
         corner = np.vstack([arguments[2], course.corner])[np.searchsorted(course.t, times, side="right")]
@@ -228,9 +226,9 @@ def follow_real(folder, config, plans):
 
     times = np.arange(begin, end, STEP_US)
     span_us = 2 * FEWEST_US / 3
-    courses = {"batches": batches(config, events, REAL_ROI, REAL_EVENTS, mean)}
+    courses = {"batches": batches(batches_of(config), events, REAL_ROI, REAL_EVENTS, mean)}
     for plan in plans:
-        courses[plan] = slide(config, events, REAL_ROI, window_settings(REAL_EVENTS, span_us, plan), mean)
+        courses[plan] = slide(windows_of(config, REAL_EVENTS, span_us, plan), events, REAL_ROI, mean)
     return {who: (course.rms(times, velocity(times)), None, None, course.judged) for who, course in courses.items()}
 
 
@@ -249,12 +247,11 @@ def follow_known(known, config, plans):
         span_us = WAY / np.hypot(*truth(begin, begin + FEWEST_US)) * 1e6
         ahead = events[: int(np.searchsorted(events.t, begin + span_us))]
         count = len(events_in_roi(ahead, roi, ROI, ROI)[0])
-        arguments = config, events, roi
         if count >= KNOWN_FEWEST:
             count = min(count, config.buffer_events)
-            found["batches"].append(batches(*arguments, count, truth).judged)
+            found["batches"].append(batches(batches_of(config), events, roi, count, truth).judged)
             for plan in plans:
-                found[plan].append(slide(*arguments, window_settings(count, span_us, plan), truth).judged[::4])
+                found[plan].append(slide(windows_of(config, count, span_us, plan), events, roi, truth).judged[::4])
     return {who: np.concatenate(parts) for who, parts in found.items()}
 
 

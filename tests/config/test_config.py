@@ -21,6 +21,7 @@ TEXT = {name for name, field in FIELDS.items() if field.type is str}
 RUNTIME = {
     "min_roi_events", "thinning", "thin_target", "iterations", "eta", "start", "v_start_x", "v_start_y", "roi_gain",
     "cold", "warm", "judge", "confidence_limit", "cold_after_doubtful", "hot_mask", "background_us", "camera",
+    *("window_events", "window_us", "hop_events", "hop_us", "follow", "after"),
 }  # fmt: skip
 
 # Everything as small as it may be: here each field can be set to its own lowest value without breaking another's rule.
@@ -36,18 +37,22 @@ ROOM = {
     "span_bits": {"time_bits": 48}, "dither_frac": {"dt_frac": 12}, "undistortion_frac": {"dt_frac": 12},
     "iterations": {"max_iterations": 65535},
     "min_roi_events": {"buffer_events": 1 << 17}, "thin_target": {"buffer_events": 1 << 17},
+    **{name: {"window_events": 1 << 17, "buffer_events": 1 << 17} for name in ("window_events", "hop_events")},
+    **{name: {"time_bits": 48, "span_bits": 32} for name in ("window_us", "hop_us")},
     "background_us": {"time_bits": 48, "span_bits": 32}, "slices": {"max_batch_events": 16},
 }  # fmt: skip
 # What reads a field that the defaults do not.
 ROUNDS = {"gradient": "one_pass", "ascent": "newton", "border": "whole", "v_frac": 2, "max_iterations": 20}
 SURE = ROUNDS | {"confidence": 1}
 MANY = ROUNDS | {"buffers": 2}
+WINDOWS = ROUNDS | {"windows": "sliding", "hop_us": 0}
 SIGNS = {"gradient": "one_pass", "ascent": "sign", "border": "whole", "motion": "similarity", "schedule_entries": 64}
 READER = {
     "tag_bits": {"gradient": "one_pass"}, "schedule_entries": {**ROUNDS, "cold": "0:1:1", "warm": "0:1:1"},
     **dict.fromkeys(("judge", "confidence_limit", "cold_after_doubtful"), SURE), "confidence": ROUNDS,
     **{name: {"undistortion": "on", "undistortion_frac": 1} for name in ("undistortion_cell", "camera")},
     "undistortion_frac": {"undistortion": "on"},
+    **dict.fromkeys(("window_events", "window_us", "hop_events", "hop_us"), WINDOWS),
     "regions": MANY, **{name: {**MANY, "regions": 2} for name in ("units", "slices", "bin_bits")},
     "hot_mask": {"hot_pixels": 1}, "background_cell": {"background": 1}, "background_us": {"background": 1},
 }  # fmt: skip
@@ -195,6 +200,14 @@ def test_what_rounds_need(changes, message):
     ({**ROUNDS, "cold": "2:2:1"}, "cold: '2:2:1': level 0 to 0 is needed (max_level)"),
     ({**ROUNDS, "max_iterations": 4}, "cold: 5 iterations; at most 4 are allowed (max_"),
     ({**ROUNDS, "max_iterations": 2, "cold": "0:1:1"}, "warm: 3 iterations; at most 2 are allowed "),
+    ({**WINDOWS, "ascent": "constant"}, "windows = sliding: ascent = newton is needed"),
+    ({**WINDOWS, "window_events": 2049}, "window_events = 2049: at most 2048 is allowed (buffer_events)"),
+    ({**WINDOWS, "hop_events": 1001}, "hop_events = 1001: at most 1000 is allowed (window_events)"),
+    ({**WINDOWS, "window_us": (1 << 23) + 1}, "window_us = 8388609: at most 8388608 is allowed (half of what span_"),
+    ({**WINDOWS, "window_us": 5000, "hop_us": 5001}, "hop_us = 5001: at most 5000 is allowed (window_us)"),
+    ({**WINDOWS, "after": "0:1:1*2"}, "after: 2 iterations: at most one is allowed"),
+    ({**WINDOWS, "cold": "0:1:1*28"}, "cold and warm and follow and after: 28 + 3 + 1 + 1 iterations; at most 32 "),
+    ({"window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batches ignores it"),
     ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 19 idle cycles an iteration = 589, "),
     ({**ROUNDS, "max_iterations": 30, "cold": "0:1:1*30"}, "cold and warm: 30 + 3 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),

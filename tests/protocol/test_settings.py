@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.config import Config
+from cmfpga.config import Config, preset
 from cmfpga.fixed import Q
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
 from cmfpga.reference.roi_follower import RoiFollower
@@ -21,6 +21,16 @@ def test_settings_of_a_configuration(start, start_last, v_start):
     assert BatchSettings.from_config(config).roi is None
     thin = BatchSettings.from_config(config.replace(thinning=5, thin_target=700))
     assert (thin.thinning, thin.thin_target) == (5, 700)
+
+
+def test_lengths_of_windows():
+    config = preset("sliding")
+    given = BatchSettings.from_config(config)
+    assert (given.window_events, given.hop_events, given.window_us, given.hop_us) == (1000, 62, 0, 4000)
+    assert (len(given.follow), len(given.after)) == (1, 1)
+    given = BatchSettings.from_config(config.replace(window_events=320, follow="", after=""))
+    assert (given.window_events, given.hop_events, given.follow, given.after) == (320, 20, (), ())
+    assert BatchSettings.from_config(preset("quad")).hop_us == 0
 
 
 def test_settings_are_rounded_to_the_nearest():

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,12 +17,14 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.dither import dither
-from cmfpga.reference.integer.sliding import HopSettings, Sliding
+from cmfpga.reference.integer.sliding import Sliding
 
-QUAD = preset("quad").replace(roi_width=16, roi_height=12, sensor_width=32, sensor_height=24, confidence_limit=1.0)
+SMALL = {"roi_width": 16, "roi_height": 12, "sensor_width": 32, "sensor_height": 24, "confidence_limit": 1.0}
+BATCHES = preset("quad").replace(**SMALL)
+QUAD = preset("sliding").replace(**SMALL, buffer_events=2047)
 SEARCH, JUDGE = (Round(1, 3, 1.0),), (Round(0, 3, 1 / 16),)
 CORNER = (7, 5)
-HELD = {"min_roi_events": 6, "roi_gain": 0, "cold_after_doubtful": 0}
+HELD = {"min_roi_events": 6, "roi_gain": 0}
 
 
 def settings(config, **changes):
@@ -41,14 +44,27 @@ def drawn(rng, count, *, outside=0.3, mean_us=40):
 
 
 def slid(config, hops, events, given, cuts=()):
-    sliding = Sliding(config, CORNER, hops)
+    sliding = Sliding(config, dataclasses.replace(given, roi=CORNER, **hops))
     edges = [0, *sorted(cuts), len(events[0])]
-    return [hop for a, b in itertools.pairwise(edges) for hop in sliding.run(*(axis[a:b] for axis in events), given)]
+    return [hop for a, b in itertools.pairwise(edges) for hop in sliding.run(*(axis[a:b] for axis in events))]
+
+
+def numbered(found):
+    """``(begin, end)`` of each hop's window, by the numbers of the stored events."""
+    ends = np.cumsum([hop.fresh for hop in found]).tolist()
+    return [(end - hop.roi_events, end) for hop, end in zip(found, ends, strict=True)]
+
+
+def hops_of(window_events, hop_events, window_us=0, hop_us=0, follow=(), after=()):
+    return {
+        "window_events": window_events, "hop_events": hop_events, "window_us": window_us, "hop_us": hop_us,
+        "follow": follow, "after": after,
+    }  # fmt: skip
 
 
 def listed(hops, events, least):
     """Windows by one event after the other, of an ROI that stands still: [(b, e, T, first event of the dither)]."""
-    t, x, y = events
+    (t, x, y), hops = events, SimpleNamespace(**hops)
     closed, stored, begin, last, origin, latest, found = int(t[0]), [], 0, 0, 0, int(t[0]), []
 
     def close(now):
@@ -78,10 +94,10 @@ def listed(hops, events, least):
 
 
 WINDOWS = [
-    HopSettings(window_events=120, hop_events=10, follow=SEARCH, after=JUDGE, judges=True),
-    HopSettings(window_events=120, hop_events=9, window_us=4000, hop_us=300, follow=JUDGE, after=SEARCH),
-    HopSettings(window_events=60, hop_events=60, window_us=2000, hop_us=900, follow=SEARCH),
-    HopSettings(window_events=50, hop_events=1, window_us=900, hop_us=40, follow=SEARCH),
+    hops_of(120, 10, follow=SEARCH, after=JUDGE),
+    hops_of(120, 9, 4000, 300, follow=JUDGE),
+    hops_of(60, 60, 2000, 900, follow=SEARCH),
+    hops_of(50, 1, 900, 40, follow=SEARCH),
 ]
 
 
@@ -91,18 +107,20 @@ def test_windows_are_those_of_a_plain_list(hops, rng):
     events[0][300:303] -= 200  # back in time
     given = settings(QUAD, **HELD)
     found, (wanted, stored) = slid(QUAD, hops, events, given), listed(hops, events, 6)
-    assert [(hop.begin, hop.end, hop.t_us) for hop in found] == [one[:3] for one in wanted]
-    assert sum(hop.late for hop in found) > 5 or hops.hop_events == hops.window_events
-    assert len(found) > 20 and len({Flag.DEGENERATE in hop.outcome.flags for hop in found}) == 2
+    places = numbered(found)
+    assert [(*place, hop.t_us) for place, hop in zip(places, found, strict=True)] == [one[:3] for one in wanted]
+    assert sum(hop.late for hop in found) > 5 or hops["hop_events"] == hops["window_events"]
+    assert len(found) > 20 and len({Flag.DEGENERATE in hop.flags for hop in found}) == 2
     t, x, y = events
     closed = [int(t[0]), *(hop.t_us for hop in found)]  # the hop before the last
-    for hop, last, last_closed, (begin, end, _, origin) in zip(found[1:], found, closed, wanted[1:], strict=False):
-        if Flag.DEGENERATE in hop.outcome.flags or Flag.DEGENERATE in last.outcome.flags:
+    for k, (hop, last, last_closed) in enumerate(zip(found[1:], found, closed, strict=False), 1):
+        begin, end, _, origin = wanted[k]
+        if Flag.DEGENERATE in hop.flags or Flag.DEGENERATE in last.flags:
             continue
         which = stored[begin:end]
-        assert (hop.t_first, hop.t_last) == tuple(t[which[[0, -1]]])
-        step, before = last.t_us - last_closed, last.end > hop.begin
-        assert hop.unit == min(max(1, step + (last.t_us - hop.t_first) * before), (1 << QUAD.span_bits) - 1)
+        assert hop.t_first == t[which[0]]
+        step, before = last.t_us - last_closed, places[k - 1][1] > begin
+        assert hop.span == min(max(1, step + (last.t_us - hop.t_first) * before), (1 << QUAD.span_bits) - 1)
         # The follow round's four evaluations, from the numbers of events alone.
         core = IntegerCore(QUAD)
         at = dither(QUAD, torch.from_numpy(x[:end] * 0), torch.from_numpy(y[:end] * 0))
@@ -110,46 +128,37 @@ def test_windows_are_those_of_a_plain_list(hops, rng):
             (torch.from_numpy(axis[which] - corner) << 4) + offset[begin - origin : end - origin]
             for axis, offset, corner in zip((x, y), at, CORNER, strict=True)
         ]
-        shift = QUAD.span_bits - int(hop.unit).bit_length()
-        mantissa = (1 << (QUAD.span_bits - 1 + QUAD.reciprocal_bits)) // (hop.unit << shift)
-        doubled = torch.from_numpy(2 * (t[which] - hop.t_first) - hop.unit)
+        shift = QUAD.span_bits - int(hop.span).bit_length()
+        mantissa = (1 << (QUAD.span_bits - 1 + QUAD.reciprocal_bits)) // (hop.span << shift)
+        doubled = torch.from_numpy(2 * (t[which] - hop.t_first) - hop.span)
         dt = round_half_up((doubled << shift) * mantissa, QUAD.span_bits - 1 + QUAD.reciprocal_bits - QUAD.dt_frac)
-        assert hop.late == int((t[which] - hop.t_first > hop.unit).sum())
-        (entry,) = hops.follow
-        centre = tuple(hop.outcome.trace.v[0].tolist())
+        assert hop.late == int((t[which] - hop.t_first > hop.span).sum())
+        (entry,) = hops["follow"]
+        centre = tuple(hop.trace.v[0].tolist())
         sums = [
             core.evaluate(*at, dt.clip(-512, 256), v, entry.level)[1]
             for v in beside(centre, entry.distance << (QUAD.v_frac - 2))
         ]
-        trace = hop.outcome.trace
+        trace = hop.trace
         assert [(one.i, one.dx, one.dy, *one.s) for one in sums] == [
             (i, *d, *s) for i, d, s in zip(trace.sum_i[0], trace.sum_d[0].tolist(), trace.s[0].tolist(), strict=True)
         ]
 
 
-ARTICLE = preset("paper").replace(
-    roi_width=16, roi_height=12, sensor_width=32, sensor_height=24, start="last", iterations=6, eta=0.5
-)
-
-
-@pytest.mark.parametrize("config", [ARTICLE, QUAD], ids=["paper", "quad"])
-def test_a_batch_is_a_window_that_shares_no_event(config, rng):
+def test_a_batch_is_a_window_that_shares_no_event(rng):
     """Hops as long as windows, by count: every sum, flag and judgement of the batches that ``run`` takes."""
-    given = settings(config, **HELD)
-    t, x, y = drawn(rng, 800, outside=0.0)
-    hops = HopSettings(window_events=100, hop_events=100)
-    found = slid(config, hops, (t, x, y), given)
-    core = IntegerCore(config)
+    given, (t, x, y) = settings(QUAD, **HELD), drawn(rng, 800, outside=0.0)
+    found = slid(QUAD, hops_of(100, 100), (t, x, y), given)
+    core, usual = IntegerCore(BATCHES), settings(BATCHES, **HELD, cold_after_doubtful=0)
     assert len(found) == 8
     for k, hop in enumerate(found):
         part = slice(100 * k, 100 * k + 100)
-        roi = CORNER if k == 0 else None
-        batch = core.run(t[part], x[part], y[part], dataclasses.replace(given, roi=roi))
-        assert batch.trace == hop.outcome.trace and batch.iterations
-        assert (hop.t_first, hop.unit) == (batch.t_first, batch.span)
-        same = {field.name for field in dataclasses.fields(hop.outcome)} - {"trace", "thinning_used", "roi_next"}
-        assert {key: getattr(hop.outcome, key) for key in same} == {key: getattr(batch, key) for key in same}
-    assert len({hop.outcome.v for hop in found}) > 4
+        batch = core.run(t[part], x[part], y[part], dataclasses.replace(usual, roi=CORNER if k == 0 else None))
+        assert batch.trace == hop.trace and batch.iterations and hop.fresh == 100
+        names = {field.name for one in (hop, hop.regions[0]) for field in dataclasses.fields(one)}
+        for name in names - {"trace", "thinning_used", "roi_next", "regions", "t_us", "fresh", "late"}:
+            assert getattr(hop, name) == getattr(batch, name), name
+    assert len({hop.v for hop in found}) > 4
 
 
 @pytest.mark.parametrize("hops", WINDOWS[:2], ids=["by count", "both"])
@@ -157,22 +166,23 @@ def test_how_events_are_handed_over_changes_nothing(hops, rng):
     """A hop follows from the sequence of events: in one piece, in many, and with times that wrap."""
     events, given = drawn(rng, 1200, mean_us=20), settings(QUAD, min_roi_events=6, thinning=2)
     whole = slid(QUAD, hops, events, given)
-    assert len({hop.outcome.roi for hop in whole}) > 3, "the ROI moves"
+    assert len({hop.roi for hop in whole}) > 3, "the ROI moves"
     assert slid(QUAD, hops, events, given, cuts=rng.integers(0, 1200, 60)) == whole
     narrow, later = QUAD.replace(time_bits=17, span_bits=16), (1 << 17) - 12_000
     wrapped = slid(narrow, hops, ((events[0] + later) % (1 << 17), *events[1:]), given, cuts=range(50, 1200, 50))
-    assert [hop.outcome for hop in wrapped] == [hop.outcome for hop in whole]
-    assert [hop.t_us for hop in wrapped] == [hop.t_us + later for hop in whole] and whole[-1].t_us > 12_000
+    assert [hop.regions for hop in wrapped] == [hop.regions for hop in whole]
+    assert [hop.t_us for hop in wrapped] == [(hop.t_us + later) % (1 << 17) for hop in whole]
+    assert whole[-1].t_us > 12_000
 
 
 @pytest.mark.parametrize(
     "wrong", [{"window_events": 4000}, {"hop_events": 0}, {"hop_events": 101}, {"window_us": 1 << 24}, {"hop_us": 90}]
 )
 def test_lengths_that_are_refused(wrong):
-    fine = HopSettings(window_events=100, hop_events=10, window_us=80, hop_us=8)
-    Sliding(QUAD, CORNER, fine)
+    fine = settings(QUAD, **hops_of(100, 10, 80, 8))
+    Sliding(QUAD, fine)
     with pytest.raises(ConfigError, match=f"{next(iter(wrong))} = .* is needed"):
-        Sliding(QUAD, CORNER, dataclasses.replace(fine, **wrong))
+        Sliding(QUAD, dataclasses.replace(fine, **wrong))
 
 
 def test_a_stop_holds_v_and_the_roi_and_ends_cold():
@@ -180,51 +190,92 @@ def test_a_stop_holds_v_and_the_roi_and_ends_cold():
     t, x, y = drawn(rng, 600, outside=0.0, mean_us=30)
     gap = 300
     t[gap:] += 50_000
-    hops = HopSettings(window_events=100, hop_events=10, window_us=5000, hop_us=500, follow=SEARCH)
+    hops = hops_of(100, 10, 5000, 500, follow=SEARCH)
     found = slid(QUAD, hops, (t, x, y), settings(QUAD, min_roi_events=20, v_start=(3, -2)))
     at = next(k for k, hop in enumerate(found) if hop.t_us >= t[gap])
-    before, stop = found[at - 1].outcome, found[at].outcome
-    assert Flag.DEGENERATE not in before.flags and Flag.DEGENERATE in stop.flags and not found[at].unit
-    assert found[at].v_px_per_s is None and found[at + 1].begin == found[at].end, "the window is empty after the gap"
-    after = next(k for k, hop in enumerate(found) if k > at and Flag.DEGENERATE not in hop.outcome.flags)
-    assert {hop.outcome.v for hop in found[at:after]} == {before.v}
-    assert {hop.outcome.roi_next for hop in found[at:after]} == {before.roi_next}
+    before, stop, places = found[at - 1], found[at], numbered(found)
+    assert Flag.DEGENERATE not in before.flags and Flag.DEGENERATE in stop.flags and not stop.span
+    assert places[at + 1][0] == places[at][1], "the window is empty after the gap"
+    after = next(k for k, hop in enumerate(found) if k > at and Flag.DEGENERATE not in hop.flags)
+    assert {hop.v for hop in found[at:after]} == {before.v}
+    assert {hop.roi_next for hop in found[at:after]} == {before.roi_next}
     cold = found[after]
-    assert cold.end - cold.begin > 90 or cold.t_us - t[gap] >= 4500, "a full window"
-    assert cold.outcome.iterations == len(QUAD.schedules.cold) and cold.outcome.trace.v[0].tolist() == [3, -2]
-    assert cold.unit == cold.t_last - cold.t_first
-    assert cold.outcome.roi == before.roi_next
-    assert found[after + 1].outcome.iterations == 1
+    assert cold.roi_events > 90 or cold.t_us - t[gap] >= 4500, "a full window"
+    assert cold.iterations == len(QUAD.schedules.cold) and cold.trace.v[0].tolist() == [3, -2]
+    assert 0 <= cold.t_us - cold.t_first - cold.span <= 500, "its own range"
+    assert cold.roi == before.roi_next
+    assert found[after + 1].iterations == 1
 
 
 def test_the_roi_is_carried_on_from_reference_time_to_reference_time():
     """c of the last hop is the sum of all steps of the reference time, each times v; events are cropped at c + v."""
     rng = np.random.default_rng(2)
     events = drawn(rng, 900, outside=0.0, mean_us=30)
-    hops = HopSettings(window_events=100, hop_events=10, follow=SEARCH)
-    found = [hop for hop in slid(QUAD, hops, events, settings(QUAD)) if hop.unit]
+    hops = hops_of(100, 10, follow=SEARCH)
+    found = [hop for hop in slid(QUAD, hops, events, settings(QUAD)) if hop.span]
     place, last = None, None
     for hop in found:
-        v, t_ref = np.array(hop.outcome.v), hop.t_first + hop.unit / 2
-        place = hop.outcome.roi + v if place is None else place + v * (t_ref - last) / (hop.unit / 2)
+        v, t_ref = np.array(hop.v), hop.t_first + hop.span / 2
+        place = hop.roi + v if place is None else place + v * (t_ref - last) / (hop.span / 2)
         last = t_ref
-        assert np.abs(hop.outcome.roi_next - np.clip(place + v, 0, (16, 12))).max() <= 0.75
-    assert len(found) > 50 and np.ptp([hop.outcome.roi_next[0] for hop in found]) > 2
+        assert np.abs(hop.roi_next - np.clip(place + v, 0, (16, 12))).max() <= 0.75
+    assert len(found) > 50 and np.ptp([hop.roi_next[0] for hop in found]) > 2
     # The image lies where the last hop had c; the crop comes into use a hop later than it is known.
-    assert found[3].outcome.roi != found[3].outcome.roi_next
+    assert found[3].roi != found[3].roi_next
 
 
 def test_judging_rounds_change_the_verdict_alone():
     rng = np.random.default_rng(3)
     events, given = drawn(rng, 700, mean_us=30), settings(QUAD, min_roi_events=6)
-    plain = slid(QUAD, dataclasses.replace(WINDOWS[0], after=()), events, given)
+    plain = slid(QUAD, WINDOWS[0] | {"after": ()}, events, given)
     judged = slid(QUAD, WINDOWS[0], events, given)
-    assert [hop.outcome.v for hop in plain] == [hop.outcome.v for hop in judged]
-    assert [hop.outcome.trace for hop in plain] == [hop.outcome.trace for hop in judged]
-    first = next(k for k, hop in enumerate(judged) if hop.unit)
-    assert judged[first].outcome == plain[first].outcome, "a cold window judges itself"
-    assert all(
-        a.outcome.sum_squares != b.outcome.sum_squares
-        for a, b in zip(judged[first + 1 :], plain[first + 1 :], strict=True)
+    assert [hop.v for hop in plain] == [hop.v for hop in judged]
+    assert [hop.trace for hop in plain] == [hop.trace for hop in judged]
+    first = next(k for k, hop in enumerate(judged) if hop.span)
+    assert judged[first] == plain[first], "a cold window judges itself"
+    assert all(a.sum_squares != b.sum_squares for a, b in zip(judged[first + 1 :], plain[first + 1 :], strict=True))
+    assert judged[first + 1].confidence_limit == given.confidence_limit
+    unjudged = slid(QUAD, WINDOWS[0], events, dataclasses.replace(given, judge=0))
+    assert {hop.confidence_limit for hop in unjudged} == {0} and unjudged[9].sum_squares == plain[9].sum_squares
+
+
+def test_every_event_is_counted_in_its_hop(rng):
+    """A hop ends at ``max_batch_events`` of the sensor, too; what is dropped belongs to the hop in which it comes."""
+    config = QUAD.replace(max_batch_events=40, hot_pixels=1)
+    t, x, y = drawn(rng, 2000)
+    t[rng.random(2000) < 0.02] -= 500
+    hot = (int(x[5]), int(y[5]))
+    given = settings(config, **HELD | {"thinning": 3, "hot_mask": (hot,)})
+    found = slid(config, hops_of(60, 30, 4000, 900, follow=SEARCH), (t, x, y), given)
+    position, latest = 0, np.maximum.accumulate(t)
+    for hop in found:
+        part = slice(position, position + hop.events)
+        back = t[part] < latest[part]
+        marked = (x[part] == hot[0]) & (y[part] == hot[1]) & ~back
+        inside = (
+            (x[part] >= CORNER[0]) & (x[part] < CORNER[0] + 16) & (y[part] >= CORNER[1]) & (y[part] < CORNER[1] + 12)
+        )
+        inside &= ~back & ~marked
+        assert (hop.time_back, hop.hot, hop.noise) == (back.sum(), marked.sum(), 0)
+        assert (hop.fresh + hop.thinned, hop.outside) == (inside.sum(), (~inside & ~back & ~marked).sum())
+        assert hop.events <= 40 and (Flag.TIME_BACK in hop.flags) == bool(hop.time_back)
+        position += hop.events
+    assert (
+        max(hop.events for hop in found) == 40 and sum(hop.hot for hop in found) and sum(hop.thinned for hop in found)
     )
-    assert judged[first + 1].outcome.confidence_limit == given.confidence_limit
+    assert len(t) - position <= 40
+
+
+def test_times_of_any_length_are_unwrapped(rng):
+    """A recording longer than the counter, in one piece; and an event that is further back than half of it."""
+    config = QUAD.replace(time_bits=14, span_bits=12, hop_us=0)
+    events, given = drawn(rng, 1500, mean_us=30), settings(config, **HELD)
+    hops = hops_of(60, 10, 2000, 300, follow=SEARCH)
+    narrow = (events[0] % (1 << 14), *events[1:])
+    whole = slid(config, hops, narrow, given)
+    assert np.ptp(events[0]) > 2 << 14 and len(whole) > 50
+    assert slid(config, hops, narrow, given, cuts=range(1, 1500)) == whole
+    far = events[0].copy()
+    far[700:702] -= (3000, 8100)  # each less than half a round behind the one before, both together more
+    far = (far % (1 << 14), *events[1:])
+    assert slid(config, hops, far, given) == slid(config, hops, far, given, cuts=range(1, 1500))

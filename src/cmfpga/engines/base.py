@@ -35,8 +35,8 @@ def check_events(config, events):
 
 
 def batches_of(config):
-    """The configuration that takes batches where ``config`` has windows."""
-    return config.replace(windows="batches", buffers=2, when_full="thin")
+    """The configuration that takes batches where ``config`` has windows; others as they are."""
+    return config.replace(windows="batches", buffers=2, when_full="thin") if config.slides else config
 
 
 class Engine(ABC):

@@ -196,7 +196,7 @@ def plan_places(word, doc):
 PLANS = ("cold", "warm", "follow", "after")
 
 
-def _plan(name, word, doc, when=by_signs):
+def _plan(name, doc, word=None, when=by_signs):
     """A schedule, behind those before it in the table."""
     before = PLANS[: PLANS.index(name)]
     return Setting(
@@ -205,16 +205,16 @@ def _plan(name, word, doc, when=by_signs):
         raw=lambda config, settings: (
             sum(len(getattr(settings, one)) for one in before) % config.schedule_entries, len(getattr(settings, name))
         ),
-        places=plan_places(word, doc),
+        places=plan_places(word, doc) if word else (),
     )  # fmt: skip
 
 
-def _length(name, word, low=0, asked=None):
+def _length(name, low=0, asked=None):
     """How long a window or a hop is, at most."""
     return Setting(
-        name=name, field=name, low=low, default=0, when=with_windows, places=(Place(word=word),),
+        name=name, field=name, low=low, default=0, when=with_windows,
         high=lambda c: c.buffer_events if asked else 1 << (c.span_bits - 1),
-        asked=(lambda c: asked(c) if c.slides else 0) if asked else None,
+        asked=lambda c: (asked(c) if asked else getattr(c, name)) if c.slides else 0,
     )  # fmt: skip
 
 
@@ -272,14 +272,14 @@ SETTINGS = (
                     Place(word=23, register="V_START_ZOOM", part="_zoom", unit="", doc="start of the zoom, raw"),
                     Place(word=24, register="V_START_ROLL", part="_roll", unit="", doc="start of the roll, raw"))),
     Setting(name="min_roi_events", field="min_roi_events", high=lambda c: c.buffer_events, places=(Place(word=10),)),
-    _plan("cold", 15, "schedule of a batch without a last v"),
-    _plan("warm", 16, "schedule of a batch with a last v"),
-    _plan("follow", 27, "rounds that begin before a hop's last event; 0: WARM, after it", with_windows),
-    _plan("after", 28, "the round after a result that judges the window; at most one", with_windows),
-    _length("window_events", 29, low=1, asked=window_events),
-    _length("window_us", 30),
-    _length("hop_events", 31, low=1, asked=hop_events),
-    _length("hop_us", 32),
+    _plan("cold", "schedule of a batch without a last v", 15),
+    _plan("warm", "schedule of a batch with a last v", 16),
+    _plan("follow", "rounds that begin before a hop's last event; without, warm begins behind it", when=with_windows),
+    _plan("after", "the round after a result that judges the window; at most one", when=with_windows),
+    _length("window_events", low=1, asked=window_events),
+    _length("window_us"),
+    _length("hop_events", low=1, asked=hop_events),
+    _length("hop_us"),
     Setting(name="judge", field="judge", shape=lambda c: whole(1), default=1, when=with_confidence,
             places=(Place(word=17, register="CONFIDENCE", field="JUDGE", width=1,
                           register_doc="how sure v is, and what follows"),)),

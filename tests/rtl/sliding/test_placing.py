@@ -9,7 +9,7 @@ from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.dither import dither
-from cmfpga.reference.integer.sliding import HopSettings, Sliding
+from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.reference.integer.time_scaler import time_scaler
 from cmfpga.rtl.sliding import roi_carrier
 from cmfpga.rtl.sliding.placer import Placer
@@ -17,7 +17,7 @@ from cmfpga.rtl.sliding.ring import ring_event
 from support.bench import play, simulate
 from support.mutation import mutated
 
-QUAD = preset("quad")
+QUAD = preset("sliding")
 PLACED = {
     "quad": QUAD,
     "small sensor": QUAD.replace(sensor_width=100, sensor_height=70),
@@ -71,8 +71,7 @@ def test_places_equal_the_model(name, gap, rng):
 
 def carried(count, rng, module=roi_carrier):
     """``(wanted, found)``: corners and flags after each of ``count`` moves, by the model and by the block."""
-    given = BatchSettings.from_config(QUAD)
-    sliding = Sliding(QUAD, (88, 58), HopSettings(window_events=100, hop_events=10))
+    sliding = Sliding(QUAD, BatchSettings.from_config(QUAD, (88, 58)))
     moves, wanted, t = [], [], 1_000_000
     for k in range(count):
         cold = bool(k == 0 or rng.random() < 0.1)
@@ -84,7 +83,7 @@ def carried(count, rng, module=roi_carrier):
         )
         since = int(time_scaler(QUAD, sliding._t_ref - t, span=unit)) if k else -1
         crop = sliding.crop
-        flags = sliding._move(t, unit, cold, given)
+        flags = sliding._move(t, unit, cold)
         moves.append((cold, sliding.core.v, since, crop))
         image = sliding._whole(sliding._corner)[0]
         wanted.append((image, sliding._next_crop, Flag.ROI_CLAMPED in flags))

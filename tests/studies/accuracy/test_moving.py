@@ -48,9 +48,9 @@ def test_windows_are_as_long_as_their_motion_asks():
     count, span_us = moving.usual(made)
     assert span_us == pytest.approx(6 / 120 * 1e6)
     assert count == pytest.approx(len(made.events) / 6, rel=0.15), "nearly all events are the object's"
-    hops = moving.window_settings(count, span_us, moving.BUILT)
+    hops = moving.windows_of(QUAD, count, span_us, moving.BUILT)
     assert (hops.hop_events, hops.window_us, hops.hop_us) == (round(count / 16), 87_500, 4000)
-    assert moving.window_settings(count, 1000, moving.BUILT).window_us == 60_000
+    assert moving.windows_of(QUAD, count, 1000, moving.BUILT).window_us == 60_000
 
 
 def test_hops_follow_a_reversal_that_batches_lose(capsys, monkeypatch, tmp_path):

@@ -45,6 +45,8 @@ def check(config):
     ):
         if getattr(config, name) > limit:
             raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the AXI top ({why})")
+    if config.slides:
+        raise ConfigError("windows = sliding: the AXI top takes batches; windows = batches is needed")
     for name in ("hot_pixels", "background"):
         if getattr(config, name):
             raise ConfigError(f"{name} = 1: the AXI top has no such filter")
