@@ -30,6 +30,7 @@ def track(
     batch_roi_events=None,
     start_event=0,
     batches=None,
+    every=1,
     sensor=None,
     time_unit=None,
     columns=None,
@@ -59,7 +60,9 @@ def track(
         One of them: events of the whole sensor, µs, or events in the ROI. Without, as many events as suit the motion
         (:mod:`cmfpga.tracking.fit`), chosen anew for each batch; 5000 where the confidence is not measured.
     start_event, batches : int
-        First event; stop after so many batches (default: at the end).
+        First event; stop after so many batches, or windows (default: at the end).
+    every : int
+        Where windows slide (``preset="sliding"``), keep the first of so many results.
     sensor : (int, int), optional
         Width and height of the sensor, px; goes before what the file says.
     time_unit : {"s", "ms", "us", "ns"}, optional
@@ -88,7 +91,9 @@ def track(
     with contextlib.ExitStack() as stack:
         layout = {"columns": columns, "dataset": dataset, "form": form, "drop": drop}
         source = Source(recording, sensor=sensor, time_unit=time_unit, **layout)
-        batches_found, cutter, tracking = _begin(stack, source, roi, preset, engine, size, start_event, batches, fields)
+        batches_found, cutter, tracking = _begin(
+            stack, source, roi, preset, engine, size, start_event, batches, fields, every=every
+        )
         for _ in batches_found:
             pass
     if not len(tracking):
@@ -112,7 +117,7 @@ class Tracker:
         Of the time stamps; whole numbers are µs by default.
     keep : bool
         Keep what is found in :attr:`tracking`, which grows by some kB a batch. False for tracks without an end.
-    preset, engine, batch_events, batch_us, batch_roi_events, **fields
+    preset, engine, batch_events, batch_us, batch_roi_events, every, **fields
         As of :func:`track`.
 
     Attributes
@@ -128,14 +133,14 @@ class Tracker:
 
     def __init__(
         self, *, roi, sensor, time_unit=None, keep=True, preset=DEFAULT_PRESET, engine="rtl", batch_events=None,
-        batch_us=None, batch_roi_events=None, **fields,
+        batch_us=None, batch_roi_events=None, every=1, **fields,
     ):  # fmt: skip
         self._time_unit, self._feed = time_unit, Feed(check_sensor(sensor, "Tracker"), "pushed events")
         self._lock = threading.RLock()
         size = _batch_size(batch_events, batch_us, batch_roi_events)
         with contextlib.ExitStack() as stack:
             self._batches, self._cutter, self.tracking = _begin(
-                stack, Source(self._feed), roi, preset, engine, size, 0, None, fields, keep=keep
+                stack, Source(self._feed), roi, preset, engine, size, 0, None, fields, keep=keep, every=every
             )
             self._open = stack.pop_all()
 
@@ -196,7 +201,7 @@ def _batch_size(events, us, roi_events):
     return {name: value for name, value in given.items() if value is not None}
 
 
-def _begin(stack, source, roi, preset, engine, size, start_event, batches, fields, keep=True):
+def _begin(stack, source, roi, preset, engine, size, start_event, batches, fields, keep=True, every=1):
     """``(the loop's batches, their cutter, the Tracking that collects them)``; ``stack`` closes what is opened."""
     opened, first = source.open(stack), None
     for note in opened.notes() if isinstance(opened, Recording) else ():
@@ -218,6 +223,13 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
             raise ConfigError("roi: the ROI's left column and top row are needed, or 'auto'")
         roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
     check_roi(config, roi)
+    every = whole("every", every)
+    if config.slides and size:
+        raise ConfigError(
+            f"batch_{next(iter(size))}: windows = batches is needed; preset {preset} has windows that slide"
+        )
+    if every > 1 and not config.slides:
+        raise ConfigError(f"every = {every}: windows = sliding is needed")
     if batches is not None:
         batches = whole("batches", batches)
     cutter = batch_cutter(opened, config, start_event=start_event, first=first, **size)
@@ -226,7 +238,11 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
         warnings.warn(running.note, stacklevel=3)
     tracking = Tracking(config, engine, source)
     consumers = [tracking] if keep else []
-    return loop.track(running, cutter, roi=tuple(roi), batches=batches, consumers=consumers), cutter, tracking
+    return (
+        loop.track(running, cutter, roi=tuple(roi), batches=batches, consumers=consumers, every=every),
+        cutter,
+        tracking,
+    )
 
 
 def _config(source, name, fields):

@@ -112,6 +112,28 @@ def add_batch_options(made, default):
     made.add_argument("--start-event", type=natural, default=0, metavar="K", help="first event (default: 0)")
 
 
+#: Options of windows that slide, by the fields of the configuration that they set.
+WINDOWS = {
+    "window_events": ("N", "most events of a window, in the ROI (default: as suits the motion)"),
+    "window_us": ("D", "oldest event of a window, µs"),
+    "hop_events": ("N", "evaluate again after so many new events in the ROI (default: a 16th of a window's)"),
+    "hop_us": ("D", "or after so long, µs"),
+}
+
+
+def add_window_options(made):
+    """How long windows and hops are, and how many results are kept; for :func:`window_fields`."""
+    group = made.add_argument_group("windows that slide (--preset sliding)")
+    for name, (metavar, text) in WINDOWS.items():
+        group.add_argument(f"--{name.replace('_', '-')}", type=natural, metavar=metavar, help=text)
+    group.add_argument("--every", type=positive, default=1, metavar="K", help="keep every K-th result (default: 1)")
+
+
+def window_fields(options):
+    """The fields that :data:`WINDOWS` were given for."""
+    return {name: getattr(options, name) for name in WINDOWS if getattr(options, name) is not None}
+
+
 def batch_size(options):
     """What makes a batch complete, as :class:`~cmfpga.events.BatchCutter` takes it; empty without such an option."""
     sizes = {"events": options.batch_events, "duration_us": options.batch_us, "roi_events": options.batch_roi_events}

@@ -11,6 +11,7 @@ from tqdm import tqdm
 
 from .. import cli
 from ..api.objects import TrackedObject
+from ..config import DEFAULT_PRESET
 from ..config.defaults import BATCH_EVENTS
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from ..errors import ConfigError, RecordingError
@@ -32,6 +33,7 @@ EXAMPLES = (
     "cmfpga track rec.h5 --roi 100,30 --hot-pixels auto --background-us 5000    # drop noise first",
     "cmfpga track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
     "cmfpga track rec.h5 --roi auto --objects 3    # track-0.csv, track-1.csv, track-2.csv",
+    "cmfpga track rec.h5 --roi 100,30 --preset sliding --every 4    # results that overlap, every fourth",
     "cmfpga track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
 )
 
@@ -66,7 +68,10 @@ def parser():
         made, f"as many events as suit the motion, chosen anew for each batch; --batch-events {BATCH_EVENTS} without "
         "confidence, as with --preset paper",
     )  # fmt: skip
-    made.add_argument("--batches", type=cli.positive, metavar="B", help="stop after B batches (default: at the end)")
+    cli.add_window_options(made)
+    made.add_argument(
+        "--batches", type=cli.positive, metavar="B", help="stop after B batches, or windows (default: at the end)"
+    )
     made.add_argument(
         "--engine",
         default="rtl",
@@ -128,6 +133,7 @@ def main(arguments=None):
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
         fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
+        fields |= cli.window_fields(options)
         config = drop_hot_pixels(options, recording, cli.make_config(options, **fields), fields)
         objects = _objects(options, truth, config)
         if len(objects) > 1:
@@ -236,6 +242,10 @@ def _choose(options, objects, recording, config):
 def _prepare(options, objects, config, recording):
     """The configuration of all objects, and what cuts their batches."""
     size, first = cli.batch_size(options), None
+    if config.slides and size:
+        raise ConfigError(f"--preset {options.preset}: windows slide; batches are those of --preset {DEFAULT_PRESET}")
+    if options.every > 1 and not config.slides:
+        raise ConfigError("--every: windows that slide are needed, as of --preset sliding")
     if config.regions and "roi_events" in size:
         raise ConfigError("--batch-roi-events: regions share their batches; --batch-events or --batch-us is needed")
     if all(one.proposal for one in objects) and not size:
@@ -273,7 +283,7 @@ def _track(options, objects, recording, folder, motion):
             )  # fmt: skip
         running = follow(
             engine, cutter, rois=[one.roi for one in objects], batches=options.batches,
-            consumers=[(one, *one.consumers) for one in objects],
+            consumers=[(one, *one.consumers) for one in objects], every=options.every,
         )  # fmt: skip
         live = isinstance(recording, LiveSource)
         count = cli.expected(recording, cutter, options.start_event, options.batches)

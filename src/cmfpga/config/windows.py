@@ -3,7 +3,6 @@
 from ..errors import ConfigError
 from .checks import check_size
 
-
 #: A window's events where nothing says how many; how many hops its length has.
 USUAL_EVENTS, HOPS = 1000, 16
 

@@ -2,11 +2,11 @@
 
 import torch
 
+from ..errors import ConfigError
 from ..reference.float_core import FloatCore
 from ..reference.integer.core import IntegerCore
 from ..reference.integer.sliding import Sliding
 from ..reference.regions import RegionSequence
-from ..errors import ConfigError
 from .base import Engine
 
 

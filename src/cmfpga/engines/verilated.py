@@ -3,7 +3,6 @@
 from ..verilog.simulation.core import VerilatedCore
 from .base import Engine
 
-
 _PIECE = 4096  # events for whose results there is memory
 
 

@@ -217,7 +217,7 @@ class CsvConsumer:
         self._write(batch.row())
 
 
-def track(engine, cutter, *, roi, batches=None, consumers=()):
+def track(engine, cutter, *, roi, batches=None, consumers=(), every=1):
     """:func:`follow` one object, whose ROI begins at ``roi``; each of ``consumers`` takes every :class:`TrackedBatch`.
 
     Yields
@@ -225,11 +225,11 @@ def track(engine, cutter, *, roi, batches=None, consumers=()):
     TrackedBatch or None
         None where the source has no events yet.
     """
-    for window in follow(engine, cutter, rois=[roi], batches=batches, consumers=[consumers]):
+    for window in follow(engine, cutter, rois=[roi], batches=batches, consumers=[consumers], every=every):
         yield window and window[0]
 
 
-def follow(engine, cutter, *, rois, batches=None, consumers=()):
+def follow(engine, cutter, *, rois, batches=None, consumers=(), every=1):
     """Follow objects. After a doubtful batch an object's next one starts cold, where :class:`_Course` has its ROI.
 
     Parameters
@@ -240,13 +240,15 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
         Of each object the left column and top row of its first ROI, px.
     consumers : sequence of sequences
         Of each object: the method ``add`` of each takes every :class:`TrackedBatch`, before it is yielded.
+    every : int
+        Where windows slide: the first of so many is kept, and counts.
 
     Yields
     ------
     list of TrackedBatch, or None
         Of the same events, each object's; None where the source has no events yet.
     """
-    for window in windows(engine, cutter, _Objects(engine, rois), batches):
+    for window in windows(engine, cutter, _Objects(engine, rois, every), batches):
         for batch, takers in zip(window or (), consumers, strict=bool(window)):
             for consumer in takers:
                 consumer.add(batch)
@@ -256,8 +258,9 @@ def follow(engine, cutter, *, rois, batches=None, consumers=()):
 class _Objects(Table):
     """Rows that each follow an object; or the newest events of one, evaluated again and again."""
 
-    def __init__(self, engine, rois):
+    def __init__(self, engine, rois, every):
         super().__init__(engine)
+        self._every = every
         self._courses = [_Course(self.config, roi) for roi in rois]
         self._usual = BatchSettings.from_config(self.config)
         self._noise = NoiseFilter(self.config) if self.config.hot_pixels or self.config.background else None
@@ -292,7 +295,7 @@ class _Objects(Table):
 
         Hops before the first full window are passed over.
         """
-        (course,), index = self._courses, 0
+        (course,), index, hop = self._courses, 0, -1
         lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
         given, pieces = replace(self._usual, **lengths), cutter.pieces()
         self.engine.write([Region.roi(self.config, course.start)], {0})
@@ -306,11 +309,13 @@ class _Objects(Table):
             newest.add(piece)
             for result in self.engine.run(piece, given):
                 events = newest.window(result)
-                if Flag.DEGENERATE in result.flags and not index:
-                    self.passed_over += 1
-                    continue
+                degenerate = Flag.DEGENERATE in result.flags
+                hop += not degenerate or hop >= 0
+                self.passed_over += hop < 0
                 plan = given.cold if not self._warm else given.follow or given.warm
-                self._warm = Flag.DEGENERATE not in result.flags
+                self._warm = not degenerate
+                if hop < 0 or hop % self._every:
+                    continue
                 yield [TrackedBatch(index, self.config, events, result, plan=plan[: result.iterations])]
                 index += 1
                 if index == most:

@@ -16,7 +16,7 @@ from .fit import TARGET_PX, FittedCutter
 
 #: Motion of the image in a window, px; the least ``window_us``, µs, and the same in usual ranges of a window; how many
 #: times fewer events than most a window has at least.
-WAY_PX, LEAST_US, LONGER, FEWEST = 6.0, 60_000, 1.75, 4
+WAY_PX, LEAST_US, LONGER, FEWEST = 5.0, 60_000, 1.75, 4
 
 
 def window_lengths(config, cutter, trial, roi):

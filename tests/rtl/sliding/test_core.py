@@ -36,7 +36,8 @@ CORNER = (7, 5)
 def drawn(rng, count, *, mean_us=40):
     """Events of a dot that moves, some of them elsewhere; with ties, bursts, gaps and steps back; times wrap."""
     steps = rng.exponential(mean_us, count) * rng.choice([0, 0.1, 1, 3], count)
-    steps[rng.random(count) < 0.006] += 60 * mean_us
+    pauses = rng.random(count) < 0.006
+    steps[pauses] += mean_us * rng.choice([50, 60, 110], pauses.sum())
     t = np.cumsum(steps).astype(np.int64)
     side = 5 * np.sin(t / t[-1] * 9)
     x = (CORNER[0] + 8 + side + rng.normal(0, 2, count)).astype(np.int64).clip(0, 31)

@@ -1,0 +1,70 @@
+"""Mutants of the core whose windows slide: what :mod:`test_core` compares notices each of them."""
+
+import pytest
+
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.reference.integer.sliding import Sliding
+from cmfpga.rtl.image import one_pass_image, tagged_accumulator
+from cmfpga.rtl.sliding import core, hop_control, hop_evaluation
+from cmfpga.rtl.top import VerilogSliding
+from cmfpga.verilog.simulation.core import VerilatedCore
+from support.mutation import mutated
+
+from .test_core import CASES, CORNER, compare, drawn, played
+
+SHORT = CASES["both"].replace(buffer_events=127, window_us=2500)
+FULL = SHORT.replace(window_us=4000)
+
+
+class Changed(VerilogSliding):
+    """A type of its own, whose Verilog is not that which is kept for the configuration."""
+
+
+#: By name: the module, the text, what it becomes, and who imports what of it.
+MUTANTS = {
+    "the ring overflows": (hop_control, "full.eq(stays & ", "full.eq(0 & ", (core, "HopControl")),
+    "an image is swept while it waits for events": (
+        tagged_accumulator, "sweeps &= ~inside", "sweeps &= 1", (one_pass_image, "TaggedAccumulator"),
+    ),
+    "too few events are evaluated": (
+        hop_evaluation, "many.eq((hop.count != 0) & ", "many.eq(1 | ", (core, "HopEvaluation"),
+    ),
+    "a pause is none": (hop_evaluation, "(span != 0) & ~hop.stale", "(span != 0)", (core, "HopEvaluation")),
+    "the first window need not be full": (
+        hop_evaluation, "(full | followed)", "1", (core, "HopEvaluation"),
+    ),
+    "age goes on through windows that are too short": (
+        hop_evaluation, "age.eq(Mux(many & timed, aged, 0))", "age.eq(aged)", (core, "HopEvaluation"),
+    ),
+    "the unit forgets the window": (
+        hop_evaluation, "last_step + Mux(hop.empty, 0,", "last_step + Mux(1, 0,", (core, "HopEvaluation"),
+    ),
+    "the reference time stands still": (
+        hop_evaluation, "half.eq(self.unit >> 1), first.eq(hop.t_first)]", "half.eq(self.unit >> 1)]",
+        (core, "HopEvaluation"),
+    ),
+    "the judging round is read at once": (
+        hop_evaluation, "held & ~self.cold", "held & self.cold", (core, "HopEvaluation"),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MUTANTS)
+def test_mutants_are_noticed(name, rng, monkeypatch):
+    module, old, new, (where, what) = MUTANTS[name]
+    monkeypatch.setattr(where, what, getattr(mutated(module, old, new), what))
+    config = FULL if name == "the ring overflows" else SHORT
+    simulated = VerilatedCore(config, core=Changed(config))
+    given = BatchSettings.from_config(config, roi=CORNER)
+    try:
+        for count in (700, 2500):
+            events = drawn(rng, count)
+            wanted = list(Sliding(config, given).run(*events))
+            for waits in (False, True):
+                try:
+                    compare(wanted, played(simulated, given, events, rng, waits=waits))
+                except (AssertionError, TimeoutError):
+                    return
+    finally:
+        simulated.close()
+    raise AssertionError("nothing notices it")
