@@ -63,7 +63,7 @@ PRESETS = {
     "flow": _FAST.replace(
         evaluators=4,
         regions=192,
-        units=4,
+        units=6,
         store_style="ultra",
         undistortion="on",
         max_batch_events=32767,

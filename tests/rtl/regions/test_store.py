@@ -44,19 +44,19 @@ async def settle(ctx, store):
         await ctx.tick()
 
 
-async def read(ctx, store, address):
+async def read(ctx, store, address, number=0):
     """Events of a bin, once nothing has moved for longer than it takes to look one up."""
     found, quiet = [], 0
-    ctx.set(store.read.payload, address)
-    ctx.set(store.read.valid, 1)
+    ctx.set(store.read[number].payload, address)
+    ctx.set(store.read[number].valid, 1)
     while quiet < 12:
-        if ctx.get(store.o.valid):
-            found.append(tuple(ctx.get(store.o.payload[name]) for name in "txy"))
-        moves = ctx.get(store.busy) | ctx.get(store.o.valid) | ctx.get(store.read.valid)
-        taken, quiet = ctx.get(store.read.ready), 0 if moves else quiet + 1
+        if ctx.get(store.o[number].valid):
+            found.append(tuple(ctx.get(store.o[number].payload[name]) for name in "txy"))
+        moves = (ctx.get(store.busy) >> number & 1) | ctx.get(store.o[number].valid) | ctx.get(store.read[number].valid)
+        taken, quiet = ctx.get(store.read[number].ready), 0 if moves else quiet + 1
         await ctx.tick()
         if taken:
-            ctx.set(store.read.valid, 0)
+            ctx.set(store.read[number].valid, 0)
     return found
 
 
