@@ -170,8 +170,9 @@ class Distributor(wiring.Component):
                 with m.If(self.divided):
                     m.next = "ROW"
                     if self._first:
-                        with m.If(current >= settings.rows):  # no row for this one
-                            m.d.comb += self.clear.eq(1)
+                        none = current >= settings.rows  # for this one
+                        with m.If(none):
+                            m.d.comb += self.clear.eq(none)
                             m.next = "CLEAR"
             with m.State("ROW"):
                 m.d.sync += measured.eq((timer == 0) & there)
