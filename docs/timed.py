@@ -52,7 +52,7 @@ def cycles_table():
     """Formula of each preset, and of `paper` in other sizes, beside the article's."""
     rows = []
     sizes = [("paper", size) for size in (32, 48, 128)]
-    one = [name for name in PRESETS if not preset(name).regions]
+    one = [name for name, config in PRESETS.items() if not (config.regions or config.slides)]
     for name, size in [*((name, None) for name in one), *sizes]:
         config = preset(name)
         config = config.replace(roi_width=size, roi_height=size) if size else config

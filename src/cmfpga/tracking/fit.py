@@ -70,7 +70,14 @@ class FittedCutter(BatchCutter):
         the survey's first trial.
     max_events : int
         Largest batch, in events of the whole sensor.
+
+    Attributes
+    ----------
+    way : float
+        How far the survey expects the image to move in half a batch, px.
     """
+
+    way = TARGET_PX
 
     def __init__(self, source, config, *, start_event=0, first=None, max_events):
         size = min(first or 1, max_events)
@@ -122,6 +129,7 @@ class FittedCutter(BatchCutter):
         if found or alone:
             count, moved = found or alone
             self.size = min(fit(count, (moved,), True), self.max_events)
+            self.way = moved * self.size / count
         else:
             self.size = max(min(_REACH * self._shortest, half // 4), self._shortest)
         self.size = max(len((yield from self.ahead(self.size))), 1)

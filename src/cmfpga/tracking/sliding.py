@@ -12,7 +12,7 @@ from ..events import Events
 from ..events.batches import Batch
 from ..imaging.camera import seen
 from ..imaging.iwe import events_in_roi
-from .fit import TARGET_PX, FittedCutter
+from .fit import FittedCutter
 
 #: Motion of the image in a window, px; the least ``window_us``, µs, and the same in usual ranges of a window; how many
 #: times fewer events than most a window has at least.
@@ -41,7 +41,7 @@ def window_lengths(config, cutter, trial, roi):
     if config.window_events or not isinstance(cutter, FittedCutter):
         return {"window_events": count, "hop_events": hop_events(config), "min_roi_events": least}
     yield from cutter.survey(trial, roi)
-    ahead = yield from cutter.ahead(max(1, round(cutter.size * WAY_PX / (2 * TARGET_PX))))
+    ahead = yield from cutter.ahead(max(1, round(cutter.size * WAY_PX / (2 * cutter.way))))
     inside = len(events_in_roi(seen(config, ahead), roi[:2], *roi[2:])[0])
     count = max(1, min(inside, config.buffer_events))
     span = int(ahead.t[-1] - ahead.t[0]) if len(ahead) else 0
@@ -81,7 +81,7 @@ class Newest:
         if result.roi_events and end:
             last = int(times[-1])
             begin = int(np.searchsorted(times, last - self._age(result, last)))
-        parts = (getattr(self._events, axis)[begin:end] for axis in "txyp")
+        parts = [getattr(self._events, axis)[begin:end] for axis in "txyp"]
         self._events, self._begin = self._events[begin:], self._begin + begin
         return Batch(*parts, self._begin)
 

@@ -1,0 +1,112 @@
+"""Tracks by windows that slide: every hop's events, lengths that suit the motion, and what is refused."""
+
+import numpy as np
+import pytest
+
+import cmfpga
+from cmfpga import cli
+from cmfpga.cli import command
+from cmfpga.config import preset
+from cmfpga.engines import make_engine
+from cmfpga.errors import ConfigError
+from cmfpga.events import MemoryRecording, generate
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.reference.integer.sliding import Sliding
+from cmfpga.tracking.fit import batch_cutter
+from cmfpga.tracking.loop import track
+
+#: It turns a corner after 80 ms.
+SCENE = {
+    "seed": 3, "texture": "lines", "position": (70.0, 90.0), "duration_us": 160_000, "noise": 0.05,
+    "velocity": ((80_000, 150.0, 100.0), (80_000, 120.0, -100.0)),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return generate(**SCENE)
+
+
+@pytest.fixture(scope="module")
+def tracked(scene):
+    return cmfpga.track(scene, preset="sliding", engine="model")
+
+
+def test_a_turn_is_followed(scene, tracked):
+    assert len(tracked) > 60 and tracked.trusted.mean() > 0.9
+    begin = tracked.t_us - tracked.window_us
+    truth = np.array([scene.motion.mean_velocity(int(a), int(b)) for a, b in zip(begin, tracked.t_us, strict=True)])
+    found = np.stack([tracked.vx_px_per_s, tracked.vy_px_per_s], 1)
+    off = np.hypot(*(found - truth).T) * tracked.window_us / 2e6
+    corner = (begin < 80_000) & (tracked.t_us > 80_000)
+    assert off[tracked.trusted & ~corner].max() < 0.6 and 5 < corner.sum() < 40
+    middle = np.array(tracked.results[-1].roi_next) + 31.5
+    assert np.hypot(*(middle - scene.motion.position(tracked.t_us[-1:])[0])) < 3
+
+
+def test_windows_move_by_what_is_aimed_at(tracked):
+    moved = np.hypot(tracked.vx, tracked.vy)[tracked.trusted] * 2
+    assert 4 < np.median(moved) < 6, "px in a window"
+    assert {one.fresh for one in tracked.results} == {round(max(tracked.roi_events) / 16)}
+
+
+def test_rows_tell_the_events_of_their_windows(scene):
+    config = preset("sliding").replace(window_events=300, hop_events=40, window_us=30_000, min_roi_events=30)
+    events, start = scene.events, scene.roi_start(64, 64)
+    recording = MemoryRecording(events, config.sensor_width, config.sensor_height, "events")
+    given = BatchSettings.from_config(config, roi=start)
+    given = type(given)(**vars(given) | {"min_roi_events": 75})
+    wanted = [*Sliding(config, given).run(events.t, events.x, events.y)]
+    first = next(k for k, one in enumerate(wanted) if Flag.DEGENERATE not in one.flags)
+    rows = list(track(make_engine("model", config), batch_cutter(recording, config), roi=start))
+    assert [row.result for row in rows] == wanted[first:] and len(rows) > 40
+    end = np.cumsum([one.events for one in wanted])
+    for row, last in zip(rows, end[first:], strict=True):
+        result, own = row.result, row.events
+        assert own.first_event + len(own) == last and own.t[-1] <= result.t_us
+        assert own.t[0] == events.t[np.searchsorted(events.t, result.t_first)] and row.t_us == own.t[-1]
+
+
+def test_every_few_results_are_kept(scene, tracked):
+    few = cmfpga.track(scene, preset="sliding", engine="model", every=5, batches=7)
+    assert few.results == tracked.results[:35:5]
+
+
+def test_the_tracker_finds_the_same_in_pieces(scene, tracked):
+    size = {"sensor": (240, 180), "roi": scene.roi_start(64, 64), "preset": "sliding", "engine": "model"}
+    found = []
+    with cmfpga.Tracker(**size) as tracker:
+        for at in range(0, len(scene.events), 777):
+            found += tracker.push(scene.events[at : at + 777])
+        tracking = tracker.tracking
+    assert tracking.results == tracked.results
+    assert [one.result for one in found] == tracked.results[: len(found)] and len(found) > 50
+
+
+@pytest.mark.parametrize("wrong, message", [
+    ({"batch_events": 500}, "batch_events: windows = batches is needed; preset sliding has windows that slide"),
+    ({"preset": "fast", "every": 2}, "every = 2: windows = sliding is needed"),
+    ({"every": 0}, "every = 0: an integer of 1 or more is needed"),
+    ({"preset": "fast", "window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batch"),
+    ({"engine": "float"}, "engine float: windows = batches is needed; rtl and model have windows that slide"),
+    ({"engine": "axi"}, "windows = sliding: the AXI top takes batches; windows = batches is needed"),
+])  # fmt: skip
+def test_what_is_refused(scene, wrong, message):
+    with pytest.raises(ConfigError, match=f"^{message}"):
+        cmfpga.track(scene, **{"preset": "sliding", "engine": "model"} | wrong)
+
+
+def test_the_command(tmp_path, capsys):
+    arguments = ["track", "--preset", "sliding", "--engine", "model", "--every", "3", "--batches", "5"]
+    arguments += ["--no-picture", "--out", str(tmp_path)]
+    assert cli.run(command.main, arguments) == 0
+    head, *rows = (tmp_path / "track.csv").read_text().splitlines()
+    assert head.startswith("batch,t_us,window_us,t_ref_us,events,") and len(rows) == 5
+    assert "5 of 5 batches are to be trusted" in capsys.readouterr().out
+    for more, what in (
+        (["--batch-events", "500"], "windows slide; batches are those of"),
+        (["--roi", "1,1"] * 2, "sliding"),
+    ):
+        assert cli.run(command.main, [*arguments, *more]) == 2
+        assert what in capsys.readouterr().err
