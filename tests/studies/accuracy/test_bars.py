@@ -29,7 +29,8 @@ from cmfpga.events import BatchCutter, open_recording
 from cmfpga.tracking.loop import track
 
 FAST = preset("fast")
-FLAT = FAST.replace(**{name: re.sub(r"\d:(\S+:)", r"0:\1", text) for name, text in MEASURED["translation"].items()})
+ROUNDS = {name: MEASURED["translation"][name] for name in ("cold", "warm")}
+FLAT = FAST.replace(**{name: re.sub(r"\d:(\S+:)", r"0:\1", text) for name, text in ROUNDS.items()})
 PART = 100  # synthetic batches of the quick tests
 EVERY = 6  # of the real ones
 COLD = {"below_0.6_px": 0.98, "below_0.3_px": 0.95}
