@@ -11,6 +11,7 @@ from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, clamp_roi, settings_values
 from cmfpga.protocol.trace import to_batch_result
 from cmfpga.reference.integer.core import IntegerCore
+from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.reference.regions import RegionSequence
 from cmfpga.verilog.compiler import cannot_compile
 from cmfpga.verilog.simulation.core import VerilatedCore
@@ -55,6 +56,8 @@ def check(config, seed, shell=False):
         return through_the_shell(config, rng)
     if config.regions:
         return _tables_of_regions(config, rng)
+    if config.slides:
+        return _hops(config, rng)
     counts = _one_by_one(config, np.random.default_rng([seed, 1]))
     if not cannot_compile():
         counts += _back_to_back(config, rng)
@@ -99,6 +102,30 @@ def _back_to_back(config, rng):
             model = None
         model = model or make_engine("model", config)
         counts += compare_stream(core, rng, BATCHES // RUNS + 1, **_pauses(rng), model=model)
+    core.close()
+    return counts
+
+
+def _hops(config, rng):
+    """Runs of events, in pieces, after each of which the hardware is reset, somewhere."""
+    counts, cycles, core = np.zeros(2, int), 0, VerilatedCore(config, seed=int(rng.integers(1, 1 << 30)))
+    for number in range(RUNS):
+        settings, roi = random_settings(config, rng, (0, 0))
+        settings = BatchSettings.from_config(config, roi) if number == 0 else dataclasses.replace(settings, roi=roi)
+        parts = [random_events(config, rng, roi)[1] for _ in range(rng.integers(1, 5))]
+        model, pauses = Sliding(config, settings), _pauses(rng)
+        core.reset(int(rng.integers(1, 4)))
+        for part in parts:
+            gaps, stalls = _late(rng, len(part), 40, pauses["gaps"]), _late(rng, 50, 300, pauses["stalls"])
+            found = core.slide(part.t, part.x, part.y, settings, gaps=gaps, stalls=stalls)
+            wanted = list(model.run(part.t, part.x, part.y))
+            equal(f"run {number}", "hops", len(found), len(wanted), "model")
+            for k, (one, other) in enumerate(zip(found, wanted, strict=True)):
+                _same(f"run {number}, hop {k}", one, other)
+            counts += len(wanted), sum(one.iterations for one in wanted)
+            cycles += core.finished[-1] if core.finished else 0
+        if cycles > CYCLES:
+            break
     core.close()
     return counts
 

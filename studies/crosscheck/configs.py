@@ -88,6 +88,10 @@ def _fields(rng, regions, shell):
     if shell:
         values |= WRAPPED
     values |= needs(values["motion"])
+    if not regions and not shell and values["motion"] == "translation" and rng.random() < 0.2:
+        values |= _of_windows(rng, {**defaults, **values})
+    else:
+        values["windows"] = "batches"
     if values["motion"] == "translation":
         rounds = values.get("ascent", "constant") != "constant"
         values |= {"ascent": "newton", "gradient": "one_pass", "border": "whole"} if rounds else {}
@@ -103,14 +107,16 @@ def _fields(rng, regions, shell):
     for name in ("eta", "roi_gain"):
         fmt = Q(known[f"{name}_int"], known[f"{name}_frac"], signed=False)
         values[name] = fmt.real(int(rng.integers(fmt.max + 1) >> rng.integers(fmt.width)))
-    for name in ("cold", "warm"):
+    for name in ("cold", "warm", "follow", "after"):
         rounds = values["motion"] == "translation"
         given = (
-            _rounds(rng, known["max_level"], v)
+            _rounds(rng, known["max_level"], v, longest=1 if name == "after" else 7)
             if rounds
             else _schedule(rng, known["max_level"], v, known["confidence"])
         )
         values[name] = AUTO if rng.random() < 0.3 else given
+        if name in ("follow", "after") and rng.random() < 0.3:
+            values[name] = ""
     idle = unread(defaults | values)
     return {name: value for name, value in values.items() if name not in idle}
 
@@ -151,10 +157,23 @@ def _schedule(rng, max_level, v, judged):
     return " ".join(words)
 
 
-def _rounds(rng, max_level, v):
+def _of_windows(rng, known):
+    """Windows that slide, and what they cannot be without."""
+    most = min(known["buffer_events"], 300)
+    count = int(rng.integers(1, most + 1))
+    oldest = int(rng.integers(0, 1 << min(known["span_bits"] - 1, 13)))
+    lengths = {
+        "window_events": count, "hop_events": int(rng.integers(1, count + 1)), "window_us": oldest,
+        "hop_us": int(rng.integers(0, oldest + 1)),
+    }  # fmt: skip
+    needed = {"ascent": "newton", "undistortion": "off", "hot_pixels": 0, "background": 0}
+    return {"windows": "sliding"} | lengths | needed
+
+
+def _rounds(rng, max_level, v, longest=7):
     """A schedule of rounds; limits are 2^k or 3·2^k."""
     words = []
-    for _ in range(rng.integers(1, 8)):
+    for _ in range(rng.integers(1, longest + 1)):
         limit = Fraction(2) ** int(rng.integers(-v.f, v.i)) * Fraction(3, 2) ** int(rng.integers(2))
         words.append(f"{rng.integers(max_level + 1)}:{Fraction(int(rng.choice(DISTANCES)), 4)}:{limit}")
     return " ".join(words)

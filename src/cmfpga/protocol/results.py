@@ -262,6 +262,8 @@ def decode(config, values, *more):
         ``wrapper``, of a result packet.
     """
     found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
+    if config.slides and not found["roi_events"]:
+        found["t_first"] = None
     if Flag.DEGENERATE in found["flags"]:
         found["sums"] = (0,) * len(found["sums"])  # the core's mean nothing then
         found |= not_judged(config)
