@@ -73,7 +73,7 @@ PORTS = {
     "schedule_valid": "write an entry of the schedule's table; only while no batch is under way",
     "schedule_address": "which entry",
     "schedule_entry_level": "pixels 2^level px wide",
-    "schedule_entry_distance": "evaluated beside v: ¾, 1, 1½, 2, 3 or ½ px, by its number from 0 on",
+    "schedule_entry_distance": "evaluated beside v: ¾, 1, 1½, 2 or 3 px, by its number from 0 on",
     "schedule_entry_limit": "v moves by at most ((2 + c mod 2) << c div 2) >> 1 units of its last bit",
     "result_valid": "a result is offered, and stays as it is until it is taken",
     "result_ready": "take it",

@@ -72,8 +72,8 @@ def test_rounds():
 @pytest.mark.parametrize("text, message", [
     ("", "cold: 0 iterations: 1 to 16 are needed (schedule_entries)"),
     ("3:1:1", "cold: '3:1:1': level 0 to 2 is needed (max_level)"),
-    ("0:1/4:1", "cold: '0:1/4:1': a distance of 3/4, 1, 3/2, 2, 3, 1/2 is needed"),
-    ("0:0:1", "cold: '0:0:1': a distance of 3/4, 1, 3/2, 2, 3, 1/2 is needed"),
+    ("0:1/2:1", "cold: '0:1/2:1': a distance of 3/4, 1, 3/2, 2, 3 is needed"),
+    ("0:0:1", "cold: '0:0:1': a distance of 3/4, 1, 3/2, 2, 3 is needed"),
     *((f"0:1:{limit}", f"cold: '0:1:{limit}': a limit of 2^k or 3·2^k is needed, 1/64 to 16 (Q5.6)")
       for limit in ("0", "5/4", "1/3", "1/128", "3/128", "24", "32", "7")),
     ("0:1:1*0", "cold: '0:1:1*0': a count of 1 to 16 is needed (schedule_entries)"),

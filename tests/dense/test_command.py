@@ -69,7 +69,7 @@ def test_files_and_summary(command, slide, sliding, tmp_path):
         assert trusted.ravel()[k] == (not flags & {"degenerate", "doubtful"})
     fits = rows(tmp_path / "fit.csv")
     assert [float(fit["vx_px_per_s"]) for fit in fits] == [fit["vx_px_per_s"] for fit in told["fits"]]
-    assert float(fits[0]["vx_px_per_s"]) == pytest.approx(90, abs=8)
+    assert float(fits[0]["vx_px_per_s"]) == pytest.approx(90, abs=10)
 
 
 def test_slices_without_events_are_told(command, sliding, tmp_path):
@@ -87,7 +87,7 @@ def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_pa
     assert {row["image"] for row in rows(tmp_path / "flow.csv")} == {"undistorted"}
     for fit in rows(tmp_path / "fit.csv"):
         found = np.array([float(fit[f"w{axis}_rad_per_s"]) for axis in "xyz"])
-        assert np.linalg.norm(found - OMEGA) < np.radians(2) + 0.04 * np.linalg.norm(OMEGA)
+        assert np.linalg.norm(found - OMEGA) < np.radians(2) + 0.07 * np.linalg.norm(OMEGA)
     assert "± " in done.out and not (tmp_path / "flow.png").exists()
     # Not where it is switched off; then there is no camera to turn.
     off = command(flow, turn, *MODEL, "--set", "undistortion=off", "--out", tmp_path, "--no-picture")

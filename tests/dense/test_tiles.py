@@ -63,6 +63,6 @@ def test_sizes_that_do_not_fit(tile, step, why):
 
 
 def test_a_tile_has_a_velocity_alone():
-    config = preset("flow").replace(motion="similarity", ascent="sign", cold="auto", warm="auto", schedule_entries=64)
+    config = preset("flow").replace(motion="similarity", ascent="sign", warm="auto", schedule_entries=64)
     with pytest.raises(ConfigError, match=r"^motion = similarity: translation is needed.*; --fit similarity finds"):
         grid(config)

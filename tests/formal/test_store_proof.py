@@ -38,7 +38,7 @@ MUTANTS = [
            store),
     Mutant("an event too few", "count.eq(of_bin - 2)", "count.eq(of_bin - 3)", store),
     Mutant("an event too many", "count.eq(of_bin - 2)", "count.eq(of_bin - 1)", store),
-    Mutant("idle too early", "looking | known | walking | flying | o.valid", "looking | known", store),
+    Mutant("idle too early", "looking | known | walking | flying | self.o.valid", "looking | known", store),
 ]  # fmt: skip
 
 

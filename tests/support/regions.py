@@ -36,8 +36,6 @@ CONFIGS = {
         motion="similarity", ascent="sign", tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"
     ),
     "four evaluators": _SMALL.replace(evaluators=4, undistortion="on"),
-    # Two readers of the store; as images of a third unit go to UltraRAM.
-    "two readers": _SMALL.replace(evaluators=4, units=5, store_style="ultra"),
 }  # fmt: skip
 
 

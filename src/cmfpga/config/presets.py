@@ -63,16 +63,14 @@ PRESETS = {
     "flow": _FAST.replace(
         evaluators=4,
         regions=192,
-        units=6,
+        units=4,
         store_style="ultra",
         undistortion="on",
         max_batch_events=32767,
         min_roi_events=30,
-        # By ½ px at last, which takes slow tiles less towards v = 0; from the coarse tile's v to a tile's own, and a
-        # round that judges. And what a tile of few events can reach. Figures: docs/flow.md.
-        cold="2:3:4 2:2:3 2:3/2:2 1:1:1 0:1/2:1/4",
-        warm="1:1/2:1/2 0:1/2:1/4 0:1/2:1/8 0:3/4:1/32",
-        confidence_limit=16.0,
+        # From the coarse tile's v to a tile's own; and what a tile of few events can reach. Figures: docs/flow.md.
+        warm="0:1:1 0:3/4:1/2 0:3/4:1/4",
+        confidence_limit=12.0,
     ),
     "objects": _FAST.replace(regions=32, units=2, max_batch_events=32767, bin_bits=5, store_style="ultra"),
     "full-frame": _FAST.replace(

@@ -20,8 +20,6 @@ class Regions:
         self.bins = self.rows << self.column_bits  #: words of a table of bins, those unused included
         #: Pages that no batch can exceed: each bin leaves at most one of them part empty.
         self.pages = (config.max_batch_events + self.columns * self.rows * (PAGE_EVENTS - 1)) // PAGE_EVENTS
-        #: Who read the store at once: one gives out an event a cycle, which keeps three units of four evaluators busy.
-        self.readers = 2 if config.units * config.evaluators > 12 else 1
         self.number_bits = bits_for(max(1, config.regions) - 1)  #: of a region's number
 
 

@@ -46,7 +46,7 @@ STRIDES = (1, 2, 4)
 FEWEST = 128
 
 #: How far beside v a round evaluates, in quarters of a px per half batch, in the order of the hardware's numbers.
-DISTANCES = (3, 4, 6, 8, 12, 2)
+DISTANCES = (3, 4, 6, 8, 12)
 
 _ENTRY = re.compile(r"(\d{1,9}):(-?\d{1,9})(?:/(\d{1,9}))?(?:\*(\d{1,9}))?")
 _ROUND = re.compile(r"(\d{1,9}):(\d{1,9}(?:/[1-9]\d{0,8})?):(\d{1,9}(?:/[1-9]\d{0,8})?)(?:\*(\d{1,9}))?")

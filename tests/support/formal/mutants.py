@@ -136,8 +136,12 @@ _NEXT = "Mux(tag == (1 << config.tag_bits) - 1, 1, tag + 1)"
 
 TAGGED_ACCUMULATOR = [
     tagged("sweep leaves a word out", "config.geometry.bank_depth - 1\n", "config.geometry.bank_depth - 2\n"),
-    tagged("sweep writes nothing", "[bank.i.valid.eq(sweeps), operation", "[bank.i.valid.eq(0), operation"),
-    tagged("sweep goes on under votes", "with m.If(sweeps):", "with m.If(1):"),
+    tagged(
+        "sweep writes nothing",
+        "[bank.i.valid.eq(sweeps if config.slides else 1), operation",
+        "[bank.i.valid.eq(0), operation",
+    ),
+    tagged("sweep goes on under votes", "with m.If(sweeps if config.slides else ~self.i.valid):", "with m.If(1):"),
     tagged("pass over early", "self.swept.eq(sweeps & last)", "self.swept.eq(address == 0)"),
     tagged("one tag left out", _NEXT, _NEXT.replace("1, 1,", "1, 2,")),
     tagged("tag of the sweep used", _NEXT, "tag + 1"),

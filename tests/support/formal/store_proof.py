@@ -39,13 +39,13 @@ class StoreHarness(FreeHarness):
 
     def properties(self, m):
         dut = self.dut
-        event, out = dut.i.payload, dut.o[0].payload
+        event, out = dut.i.payload, dut.o.payload
         now, number, asked = Signal(range(40)), Signal(range(EVENTS + 1)), Signal(2)
         order = Signal()
         m.d.sync += [
             now.eq(now + 1),
             number.eq(number + dut.i.valid),
-            asked.eq(asked + (dut.read[0].valid & dut.read[0].ready)),
+            asked.eq(asked + (dut.read.valid & dut.read.ready)),
         ]
         reading = (now >= FILL.stop + dut.latency) & (asked < 2)
         m.d.comb += [
@@ -57,21 +57,21 @@ class StoreHarness(FreeHarness):
             event.y.eq(0),
             event.x.eq(Cat(Const(0, 2), AnySeq(1))),
             order.eq(AnyConst(1)),
-            dut.read[0].valid.eq(reading),
-            dut.read[0].payload.eq(order ^ asked[0]),
+            dut.read.valid.eq(reading),
+            dut.read.payload.eq(order ^ asked[0]),
         ]
         # Any one event is followed.
         chosen, followed, seen = Signal(), Signal(event.shape()), Signal()
         with m.If(AnySeq(1) & dut.i.valid & ~chosen):
             m.d.sync += [chosen.eq(1), followed.eq(event)]
         mine = Signal()
-        m.d.comb += mine.eq(dut.o[0].valid & chosen & (out.t == followed.t))
+        m.d.comb += mine.eq(dut.o.valid & chosen & (out.t == followed.t))
         with m.If(mine):
             m.d.sync += seen.eq(1)
         total, last, both = Signal(range(EVENTS + 2)), Signal(range(EVENTS + 1)), Signal(2)
         which = out.x[2]
-        m.d.sync += total.eq(total + dut.o[0].valid)
-        with m.If(dut.o[0].valid):
+        m.d.sync += total.eq(total + dut.o.valid)
+        with m.If(dut.o.valid):
             m.d.sync += [last.eq(out.t), both.eq(both | (1 << which)[:2])]
         over, idle = Signal(), Signal()
         m.d.sync += idle.eq(~dut.busy & (asked == 2))
@@ -79,9 +79,9 @@ class StoreHarness(FreeHarness):
         m.d.comb += [
             Assert(~mine | (~seen & (out.as_value() == followed.as_value()))),  # once, and as it was
             # In the order of arrival within a bin, and one bin after the other.
-            Assert(~dut.o[0].valid | both.any() | (which == order) | (asked == 2)),
-            Assert(~(dut.o[0].valid & (both == (1 << which)[:2])) | (out.t > last)),
-            Assert(~(dut.o[0].valid & both.all()) | ((out.t > last) & (which != order))),
+            Assert(~dut.o.valid | both.any() | (which == order) | (asked == 2)),
+            Assert(~(dut.o.valid & (both == (1 << which)[:2])) | (out.t > last)),
+            Assert(~(dut.o.valid & both.all()) | ((out.t > last) & (which != order))),
             Assert(~over | ((total == number) & (seen | ~chosen))),
             Cover(over & (number == EVENTS) & both.all()),
             Cover(over & (number == EVENTS) & ~both.all() & seen),

@@ -262,7 +262,7 @@ def _schedule(config):
         "level": "pixels are 2^LEVEL px wide",
         "shift": "v moves by 2^SHIFT raw units",
         "stride": "one stored event in 2^STRIDE",
-        "distance": "evaluated so far beside v: ¾, 1, 1½, 2, 3 or ½ px, by its number from 0",
+        "distance": "evaluated so far beside v: ¾, 1, 1½, 2 or 3 px, by its number from 0",
         "limit": "v moves by at most ((2 + c mod 2)·2^(c div 2))/2 raw units, c = LIMIT",
     }
     fields = tuple(

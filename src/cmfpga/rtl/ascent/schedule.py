@@ -123,7 +123,7 @@ class ScheduledAscent(Ascent):
         """A module with velocity and schedule in it, which goes on with each move."""
         run, settings, schedule = self.run, self.run.settings, self.schedule
         if self.config.slides:
-            m = self.begin(run.plan != PLANS.index("cold"))
+            m = self._with_table(run.plan != PLANS.index("cold"))
             m.d.comb += self.velocity.hold.eq(run.plan == PLANS.index("after"))
             if self.config.confidence:
                 m.d.comb += schedule.hold.eq(run.final)
@@ -132,18 +132,23 @@ class ScheduledAscent(Ascent):
         # Warm only while an object is followed: a new ROI, or a batch that found nothing, begins cold.
         tracking = Signal()
         warm = Signal()
-        m = self.begin(warm)
+        m = self._with_table(warm)
         with m.If(run.done):
             m.d.sync += tracking.eq(~run.degenerate)
         m.d.sync += warm.eq(self._unless_in_doubt(m, settings.start_last & tracking & ~settings.roi_load))
         self._walk(m, {name: Mux(warm, settings.warm[name], settings.cold[name]) for name in _PART})
         return m
 
+    def _with_table(self, warm):
+        """:meth:`begin`, and the schedule in it."""
+        m = self.begin(warm)
+        m.submodules.schedule = self.schedule
+        connect(m, flipped(self.schedule_write), self.schedule.write)
+        return m
+
     def _walk(self, m, plan):
         """The schedule goes through a part of the table."""
         run, schedule = self.run, self.schedule
-        m.submodules.schedule = schedule
-        connect(m, flipped(self.schedule_write), schedule.write)
         m.d.comb += [
             run.planned.eq(plan["count"]),
             schedule.new_batch.eq(run.take),

@@ -15,7 +15,7 @@ from .warp import of_level, start_of
 class Evaluators(wiring.Component):
     """Warps each event by c − h·e_x, c + h·e_x, c − h·e_y and c + h·e_y, and votes for each; no format limits these.
 
-    Both products dt·c are made once. The four positions differ from x − dt·c by 0 or ±dt·h, and h is one of six
+    Both products dt·c are made once. The four positions differ from x − dt·c by 0 or ±dt·h, and h is one of five
     distances: an adder makes 3·dt, and another one each position. All else is as in the
     :class:`~cmfpga.rtl.image.warp.Warp` and the voter, with a cycle more::
 

@@ -206,7 +206,7 @@ class TaggedAccumulator(wiring.Component):
                 m.d.sync += inside.eq(~self.i.payload.last)
             sweeps &= ~inside
         m.d.comb += self.swept.eq(sweeps & last)
-        with m.If(sweeps):
+        with m.If(sweeps if config.slides else ~self.i.valid):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
 
         voted = Signal(self.latency)
@@ -219,6 +219,6 @@ class TaggedAccumulator(wiring.Component):
                 m.d.comb += [bank.i.valid.eq(vote.valid), operation.address.eq(vote.address), operation.tag.eq(tag)]
                 m.d.comb += [operation.add[name].eq(vote[name]) for name in payloads.pixel(config).members]
             with m.Else():
-                m.d.comb += [bank.i.valid.eq(sweeps), operation.address.eq(address)]
+                m.d.comb += [bank.i.valid.eq(sweeps if config.slides else 1), operation.address.eq(address)]
             m.d.comb += [self.o[number].eq(bank.o.payload), self.o[number].valid.eq(bank.o.valid & voted[-1])]
         return m

@@ -41,13 +41,9 @@ class Distributor(wiring.Component):
     its bins and an empty bin counting as five, and more only while it waits for a unit, for its parent, or for its own
     outcome in the batch before.
 
-    Several of them share the table: each takes every so many rows, and has units of its own.
-
     Parameters
     ----------
     config : Config
-    number : int
-        Which of them it is: its first row, and its first unit.
 
     Members
     -------
@@ -67,7 +63,7 @@ class Distributor(wiring.Component):
     read, events, busy
         As those of the store.
     clear : ``Out(1)``, cleared : ``In(1)``
-        Of the store: no more events are needed. One cycle; ``cleared`` is low from the next one on.
+        Of the store.
     o : ``Out``, flow of :func:`~cmfpga.rtl.payloads.roi_event`
         Events of a region; position in the unit's image.
     ready, idle : ``In``
@@ -80,10 +76,9 @@ class Distributor(wiring.Component):
         All outcomes of the batch before have been taken.
     """
 
-    def __init__(self, config, number=0):
-        self.config, self._first = config, number
-        self._units = units = len(range(number, config.units, config.store.readers))
-        bins = bits_for(config.store.bins - 1)
+    def __init__(self, config):
+        self.config = config
+        units, bins = config.units, bits_for(config.store.bins - 1)
         super().__init__(
             {
                 **dict.fromkeys(("take", "divided", "busy", "cleared", "begun"), In(1)),
@@ -108,12 +103,12 @@ class Distributor(wiring.Component):
         settings = self.settings
         current = Signal(store.number_bits)  # the row that is being looked at
         timer = Signal(range(8))
-        unit = Signal(self._units)  # one-hot: that which is loaded
+        unit = Signal(config.units)  # one-hot: that which is loaded
         # One that is idle, else one that can be loaded: the lowest. Registers, for a unit stays so until it is loaded.
         ready, idle = Signal.like(self.ready), Signal.like(self.idle)
         m.d.sync += [ready.eq(self.ready), idle.eq(self.ready & self.idle)]
         free = Mux(idle.any(), idle, ready)
-        chosen = free & (~free + 1)[: self._units]
+        chosen = free & (~free + 1)[: config.units]
 
         source = self.state
         warm, restarted = Signal(), Signal()
@@ -127,7 +122,7 @@ class Distributor(wiring.Component):
         # Of the row that is given out, while the next one is looked up: that it was the last, that it is past.
         was_last, given_out = Signal(), Signal()
         m.d.sync += [
-            last_row.eq(current + store.readers >= settings.rows),
+            last_row.eq(current + 1 >= settings.rows),
             within.eq((column <= last_bin["x"]) & (line <= last_bin["y"])),
             last_column.eq(column >= last_bin["x"]),
             last_of_all.eq((column >= last_bin["x"]) & (line >= last_bin["y"])),
@@ -158,7 +153,7 @@ class Distributor(wiring.Component):
         with m.FSM(name="distribute"):
             with m.State("IDLE"):
                 m.d.comb += self.free.eq(1)
-                m.d.sync += [current.eq(self._first), of_parent.eq(0)]
+                m.d.sync += [current.eq(0), of_parent.eq(0)]
                 with m.If(self.take):
                     m.d.sync += self.turn.eq(~self.turn)
                     m.next = "TAKEN"
@@ -169,11 +164,6 @@ class Distributor(wiring.Component):
                 m.d.sync += [timer.eq(3), measured.eq(0)]
                 with m.If(self.divided):
                     m.next = "ROW"
-                    if self._first:
-                        none = current >= settings.rows  # for this one
-                        with m.If(none):
-                            m.d.comb += self.clear.eq(none)
-                            m.next = "CLEAR"
             with m.State("ROW"):
                 m.d.sync += measured.eq((timer == 0) & there)
                 look()
@@ -210,7 +200,7 @@ class Distributor(wiring.Component):
             with m.State("DRAIN"):  # long enough for the next row to be looked up
                 m.d.sync += [measured.eq(there), given_out.eq(1)]
                 with m.If(~given_out):
-                    m.d.sync += [was_last.eq(last_row), current.eq(current + store.readers), of_parent.eq(0)]
+                    m.d.sync += [was_last.eq(last_row), current.eq(current + 1), of_parent.eq(0)]
                 with m.If(self.busy):
                     m.d.sync += timer.eq(4)
                 with m.Elif(timer == 0):

@@ -1,6 +1,6 @@
 """Regions: events in, the motion of many regions of each batch out."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import memory, stream, wiring
 from amaranth.lib.wiring import In, Out, connect, flipped
 
@@ -67,12 +67,8 @@ class Regions(wiring.Component):
         self.ingest_control = IngestControl(config, drain=self.drain)
         self.slices = Slices(config) if config.slices > 1 else None
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
-        self.distributors = [Distributor(config, number) for number in range(config.store.readers)]
-        self._readers = {f"distributor_{k}" if k else "distributor": one for k, one in enumerate(self.distributors)}
-        self.collector = Collector(config)
-        # Where there is UltraRAM, every third unit has its images there: block RAMs are what runs out first.
-        styles = (config.ram_style, config.ram_style, "ultra" if config.store_style == "ultra" else config.ram_style)
-        self.units = [Unit(config.replace(ram_style=styles[number % 3])) for number in range(config.units)]
+        self.distributor, self.collector = Distributor(config), Collector(config)
+        self.units = [Unit(config) for _ in range(config.units)]
         members = {
             "i": In(stream.Signature(common.event(config))),
             "o": Out(stream.Signature(payloads.region_result(config))),
@@ -92,14 +88,13 @@ class Regions(wiring.Component):
     @property
     def boxes(self):
         """What stands directly in it, by name, in the order of data flow."""
-        names = ("roi_filter", "store", "reciprocal")
+        names = ("roi_filter", "store", "reciprocal", "distributor")
         units = {f"unit_{number}": unit for number, unit in enumerate(self.units)}
         return {
             **({"slices": self.slices} if self.slices else {}),
             "ingest_control": self.ingest_control,
             **self.front,
             **{name: getattr(self, name) for name in names},
-            **self._readers,
             **units,
             "collector": self.collector,
         }
@@ -147,7 +142,7 @@ class Regions(wiring.Component):
             store.open.eq(handover.opened),
             store.take.eq(handover.take),
             store.reset.eq(control.clear),
-            handover.free.eq(Cat(one.free for one in self.distributors).all()),
+            handover.free.eq(self.distributor.free),
             handover.settled.eq(1),
             self.opened.eq(handover.opened),
             self.take.eq(handover.take),
@@ -184,7 +179,7 @@ class Regions(wiring.Component):
             row_port.en.eq(write.valid),
             row_port.addr.eq(write.payload.number),
             row_port.data.eq(write.payload.row),
-            fresh.turn.eq(self.distributors[0].turn),
+            fresh.turn.eq(self.distributor.turn),
             *(fresh.position[axis].eq(write.payload.row.place[axis] << frac) for axis in ("x", "y")),
         ]
         for axis, most in (("x", config.roi_width), ("y", config.roi_height)):
@@ -196,8 +191,9 @@ class Regions(wiring.Component):
             state_port.addr.eq(Mux(kept.valid, kept.payload.number, write.payload.number)),
             state_port.data.eq(Mux(kept.valid, kept.payload.state.as_value(), fresh.as_value())),
         ]
-        for name, block in (self._readers | {"collector": self.collector}).items():
+        for block in (self.distributor, self.collector):
             row, state = rows.read_port(), states.read_port()
+            name = "distributor" if block is self.distributor else "collector"
             m.d.comb += [row.addr.eq(block.number), state.addr.eq(block.number)]
             m.d.comb += [
                 block.row.eq(delay(m, row.data, 1, name=f"{name}_row")),
@@ -206,45 +202,36 @@ class Regions(wiring.Component):
 
     def _measure(self, m):
         """Region by region to the units, and out."""
-        distributors, collector, store = self.distributors, self.collector, self.store
-        first, readers = distributors[0], len(distributors)
+        distributor, collector, store = self.distributor, self.collector, self.store
         batch = self.ingest_control.handover.batch
+        connect(m, store.o, distributor.events)
+        connect(m, distributor.read, store.read)
         connect(m, collector.o, flipped(self.o))
-        # The store forgets its events when no reader needs them.
-        finished, finish = Signal(readers), Signal(readers)
-        m.d.comb += store.clear.eq((finished | finish).all())
-        m.d.sync += finished.eq(Mux(store.clear, 0, finished | finish))
-        for number, distributor in enumerate(distributors):
-            connect(m, store.o[number], distributor.events)
-            connect(m, distributor.read, store.read[number])
-            m.d.comb += [
-                distributor.take.eq(self.ingest_control.handover.take),
-                distributor.settings.eq(batch.settings),
-                distributor.divided.eq(self.reciprocal.done),
-                distributor.busy.eq(store.busy[number]),
-                finish[number].eq(distributor.clear),
-                distributor.cleared.eq(store.cleared & ~finished[number]),
-                distributor.begun.eq(collector.begun),
-            ]
         m.d.comb += [
-            self.reciprocal.start.eq(first.divide),
+            distributor.take.eq(self.ingest_control.handover.take),
+            distributor.settings.eq(batch.settings),
+            distributor.divided.eq(self.reciprocal.done),
+            distributor.busy.eq(store.busy),
+            distributor.cleared.eq(store.cleared),
+            distributor.begun.eq(collector.begun),
+            store.clear.eq(distributor.clear),
+            self.reciprocal.start.eq(distributor.divide),
             self.reciprocal.span.eq(batch.span),
-            collector.begins.eq(first.divide),
+            collector.begins.eq(distributor.divide),
             collector.batch.eq(batch),
-            collector.turn.eq(first.turn),
+            collector.turn.eq(distributor.turn),
             self.takes_over.eq(collector.takes_over),
         ]
         for number, unit in enumerate(self.units):
-            distributor, bit = distributors[number % readers], number // readers
             connect(m, distributor.o, unit.i)
             connect(m, unit.o, collector.units[number])
             connect(m, flipped(self.schedule_write), unit.schedule_write)
             connect(m, unit.trace, flipped(self.traces[number]))
             m.d.comb += [
-                distributor.ready[bit].eq(unit.ready),
-                distributor.idle[bit].eq(unit.idle),
-                unit.begin.eq(distributor.begin[bit]),
-                unit.commit.eq(distributor.commit[bit]),
+                distributor.ready[number].eq(unit.ready),
+                distributor.idle[number].eq(unit.idle),
+                unit.begin.eq(distributor.begin[number]),
+                unit.commit.eq(distributor.commit[number]),
                 unit.job.eq(distributor.job),
                 unit.times.span.eq(batch.span),
                 unit.times.shift.eq(self.reciprocal.shift),

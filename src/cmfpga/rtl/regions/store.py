@@ -15,9 +15,6 @@ from .payloads import bin_entry, stored_event
 #: Bits of an event's place on its page.
 SLOT_BITS = bits_for(PAGE_EVENTS - 1)
 
-#: What copies of a memory have alike.
-WRITE = ("addr", "data", "en")
-
 
 class BinTable(ReadModifyWrite):
     """How many events each bin has, and the page that its next one lies on, unless that page is full.
@@ -60,8 +57,7 @@ class Half(wiring.Component):
 
     Filling takes an event per cycle, which lies in its page :attr:`latency` cycles later. Reading takes a bin's address
     when it has looked the one before up, and gives an event per cycle, those of a bin in the order in which they came;
-    between bins there is a cycle's pause, and an empty one costs four. A second reader does the same at the same time;
-    where both ask for a bin, it waits for a cycle.
+    between bins there is a cycle's pause, and an empty one costs four.
 
     Parameters
     ----------
@@ -75,11 +71,10 @@ class Half(wiring.Component):
         Forget all events, which takes as many cycles as there are bins; none may come, or be read.
     cleared : ``Out(1)``
         Nothing is stored, and nothing is being cleared; right from the cycle after ``clear`` on.
-    read : ``In``, array of streams of a bin's address
-        Of each reader.
-    o : ``Out``, array of flows of :func:`payloads.stored_event`
-    busy : ``Out``
-        A bit for each: events of what was asked for may still come.
+    read : ``In``, stream of a bin's address
+    o : ``Out``, flow of :func:`payloads.stored_event`
+    busy : ``Out(1)``
+        Events of what was asked for may still come.
     """
 
     latency = ReadModifyWrite.latency + 2
@@ -92,9 +87,9 @@ class Half(wiring.Component):
                 "i": In(flow(stored_event(config))),
                 "clear": In(1),
                 "cleared": Out(1),
-                "read": In(stream.Signature(self._address)).array(readers := config.store.readers),
-                "o": Out(flow(stored_event(config))).array(readers),
-                "busy": Out(readers),
+                "read": In(stream.Signature(self._address)),
+                "o": Out(flow(stored_event(config))),
+                "busy": Out(1),
             }
         )
 
@@ -108,22 +103,15 @@ class Half(wiring.Component):
             "link": (pages, store.pages),  # of a full page: the one behind it
             "head": (pages, store.bins),
         }
-        readers = range(store.readers)
-        self._second = Signal(range(store.pages * PAGE_EVENTS))  # what a second reader reads
         write, read = {}, {}
         for name, (shape, depth) in memories.items():
             style = {"ram_style": config.store_style} if (name, config.store_style) == ("events", "ultra") else {}
             if depth > SHALLOW and not style:
-                copies = [SlicedMemory(shape, depth, {}) for _ in readers]
-                for number, ram in enumerate(copies):
-                    m.submodules[f"{name}_{number}" if number else name] = ram
-                    if number:
-                        m.d.comb += [getattr(ram.write, what).eq(getattr(copies[0].write, what)) for what in WRITE]
-                write[name], read[name] = copies[0].write, [ram.read for ram in copies]
+                m.submodules[name] = ram = SlicedMemory(shape, depth, {})
+                write[name], read[name] = ram.write, ram.read
             else:
                 m.submodules[name] = ram = memory.Memory(shape=shape, depth=max(2, depth), init=[], attrs=style)
-                write[name] = ram.write_port()
-                read[name] = [ram.read_port() for _ in (readers if name != "head" else (0,))]
+                write[name], read[name] = ram.write_port(), ram.read_port()
 
         # Clear: a word a cycle.
         clearing, at = Signal(), Signal(range(max(2, store.bins)))
@@ -138,15 +126,9 @@ class Half(wiring.Component):
         event = self.i.payload
         address = Cat((event.x >> (frac + bits))[: store.column_bits], event.y >> (frac + bits))
         operation = bins.i.payload
-        # Of two readers that ask the first is heard.
-        asks, asked_for = Signal(), Signal(self._address)
-        m.d.comb += asked_for.eq(self.read[0].payload)
-        for one in reversed(self.read):
-            with m.If(one.valid & one.ready):
-                m.d.comb += [asks.eq(1), asked_for.eq(one.payload)]
         m.d.comb += [
-            bins.i.valid.eq(clearing | self.i.valid | asks),
-            operation.address.eq(Mux(clearing, at, Mux(self.i.valid, address, asked_for))),
+            bins.i.valid.eq(clearing | self.i.valid | self.read.valid),
+            operation.address.eq(Mux(clearing, at, Mux(self.i.valid, address, self.read.payload))),
             operation.clear.eq(clearing),
             operation.add.one.eq(self.i.valid),
         ]
@@ -159,13 +141,9 @@ class Half(wiring.Component):
         before = bins.o.payload.entry
         fresh = before.count[:SLOT_BITS] == 0
         page = Mux(fresh, allocated, before.page)[:pages]
-        place = Signal.like(write["events"].addr)
-        # Nothing is read while a half is filled: two ports do for two readers and for what is written.
-        second = Mux(write["events"].en, place, self._second) if store.readers > 1 else place
-        m.d.comb += write["events"].addr.eq(second)
         m.d.sync += [
             write["events"].en.eq(stored),
-            place.eq(Cat(before.count[:SLOT_BITS], page)),
+            write["events"].addr.eq(Cat(before.count[:SLOT_BITS], page)),
             write["events"].data.eq(event),
             write["link"].en.eq(stored & fresh & (before.count != 0)),
             write["link"].addr.eq(before.page),
@@ -174,29 +152,22 @@ class Half(wiring.Component):
             write["head"].addr.eq(address),
             write["head"].data.eq(allocated),
         ]
-        m.d.comb += read["head"][0].addr.eq(asked_for)
-        for number in readers:
-            ports = {name: each[min(number, len(each) - 1)] for name, each in read.items()}
-            self._read(m, bins, ports, write["events"], number)
+        self._read(m, bins, read)
         return m
 
-    def _read(self, m, bins, read, write, number):
+    def _read(self, m, bins, read):
         """Look a bin up while the one before is read."""
-        asks, o = self.read[number], self.o[number]
-        first = Cat(one.valid & one.ready for one in list(self.read)[:number]).any()
         looking, known = Signal(), Signal()
-        asked = asks.valid & asks.ready
+        asked = self.read.valid & self.read.ready
         # Less two, so that the sign says that only one event is left.
         of_bin = bins.o.payload.entry.count
         count, left = Signal(signed(len(of_bin) + 1)), Signal(signed(len(of_bin) + 1))
         page = Signal(len(read["link"].data))
         slot = Signal(SLOT_BITS)
         walking, begins = Signal(), Signal()
-        if number:
-            m.d.comb += self._second.eq(Cat(slot, page))
-        at = write.addr if number else Cat(slot, page)
         m.d.comb += [
-            asks.ready.eq(~(looking | known | first)),
+            self.read.ready.eq(~(looking | known)),
+            read["head"].addr.eq(self.read.payload),
             begins.eq(known & (~walking | left[-1])),
         ]
         head = Signal.like(page)
@@ -216,14 +187,14 @@ class Half(wiring.Component):
             with m.If(slot == PAGE_EVENTS - 1):
                 m.d.sync += page.eq(read["link"].data)
         m.d.comb += [
-            read["events"].addr.eq(at),
+            read["events"].addr.eq(Cat(slot, page)),
             read["link"].addr.eq(page),
-            o.valid.eq(delay(m, walking, 2, name="walking", valid=True)),
-            o.payload.eq(delay(m, read["events"].data, 1, name="output")),
+            self.o.valid.eq(delay(m, walking, 2, name="walking", valid=True)),
+            self.o.payload.eq(delay(m, read["events"].data, 1, name="output")),
         ]
         flying = Signal()
         m.d.sync += flying.eq(walking)
-        m.d.comb += self.busy[number].eq(looking | known | walking | flying | o.valid)
+        m.d.comb += self.busy.eq(looking | known | walking | flying | self.o.valid)
 
 
 class Store(wiring.Component):
@@ -272,18 +243,18 @@ class Store(wiring.Component):
                 half.i.payload.eq(self.i.payload),
                 half.i.valid.eq(self.i.valid & fills),
                 half.clear.eq(self.reset | (self.clear & reads)),
+                half.read.payload.eq(self.read.payload),
+                half.read.valid.eq(self.read.valid & reads),
             ]
-            for asks, asked in zip(half.read, self.read, strict=True):
-                m.d.comb += [asks.payload.eq(asked.payload), asks.valid.eq(asked.valid & reads)]
         first, second = self._halves
-        m.d.comb += self.cleared.eq(first.cleared & second.cleared)
+        m.d.comb += [
+            self.cleared.eq(first.cleared & second.cleared),
+            self.read.ready.eq(Mux(reading, second.read.ready, first.read.ready)),
+        ]
         # Registers, for the wires from memories that lie far apart.
-        m.d.sync += self.busy.eq(Mux(reading, second.busy, first.busy))
-        for number, o in enumerate(self.o):
-            one, other = first.o[number], second.o[number]
-            m.d.comb += self.read[number].ready.eq(Mux(reading, second.read[number].ready, first.read[number].ready))
-            m.d.sync += [
-                o.valid.eq(Mux(reading, other.valid, one.valid)),
-                o.payload.eq(Mux(reading, other.payload.as_value(), one.payload.as_value())),
-            ]
+        m.d.sync += [
+            self.o.valid.eq(Mux(reading, second.o.valid, first.o.valid)),
+            self.o.payload.eq(Mux(reading, second.o.payload.as_value(), first.o.payload.as_value())),
+            self.busy.eq(Mux(reading, second.busy, first.busy)),
+        ]
         return m
