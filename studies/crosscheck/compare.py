@@ -28,6 +28,8 @@ from .batches import (
 )
 
 BATCHES = 3 * len(PATTERNS)
+#: What of a hop's settings is the configuration's.
+LENGTHS = ("cold", "warm", "follow", "after", "window_events", "window_us", "hop_events", "hop_us")
 #: Clock cycles after which no further batch begins: seconds of Verilator, and of Amaranth's simulator.
 CYCLES, SLOW_CYCLES = 1_500_000, 15_000
 #: The same in iterations of regions, which cost the model more than the hardware.
@@ -111,7 +113,9 @@ def _hops(config, rng):
     counts, cycles, core = np.zeros(2, int), 0, VerilatedCore(config, seed=int(rng.integers(1, 1 << 30)))
     for number in range(RUNS):
         settings, roi = random_settings(config, rng, (0, 0))
-        settings = BatchSettings.from_config(config, roi) if number == 0 else dataclasses.replace(settings, roi=roi)
+        usual = BatchSettings.from_config(config, roi)
+        own = {name: getattr(usual, name) for name in LENGTHS}
+        settings = dataclasses.replace(settings, roi=roi, **own) if number else usual
         parts = [random_events(config, rng, roi)[1] for _ in range(rng.integers(1, 5))]
         model, pauses = Sliding(config, settings), _pauses(rng)
         core.reset(int(rng.integers(1, 4)))

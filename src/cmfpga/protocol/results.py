@@ -262,9 +262,9 @@ def decode(config, values, *more):
         ``wrapper``, of a result packet.
     """
     found = {f.name: f.value(config, values) for f in fields_of("batch", "region", *more, config=config)}
-    if config.slides and not found["roi_events"]:
-        found["t_first"] = None
     if Flag.DEGENERATE in found["flags"]:
+        if config.slides:
+            found["t_first"] = None  # it may be longer ago than a span counts to
         found["sums"] = (0,) * len(found["sums"])  # the core's mean nothing then
         found |= not_judged(config)
     return found

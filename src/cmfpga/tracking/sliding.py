@@ -66,7 +66,7 @@ class Newest:
     """
 
     def __init__(self, config, first):
-        self._wrap, self._events = 1 << config.time_bits, Events.empty()
+        self._wrap, self._longest, self._events = 1 << config.time_bits, 1 << config.span_bits, Events.empty()
         self._begin = self._end = first  # numbers of the first event that is kept, and of the one behind the last hop's
 
     def add(self, events):
@@ -76,14 +76,16 @@ class Newest:
     def window(self, result):
         """The events of the window of the next result, a :class:`Batch`; what is older is forgotten."""
         self._end += result.events
-        begin = end = self._end - self._begin
-        times = self._events.t[:end]
-        if result.roi_events and end:
-            last = int(times[-1])
-            begin = int(np.searchsorted(times, last - self._age(result, last)))
-        parts = [getattr(self._events, axis)[begin:end] for axis in "txyp"]
-        self._events, self._begin = self._events[begin:], self._begin + begin
-        return Batch(*parts, self._begin)
+        end = self._end - self._begin
+        times, kept = self._events.t[:end], 0
+        last = int(times[-1]) if end else 0
+        if result.t_first is None:  # degenerate: the hop's own, and what is old enough is forgotten
+            begin, kept = end - result.events, int(np.searchsorted(times, last - self._longest))
+        else:
+            begin = kept = int(np.searchsorted(times, last - self._age(result, last)))
+        window = Batch(*(getattr(self._events, axis)[begin:end] for axis in "txyp"), self._begin + begin)
+        self._events, self._begin = self._events[kept:], self._begin + kept
+        return window
 
     def _age(self, result, last):
         """How old the window's first event was when its last one came, µs."""

@@ -47,10 +47,10 @@ _SCAN = 4096  # events that are looked at in one go, where time ends no hop
 class Sliding:
     """Events in, a :class:`BatchResult` of each hop out.
 
-    What its fields say of a hop: ``t_first`` is the time of the window's first event, ``t_us`` T, ``span`` the unit of
-    time, 0 of a degenerate window: v is px per half of it. ``roi`` is where the image lies, ``roi_next`` where events
-    are cropped from the end of the next hop on. ``roi_events`` are those of the window, of which ``fresh`` are new, and
-    ``late`` come after the unit's end. The other counts are those of the hop.
+    What its fields say of a hop: ``t_first`` is the time of the window's first event, None of a degenerate one;
+    ``t_us`` is T, ``span`` the unit of time, 0 of a degenerate window: v is px per half of it. ``roi`` is where the
+    image lies, ``roi_next`` where events are cropped from the end of the next hop on. ``roi_events`` are those of the
+    window, of which ``fresh`` are new, and ``late`` come after the unit's end. The other counts are those of the hop.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ class Sliding:
         for name in ("time_back", "thinned"):
             flags |= Flag[name.upper()] if self._counts[name] else Flag(0)
         result = BatchResult(
-            t_first=t_first % (1 << config.time_bits) if n else None,
+            t_first=t_first % (1 << config.time_bits) if self._followed else None,
             span=unit,
             t_us=now % (1 << config.time_bits),
             **{name: self._counts[name] for name in ("events", "outside", "thinned", "time_back", "hot", "noise")},

@@ -10,7 +10,7 @@ from .ring import Ring, address_bits
 
 
 def lengths(config):
-    """Layout of what a window may hold, as of :class:`cmfpga.reference.integer.sliding.HopSettings`."""
+    """Layout of what a window may hold, as of :class:`~cmfpga.protocol.settings.BatchSettings`."""
     count, time = bits_for(config.buffer_events), config.span_bits
     return data.StructLayout({"window_events": count, "window_us": time, "hop_events": count, "hop_us": time})
 
