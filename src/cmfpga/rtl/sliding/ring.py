@@ -99,8 +99,10 @@ class Ring(wiring.Component):
         last_s1 = Signal()
         there = Signal()
         goes = Signal()
-        turn = Signal(self.config.geometry.turn_bits)
-        m.d.sync += turn.eq(Mux(self.replay, 0, turn + 1))
+        turn = 0
+        if self.config.geometry.turn_bits:
+            turn = Signal(self.config.geometry.turn_bits)
+            m.d.sync += turn.eq(Mux(self.replay, 0, turn + 1))
         m.d.comb += [
             last_s1.eq(self.closed & (next_s1 == self.end)),
             there.eq((address_s1 != self.written) & (last_s1 | (next_s1 != self.written))),
