@@ -8,6 +8,7 @@ from pathlib import Path
 
 from cmfpga import cli
 from cmfpga.config import DEFAULT_PRESET
+from cmfpga.config.windows import needs_batches
 from cmfpga.engines import ENGINES
 from cmfpga.errors import ConfigError, RecordingError, needs, write_text
 
@@ -103,6 +104,8 @@ def main(arguments=None):
             raise ConfigError(f"--{name}: --study, --known and --engine all go without it")
     if sum(map(bool, (options.motion, options.flow, options.moving))) > 1:
         raise ConfigError("--motion, --flow, --moving: one of them at a time")
+    if not options.moving:
+        needs_batches(config, "the suites but --moving")
     if options.moving and config.ascent != "newton":
         raise ConfigError(f"--moving: ascent = {config.ascent}: rounds are needed, as of preset quad")
     if not options.motion and (config.roi_width, config.roi_height) != (ROI, ROI):

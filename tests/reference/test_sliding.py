@@ -55,6 +55,20 @@ def numbered(found):
     return [(end - hop.roi_events, end) for hop, end in zip(found, ends, strict=True)]
 
 
+def stored_times(found, events):
+    """Times of the events that are stored: each lies in the ROI that the hop before the last one has found."""
+    t, x, y = events
+    position, times = 0, []
+    for k, hop in enumerate(found):
+        left, top = CORNER if k < 2 else found[k - 2].roi_next
+        part = slice(position, position + hop.events)
+        inside = (x[part] >= left) & (x[part] < left + 16) & (y[part] >= top) & (y[part] < top + 12)
+        times.append(t[part][inside])
+        assert len(times[-1]) == hop.fresh
+        position += hop.events
+    return np.concatenate(times)
+
+
 def hops_of(window_events, hop_events, window_us=0, hop_us=0, follow=(), after=()):
     return {
         "window_events": window_events, "hop_events": hop_events, "window_us": window_us, "hop_us": hop_us,
@@ -202,7 +216,8 @@ def test_a_stop_holds_v_and_the_roi_and_ends_cold():
     cold = found[after]
     assert cold.roi_events > 90 or cold.t_us - t[gap] >= 4500, "a full window"
     assert cold.iterations == len(QUAD.schedules.cold) and cold.trace.v[0].tolist() == [3, -2]
-    assert 0 <= cold.t_us - cold.t_first - cold.span <= 500, "its own range"
+    (begin, end), times = places[after], stored_times(found, (t, x, y))
+    assert cold.span == times[end - 1] - times[begin] and cold.t_first == times[begin]
     assert cold.roi == before.roi_next
     assert found[after + 1].iterations == 1
 

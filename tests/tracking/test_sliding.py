@@ -9,7 +9,7 @@ from cmfpga.cli import command
 from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
-from cmfpga.events import MemoryRecording, generate
+from cmfpga.events import MemoryRecording, generate, write_hdf5
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.sliding import Sliding
@@ -85,7 +85,7 @@ def test_the_tracker_finds_the_same_in_pieces(scene, tracked):
 
 
 @pytest.mark.parametrize("wrong, message", [
-    ({"batch_events": 500}, "batch_events: windows = batches is needed; preset sliding has windows that slide"),
+    ({"batch_events": 500}, "batch_events: windows = batches is needed; windows = sliding has none"),
     ({"preset": "fast", "every": 2}, "every = 2: windows = sliding is needed"),
     ({"every": 0}, "every = 0: an integer of 1 or more is needed"),
     ({"preset": "fast", "window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batch"),
@@ -105,8 +105,23 @@ def test_the_command(tmp_path, capsys):
     assert head.startswith("batch,t_us,window_us,t_ref_us,events,") and len(rows) == 5
     assert "5 of 5 batches are to be trusted" in capsys.readouterr().out
     for more, what in (
-        (["--batch-events", "500"], "windows slide; batches are those of"),
+        (["--batch-events", "500"], "--batch-…: windows = batches is needed"),
+        (["--wave", "2"], "--wave: windows = batches is needed"),
         (["--roi", "1,1"] * 2, "sliding"),
     ):
         assert cli.run(command.main, [*arguments, *more]) == 2
         assert what in capsys.readouterr().err
+
+
+def test_what_knows_batches_alone_says_so(scene, tracked, capsys, tmp_path, monkeypatch):
+    with pytest.raises(ConfigError, match=r"^trace: windows = batches is needed"):
+        tracked.trace(3)
+    write_hdf5(tmp_path / "a.h5", scene.events, width=240, height=180)
+    sweep = ["sweep", f"{tmp_path / 'a.h5'}@39,59", "--preset", "sliding", "--out", str(tmp_path / "out")]
+    assert cli.run(command.main, sweep) == 2
+    assert "sweep: windows = batches is needed" in capsys.readouterr().err
+    monkeypatch.setattr("cmfpga.engines.cannot_compile", lambda: "no C++ compiler found")
+    with pytest.raises(
+        ConfigError, match=r"^windows = sliding: engine rtl needs a C\+\+ compiler: no C\+\+ compiler found"
+    ):
+        make_engine("rtl", preset("sliding"))

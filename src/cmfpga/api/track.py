@@ -6,6 +6,7 @@ import threading
 import warnings
 
 from ..config import DEFAULT_PRESET, preset
+from ..config.windows import needs_batches
 from ..engines import check_roi, open_engine
 from ..errors import ConfigError
 from ..events import Feed, Recording, as_events
@@ -224,10 +225,8 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
         roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
     check_roi(config, roi)
     every = whole("every", every)
-    if config.slides and size:
-        raise ConfigError(
-            f"batch_{next(iter(size))}: windows = batches is needed; preset {preset} has windows that slide"
-        )
+    if size:
+        needs_batches(config, f"batch_{next(iter(size))}")
     if every > 1 and not config.slides:
         raise ConfigError(f"every = {every}: windows = sliding is needed")
     if batches is not None:

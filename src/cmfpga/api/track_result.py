@@ -7,6 +7,7 @@ import io
 import numpy as np
 
 from ..config.defaults import CLOCK_MHZ
+from ..config.windows import needs_batches
 from ..errors import ConfigError, naming, needs
 from ..events import Events
 from ..protocol.confidence import covariance, is_sure
@@ -161,6 +162,7 @@ class Tracking:
         batch : int
             Its number; negative from the end.
         """
+        needs_batches(self.config, "trace")
         with needs("torch", "reference", "trace"):
             from ..tracking.trace import BatchTrace
         if not -len(self) <= batch < len(self):

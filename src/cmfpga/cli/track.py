@@ -11,8 +11,8 @@ from tqdm import tqdm
 
 from .. import cli
 from ..api.objects import TrackedObject
-from ..config import DEFAULT_PRESET
 from ..config.defaults import BATCH_EVENTS
+from ..config.windows import needs_batches
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
 from ..errors import ConfigError, RecordingError
 from ..events import LiveSource, generate, is_live, open_source
@@ -242,8 +242,9 @@ def _choose(options, objects, recording, config):
 def _prepare(options, objects, config, recording):
     """The configuration of all objects, and what cuts their batches."""
     size, first = cli.batch_size(options), None
-    if config.slides and size:
-        raise ConfigError(f"--preset {options.preset}: windows slide; batches are those of --preset {DEFAULT_PRESET}")
+    given = [name for name, value in (("--batch-…", size), ("--wave", options.wave is not None)) if value]
+    if given:
+        needs_batches(config, given[0])
     if options.every > 1 and not config.slides:
         raise ConfigError("--every: windows that slide are needed, as of --preset sliding")
     if config.regions and "roi_events" in size:

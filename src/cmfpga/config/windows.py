@@ -17,6 +17,12 @@ def hop_events(config):
     return config.hop_events or max(1, round(window_events(config) / HOPS))
 
 
+def needs_batches(config, what):
+    """Raise :exc:`ConfigError` where windows slide, for ``what`` knows batches alone."""
+    if config.slides:
+        raise ConfigError(f"{what}: windows = batches is needed; windows = sliding has none")
+
+
 def check_windows(config):
     """Raise :exc:`ConfigError` unless the hardware can hold and time such windows."""
     if not config.slides:

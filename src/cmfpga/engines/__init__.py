@@ -57,6 +57,8 @@ def _make_rtl_engine(config):
             if config.regions:
                 raise
             why = str(error)
+    if config.slides:
+        raise ConfigError(f"windows = sliding: engine rtl needs a C++ compiler: {why}; engine model needs none")
     from .amaranth_sim import AmaranthEngine
 
     return AmaranthEngine(config, why)

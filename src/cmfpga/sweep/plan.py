@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ..config import Config, preset, unread
+from ..config.windows import needs_batches
 from ..engines import check_roi
 from ..errors import ConfigError, UserError
 from ..events import open_recording
@@ -125,7 +126,9 @@ class Choice:
         """The :class:`Config` for a recording; of a rotation with its calibration. Raises :exc:`ConfigError`."""
         given = self._fields(subject)
         own = rotation_fields(subject, self.motion, given, "--set camera=fx,fy,cx,cy,k1,k2,p1,p2,k3")
-        return self._without_hot_pixels(preset(self.preset).replace(**own | given), subject)[0]
+        config = preset(self.preset).replace(**own | given)
+        needs_batches(config, "sweep")
+        return self._without_hot_pixels(config, subject)[0]
 
     def hot_note(self, subject):
         """Which hot pixels of a recording are dropped because nobody says otherwise; None where none are."""

@@ -34,7 +34,7 @@ def hop(config):
 class HopEvaluation(wiring.Component):
     """Runs the rounds of one hop after the other, in a state machine.
 
-    OPEN, LOAD
+    OPEN, LOAD, LOADED
         After a reset: wait until the image is clear and an event is offered, take over the settings, place the ROI.
     AHEAD
         The window's begin is known. One that follows the last v begins; else it is waited for the hop's end (WAIT).
