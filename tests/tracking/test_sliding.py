@@ -68,6 +68,12 @@ def test_rows_tell_the_events_of_their_windows(scene):
         assert own.t[0] == events.t[np.searchsorted(events.t, result.t_first)] and row.t_us == own.t[-1]
 
 
+def test_nothing_is_said_to_stay_where_the_roi_follows_every_v(scene):
+    lost = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=341.0, window_events=300)
+    (warning,) = [text for text in lost.verdict.warnings() if "lost" in text]
+    assert "stayed" not in warning and "cold" not in warning, warning
+
+
 def test_every_few_results_are_kept(scene, tracked):
     few = cmfpga.track(scene, preset="sliding", engine="model", every=5, batches=7)
     assert few.results == tracked.results[:35:5]

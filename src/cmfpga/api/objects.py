@@ -157,9 +157,7 @@ class TrackedObject:
     def verdict(self):
         """Of the batches so far."""
         flags = [Flag(one) for one in self.flags]
-        return Verdict(
-            lambda name: np.array(self.numbers[name]), flags, self.config.motion, self.config.cold_after_doubtful
-        )
+        return Verdict(lambda name: np.array(self.numbers[name]), flags, self.config.motion, self.config.roi_stays)
 
     @property
     def dropped_text(self):

@@ -364,6 +364,11 @@ class Config:
         return self.windows == "sliding"
 
     @property
+    def roi_stays(self):
+        """Whether the ROI of an object that is lost stays. Where windows slide it follows v, trusted or not."""
+        return bool(self.cold_after_doubtful and not self.slides)
+
+    @property
     def image(self):
         """Which image ROI and v are in, for people: ``undistorted``; empty where it is what the sensor sees."""
         return "undistorted" if self.lens else ""

@@ -44,7 +44,7 @@ class Verdict:
     flags : list of Flag
         Of each batch.
     motion, stays
-        ``motion`` and ``cold_after_doubtful`` of ``Config``: whether the ROI of a lost object stays.
+        ``motion`` and ``roi_stays`` of ``Config``: whether the ROI of a lost object stays.
 
     Attributes
     ----------
