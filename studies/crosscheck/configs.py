@@ -166,8 +166,7 @@ def _of_windows(rng, known):
         "window_events": count, "hop_events": int(rng.integers(1, count + 1)), "window_us": oldest,
         "hop_us": int(rng.integers(0, oldest + 1)),
     }  # fmt: skip
-    needed = {"ascent": "newton", "undistortion": "off", "hot_pixels": 0, "background": 0}
-    return {"windows": "sliding"} | lengths | needed
+    return {"windows": "sliding", "ascent": "newton"} | lengths
 
 
 def _rounds(rng, max_level, v, longest=7):

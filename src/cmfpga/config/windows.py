@@ -27,10 +27,7 @@ def check_windows(config):
     """Raise :exc:`ConfigError` unless the hardware can hold and time such windows."""
     if not config.slides:
         return
-    for name, needed in (
-        ("gradient", "one_pass"), ("ascent", "newton"), ("regions", 0), ("hot_pixels", 0), ("background", 0),
-        ("undistortion", "off"),
-    ):  # fmt: skip
+    for name, needed in (("gradient", "one_pass"), ("ascent", "newton"), ("regions", 0)):
         if getattr(config, name) != needed:
             raise ConfigError(f"windows = sliding: {name} = {needed} is needed")
     check_size(config, "window_events", "buffer_events")

@@ -135,7 +135,8 @@ class Core(CycleFormula, Iterating, wiring.Component):
         """Filter, undistort, crop, thin out, store, measure the time range."""
         control, opened = self.ingest_control, self.ingest_control.handover.opened
         connect(m, flipped(self.i), control.i)
-        connect_front(m, self)
+        clear = control.clear
+        connect_front(m, self, control.o, self.roi_filter.i, settings=self.settings, start=opened, clear=clear)
         connect(m, self.roi_filter.o, self.thinner.i)
         connect(m, self.thinner.o, self.event_buffer.i)
         connect(m, self.roi_filter.measured, control.measured)

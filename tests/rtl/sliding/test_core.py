@@ -29,7 +29,11 @@ CASES = {
     "two rounds": QUAD.replace(window_events=80, hop_events=12, follow="1:3/4:1 0:3/4:1/4", judge=0),
     "short hops": QUAD.replace(window_events=80, hop_events=40, max_batch_events=25, min_roi_events=1, roi_gain=0.0),
     "one evaluator": FAST.replace(window_events=120, hop_events=9, window_us=4000, hop_us=300),
-}
+    "all that may stand in front": QUAD.replace(
+        hop_events=9, window_us=4000, hop_us=300, hot_pixels=1, hot_mask="15,11;16,10", background=1, background_cell=2,
+        background_us=400, undistortion="on", camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
+    ),
+}  # fmt: skip
 CORNER = (7, 5)
 
 

@@ -22,6 +22,7 @@ PLACED = {
     "quad": QUAD,
     "small sensor": QUAD.replace(sensor_width=100, sensor_height=70),
     "large sensor": QUAD.replace(sensor_width=640, sensor_height=480, span_bits=18),
+    "undistorted": QUAD.replace(undistortion="on", sensor_width=320, sensor_height=240),
     "no dither": QUAD.replace(dither_frac=0),
 }
 

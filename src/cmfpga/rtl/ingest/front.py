@@ -21,21 +21,19 @@ def make_front(config):
     return {name: make(config) for name, (make, wanted) in there.items() if wanted}
 
 
-def connect_front(m, core):
-    """From ingest control to the ROI filter; tables and settings."""
-    control, settings, opened = core.ingest_control, core.settings, core.ingest_control.handover.opened
-    path = [*core.front.values(), core.roi_filter]
-    connect(m, control.o, path[0].i)
-    for block, following in itertools.pairwise(path):
-        connect(m, block.o, following.i)
+def connect_front(m, core, source, sink, *, settings, start, clear):
+    """From ``source`` to ``sink``; tables, and what is taken over or forgotten at ``start`` and ``clear``."""
+    path = [source, *itertools.chain.from_iterable((block.i, block.o) for block in core.front.values()), sink]
+    for one, following in zip(path[::2], path[1::2], strict=True):
+        connect(m, one, following)
     for name, block in core.front.items():
-        m.d.comb += block.start.eq(opened)
+        m.d.comb += block.start.eq(start)
         if name in WRITES:
             connect(m, flipped(getattr(core, WRITES[name])), block.write)
     if "hot_mask" in core.front:
         m.d.comb += core.front["hot_mask"].enable.eq(settings.hot_mask)
     if "background_filter" in core.front:
         block = core.front["background_filter"]
-        m.d.comb += [block.period.eq(settings.background_us), block.clear.eq(control.clear)]
+        m.d.comb += [block.period.eq(settings.background_us), block.clear.eq(clear)]
     if "undistorter" in core.front:
         m.d.comb += core.front["undistorter"].enable.eq(settings.camera)

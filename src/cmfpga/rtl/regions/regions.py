@@ -133,7 +133,9 @@ class Regions(wiring.Component):
         control, store, handover = self.ingest_control, self.store, self.ingest_control.handover
         slices = self.slices
         connect(m, flipped(self.i), slices.i if slices else control.i)
-        connect_front(m, self)
+        connect_front(
+            m, self, control.o, self.roi_filter.i, settings=self.settings, start=handover.opened, clear=control.clear
+        )
         connect(m, self.roi_filter.o, store.i)
         connect(m, self.roi_filter.measured, control.measured)
         m.d.comb += [

@@ -2,13 +2,15 @@
 
 from types import SimpleNamespace
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Shape, Signal
 from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out, connect
+from amaranth.lib.fifo import SyncFIFO
+from amaranth.lib.wiring import In, Out, connect, flipped
 
 from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads
+from ..ingest.front import WRITES, connect_front, make_front
 from ..ingest.reciprocal import Reciprocal
 from ..iterating import Iterating
 from .hop_control import HopControl
@@ -31,7 +33,8 @@ class SlidingCore(Iterating, wiring.Component):
     One event a cycle at the input, while others are replayed. An event waits only if a hop would close before the last
     one is evaluated, or if the ring has no place. A result comes :attr:`tail` cycles after its hop's end, whatever the
     window holds, if the round that follows the writes has caught up by then. A window of n events that starts when its
-    hop has ended takes :meth:`cycles`.
+    hop has ended takes :meth:`cycles`. In front of hop control may stand what :mod:`~cmfpga.rtl.ingest.front` has, and
+    then a FIFO, because hop control may let an event wait, and these blocks may not.
 
     Parameters
     ----------
@@ -52,12 +55,19 @@ class SlidingCore(Iterating, wiring.Component):
         An event waits, or the result of a hop that has closed.
     schedule_write : ``In``, flow of :func:`payloads.schedule_write`
         Fills the table of schedules, before the first event.
+    mask_write, node_write : ``In``, flows of :func:`payloads.mask_write`, :func:`payloads.node_write`
+        As of :class:`~cmfpga.rtl.core.Core`; before the first event.
     """
 
     def __init__(self, config):
         self.config = config
         self.hop_control, self.walker, self.roi_carrier = HopControl(config), Walker(config), RoiCarrier(config)
         self.reciprocal = Reciprocal(span_bits=config.span_bits, reciprocal_bits=config.reciprocal_bits)
+        self.front, self.queue = make_front(config), None
+        if self.front:
+            width = Shape.cast(payloads.undistorted_event(config)).width
+            self.queue = SyncFIFO(width=width, depth=sum(block.latency for block in self.front.values()) + 4)
+            self.waiting = Signal()
         self._make_iterating()
         self.image.check(self.iteration_latency)
         super().__init__(
@@ -68,6 +78,11 @@ class SlidingCore(Iterating, wiring.Component):
                 "trace": Out(payloads.flow(payloads.trace(config))),
                 "busy": Out(1),
                 "schedule_write": self.ascent.signature.members["schedule_write"],
+                **{
+                    write: self.front[name].signature.members["write"]
+                    for name, write in WRITES.items()
+                    if name in self.front
+                },
             }
         )
 
@@ -108,7 +123,7 @@ class SlidingCore(Iterating, wiring.Component):
         first = ("hop_control", "event_buffer", "walker", "reciprocal")
         last = ("image", "gradient", "means", "ascent", "judge", "roi_carrier", "iteration_control")
         first, last = ({name: getattr(self, name) for name in names} for names in (first, last))
-        boxes = [first, self.path.boxes, last]
+        boxes = [self.front, first, self.path.boxes, last]
         return {name: block for part in boxes for name, block in part.items() if block is not None}
 
     def elaborate(self, platform):
@@ -169,14 +184,15 @@ class SlidingCore(Iterating, wiring.Component):
         hops, ring, walker, control = self.hop_control, self.event_buffer, self.walker, self.iteration_control
         lengths, hop, settings = Signal(hops.lengths.shape()), control.hop, control.run.settings
         connect(m, hops.o, ring.i)
+        cleared, clear = self._once(m, self.image.cleared), ~self._once(m, 1)
+        if "background_filter" in self.front:
+            cleared &= self.front["background_filter"].cleared
         m.d.comb += [
             *(lengths[name].eq(settings[name]) for name in lengths.shape().members),
             hops.lengths.eq(lengths),
             walker.lengths.eq(lengths),
             hops.thinning.eq(settings.thinning),
-            hops.i.valid.eq(self.i.valid & control.opened),
-            hops.i.payload.eq(self.i.payload),
-            self.i.ready.eq(hops.i.ready & control.opened),
+            *self._pass(m, control.opened, clear),
             hops.corner.eq(self.roi_carrier.next_crop),
             hops.free.eq(control.free),
             hops.oldest.eq(walker.begin),
@@ -190,8 +206,8 @@ class SlidingCore(Iterating, wiring.Component):
             ring.end.eq(hops.end),
             ring.closed.eq(control.closed),
             control.offered.eq(self.i.valid),
-            control.cleared.eq(self._once(m, self.image.cleared)),
-            self.image.clear.eq(~self._once(m, 1)),
+            control.cleared.eq(cleared),
+            self.image.clear.eq(clear),
             control.given.eq(self.settings),
             control.walked.eq(walker.done),
             control.summed.eq(self.means.done),
@@ -219,6 +235,35 @@ class SlidingCore(Iterating, wiring.Component):
         m.d.sync += hop.count.eq(hops.end - walker.begin)
         m.d.comb += hop.t_first.eq(Mux(control.closed, first, Mux(walker.empty, first_new, walker.t_first)))
         return hop
+
+    def _pass(self, m, opened, clear):
+        """From the input to hop control: at once, or through what stands in front of it."""
+        hops, control, queue = self.hop_control, self.iteration_control, self.queue
+        if queue is None:
+            return [
+                hops.i.valid.eq(self.i.valid & opened),
+                hops.i.payload.eq(self.i.payload),
+                self.i.ready.eq(hops.i.ready & opened),
+            ]
+        m.submodules.queue = queue
+        taken, come = (
+            payloads.flow(shape(self.config)).create() for shape in (payloads.event, payloads.undistorted_event)
+        )
+        connect_front(m, self, taken, flipped(come), settings=control.run.settings, start=control.load, clear=clear)
+        # Events on their way have a place in the queue already.
+        count = Signal(range(queue.depth + 1))
+        m.d.sync += count.eq(count + (self.i.valid & self.i.ready) - (hops.i.valid & hops.i.ready))
+        m.d.comb += self.waiting.eq(count != 0)
+        return [
+            taken.valid.eq(self.i.valid & self.i.ready),
+            taken.payload.eq(self.i.payload),
+            self.i.ready.eq(opened & (count != queue.depth)),
+            queue.w_en.eq(come.valid),
+            queue.w_data.eq(come.payload),
+            hops.i.valid.eq(queue.r_rdy),
+            hops.i.payload.eq(queue.r_data),
+            queue.r_en.eq(hops.i.ready),
+        ]
 
     def _once(self, m, value):
         """From the cycle after ``value`` was high on."""
@@ -250,7 +295,8 @@ class SlidingCore(Iterating, wiring.Component):
         with m.If(control.taken):
             m.d.sync += first.eq(0)
         m.d.sync += pending.eq(hops.closed | (pending & ~control.taken))
-        m.d.comb += self.busy.eq(hops.waits | hops.closed | pending)
+        busy = hops.waits | hops.closed | pending
+        m.d.comb += self.busy.eq(busy | self.waiting if self.front else busy)
         moved = ~degenerate & (settings.roi_gain != 0)
         flags = {
             Flag.DEGENERATE: degenerate,
