@@ -13,7 +13,7 @@ from ..show.gallery import Gallery
 from ..tracking.fit import FittedCutter
 from ..tracking.kept import Kept
 from ..tracking.loop import CsvConsumer
-from ..tracking.verdict import JUDGED, Verdict
+from ..tracking.verdict import JUDGED, OF_WINDOWS, Verdict
 
 
 @dataclass(kw_only=True)
@@ -73,7 +73,7 @@ class TrackedObject:
         for what in ("hot", "noise") if batch.marks else ():
             self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
         self.roi_next = batch.roi_next
-        for name in (*JUDGED, *batch.rates):
+        for name in (*JUDGED, *(OF_WINDOWS if self.config.slides else ()), *batch.rates):
             self.numbers.setdefault(name, array("d")).append(
                 math.nan if (value := batch.values[name]) is None else value
             )
@@ -157,7 +157,8 @@ class TrackedObject:
     def verdict(self):
         """Of the batches so far."""
         flags = [Flag(one) for one in self.flags]
-        return Verdict(lambda name: np.array(self.numbers[name]), flags, self.config.motion, self.config.roi_stays)
+        of = self.config
+        return Verdict(lambda name: np.array(self.numbers[name]), flags, of.motion, of.roi_stays, of.slides)
 
     @property
     def dropped_text(self):

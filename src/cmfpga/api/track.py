@@ -5,9 +5,9 @@ import itertools
 import threading
 import warnings
 
-from ..config import DEFAULT_PRESET, preset
+from ..config import preset
 from ..config.windows import needs_batches
-from ..engines import check_roi, open_engine
+from ..engines import check_roi, open_engine, usual_preset
 from ..errors import ConfigError
 from ..events import Feed, Recording, as_events
 from ..events.batches import whole
@@ -24,7 +24,7 @@ def track(
     recording,
     *,
     roi=None,
-    preset=DEFAULT_PRESET,
+    preset=None,
     engine="rtl",
     batch_events=None,
     batch_us=None,
@@ -53,17 +53,19 @@ def track(
         Left column and top row of the first batch's ROI, px; or where something moves clearly, in batches that suit it
         unless they are told. Of a :class:`Synthetic` recording by default the place where the object is in its middle;
         a rotation needs none.
-    preset : str
-        Configuration to begin with.
+    preset : str, optional
+        Configuration to begin with. By default ``"sliding"``, whose windows slide; ``"fast"`` with a batch option, and,
+        with a warning, where windows cannot slide.
     engine : {"rtl", "axi", "model", "float"}
         As ``--engine`` of the command.
     batch_events, batch_us, batch_roi_events : int, optional
-        One of them: events of the whole sensor, µs, or events in the ROI. Without, as many events as suit the motion
-        (:mod:`cmfpga.tracking.fit`), chosen anew for each batch; 5000 where the confidence is not measured.
+        One of them: events of the whole sensor, µs, or events in the ROI. Without, windows that slide; or, with
+        ``preset="fast"``, batches of as many events as suit the motion (:mod:`cmfpga.tracking.fit`), chosen anew for
+        each; 5000 where the confidence is not measured.
     start_event, batches : int
         First event; stop after so many batches, or windows (default: at the end).
     every : int
-        Where windows slide (``preset="sliding"``), keep the first of so many results.
+        Where windows slide, keep the first of so many results.
     sensor : (int, int), optional
         Width and height of the sensor, px; goes before what the file says.
     time_unit : {"s", "ms", "us", "ns"}, optional
@@ -133,7 +135,7 @@ class Tracker:
     """
 
     def __init__(
-        self, *, roi, sensor, time_unit=None, keep=True, preset=DEFAULT_PRESET, engine="rtl", batch_events=None,
+        self, *, roi, sensor, time_unit=None, keep=True, preset=None, engine="rtl", batch_events=None,
         batch_us=None, batch_roi_events=None, every=1, **fields,
     ):  # fmt: skip
         self._time_unit, self._feed = time_unit, Feed(check_sensor(sensor, "Tracker"), "pushed events")
@@ -205,6 +207,13 @@ def _batch_size(events, us, roi_events):
 def _begin(stack, source, roi, preset, engine, size, start_event, batches, fields, keep=True, every=1):
     """``(the loop's batches, their cutter, the Tracking that collects them)``; ``stack`` closes what is opened."""
     opened, first = source.open(stack), None
+    if preset is None:
+        preset, note = usual_preset(
+            {name: value for name, value in fields.items() if name not in ("camera", "hot_mask")},
+            batches=bool(size), engine=engine,
+        )  # fmt: skip
+        if note:
+            warnings.warn(note, stacklevel=3)
     for note in opened.notes() if isinstance(opened, Recording) else ():
         warnings.warn(note, stacklevel=3)
     config, note = without_hot_pixels(

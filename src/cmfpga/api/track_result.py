@@ -80,7 +80,7 @@ class Tracking:
     @property
     def verdict(self):
         """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
-        return Verdict.of(self._values, self.config.motion, self.config.roi_stays)
+        return Verdict.of(self._values, self.config.motion, self.config.roi_stays, self.config.slides)
 
     @property
     def covariance(self):

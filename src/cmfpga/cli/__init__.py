@@ -65,14 +65,14 @@ def _join_negative(arguments):
     return joined
 
 
-def add_config_options(made, usual=DEFAULT_PRESET):
-    """``--preset``, ``usual`` if none is told, ``--set`` and ``--list-fields``."""
+def add_config_options(made, usual=DEFAULT_PRESET, told=None):
+    """``--preset``, ``usual`` if none is told (``told``: how help says which), ``--set`` and ``--list-fields``."""
     group = made.add_argument_group("configuration")
     group.add_argument(
         "--preset",
         default=usual,
         metavar="P",
-        help=f"one of: {', '.join(PRESETS)} (default: {usual})",
+        help=f"one of: {', '.join(PRESETS)} (default: {told or usual})",
     )
     group.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"
@@ -123,7 +123,7 @@ WINDOWS = {
 
 def add_window_options(made):
     """How long windows and hops are, and how many results are kept; for :func:`window_fields`."""
-    group = made.add_argument_group("windows that slide (--preset sliding)")
+    group = made.add_argument_group("windows that slide (unless a batch option, or something else, asks for batches)")
     for name, (metavar, text) in WINDOWS.items():
         group.add_argument(f"--{name.replace('_', '-')}", type=natural, metavar=metavar, help=text)
     group.add_argument("--every", type=positive, default=1, metavar="K", help="keep every K-th result (default: 1)")

@@ -7,9 +7,16 @@ import sys
 class Truth(list):
     """Lines that show the true motion beside the found one, batch by batch; a consumer."""
 
+    MOST = 16  # that :meth:`shown` has of windows that overlap
+
     def __init__(self, motion):
-        super().__init__(["batch   true vx, vy [px/s]      found vx, vy [px/s]"])
         self._motion = motion
+
+    def shown(self, config):
+        """Its lines with a title; of windows that slide some, evenly."""
+        step = max(1, round(len(self) / self.MOST)) if config.slides else 1
+        every = f"   (every {step}th window; all are in track.csv)" if step > 1 else ""
+        return [f"{config.noun:6}  true vx, vy [px/s]      found vx, vy [px/s]{every}", *self[::step]]
 
     def add(self, batch):
         speed = batch.v_px_per_s
@@ -68,7 +75,7 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
         return
     for name, one in zip(names, objects, strict=True):
         print(
-            f"{name}{one.batches} batches tracked ({engine} engine), {one.warned} with warnings, "
+            f"{name}{one.batches} {one.config.nouns} tracked ({engine} engine), {one.warned} with warnings, "
             f"{one.cutter.leftover} events left over"
         )
         verdict = one.verdict
@@ -78,8 +85,8 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
     if cycles:
         mean = sum(cycles) / len(cycles)
         print(
-            f"{mean:,.0f} clock cycles a batch on average, {mean / clock / 1e3:.3f} ms at an assumed clock of "
-            f"{clock:g} MHz"
+            f"{mean:,.0f} clock cycles a {objects[0].config.noun} on average, {mean / clock / 1e3:.3f} ms at an "
+            f"assumed clock of {clock:g} MHz"
         )
     if counts:
         print(

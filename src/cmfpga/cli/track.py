@@ -11,9 +11,10 @@ from tqdm import tqdm
 
 from .. import cli
 from ..api.objects import TrackedObject
+from ..config import DEFAULT_PRESET, SLIDING_PRESET
 from ..config.defaults import BATCH_EVENTS
 from ..config.windows import needs_batches
-from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine
+from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine, usual_preset
 from ..errors import ConfigError, RecordingError
 from ..events import LiveSource, generate, is_live, open_source
 from ..show.gallery import picture_path
@@ -33,7 +34,7 @@ EXAMPLES = (
     "cmfpga track rec.h5 --roi 100,30 --hot-pixels auto --background-us 5000    # drop noise first",
     "cmfpga track rec.h5 --roi star=100,30 --roi bar=20,90    # track-star.csv, track-bar.csv",
     "cmfpga track rec.h5 --roi auto --objects 3    # track-0.csv, track-1.csv, track-2.csv",
-    "cmfpga track rec.h5 --roi 100,30 --preset sliding --every 4    # results that overlap, every fourth",
+    "cmfpga track rec.h5 --roi 100,30 --every 4    # of the results, which overlap, every fourth",
     "cmfpga track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
 )
 
@@ -65,8 +66,8 @@ def parser():
     )  # fmt: skip
     made.add_argument("--objects", type=cli.few, metavar="K", help="with --roi auto: find K objects (default: 1)")
     cli.add_batch_options(
-        made, f"as many events as suit the motion, chosen anew for each batch; --batch-events {BATCH_EVENTS} without "
-        "confidence, as with --preset paper",
+        made, "windows that slide; with --preset fast batches of as many events as suit the motion, or of "
+        f"{BATCH_EVENTS} where the confidence is not measured, as with --preset paper",
     )  # fmt: skip
     cli.add_window_options(made)
     made.add_argument(
@@ -108,7 +109,7 @@ def parser():
     made.add_argument(
         "--json", action="store_true", help="print a summary as JSON; of a stream, a line per batch, and one at the end"
     )
-    cli.add_config_options(made)
+    cli.add_config_options(made, None, f"{SLIDING_PRESET}, or {DEFAULT_PRESET} where batches are asked for or needed")
     return made
 
 
@@ -125,6 +126,13 @@ def _roi_option(text):
 def main(arguments=None):
     """Run the command; returns the exit status."""
     options = parser().parse_args(arguments)
+    if options.preset is None:
+        options.preset, note = usual_preset(
+            cli.config_changes(options), batches=bool(cli.batch_size(options)) or options.wave is not None,
+            engine=options.engine, objects=max(len(options.roi or ()), options.objects or 1),
+        )  # fmt: skip
+        if note:
+            print(f"note: {note}", file=sys.stderr)
     with contextlib.ExitStack() as stack:
         if options.recording is not None and is_live(options.recording):
             stack.enter_context(_terminated())
@@ -159,7 +167,7 @@ def main(arguments=None):
         if broken:
             raise broken
     for lines in found:
-        print("\n".join(lines))
+        print("\n".join(lines.shown(config)))
     return 0
 
 
@@ -246,7 +254,7 @@ def _prepare(options, objects, config, recording):
     if given:
         needs_batches(config, given[0])
     if options.every > 1 and not config.slides:
-        raise ConfigError("--every: windows that slide are needed, as of --preset sliding")
+        raise ConfigError("--every: windows that slide are needed; batches do not overlap")
     if config.regions and "roi_events" in size:
         raise ConfigError("--batch-roi-events: regions share their batches; --batch-events or --batch-us is needed")
     if all(one.proposal for one in objects) and not size:
@@ -289,7 +297,7 @@ def _track(options, objects, recording, folder, motion):
         live = isinstance(recording, LiveSource)
         count = cli.expected(recording, cutter, options.start_event, options.batches)
         try:
-            for window in tqdm(running, total=count, unit="batch", disable=live or None):
+            for window in tqdm(running, total=count, unit=config.noun, disable=live or None):
                 if window and engine.cycles is not None:
                     cycles.append(engine.cycles)
         except KeyboardInterrupt:

@@ -1,7 +1,7 @@
 """The configuration that shapes hardware, models and tools. Imports neither Amaranth nor NumPy nor torch."""
 
 from .config import ASCENTS, GRADIENTS, RAM_STYLES, START_MODES, Config, unread
-from .presets import DEFAULT_PRESET, PRESETS, preset
+from .presets import DEFAULT_PRESET, PRESETS, SLIDING_PRESET, preset
 from .schedule import ScheduleEntry
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "GRADIENTS",
     "PRESETS",
     "RAM_STYLES",
+    "SLIDING_PRESET",
     "START_MODES",
     "Config",
     "ScheduleEntry",

@@ -364,6 +364,15 @@ class Config:
         return self.windows == "sliding"
 
     @property
+    def noun(self):
+        """What a result is of, for people; :attr:`nouns` of several."""
+        return "window" if self.slides else "batch"
+
+    @property
+    def nouns(self):
+        return "windows" if self.slides else "batches"
+
+    @property
     def roi_stays(self):
         """Whether the ROI of an object that is lost stays. Where windows slide it follows v, trusted or not."""
         return bool(self.cold_after_doubtful and not self.slides)

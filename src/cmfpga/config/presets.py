@@ -78,8 +78,8 @@ PRESETS = {
     ),
 }
 
-#: What the commands take if no preset is given.
-DEFAULT_PRESET = "fast"
+#: What the commands take if no preset is given; what ``track`` takes, unless something asks for batches.
+DEFAULT_PRESET, SLIDING_PRESET = "fast", "sliding"
 
 
 def preset(name=DEFAULT_PRESET):

@@ -2,6 +2,7 @@
 
 import pkgutil
 
+from ..config import DEFAULT_PRESET, SLIDING_PRESET, preset
 from ..config.defaults import ENGINES
 from ..errors import ConfigError, needs
 from ..verilog.compiler import CompilerError, cannot_compile
@@ -23,7 +24,22 @@ _MAKERS = {
     "float": "cmfpga.engines.model:FloatEngine",
 }
 
-__all__ = ["AXI", "ENGINES", "SERIAL", "Engine", "check_roi", "engine_name", "make_engine", "open_engine"]
+#: Engines whose windows can slide.
+_SLIDING = ("rtl", "model")
+#: A sensor on which any ROI that a sensor has finds its place, px.
+_LARGEST = {"sensor_width": 1280, "sensor_height": 800}
+
+__all__ = [
+    "AXI",
+    "ENGINES",
+    "SERIAL",
+    "Engine",
+    "check_roi",
+    "engine_name",
+    "make_engine",
+    "open_engine",
+    "usual_preset",
+]
 
 
 def engine_name(text):
@@ -68,3 +84,37 @@ def open_engine(name, config, *, option="engine"):
     """:func:`make_engine`, where a missing torch is the user's to mend; ``option`` is what chose it."""
     with needs("torch", "reference", f"{option} {name}"):
         return make_engine(name, config)
+
+
+def usual_preset(given, *, batches=False, engine="rtl", objects=1):
+    """The preset of a track that names none: that whose windows slide, unless batches are asked for or needed.
+
+    Parameters
+    ----------
+    given : dict
+        Fields that the user gives.
+    batches : bool
+        The user asks for batches.
+    engine : str
+    objects : int
+
+    Returns
+    -------
+    str, str or None
+        The preset, and a note for the user where windows cannot slide.
+    """
+    if batches:
+        return DEFAULT_PRESET, None
+    why = None
+    if engine not in _SLIDING:
+        why = f"engine {engine} has no windows that slide"
+    elif objects > 1:
+        why = "several objects share them"
+    elif engine == "rtl" and cannot_compile():
+        why = f"windows that slide need a C++ compiler, or engine model: {cannot_compile()}"
+    else:
+        try:
+            preset(SLIDING_PRESET).replace(**_LARGEST | given)
+        except ConfigError as error:
+            why = str(error)
+    return (DEFAULT_PRESET, f"in batches: {why}") if why else (SLIDING_PRESET, None)

@@ -41,6 +41,7 @@ CHARTS = {
 class _Frame:
     """What is drawn of one batch: time in µs, pixels that are mostly OFF, and ON, as packed bits; image at v."""
 
+    noun: str
     index: int
     t_ref: float
     roi: tuple
@@ -57,7 +58,7 @@ class _Frame:
 
     @property
     def title(self):
-        return f"batch {self.index}, {self.t_ref / 1e6:.6g} s"
+        return f"{self.noun} {self.index}, {self.t_ref / 1e6:.3f} s"
 
 
 class Gallery:
@@ -107,7 +108,7 @@ class Gallery:
         there[at] = True
         events = np.stack([there & (signs < 0), there & (signs >= 0)])
         moved = self._image(batch, batch.result.v).astype(np.float32)
-        return _Frame(batch.index, batch.t_ref, batch.result.roi, np.packbits(events, axis=2), moved)
+        return _Frame(self.config.noun, batch.index, batch.t_ref, batch.result.roi, np.packbits(events, axis=2), moved)
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
@@ -163,7 +164,7 @@ class Gallery:
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
             self._draw_motion(right)
-        title = f"{_plain(self.name)}: {verdict or f'{len(self._corners)} batches'}"
+        title = f"{_plain(self.name)}: {verdict or f'{len(self._corners)} {self.config.nouns}'}"
         figure.suptitle(title, fontsize=12 - title.count("\n"))
         return figure
 
@@ -191,11 +192,11 @@ class Gallery:
         found = ("\n" if len(v) > 2 else " ") + f"({', '.join(f'{one:.2f}' for one in v)})"
         top = np.percentile(moved, 99.8)
         for axis, image, title in (
-            (axes[0], still, f"batch {index}: IWE at v = 0\ncontrast {still.var():.2f}"),
+            (axes[0], still, f"{self.config.noun} {index}: IWE at v = 0\ncontrast {still.var():.2f}"),
             (
                 axes[1],
                 moved,
-                f"IWE at v ={found} px/half batch\ncontrast {moved.var():.2f}",
+                f"IWE at v ={found} px/half {self.config.noun}\ncontrast {moved.var():.2f}",
             ),
         ):
             shown = axis.imshow(image, cmap="magma", vmin=0, vmax=max(top, 1), interpolation="nearest")

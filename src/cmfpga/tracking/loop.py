@@ -306,9 +306,9 @@ class _Objects(Table):
                 continue
             if piece is None:
                 return
-            newest.add(piece)
+            newest.add(piece, self._noise and self._noise.judge(piece.t, piece.x, piece.y, given))
             for result in self.engine.run(piece, given):
-                events = newest.window(result)
+                events, marks = newest.window(result)
                 degenerate = Flag.DEGENERATE in result.flags
                 hop += not degenerate or hop >= 0
                 self.passed_over += hop < 0
@@ -316,7 +316,8 @@ class _Objects(Table):
                 self._warm = not degenerate
                 if hop < 0 or hop % self._every:
                     continue
-                yield [TrackedBatch(index, self.config, events, result, plan=plan[: result.iterations])]
+                how = {"plan": plan[: result.iterations], "marks": marks if self._noise else None}
+                yield [TrackedBatch(index, self.config, events, result, **how)]
                 index += 1
                 if index == most:
                     break

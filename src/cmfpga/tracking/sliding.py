@@ -67,14 +67,17 @@ class Newest:
 
     def __init__(self, config, first):
         self._wrap, self._longest, self._events = 1 << config.time_bits, 1 << config.span_bits, Events.empty()
+        self._marks = np.zeros((2, 0), bool)
         self._begin = self._end = first  # numbers of the first event that is kept, and of the one behind the last hop's
 
-    def add(self, events):
-        """Events that follow the last ones."""
+    def add(self, events, marks=None):
+        """Events that follow the last ones; ``marks``, two bool arrays: what the filters in front drop of them."""
         self._events = Events.concatenate([self._events, events])
+        marks = np.zeros((2, len(events)), bool) if marks is None else marks
+        self._marks = np.concatenate([self._marks, marks], axis=1)
 
     def window(self, result):
-        """The events of the window of the next result, a :class:`Batch`; what is older is forgotten."""
+        """Events of the next result's window, a :class:`Batch`, and their marks; what is older is forgotten."""
         self._end += result.events
         end = self._end - self._begin
         times, kept = self._events.t[:end], 0
@@ -84,8 +87,9 @@ class Newest:
         else:
             begin = kept = int(np.searchsorted(times, last - self._age(result, last)))
         window = Batch(*(getattr(self._events, axis)[begin:end] for axis in "txyp"), self._begin + begin)
-        self._events, self._begin = self._events[kept:], self._begin + kept
-        return window
+        marks = tuple(self._marks[:, begin:end])
+        self._events, self._marks, self._begin = self._events[kept:], self._marks[:, kept:], self._begin + kept
+        return window, marks
 
     def _age(self, result, last):
         """How old the window's first event was when its last one came, µs."""

@@ -13,6 +13,9 @@ from .fit import LOST_BATCHES
 #: Columns that a verdict needs, beside flags and what :data:`~cmfpga.imaging.camera.RATES` has.
 JUDGED = ("confidence", "vx_px_per_s", "vy_px_per_s", "vx", "vy", "t_ref_us")
 
+#: Those that it needs beside them where windows slide.
+OF_WINDOWS = ("window_us",)
+
 #: Where the image moves less, velocities are measured too large, px per half batch.
 BIASED_PX = 1.5
 
@@ -43,8 +46,9 @@ class Verdict:
         ``numbers(name)``: a column of ``track.csv``, float64 [batches]; NaN where it is empty.
     flags : list of Flag
         Of each batch.
-    motion, stays
-        ``motion`` and ``roi_stays`` of ``Config``: whether the ROI of a lost object stays.
+    motion, stays, slides
+        ``motion``, ``roi_stays`` and ``slides`` of ``Config``: whether the ROI of a lost object stays, and whether
+        these are windows that overlap.
 
     Attributes
     ----------
@@ -59,10 +63,11 @@ class Verdict:
         :func:`cmfpga.imaging.camera.rates`; NaN where there is none.
     lost : list of (int, int)
         First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, none of them to be
-        trusted; empty where the confidence was not measured.
+        trusted; of windows that overlap, of so many of their lengths. Empty where the confidence was not measured.
     """
 
-    def __init__(self, numbers, flags, motion="translation", stays=1):
+    def __init__(self, numbers, flags, motion="translation", stays=1, slides=False):
+        self.one, self.many = ("window", "windows") if slides else ("batch", "batches")
         self.judged = ~np.isnan(numbers("confidence"))
         measured = ~np.isnan(numbers("vx_px_per_s"))
         sure = np.array([not flag & (Flag.DOUBTFUL | Flag.DEGENERATE) for flag in flags], bool)
@@ -73,24 +78,33 @@ class Verdict:
         self.rates = {name: numbers(name)[used] for name in RATES[motion]}
         moved = np.hypot(numbers("vx"), numbers("vy"))[used if used.any() else measured]
         self.px = float(np.median(moved)) if len(moved) else None
-        self.lost = self._lost() if self.judged.any() else []
         self._times = numbers("t_ref_us")
+        self._lengths = numbers(*OF_WINDOWS) if slides else None
+        self.lost = self._lost() if self.judged.any() else []
 
     @classmethod
-    def of(cls, values, motion="translation", stays=1):
+    def of(cls, values, motion="translation", stays=1, slides=False):
         """Of a list of :attr:`TrackedBatch.values <cmfpga.tracking.loop.TrackedBatch.values>`."""
 
-        declared = columns(motion)
+        declared = columns(motion, slides)
 
         def numbers(name):
             return declared[name].array([batch[name] for batch in values]).astype(np.float64)
 
-        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays)
+        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays, slides)
 
     def _lost(self):
         runs = itertools.groupby(range(len(self.trusted)), key=lambda k: bool(self.trusted[k]))
         found = [[*run] for trusted, run in runs if not trusted]
-        return [(run[0], run[-1]) for run in found if len(run) >= LOST_BATCHES]
+        return [(run[0], run[-1]) for run in found if len(run) >= LOST_BATCHES and self._is_long(run)]
+
+    def _is_long(self, run):
+        """Whether windows that overlap cover as much time as batches of their length would."""
+        if self._lengths is None:
+            return True
+        lengths = self._lengths[self._lengths > 0]
+        times = self._times[run][~np.isnan(self._times[run])]
+        return bool(len(times)) and np.ptp(times) >= (LOST_BATCHES - 1) * np.median(lengths)
 
     @functools.cached_property
     def px_per_s(self):
@@ -103,7 +117,7 @@ class Verdict:
         """How many batches are to be trusted, in words; empty where that was not measured."""
         if not self.judged.any():
             return ""
-        return f"{self.trusted.sum()} of {len(self.trusted)} batches are to be trusted"
+        return f"{self.trusted.sum()} of {len(self.trusted)} {self.many} are to be trusted"
 
     @property
     def velocity(self):
@@ -115,7 +129,7 @@ class Verdict:
         where = " at the principal point" * (self.motion == "rotation")
         return (
             f"velocity{where} {median:,.0f} px/s in the median, {low:,.0f} to {high:,.0f} "
-            f"(vx {vx:,.0f}, vy {vy:,.0f}); {self.px:.1f} px per half batch"
+            f"(vx {vx:,.0f}, vy {vy:,.0f}); {self.px:.1f} px per half {self.one}"
         )
 
     def __str__(self):
@@ -164,7 +178,7 @@ class Verdict:
     def _when_lost(self):
         told = [f"{first} to {last}{self._when(first, last)}" for first, last in self.lost[:_RUNS]]
         more = f", and {len(self.lost) - _RUNS} times more" if len(self.lost) > _RUNS else ""
-        return f"batches {', '.join(told)}{more}"
+        return f"{self.many} {', '.join(told)}{more}"
 
     def _when(self, first, last):
         times = self._times[first : last + 1] / 1e6
@@ -178,8 +192,8 @@ class Verdict:
             return found
         if self.px is not None and self.px < BIASED_PX:
             found.append(
-                f"the image moves by {self.px:.1f} px per half batch in the median; below {BIASED_PX:g} px velocities "
-                "may be measured too large, by up to 15 %"
+                f"the image moves by {self.px:.1f} px per half {self.one} in the median; below {BIASED_PX:g} px "
+                "velocities may be measured too large, by up to 15 %"
             )
         if self.px is not None and self.px < STILL_PX:
             found.append(

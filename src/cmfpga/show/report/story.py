@@ -91,7 +91,7 @@ class Story:
     def verdict(self):
         """How far the batches are to be trusted."""
         config = self.kept.config
-        return Verdict(self.kept.numbers, self.flags, config.motion, config.roi_stays)
+        return Verdict(self.kept.numbers, self.flags, config.motion, config.roi_stays, config.slides)
 
     @property
     def lead(self):
