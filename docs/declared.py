@@ -14,7 +14,7 @@ from cmfpga.dense.window import COLUMNS as FLOW
 from cmfpga.fpga import resources
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
-from cmfpga.protocol.registers.documents import markdown
+from cmfpga.protocol.registers.layout import ACCESS
 from cmfpga.tracking.columns import COLUMNS
 
 RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "fpga" / "baselines.json"
@@ -57,49 +57,75 @@ def fields_table():
         else:
             low, high = meta["low"], meta["high"]
             allowed = "" if low is None else f"{low:g} …" if high is None else f"{low:,} … {high:,}"
-        rows.append((f"`{field.name}`", field.default, allowed, meta["unit"], meta["doc"], "yes" * meta["runtime"]))
-    return table(("field", "default", "allowed", "unit", "meaning", "run-time"), rows)
+        name = f"`{field.name}`" + "*" * meta["runtime"]
+        rows.append((name, field.default, " ".join(filter(None, (allowed, meta["unit"]))), meta["doc"]))
+    return table(("field", "default", "allowed", "meaning"), rows)
 
 
-def resources_table(name):
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"][name]
-    head, families = (f"preset `{name}`", *resources.KINDS.values()), ("Yosys family", *resources.FAMILY.values())
-    made = table(head, [families, *resources.rows(stored)], right=range(1, len(head)))
-    return f"{made}\nYosys {stored['yosys']}.\n"
+def resources_table():
+    """LUT, FF, block RAM and DSP of each block, of `fast` and of `paper` side by side."""
+    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"]
+    kinds = [list(resources.KINDS).index(kind) + 1 for kind in ("lut", "ff", "bram36", "dsp")]
+    found = [{row[0]: [row[k] for k in kinds] for row in resources.rows(stored[name])} for name in ("fast", "paper")]
+    what = [*dict.fromkeys([*found[0], *found[1]])]
+    last = what.index("sum of the blocks")
+    what = [*what[:last], *[name for name in what if name in stored["paper"]["blocks"] and name not in what[:last]],
+            *[name for name in what[last:] if name not in stored["paper"]["blocks"]]]  # fmt: skip
+    titles = [title for name in ("fast", "paper") for title in (f"`{name}`: LUT", "FF", "BRAM36", "DSP")]
+    rows = [(name, *(value for one in found for value in one.get(name, [""] * 4))) for name in what]
+    made = table(("block", *titles), rows, right=range(1, 9))
+    return f"{made}\nYosys {stored['fast']['yosys']}.\n"
+
+
+def brief(registers):
+    """One line for each register, two halves of a number in one: shorter than what ``build --top`` writes of them."""
+    rows = []
+    for register in registers:
+        name, kinds = register.name, {f.access for f in register.fields}
+        if name.endswith("_HIGH"):
+            rows[-1][1] += ", `_HIGH`"
+            continue
+        name = f"`{name}`" + f" × {register.count}" * (register.count > 1)
+        parts = [field_in_brief(f, "" if len(kinds) == 1 else f" ({f.access})") for f in register.fields]
+        rows.append([f"`{register.offset:#05x}`", name, kinds.pop() if len(kinds) == 1 else "", "<br>".join(parts)])
+    return table(("offset", "register", "access", "bits"), rows, right=(0,))
+
+
+def field_in_brief(f, access):
+    """Name, bits, access where a register has several, and meaning of a field, unless its name says it."""
+    doc = "" if f.doc.startswith(("as the flag of", "interrupt when")) else f.doc
+    doc += f" ({f.unit})" * bool(f.unit) + f" [{f.low or 0} to {f.high}]" * (f.high is not None and f.writable)
+    doc += f", reset {f.reset:#x}" * bool(f.reset and f.writable)
+    doc += "".join(f", {value} = {key}" for key, value in f.values.items())
+    if (f.width, f.name) == (32, "VALUE"):
+        return doc
+    bits = f"{f.lsb + f.width - 1}:{f.lsb}" if f.width > 1 else f"{f.lsb}"
+    return f"`{bits} {f.name}`{access} {doc}".rstrip()
 
 
 def region_registers_table():
-    """What hardware of preset ``flow`` has beside that, and the word of a record that says whose it is."""
+    """What hardware of preset ``flow`` has besides."""
     known = {register.name for name in ("fast", "paper") for register in register_map(preset(name))}
     more = register_map(preset("flow"))
-    return markdown([register for register in more if register.name not in known or register.name == "RESULT_FLAGS"])
-
-
-def motion_registers_table():
-    """What hardware of presets ``similarity`` and ``rotation`` has beside those of ``fast``, and of a camera."""
-    known = {register.name for name in ("fast", "flow") for register in register_map(preset(name))}
-    more = {register.name: register for name in ("similarity", "rotation") for register in register_map(preset(name))}
-    return markdown(sorted((more[name] for name in {*more} - known), key=lambda register: register.offset))
+    return brief([register for register in more if register.name not in known])
 
 
 def registers_table():
     """All registers of the default preset, and what the other ascent has in their place."""
     shared, others = register_map(preset("fast")), register_map(preset("paper"))
     only = [register for register in others if register.name not in shared]
-    text = markdown(shared)
-    rows = "\n".join(line for line in markdown(only).split("\n\n| access")[0].splitlines()[2:])
-    return f"{text}\nWith `ascent=constant` (preset `paper`), in place of `COLD`, `WARM` and `SCHEDULE`:\n\n{rows}\n"
+    kinds = table(("access", "meaning"), [item for item in ACCESS.items() if item[0] != "written"])
+    constant = "With `ascent=constant` (preset `paper`), instead of `COLD`, `WARM` and `SCHEDULE`:"
+    return f"{brief(shared)}\n{kinds}\n{constant}\n\n{brief(only)}"
 
 
 DECLARED = {
     "registers": registers_table,
     "region_registers": region_registers_table,
-    "motion_registers": motion_registers_table,
     "flags": flags_table,
     "csv": lambda: columns_table(COLUMNS),
     "flow_columns": lambda: columns_table(FLOW, "column, or array with this shape"),
     "sweep": sweep_table,
     "fields": fields_table,
-    "resources_fast": lambda: resources_table("fast"),
-    "resources_paper": lambda: resources_table("paper"),
+    "resources": resources_table,
 }

@@ -100,22 +100,6 @@ def formats_table():
     return table(("value", "`fast`", "bits", "`paper`", "bits", "meaning"), rows, right=(2, 4))
 
 
-def latencies_table():
-    cores = [elaborated(preset(name)) for name in BOTH]
-    rows = []
-    for name in THROUGHPUT:
-        latencies = [core.latencies.get(name, "") for core in cores]
-        if any(latencies):
-            files = dict.fromkeys(block_file(core.blocks[name]) for core in cores if name in core.blocks)
-            rows.append((", or ".join(files), *latencies))
-    return table(("block", "`fast`", "`paper`"), rows, right=(1, 2))
-
-
-def block_file(block):
-    """Where the block stands, below ``src``."""
-    return f"`{type(block).__module__.replace('.', '/')}.py`"
-
-
 def constants_table():
     """What L and the batch's constant are the sums of."""
     rows = []
@@ -195,6 +179,11 @@ def ports_table():
             row[name] = f"{port['bits']}{' signed' if port['signed'] else ''}"
     head = ("port", "direction", *(f"bits, `{name}`" for name in BOTH), "meaning")
     lines = [[row.get(part, "–") for part in ("port", "direction", *BOTH, "meaning")] for row in rows.values()]
+    # Those that are left open need no line each.
+    lines = [
+        *[line for line in lines if "`trace_" not in line[0]],
+        ("`trace_…`", "output", "", "", "for verification; leave open"),
+    ]
     return table(head, lines, right=(2, 3))
 
 
@@ -225,17 +214,22 @@ def _port(name, member):
     if not member.is_signature:
         return f"{arrow} `{name}`{_fields(member.shape)}"
     if "payload" not in member.signature.members:
-        return f"{arrow} `{name}` ({', '.join(member.signature.members)})"
+        return f"{arrow} `{name}`{_named(member.signature.members)}"
     kind = "flow" if member.signature.always_ready else "stream"
     return f"{arrow} `{name}` {kind}{_fields(member.signature.members['payload'].shape)}"
 
 
 def _fields(shape):
     if isinstance(shape, data.StructLayout):
-        return f" ({', '.join(shape.members)})"
+        return _named(shape.members)
     if isinstance(shape, data.ArrayLayout):
         return f" {shape.length} ×{_fields(shape.elem_shape)}"
     return ""
+
+
+def _named(members):
+    """Names of fields, but of the settings, which stand among the ports."""
+    return f" ({', '.join(members)})" if len(members) < 12 else f" ({len(members)} fields)"
 
 
 def noise_table():
@@ -287,7 +281,6 @@ TABLES = {
     **DECLARED,
     **TIMED,
     "formats": formats_table,
-    "latencies": latencies_table,
     "constants": constants_table,
     "memories": memories_table,
     "noise": noise_table,

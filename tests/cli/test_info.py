@@ -17,7 +17,7 @@ from cmfpga.events import Events, generate, open_recording, write_hdf5
 
 FAST = ["--preset", "fast"]
 NONE = "No proposal: nothing moves clearly and far enough in any 64×64 px."
-DOCS = Path(__file__).parents[2] / "docs" / "info.md"
+DOCS = Path(__file__).parents[2] / "docs" / "recordings.md"
 
 
 @pytest.fixture(scope="module")

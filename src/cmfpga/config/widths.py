@@ -154,7 +154,7 @@ class Widths(Derived):
 
     @property
     def judge_scales(self):
-        """Factors of the sides of that comparison: 4 or 8 (see docs/confidence.md), and what fractions differ by."""
+        """Factors of the sides of that comparison: 4 or 8 (see docs/rounds.md), and what fractions differ by."""
         more, motion = self._c.weight_frac - self._c.derivative_frac, self._c.motion_model
         return (8 if motion.basis else 4) << max(0, more), 1 << (max(0, -more) + (motion.frac if motion.basis else 0))
 

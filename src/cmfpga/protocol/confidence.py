@@ -2,7 +2,7 @@
 
 A round evaluates the image on either side of v, along x and along y. The sharper the contrast's peak, the more the
 gradient falls from one side to the other. The batch's last round counts; its distance is :data:`PROBE` px. What all
-numbers mean, and what they do not see: docs/confidence.md.
+numbers mean, and what they do not see: docs/rounds.md.
 
 A motion beyond translation is evaluated once more for each of its parameters, :data:`PROBE` px nearer to 0. What counts
 is the parameter along which the gradient falls the least, which is compared with Σ I².
@@ -19,7 +19,7 @@ from .flags import Flag
 PROBE = 0.75
 
 #: Standard deviation of v that no peak is too sharp for, px per half batch: with it the ellipses of batches of known
-#: motion hold about what they say (docs/confidence.md).
+#: motion hold about what they say (docs/rounds.md).
 FLOOR = 0.12
 
 #: The limit of the comparison is so many times the smallest confidence.

@@ -154,7 +154,7 @@ def errors(config, camera):
 
 
 def test_positions_are_the_cameras_within_a_tenth_of_a_pixel():
-    """Figures of docs/camera.md. Rounding alone to 1/16 px: 0.044 px at most, 0.026 px rms."""
+    """Figures of docs/motion.md. Rounding alone to 1/16 px: 0.044 px at most, 0.026 px rms."""
     found = errors(preset("fast").replace(**ON), Camera(*DAVIS))
     assert len(found) > 30_000 and found.max() < 0.13 and 0.025 < np.sqrt((found**2).mean()) < 0.032
 

@@ -1,1 +1,1 @@
-"""Blocks that find out how sure a batch's v is (docs/confidence.md)."""
+"""Blocks that find out how sure a batch's v is (docs/rounds.md)."""

@@ -12,7 +12,7 @@ class Undistorter(wiring.Component):
     """Moves each event by what a table says, interpolated between the four nodes around its pixel.
 
     The table has a node every 2^undistortion_cell px; it is exact there, and in between off by what the distortion
-    bends within a cell (figures: docs/camera.md). It lies in four banks, by the parity of column and row, so that the
+    bends within a cell (figures: docs/motion.md). It lies in four banks, by the parity of column and row, so that the
     four nodes are read at once. A reset leaves it as it is; until it was written it holds anything. What comes out is
     rounded to ``undistortion_frac`` bits. No multiplier: the factors have ``undistortion_cell`` bits.
 

@@ -1,0 +1,48 @@
+"""The documentation is read once: how many words and pages it has, how long its sentences are, each table once."""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+#: Tutorials and how-to pages.
+READ_FIRST = ("index", "track", "build", "library", "is-it-right", "recordings", "motion", "flow", "sweep", "adding")
+
+
+def sentences(text):
+    """Sentences of the prose: neither code, tables nor headings; an item of a list is one at least."""
+    text = re.sub(r"^```.*?^```$|!\[[^]]*\]\([^)]*\)", "\n", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"^(?: {4}|[|#<]).*$", "\n", text, flags=re.MULTILINE)
+    text = re.sub(r"\]\([^)]*\)", "]", text)
+    blocks = re.split(r"\n\s*\n|^\s*(?:[-*]|\d+\.) ", text, flags=re.MULTILINE)
+    found = (re.split(r"(?<=[.!?])(?:\*\*|[)\]])?\s+", block.strip()) for block in blocks)
+    return [one for block in found for one in block if re.search(r"\w", one)]
+
+
+def words(sentence):
+    return len([word for word in sentence.split() if re.search(r"\w", word)])
+
+
+def test_sentences_are_found():
+    text = "# A b c\n\nOne two. Three [four five](x.md#y)?\n\n- **Six.** Seven\n  eight; nine.\n\n| no | no |\n\n```sh\nno\n```"
+    assert [words(one) for one in sentences(text)] == [2, 3, 1, 3]
+
+
+def test_the_whole_is_short():
+    assert len(PAGES) <= 20
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in PAGES) <= 37_100
+
+
+@pytest.mark.parametrize("name", READ_FIRST)
+def test_sentences_are_short(name):
+    found = sentences((DOCS / f"{name}.md").read_text(encoding="utf-8"))
+    assert not [one for one in found if words(one) > 35]
+    assert sum(map(words, found)) / len(found) <= 20
+
+
+def test_each_generated_table_stands_once():
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    assert not [name for name, count in Counter(re.findall(r"<!-- generated: (\w+) -->", text)).items() if count > 1]
