@@ -117,11 +117,12 @@ WORDS = {
     "motion": "rotation",
     "evaluators": 4,
     "store_style": "ultra",
+    "windows": "sliding",
 }
 # The confidence needs formats of its own.
 NEEDED = {"ascent": FAST | {"ascent": "constant"}, "confidence": FAST | {"confidence": 0},
           "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
-          "undistortion_frac": {"undistortion": "on"},
+          "undistortion_frac": {"undistortion": "on"}, "windows": FAST,
           "regions": REGIONS | {"regions": 1},
           **{name: REGIONS for name in ("units", "slices", "bin_bits", "store_style")},
           "motion": FAST | {"ascent": "sign", "motion": "similarity", "undistortion": "on", "schedule_entries": 64,
