@@ -1,6 +1,7 @@
 """What ``cmfpga build`` writes beside the core: the example, its bench, fields' positions, FuseSoC's file, IP-XACT."""
 
 import importlib.util
+import os
 import re
 import shutil
 import subprocess
@@ -21,6 +22,7 @@ from cmfpga.protocol.results import BatchResult, fields_of
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import flatten, verilog_top
 from cmfpga.verilog import example, fields, packaging
+from cmfpga.verilog.compiler import find_verilator
 from cmfpga.verilog.emit import TOP
 from cmfpga.verilog.ports import port_table
 from support.designs import FAST, SMALL, configured
@@ -156,7 +158,19 @@ def fusesoc(folder, target):
     pytest.importorskip("fusesoc", reason="FuseSoC is not installed: pip install fusesoc")
     name = f"{packaging.VENDOR}:{packaging.LIBRARY}:{TOP}"
     command = [sys.executable, "-m", "fusesoc.main", "--cores-root=.", "run", f"--target={target}", name]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    found = find_verilator()
+    path = os.pathsep.join([str(Path(found.program).parent), os.environ["PATH"]])
+    environment = {**os.environ, "PATH": path, "VERILATOR_ROOT": str(found.root)}
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, env=environment)
+
+
+def test_fusesoc_lints_it(tmp_path):
+    write(CONFIGS["fast"], tmp_path)
+    done = fusesoc(tmp_path, "lint")
+    assert done.returncode == 0 and "%Warning" not in done.stdout + done.stderr, done.stdout + done.stderr
+    path = tmp_path / f"{example.EXAMPLE}.v"
+    path.write_text(path.read_text().replace(".event_last(", ".event_t(", 1))
+    assert fusesoc(tmp_path, "lint").returncode
 
 
 def test_fusesoc_builds_and_runs_it(tmp_path):
