@@ -2,6 +2,7 @@
 # make RECORDING=rec.h5 ROI=100,30   the same with your recording; more options in TRACK="--batches 20 …"
 # make EXTRAS=all                    the same with all that is optional: torch, plotly, Dask … (default: what --report needs)
 # make docs                          the documentation as a site, build/site/index.html
+# make release                       wheel, sdist, Verilog of all presets, hashes: build/release
 # make test                          what the tests need, and all tests that are not long: minutes
 # make test-all                      the same, then the long ones
 
@@ -24,7 +25,7 @@ INSTALLED = $(VENV)/installed-$(EXTRAS)
 PIP = $(VENV)/bin/pip --disable-pip-version-check
 RUN = $(VENV)/bin/python -m
 
-.PHONY: demo docs test test-all clean
+.PHONY: demo docs release test test-all clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -45,6 +46,10 @@ docs: $(INSTALLED)
 	@mkdir -p -- "$$OUT/site"
 	$(RUN) mkdocs build --quiet --strict --site-dir "$$(cd -- "$$OUT/site" >/dev/null && pwd)"
 	@printf 'The site is %s\n' "$$OUT/site/index.html"
+
+release: $(INSTALLED)
+	$(PIP) install --quiet -c constraints.txt -e '.[release]'
+	$(VENV)/bin/python docs/release.py "$$OUT/release"
 
 clean:
 	rm -rf -- $(VENV) "$$OUT"

@@ -21,12 +21,10 @@ from timed import TIMED, elaborated
 
 from cmfpga.config import preset
 from cmfpga.imaging.camera import Camera, nearest, undistort
-from cmfpga.protocol.results import RESULTS, trace_shape
-from cmfpga.protocol.settings import SETTINGS
-from cmfpga.protocol.shapes import leaves
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ingest.noise_filter import stamps
-from cmfpga.verilog.description import formats, ports
+from cmfpga.verilog.description import formats
+from cmfpga.verilog.ports import port_table
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "boards").rglob("*.md"))]
@@ -58,31 +56,6 @@ THROUGHPUT = {
     "judge": "one verdict in {latency} cycles",
     "roi_updater": "one move in {latency} cycles",
     "iteration_control": "one batch at a time",
-}
-
-# Ports of the emitted Verilog, beside those that the tables of settings and results tell.
-PORTS = {
-    "clk": "the only clock; rising edge",
-    "rst": "synchronous reset, active high",
-    "event_valid": "an event is offered",
-    "event_ready": "it is accepted in this cycle",
-    "event_t": "time stamp, µs; may wrap",
-    "event_x": "column, px, 0 = left",
-    "event_y": "row, px, 0 = top",
-    "event_last": "this event ends the batch",
-    "schedule_valid": "write an entry of the schedule's table; only while no batch is under way",
-    "schedule_address": "which entry",
-    "schedule_entry_level": "pixels 2^level px wide",
-    "schedule_entry_distance": "evaluated beside v: ¾, 1, 1½, 2 or 3 px, by its number from 0 on",
-    "schedule_entry_limit": "v moves by at most ((2 + c mod 2) << c div 2) >> 1 units of its last bit",
-    "result_valid": "a result is offered, and stays as it is until it is taken",
-    "result_ready": "take it",
-    "result_sums_i": "ΣI of the last iteration, raw; no sum means anything in a degenerate batch",
-    "trace_valid": "an iteration's sums are valid (for verification; leave open)",
-    "trace_pixels_valid": "the sweep has read four pixels (for verification; leave open)",
-    "trace_pixels_i": "I of the pixel in bank 0 … 3",
-    "trace_pixels_dx": "Dx of that pixel",
-    "trace_pixels_dy": "Dy of that pixel",
 }
 
 
@@ -146,37 +119,18 @@ def memories_table():
     return table(("memory", "number", "words", "bits a word", "bits in all"), rows, right=(1, 2, 3, 4))
 
 
-def meanings(config):
-    """What each port is for, by its name."""
-    found = {}
-    declared = [("settings", s.name, s.shape_of(config), s.places, *s.doc_of(config)) for s in SETTINGS]
-    declared += [("result", f.name, f.shape(config), f.places, f.doc, f.unit) for f in RESULTS if f.when(config)]
-    for group, name, shape, places, doc, unit in declared:
-        for leaf in leaves(name, shape):
-            place = next((place for place in places if name + place.part == leaf), None)
-            text = doc
-            if place and place.part:
-                text = place.doc if place.field == "VALUE" else f"{doc}: {place.doc}"
-            found[f"{group}_{leaf}"] = f"{text} ({unit})" if unit else text
-    of_trace = (leaf for name, shape in trace_shape(config).items() for leaf in leaves(name, shape))
-    return found | {f"trace_{leaf}": f"as `result_{leaf}`, of this iteration" for leaf in of_trace} | PORTS
-
-
 def ports_table():
     """Ports of `fast`, then what only `paper` has."""
     rows = {}
     for name in BOTH:
-        config = preset(name)
-        values = meanings(config)
-        for port in ports(elaborated(config)):
-            key = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port["name"])
-            shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", key)
+        for port in port_table(elaborated(preset(name))):
+            known = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port.name)
+            shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", known)
             row = rows.setdefault(
-                key,
-                {"port": f"`{shown}`".replace(" … ", "` … `"), "direction": port["direction"],
-                 "meaning": values[key]},
-            )  # fmt: skip
-            row[name] = f"{port['bits']}{' signed' if port['signed'] else ''}"
+                known,
+                {"port": f"`{shown}`".replace(" … ", "` … `"), "direction": port.direction, "meaning": port.meaning},
+            )
+            row[name] = f"{port.bits}{' signed' if port.signed else ''}"
     head = ("port", "direction", *(f"bits, `{name}`" for name in BOTH), "meaning")
     lines = [[row.get(part, "–") for part in ("port", "direction", *BOTH, "meaning")] for row in rows.values()]
     # Those that are left open need no line each.

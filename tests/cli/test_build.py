@@ -13,7 +13,7 @@ from cmfpga import __version__
 from cmfpga.cli import build
 from cmfpga.config import Config
 from cmfpga.verilog import emit
-from support.building import TINY, TINY_SETS
+from support.building import FILES, TINY, TINY_SETS
 from support.small_core import sets
 
 REGIONS = {
@@ -37,9 +37,6 @@ def blocks_of(config):
     return blocks | ({"dither"} if config.dither_frac else set())
 
 
-FILES = ("build-info.json", "build-info.md", "cmfpga_core.v")
-
-
 def contents(folder):
     assert sorted(path.name for path in folder.iterdir()) == sorted(FILES)
     return {name: (folder / name).read_bytes() for name in FILES}
@@ -61,9 +58,7 @@ def emitted(command, tmp_path_factory):
             folder = tmp_path_factory.mktemp("build")
             done = command(build, "--preset", "paper", *sets(fields), "--out", folder)
             assert (done.status, done.err) == (0, "")
-            assert done.out.splitlines() == [
-                f"wrote {folder / name}" for name in ("cmfpga_core.v", "build-info.json", "build-info.md")
-            ]
+            assert done.out.splitlines() == [f"wrote {folder / name}" for name in FILES]
             made[key] = contents(folder)
         return made[key]
 
@@ -117,11 +112,12 @@ WORDS = {
     "motion": "rotation",
     "evaluators": 4,
     "store_style": "ultra",
+    "windows": "sliding",
 }
 # The confidence needs formats of its own.
 NEEDED = {"ascent": FAST | {"ascent": "constant"}, "confidence": FAST | {"confidence": 0},
           "background_cell": {"background": 1}, "undistortion_cell": {"undistortion": "on"},
-          "undistortion_frac": {"undistortion": "on"},
+          "undistortion_frac": {"undistortion": "on"}, "windows": FAST,
           "regions": REGIONS | {"regions": 1},
           **{name: REGIONS for name in ("units", "slices", "bin_bits", "store_style")},
           "motion": FAST | {"ascent": "sign", "motion": "similarity", "undistortion": "on", "schedule_entries": 64,
@@ -289,7 +285,7 @@ def test_paths_as_json(command, tmp_path):
     done = command(build, *TINY_SETS, "--json", "--out", tmp_path / "für €")
     files = json.loads(done.out)["files"]
     assert done.status == 0 and done.err == ""
-    assert files == [str(tmp_path / "für €" / name) for name in ("cmfpga_core.v", "build-info.json", "build-info.md")]
+    assert files == [str(tmp_path / "für €" / name) for name in FILES]
     assert len(contents(tmp_path / "für €")["cmfpga_core.v"]) > 100_000
 
 

@@ -9,6 +9,7 @@ from cmfpga.config import Config
 from cmfpga.fpga import levels, place, resources, tools
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP, emit_verilog
+from support import building
 from support.building import TINY, TINY_SETS
 from support.small_core import sets
 
@@ -20,7 +21,7 @@ NARROW = TINY | {
     "weight_frac": 1, "derivative_frac": 1, "gradient_int": 1, "gradient_frac": 4, "eta_int": 1, "eta_frac": 1,
     "roi_gain_frac": 0,
 }  # fmt: skip
-FILES = ("cmfpga_core.v", "build-info.json", "build-info.md", "resources.json")
+FILES = (*building.FILES, "resources.json")
 
 
 def made_up():

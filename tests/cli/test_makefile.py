@@ -82,6 +82,11 @@ def test_the_site(make, tmp_path):
     assert made == {"my $(shell touch X) site"}
 
 
+def test_a_release(make):
+    calls, _ = make("release", "OUT=my $(shell touch X) out")
+    assert calls[-2][-2:] == ["-e", ".[release]"] and calls[-1] == ["my $(shell touch X) out/release"]
+
+
 def test_clean_removes_one_folder(make, tmp_path):
     for name in ("my", "out", "my out"):
         (tmp_path / name).mkdir()

@@ -7,6 +7,11 @@ from support.small_core import sets
 from support.verilog_tools import verilator_lint
 
 TINY_SETS = sets(TINY)
+#: What is written of a core, in order.
+FILES = (
+    "cmfpga_core.v", "build-info.json", "build-info.md", "cmfpga_core_fields.vh", "cmfpga_core_example.v",
+    "cmfpga_core_example_tb.v", "cmfpga_core_example.mem", "cmfpga_core.core", "component.xml",
+)  # fmt: skip
 WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
 
 

@@ -12,8 +12,10 @@ from ..protocol.registers import documents
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import verilog_top
 from ..rtl.uart.top import UartTop, divisor
+from ..verilog import example, fields, packaging
 from ..verilog.description import describe, describe_top, summary
 from ..verilog.emit import TOP, emit_verilog
+from ..verilog.ports import port_table
 
 EXAMPLES = (
     "cmfpga build                                     # preset fast, into ./build",
@@ -28,14 +30,20 @@ EXAMPLES = (
 
 
 def build(config, folder):
-    """Write ``cmfpga_core.v``, ``build-info.json`` and ``build-info.md`` into ``folder``; returns their paths."""
+    """Write ``cmfpga_core.v``, what describes it, and an example of its use into ``folder``; returns their paths."""
     core = verilog_top(config)
     verilog = emit_verilog(core)
-    info = describe(config, core, verilog)
+    info, table = describe(config, core, verilog), port_table(core)
     contents = {
         f"{TOP}.v": verilog,
         "build-info.json": json.dumps(info, indent=2, ensure_ascii=False) + "\n",
         "build-info.md": summary(info),
+        f"{example.FIELDS}.vh": fields.header(table),
+        f"{example.EXAMPLE}.v": example.example(config, table),
+        f"{example.BENCH}.v": example.bench(config, table, verilog),
+        f"{example.EXAMPLE}.mem": example.memory(config, table),
+        f"{TOP}.core": packaging.fusesoc(),
+        "component.xml": packaging.ip_xact(table),
     }
     for name, text in contents.items():
         write_text(folder / name, text)

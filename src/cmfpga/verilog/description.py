@@ -1,11 +1,13 @@
 """What a user must know of the emitted Verilog: formats, ports, latencies, cycles, registers."""
 
 import importlib.metadata
+from dataclasses import asdict
 
 from .. import __version__
 from ..protocol.settings import BatchSettings, by_signs
 from . import article
 from .emit import TOP, sha256
+from .ports import port_table
 
 
 def formats(config):
@@ -38,17 +40,6 @@ def formats(config):
         "ROI x": fixed(config.formats.roi_x, "left edge, px"),
         "ROI y": fixed(config.formats.roi_y, "top edge, px"),
     }
-
-
-def ports(core):
-    """The top module's ports: ``[{name, direction, bits, signed}]``."""
-    listed = [{"name": name, "direction": "input", "bits": 1, "signed": False} for name in ("clk", "rst")]
-    for direction, signals in (("input", core.inputs), ("output", core.outputs)):
-        listed += [
-            {"name": name, "direction": direction, "bits": len(port), "signed": port.shape().signed}
-            for name, port in signals.items()
-        ]
-    return listed
 
 
 def _origin(config, top, verilog):
@@ -87,7 +78,7 @@ def describe(config, core, verilog):
                 "cycles": core.cycles(**article.BATCH, iterations=plan),
             },
         },
-        "ports": ports(core),
+        "ports": [asdict(port) for port in port_table(core)],
     }
 
 
@@ -123,10 +114,10 @@ def summary(info):
         "",
         "## Ports",
         "",
-        "| port | direction | bits |",
-        "| --- | --- | ---: |",
+        "| port | direction | bits | meaning |",
+        "| --- | --- | ---: | --- |",
         *(
-            f"| `{p['name']}` | {p['direction']} | {p['bits']}{' (signed)' if p['signed'] else ''} |"
+            f"| `{p['name']}` | {p['direction']} | {p['bits']}{' (signed)' if p['signed'] else ''} | {p['meaning']} |"
             for p in info["ports"]
         ),
         "",

@@ -1,0 +1,131 @@
+"""What a release needs: licences, whom to cite, how to contribute, and the files that `make release` writes."""
+
+import hashlib
+import json
+import re
+import subprocess
+import sys
+import tarfile
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+
+from cmfpga import __version__
+from support.board_files import load
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(*command, folder):
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+
+
+def test_every_file_has_a_licence():
+    pytest.importorskip("reuse", reason="reuse is not installed: pip install reuse")
+    done = run(sys.executable, "-m", "reuse", "lint", folder=ROOT)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_file_without_a_licence_is_noticed(tmp_path):
+    pytest.importorskip("reuse", reason="reuse is not installed: pip install reuse")
+    text = (ROOT / "REUSE.toml").read_text(encoding="utf-8")
+    (tmp_path / "REUSE.toml").write_text(text.replace('path = "**"', 'path = "told.py"'), encoding="utf-8")
+    (tmp_path / "told.py").write_text("pass\n")
+    (tmp_path / "LICENSES").mkdir()
+    (tmp_path / "LICENSES" / "BSD-2-Clause.txt").write_text((ROOT / "LICENSE").read_text(encoding="utf-8"))
+    assert run(sys.executable, "-m", "reuse", "lint", folder=tmp_path).returncode == 0
+    (tmp_path / "other.py").write_text("pass\n")
+    done = run(sys.executable, "-m", "reuse", "lint", folder=tmp_path)
+    assert done.returncode == 1 and "other.py\n" in done.stdout and "told.py" not in done.stdout
+
+
+def test_the_licence_is_one():
+    """LICENSE, which packages carry, is the text in LICENSES with the owner filled in."""
+    template = (ROOT / "LICENSES" / "BSD-2-Clause.txt").read_text(encoding="utf-8")
+    holder = re.search(r'CopyrightText = "(\d+) (.+)"', (ROOT / "REUSE.toml").read_text(encoding="utf-8"))
+    filled = template.replace("<year>", holder[1]).replace("<owner>", holder[2])
+    assert (ROOT / "LICENSE").read_text(encoding="utf-8") == filled
+
+
+def test_the_citation():
+    cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert set(cited) >= {"cff-version", "message", "title", "authors"}  # what the format asks for
+    assert cited["type"] == "software" and cited["authors"] == [{"name": "The cmfpga authors"}]
+    (article,) = cited["references"]
+    names = [author["family-names"] for author in article["authors"]]
+    readme = " ".join((ROOT / "README.md").read_text(encoding="utf-8").split())
+    assert f"*{article['title']}* ({article['year']})" in readme and all(name in readme for name in names)
+
+
+def test_the_version_stands_in_one_place():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    assert project["project"]["dynamic"] == ["version"] and "version" not in project["project"]
+    assert (ROOT / project["tool"]["hatch"]["version"]["path"]).read_text().count(f'"{__version__}"') == 1
+    assert "version" not in yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize("page, lines", [("CONTRIBUTING.md", 60), ("SECURITY.md", 25)])
+def test_pages_are_short(page, lines):
+    assert len((ROOT / page).read_text(encoding="utf-8").splitlines()) <= lines
+
+
+def test_the_workflow_runs_all_tests():
+    (job,) = yaml.safe_load((ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8"))["jobs"].values()
+    assert job["steps"][-1] == {"run": ".ci/run"} and (ROOT / ".ci/run").exists()
+
+
+# ---------------------------------------------------------------- make release
+
+
+@pytest.fixture(scope="module")
+def maker():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(ROOT / "docs")  # where its parts are
+        return load("release", ROOT / "docs")
+
+
+def test_the_resources_are_the_baselines(maker):
+    stored = json.loads((ROOT / "tests" / "fpga" / "baselines.json").read_text(encoding="utf-8"))
+    rows = [line.strip("| ").split(" | ") for line in maker.resources().splitlines() if line.startswith("| `")]
+    cores = [*stored["presets"], *stored["plain"], *stored["motions"], *stored["regions"], *stored["placed"]]
+    assert [row[0] for row in rows] == [f"`{name}`" for name in cores]
+    assert rows[0][1] == f"{stored['presets'][cores[0]]['total']['lut']:,}"
+    assert rows[-1][-1] == f"{stored['placed'][cores[-1]]['fmax_mhz']:,}"
+
+
+def test_verilog_and_hashes(maker, tmp_path, long_tools):
+    maker.verilog(tmp_path, ["paper"])
+    maker.sums(tmp_path)
+    lines = [line.split("  ") for line in (tmp_path / "SHA256SUMS").read_text().splitlines()]
+    assert sorted(name for _, name in lines) == [name for _, name in lines]
+    assert {name for _, name in lines} == {
+        f"verilog/paper/{path.name}" for path in (tmp_path / "verilog/paper").iterdir()
+    }
+    for digest, name in lines:
+        assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == digest
+    digests = {name: digest for digest, name in lines}
+    info = json.loads((tmp_path / "verilog/paper/build-info.json").read_text(encoding="utf-8"))
+    assert digests["verilog/paper/cmfpga_core.v"] == info["sha256"]
+
+
+def test_packages(maker, tmp_path, long_tools):
+    pytest.importorskip("hatchling", reason="hatchling is not installed: pip install hatchling")
+    maker.packages(tmp_path)
+    (wheel,), (sdist,) = tmp_path.glob("*.whl"), tmp_path.glob("*.tar.gz")
+    assert wheel.name.startswith(f"cmfpga-{__version__}-") and sdist.name == f"cmfpga-{__version__}.tar.gz"
+    with zipfile.ZipFile(wheel) as packed:
+        names = packed.namelist()
+        assert "cmfpga/verilog/simulation/harness.cpp" in names and not [n for n in names if n.startswith("tests")]
+        assert any(name.endswith("licenses/LICENSE") for name in names)
+    with tarfile.open(sdist) as packed:
+        names = {name.partition("/")[2] for name in packed.getnames()}
+        assert {"CITATION.cff", "REUSE.toml", "LICENSES/BSD-2-Clause.txt", "docs/release.py", "Makefile"} <= names
+
+
+def test_nothing_is_mixed_with_an_older_release(maker, tmp_path):
+    with pytest.raises(SystemExit, match="an empty place is needed"):
+        maker.main(tmp_path)
+    assert not any(tmp_path.iterdir())
