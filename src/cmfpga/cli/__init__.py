@@ -72,7 +72,7 @@ def add_config_options(made, usual=DEFAULT_PRESET):
         "--preset",
         default=usual,
         metavar="P",
-        help=f"one of: {', '.join(PRESETS)} (default: {usual})",
+        help=f"one of: {', '.join(PRESETS)} (default: {usual or 'fast; with --flow, flow'})",
     )
     group.add_argument(
         "--set", action="append", default=[], metavar="FIELD=VALUE", dest="assignments", help="set a field; repeatable"
