@@ -106,14 +106,14 @@ class Accuracy:
 
     def finish(self):
         """Fit the delay and compute all errors. Raises :exc:`RecordingError` where there is nothing to compare."""
+        if not self._rows:
+            raise RecordingError(f"{self.known.name}: nothing to compare it with; no batch measured a motion")
         table = np.array(self._rows, np.float64).reshape(-1, 7)
         self.window, self.tile = table[:, 0].astype(int), table[:, 1].astype(int)
         self.t0, self.t1, self.fwl = table[:, 2], table[:, 3], table[:, 6]
         self.judged, self.trusted = table[:, 4] > 0, table[:, 5] > 0
         self.half_s, self.places = (self.t1 - self.t0) / 2e6, np.array(self._places).reshape(-1, 2)
         self.found = np.array(self._found, np.float64).reshape(len(table), -1)
-        if not len(table):
-            raise RecordingError(f"{self.known.name}: nothing to compare it with; no batch measured a motion")
         self._basis = None if self._rotation or self.known.kind not in (GYROSCOPE, POSES) else self._image_basis()
         self.delay, self.undelayed_px = self._fit() if self._given is None else (self._given, None)
         true, self.covered, self.along = self._expected(self.delay, slice(None))
