@@ -72,4 +72,6 @@ def test_options_are_documented(name, command):
     shown, _, examples = command(module, "--help").out.partition("examples:")
     assert examples.count(f"python -m {name}" if suite else f"cmfpga {name}") >= 2
     shown, own = set(OPTION.findall(shown)), documented(name if suite else f"cmfpga {name}")
+    if name == "accuracy":
+        own |= documented("cmfpga track") & shown
     assert own <= shown <= own | SHARED

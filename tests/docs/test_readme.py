@@ -46,6 +46,7 @@ def recordings(tmp_path_factory):
     write_hdf5(folder / "rec.h5", events, width=scene.scene.width, height=scene.scene.height)
     np.savez(folder / "rec.npz", t=events.t, x=events.x, y=events.y, p=events.p)
     columns = zip(events.t.tolist(), events.x.tolist(), events.y.tolist(), events.p.tolist(), strict=True)
+    (folder / "truth.csv").write_text("t_us,vx_px_per_s,vy_px_per_s\n0,90,20\n")
     (folder / "events.txt").write_text("".join(f"{t / 1e6:.6f} {x} {y} {p}\n" for t, x, y, p in columns))
     return folder
 

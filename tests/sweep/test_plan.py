@@ -11,10 +11,10 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
 from cmfpga.forms import Text
-from cmfpga.sweep import plan, store, truth
+from cmfpga.sweep import plan, store
 from cmfpga.sweep.plan import Run, Subject, choices, rows, subjects
 from cmfpga.sweep.task import Task, run_task, version
-from cmfpga.sweep.truth import read_truth, sidecar
+from cmfpga.truth import pieces, read_truth, sidecar
 from support.sweeping import make_recording, run_here, small
 
 # ---------------------------------------------------------------- configurations
@@ -174,9 +174,9 @@ def test_a_malformed_truth_in_the_recording(tmp_path, changes):
     make_recording(tmp_path / "x.h5", 3, (300.0, 0.0))
     with h5py.File(tmp_path / "x.h5", "a") as file:
         for name, value in changes.items():
-            del file[truth.GROUP][name]
+            del file[pieces.GROUP][name]
             if value is not None:
-                file[truth.GROUP][name] = value
+                file[pieces.GROUP][name] = value
     with pytest.raises(RecordingError, match="ground_truth/motion: "):
         read_truth(tmp_path / "x.h5")
 

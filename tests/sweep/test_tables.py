@@ -11,8 +11,8 @@ from cmfpga.fpga import resources
 from cmfpga.sweep import tables
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
 from cmfpga.sweep.store import Store
-from cmfpga.sweep.truth import Truth
 from cmfpga.tracking.columns import COLUMNS
+from cmfpga.truth import Truth
 
 TRUTH = Truth("recording", (0,), ((1.0, 0.0),), (0.0, 0.0))
 

@@ -35,6 +35,8 @@ class TrackedObject:
     ----------
     consumers : list of Consumer
         Take its batches beside the object itself: what makes its files.
+    accuracy : Accuracy or None
+        Compares its batches with a true motion.
     files : list of Path
         The CSV from the begin; the others once :meth:`finish` has written them.
     """
@@ -55,6 +57,7 @@ class TrackedObject:
     flags: array = field(default_factory=lambda: array("i"))
     roi_next: tuple | None = None
     consumers: list = field(default_factory=list)
+    accuracy: object = None
     files: list = field(default_factory=list)
     _writers: list = field(default_factory=list)  # take the object: a reference to it would be a circle
 
@@ -125,6 +128,9 @@ class TrackedObject:
             taker = WaveTaker(self.config, engine, wave)
             name = self.named(f"batch-{wave}")
             self._later(taker, lambda one: one.files.extend(write_waves(taker.record(), folder, name)))
+        if self.accuracy:
+            self.consumers.append(self.accuracy)
+            self._writers.append(lambda one: one.accuracy.save(one._file(folder, "accuracy", ".csv")))
         path = self._file(folder, "track", ".csv")
         stack.enter_context(naming(path))
         file = stack.enter_context(path.open("w", newline=""))
@@ -149,7 +155,9 @@ class TrackedObject:
             )
 
     def finish(self):
-        """Write the files beside the CSV."""
+        """Write the files beside the CSV; raises :exc:`RecordingError` where the truth tells of none of the batches."""
+        if self.accuracy:
+            self.accuracy.finish()
         for write in self._writers:
             write(self)
 
@@ -192,6 +200,7 @@ class TrackedObject:
             "cycles": sum(self.cycles) if self.cycles else None,
             **({"dropped": self.dropped} if self.dropped else {}),
             **({"image": self.config.image} if self.config.image else {}),
+            **({"accuracy": self.accuracy.summary()} if self.accuracy else {}),
             "roi_next": list(self.roi_next),
             "files": [str(path) for path in self.files],
         }

@@ -17,6 +17,7 @@ COMMANDS = {
     "info": "what a recording holds, and an ROI and batches that suit it",
     "track": "follow objects through a recording",
     "flow": "dense optical flow of a recording, and one motion fitted to it",
+    "accuracy": "how right that is, beside a true motion that you have",
     "sweep": "many recordings with many configurations, and which did best",
     "build": "emit the accelerator as Verilog",
     "report": "one page of a track: what moved, where to, how fast",

@@ -23,6 +23,7 @@ from ..show.flow.pictures import SUFFIXES, save
 from ..show.gallery import picture_path
 from ..tracking.columns import csv_writer
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
+from .truth import accuracy_of, check_times, print_accuracy
 
 EXAMPLES = (
     "cmfpga flow        # a synthetic scene: a camera turns, so the true flow is known",
@@ -81,8 +82,14 @@ def parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
+    return run(parser().parse_args(arguments))
+
+
+def run(options, known=None):
+    """Measure as the options say; with ``known``, a true motion, print no more than how right it is."""
     with _open(options) as recording:
+        if known:
+            check_times(known, recording, options)
         fields = {**ingest_fields(options, recording), **cli.config_changes(options)}
         if options.recording is None:
             fields = {"undistortion": "on", "camera": CAMERA.text, **fields}
@@ -95,8 +102,12 @@ def main(arguments=None):
         config = drop_hot_pixels(options, recording, config, fields)
         if options.fit:
             check(options.fit, config)
+        accuracy = known and accuracy_of(options, known, config, recording)
         with cli.locked(options.out) as folder:
-            found, files, errors = _measure(options, recording, config, tiles, folder)
+            found, files, errors = _measure(options, recording, config, tiles, folder, accuracy)
+    if accuracy:
+        print_accuracy({"": accuracy}, files, options.json, "window")
+        return 0
     _summarise(options, found, files, errors)
     return 0
 
@@ -108,7 +119,7 @@ def _open(options):
     return scene().recording("synthetic scene")
 
 
-def _measure(options, recording, config, tiles, folder):
+def _measure(options, recording, config, tiles, folder, accuracy=None):
     """Run all windows and write the files: (Flow, list of Path, errors of the demo's tiles)."""
     files, errors, best, page = [folder / CSV], [], None, Page()
     with contextlib.ExitStack() as stack:
@@ -131,6 +142,8 @@ def _measure(options, recording, config, tiles, folder):
         count = cli.expected(recording, run.cutter, options.start_event, options.windows, config.slices)
         for window in tqdm(run, total=count, unit="window", disable=None):
             found.add(window)
+            if accuracy:
+                accuracy.add_window(window)
             for row in window.rows():
                 write(row)
             fitted = found.fitted(window.index) if options.fit else None
@@ -150,6 +163,10 @@ def _measure(options, recording, config, tiles, folder):
         raise run.cutter.too_few()
     files.append(folder / ARRAYS)
     found.save(files[-1])
+    if accuracy:
+        accuracy.finish()
+        files.append(folder / "accuracy.csv")
+        accuracy.save(files[-1])
     if not options.no_picture:
         files += [options.picture or folder / PICTURE, folder / PAGE]
         save(best, files[-2], _title(best, found))

@@ -3,6 +3,8 @@
 import json
 import sys
 
+from .truth import accuracy_lines
+
 
 class Truth(list):
     """Lines that show the true motion beside the found one, batch by batch; a consumer."""
@@ -44,6 +46,13 @@ class Lines:
         print(f"{name}{batch.index:5}  {at}  {found:>22}  next ROI {x},{y}  {batch.flags.text}".rstrip(), flush=True)
 
 
+def print_remarks(objects):
+    """Warnings and notes of a list of TrackedObject, on standard error."""
+    for one in objects:
+        for kind, sentence in one.remarks:
+            print(f"{kind}: {f'{one.name}: ' * bool(one.name)}{sentence}", file=sys.stderr)
+
+
 def print_summary(objects, *, engine, cycles, clock, as_json, counts):
     """Print what a track found.
 
@@ -61,9 +70,7 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
         Of a stream what came of its events, as :meth:`cmfpga.events.LiveSource.counts` tells it.
     """
     names = [f"{one.name}: " * bool(one.name) for one in objects]
-    for name, one in zip(names, objects, strict=True):
-        for kind, sentence in one.remarks:
-            print(f"{kind}: {name}{sentence}", file=sys.stderr)
+    print_remarks(objects)
     if as_json:
         entries = [one.summary() for one in objects]
         if len(objects) > 1:
@@ -98,6 +105,9 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
                 print(f"{counts[name]} events {what}")
         if counts["before_time"]:
             print(f"{counts['before_time']} events came before the first time word and were left out")
+    for name, one in zip(names, objects, strict=True):
+        for line in accuracy_lines(one.accuracy) if one.accuracy else ():
+            print(f"{name}{line}")
     for one in objects:
         for path in one.files:
             print(f"wrote {path}")

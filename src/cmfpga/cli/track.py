@@ -22,7 +22,8 @@ from ..tracking.fit import batch_cutter
 from ..tracking.loop import follow
 from ..tracking.source import sensor_fields, unit_note, whole_sensor, with_rows
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
-from .lines import Lines, Truth, print_summary
+from .lines import Lines, Truth, print_remarks, print_summary
+from .truth import accuracy_of, add_truth_options, check_times, open_truth, print_accuracy
 
 EXAMPLES = (
     "cmfpga track        # a synthetic scene, with its true motion",
@@ -36,6 +37,7 @@ EXAMPLES = (
     "cmfpga track rec.h5 --roi auto --objects 3    # track-0.csv, track-1.csv, track-2.csv",
     "cmfpga track rec.h5 --roi 100,30 --every 4    # of the results, which overlap, every fourth",
     "cmfpga track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
+    "cmfpga track rec.h5 --roi auto --truth imu.txt    # and how right it is: cmfpga accuracy tells that alone",
 )
 
 #: The scene that is tracked without a recording (it turns a corner in the middle), and what suits it: batches in which
@@ -48,6 +50,7 @@ DEMO_SCENE = {
     "duration_us": 500_000,
     "noise": 0.05,
 }
+USUAL_PRESET = f"{SLIDING_PRESET}, or {DEFAULT_PRESET} where batches are asked for or needed"
 DEMO_BATCH_EVENTS = 1640
 DEMO_FIELDS = {"eta": 4.0}
 
@@ -55,6 +58,34 @@ DEMO_FIELDS = {"eta": 4.0}
 def parser():
     """Parser of the arguments of ``cmfpga track``."""
     made = cli.parser("cmfpga track", "Follow an object through a recording of events.", EXAMPLES)
+    add_tracking_options(made)
+    made.add_argument(
+        "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
+    )
+    pictures = made.add_mutually_exclusive_group()
+    pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
+    cli.files(pictures.add_argument(
+        "--picture", type=cli.checked(picture_path), action="append", metavar="FILE",
+        help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
+    ))  # fmt: skip
+    made.add_argument("--report", action="store_true", help="write report.html, and track.npz for cmfpga report")
+    cli.add_clock_option(made)
+    made.add_argument(
+        "--wave",
+        type=cli.natural,
+        metavar="BATCH",
+        help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
+    )
+    made.add_argument(
+        "--json", action="store_true", help="print a summary as JSON; of a stream, a line per batch, and one at the end"
+    )
+    add_truth_options(made)
+    cli.add_config_options(made, None, USUAL_PRESET)
+    return made
+
+
+def add_tracking_options(made):
+    """What is tracked, and how: of ``track`` and ``accuracy``."""
     cli.files(made.add_argument(
         "recording", nargs="?", metavar="RECORDING",
         help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, or a named pipe",
@@ -89,28 +120,6 @@ def parser():
     made.add_argument(
         "--drop", action="store_true", help="of a stream: drop events that come too fast, do not hold the sender up"
     )
-    made.add_argument(
-        "--out", default="cmfpga-track", metavar="DIR", help="folder for the files (default: %(default)s)"
-    )
-    pictures = made.add_mutually_exclusive_group()
-    pictures.add_argument("--no-picture", action="store_true", help="write track.csv only")
-    cli.files(pictures.add_argument(
-        "--picture", type=cli.checked(picture_path), action="append", metavar="FILE",
-        help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
-    ))  # fmt: skip
-    made.add_argument("--report", action="store_true", help="write report.html, and track.npz for cmfpga report")
-    cli.add_clock_option(made)
-    made.add_argument(
-        "--wave",
-        type=cli.natural,
-        metavar="BATCH",
-        help="write the waveforms of that batch: VCD, GTKWave and Surfer files",
-    )
-    made.add_argument(
-        "--json", action="store_true", help="print a summary as JSON; of a stream, a line per batch, and one at the end"
-    )
-    cli.add_config_options(made, None, f"{SLIDING_PRESET}, or {DEFAULT_PRESET} where batches are asked for or needed")
-    return made
 
 
 def _roi_option(text):
@@ -125,7 +134,12 @@ def _roi_option(text):
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    options = parser().parse_args(arguments)
+    return run(parser().parse_args(arguments))
+
+
+def run(options, known=None):
+    """Track as the options say; with ``known``, a true motion, print no more than how right it is."""
+    alone = known is not None
     if options.preset is None:
         options.preset, note = usual_preset(
             cli.config_changes(options), batches=bool(cli.batch_size(options)) or options.wave is not None,
@@ -138,6 +152,9 @@ def main(arguments=None):
             stack.enter_context(_terminated())
         truth, recording = _open(options)
         stack.enter_context(recording)
+        known = known or open_truth(options)
+        if known:
+            check_times(known, recording, options)
         reads = cli.make_config(options).ascent_rule.fields if truth else ()
         demo = {name: value for name, value in DEMO_FIELDS.items() if name in reads}
         fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
@@ -151,6 +168,7 @@ def main(arguments=None):
         found = []
         for one in objects:
             one.config, one.cutter = config, cutter
+            one.accuracy = known and accuracy_of(options, known, config, recording)
             if truth and not options.json:
                 found.append(Truth(truth.motion))
                 one.consumers.append(found[-1])
@@ -163,7 +181,12 @@ def main(arguments=None):
             counts = recording.counts()
             gone = counts["lost"] + counts["out_of_sensor"] + cutter.position
             counts["not_tracked"] = max(0, counts["received"] - gone)
-        print_summary(objects, engine=name, cycles=cycles, clock=options.clock, as_json=options.json, counts=counts)
+        if alone:
+            print_remarks(objects)
+            files = [path for one in objects for path in one.files]
+            print_accuracy({one.name: one.accuracy for one in objects}, files, options.json)
+        else:
+            print_summary(objects, engine=name, cycles=cycles, clock=options.clock, as_json=options.json, counts=counts)
         if broken:
             raise broken
     for lines in found:
@@ -190,7 +213,7 @@ def _open(options):
     if options.recording is not None:
         how = {"drop": options.drop, "quiet": functools.partial(_quiet, options.recording)}
         return None, cli.noted(open_source(options.recording, **how, **cli.reading(options)))
-    cli.require_recording(options, "drop")
+    cli.require_recording(options, "drop", "truth")
     scene = generate(**DEMO_SCENE)
     return scene, scene.recording("synthetic scene")
 

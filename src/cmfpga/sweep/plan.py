@@ -13,8 +13,8 @@ from ..errors import ConfigError, UserError
 from ..events import open_recording
 from ..imaging.survey import Survey, usual_survey, without_hot_pixels
 from ..tracking.source import rotation_fields, sensor_fields, unit_note, whole_sensor
+from ..truth import Truth, read_truth
 from .task import Task, version
-from .truth import Truth, read_truth
 
 #: Stands among the fields that vary for the configuration that is begun with.
 PRESET = "preset"

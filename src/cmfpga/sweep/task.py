@@ -13,7 +13,7 @@ from .. import __version__
 from ..config import Config
 from ..errors import ConfigError, UserError
 from ..imaging.iwe import gain, scaled_roi_events
-from .truth import Truth
+from ..truth import Truth
 
 #: Contrasts and gains are kept with so many digits, so that an order of summation does not show.
 DIGITS = 9

@@ -64,7 +64,7 @@ def read_truth(path):
     """The :class:`Truth` of the recording at ``path``, or None. Raises :exc:`RecordingError` for a malformed one."""
     beside = sidecar(path)
     if beside.is_file():
-        return _checked(beside, "sidecar", *_read_csv(beside))
+        return read_truth_csv(beside)
     if not h5py.is_hdf5(path):
         return None
     where = f"{path}: {GROUP}"
@@ -84,6 +84,11 @@ def read_truth(path):
     except (OSError, LookupError, RuntimeError, TypeError, AttributeError, FormError) as error:
         raise RecordingError(f"{where}: not readable: {str(error).splitlines()[0]}") from None
     return _checked(where, "recording", times, velocities, start)
+
+
+def read_truth_csv(path):
+    """The :class:`Truth` of a sidecar, wherever it stands. Raises :exc:`RecordingError` for a malformed one."""
+    return _checked(path, "sidecar", *_read_csv(path))
 
 
 def _read_csv(path):
