@@ -35,6 +35,9 @@ CONFIGS = {
     "sliding": preset("sliding").replace(**_SIZES, hop_events=40),
     "similarity": preset("similarity").replace(**_SIZES, tag_bits=4),
     "rotation": preset("rotation").replace(**_SIZES, tag_bits=4, ram_style="auto"),
+    "rotation, small": preset("rotation").replace(
+        **_SIZES | {"sensor_width": 24, "sensor_height": 20}, tag_bits=4, ram_style="auto"
+    ),
     "flow": preset("flow").replace(**_SIZES, regions=2, units=1, camera="48,48,24,16,-0.1,0.02,0,0,0"),
     "objects": preset("objects").replace(**_SIZES, regions=2, units=1, roi_gain=0.5),
     "filtered": configured(FAST).replace(hot_pixels=1, background=1, background_us=400, hot_mask="16,12;17,12"),

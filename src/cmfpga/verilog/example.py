@@ -3,6 +3,7 @@
 All follows from :func:`cmfpga.verilog.ports.port_table` and the configuration's run-time fields.
 """
 
+import math
 import re
 
 from ..config.windows import window_events
@@ -22,14 +23,16 @@ DEPTH_BITS = 4
 
 
 def example_config(config):
-    """The configuration whose settings the example has: of a rotation without a camera, with a lens as wide as high.
+    """The configuration whose settings the example has: of a rotation without a camera, with one of its own.
 
-    Nothing can be seen of a rotation without one: its focal length is the sensor's width, and it distorts nothing.
+    Nothing can be seen of a rotation without one. Its focal length is the sensor's width, or the least that the
+    hardware can express; it distorts nothing.
     """
     if config.motion != "rotation" or config.camera:
         return config
-    width, height = config.sensor_width, config.sensor_height
-    return config.replace(camera=f"{width},{width},{(width - 1) / 2:g},{(height - 1) / 2:g}")
+    model, width, height = config.motion_model, config.sensor_width, config.sensor_height
+    focal = max(width, math.ceil(2 ** ((model.curve_frac - model.curve_bits) / 2)))
+    return config.replace(camera=f"{focal},{focal},{(width - 1) / 2:g},{(height - 1) / 2:g}")
 
 
 def example_roi(config):
@@ -216,6 +219,9 @@ def example(config, table):
                 tied[port.name] = f"{port.group}[{part}]"
         else:
             tied[port.name] = _constant(0, port.bits) if port.direction == "input" else ""
+    camera = []
+    if (shown := example_config(config)) is not config:
+        camera = [f"// No camera was given: that of the example has a focal length of {shown.lens[0]:g} px."]
     loader = [*_loader(rows, ports), ""] if rows else []
     placing = [] if config.regions else [
         "  // The first batch is cropped at this ROI; a later one where the batches before moved it.",
@@ -228,11 +234,7 @@ def example(config, table):
     lines = [
         f"// {EXAMPLE}: an instance of {TOP} to copy. Events wait in a FIFO; settings are those of the configuration.",
         f"// An item moves in a cycle in which its valid and ready are high. {FIELDS}.vh says where fields lie.",
-        *(
-            [f"// No camera was given: that of the example has a focal length of {config.sensor_width} px."]
-            if example_config(config) is not config
-            else []
-        ),
+        *camera,
         "// SPDX-License-Identifier: BSD-2-Clause",
         "",
         f"module {EXAMPLE}(",
