@@ -130,6 +130,8 @@ def test_console(text, output, workplace, request, command, monkeypatch):
         if name == "track" and not {"model", "float", "--help", "--list-fields"} & set(words):
             if find_compiler() is None:
                 pytest.skip("no C++ compiler: the simulation would take hours")
+        if words[-1].endswith(".rrd"):
+            pytest.importorskip("rerun", reason="needs rerun-sdk")
         if name in APART:
             module = [name] if suite else ["cmfpga", name]
             status, got = run([sys.executable, "-m", *module, *words], workplace)

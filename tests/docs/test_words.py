@@ -27,13 +27,23 @@ def words(sentence):
 
 
 def test_sentences_are_found():
-    text = "# A b c\n\nOne two. Three [four five](x.md#y)?\n\n- **Six.** Seven\n  eight; nine.\n\n| no | no |\n\n```sh\nno\n```"
+    text = (
+        "# A b c\n\nOne two. Three [four five](x.md#y)?\n\n- **Six.** Seven\n  eight; nine.\n\n| no |\n\n```sh\nno\n```"
+    )
     assert [words(one) for one in sentences(text)] == [2, 3, 1, 3]
 
 
 def test_the_whole_is_short():
     assert len(PAGES) <= 20
     assert sum(len(page.read_text(encoding="utf-8").split()) for page in PAGES) <= 37_100
+
+
+def test_the_readme_is_short():
+    text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 150 and len(text.split()) <= 1000
+    found = sentences(text)
+    assert not [one for one in found if words(one) > 35]
+    assert sum(map(words, found)) / len(found) <= 20
 
 
 @pytest.mark.parametrize("name", READ_FIRST)

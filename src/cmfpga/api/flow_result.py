@@ -8,6 +8,7 @@ import numpy as np
 from ..dense.fields import MODELS, fit_field
 from ..dense.window import COLUMNS
 from ..errors import naming
+from ..show.export.flow import export_flow
 
 #: Files of a run, in its folder.
 CSV, ARRAYS, FITS = "flow.csv", "flow.npz", "fit.csv"
@@ -84,6 +85,10 @@ class Flow:
         told |= {"fit_names": MODELS.get(self.model, ()), "config": self.config.to_dict()}
         with naming(path):
             np.savez_compressed(path, head=np.array(json.dumps(told)), **self.arrays)
+
+    def export(self, path):
+        """Write the flow as ``flow --export`` does: :func:`~cmfpga.show.export.flow.export_flow`."""
+        export_flow(self, path)
 
     def summary(self):
         """What all windows tell, JSON-ready."""

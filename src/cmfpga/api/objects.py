@@ -9,6 +9,7 @@ import numpy as np
 from ..errors import ConfigError, naming
 from ..imaging.camera import Camera
 from ..protocol.flags import Flag
+from ..show.export import exported
 from ..show.gallery import Gallery
 from ..tracking.fit import FittedCutter
 from ..tracking.kept import Kept
@@ -84,13 +85,13 @@ class TrackedObject:
         if result.cycles is not None:
             self.cycles.append(result.cycles)
 
-    def collect(self, stack, folder, *, recording, motion, engine, pictures, report_mhz, wave):
+    def collect(self, stack, folder, *, recording, motion, engine, pictures, exports, report_mhz, wave):
         """Begin to collect what the object's files show.
 
         Parameters
         ----------
         stack : ExitStack
-            Closes the CSV.
+            Closes the CSV, and the exports.
         folder : Path
         recording : str
             Its name.
@@ -99,6 +100,8 @@ class TrackedObject:
         engine : str
         pictures : list of Path
             Of several objects each adds its name.
+        exports : list of Path
+            As :func:`~cmfpga.show.export.exported` takes them; of several objects likewise.
         report_mhz : float or None
             Assumed clock of the hardware in the report, MHz; None: no report.
         wave : int or None
@@ -135,6 +138,9 @@ class TrackedObject:
         stack.enter_context(naming(path))
         file = stack.enter_context(path.open("w", newline=""))
         self.consumers.append(CsvConsumer(file, self.config))
+        for path in exports:
+            path = self._file(path.parent, path.stem, path.suffix)
+            self.consumers.append(stack.enter_context(exported(path, self.config)))
 
     def _later(self, consumer, write):
         self.consumers.append(consumer)

@@ -1,6 +1,7 @@
 """What a track found, from Python."""
 
 import base64
+import functools
 import html
 import io
 
@@ -10,7 +11,9 @@ from ..config.defaults import CLOCK_MHZ
 from ..config.windows import needs_batches
 from ..errors import ConfigError, naming, needs
 from ..events import Events
+from ..imaging.camera import seen
 from ..protocol.confidence import covariance, is_sure
+from ..show.export import exported
 from ..show.gallery import Gallery
 from ..tracking.columns import columns, csv_writer, row
 from ..tracking.kept import Kept
@@ -138,6 +141,15 @@ class Tracking:
             self._gallery.save(path, figure)
         return figure
 
+    def export(self, path):
+        """Write the track as ``track --export`` does: :func:`~cmfpga.show.export.exported`.
+
+        Only ``.rrd`` shows events, which are read again from the recording.
+        """
+        with exported(path, self.config) as writer:
+            for k in range(len(self)):
+                writer.add(_Again(self, k))
+
     def report(self, path, *, clock_mhz=CLOCK_MHZ):
         """Write the page of ``track --report``: one HTML file that needs nothing else. Needs plotly.
 
@@ -167,7 +179,28 @@ class Tracking:
             from ..tracking.trace import BatchTrace
         if not -len(self) <= batch < len(self):
             raise ConfigError(f"batch {batch}: 0 to {len(self) - 1} is needed")
-        result, (first, plan, thinning, marks) = self.results[batch], self._runs[batch]
-        events = self.source.read(first, result.events) if result.events else Events.empty()
+        result, (_, plan, thinning, marks) = self.results[batch], self._runs[batch]
+        events = self._events(batch)
         how = {"plan": plan, "thinning": thinning, "marks": marks, "name": self.source.name}
         return BatchTrace(self.config, self.engine, events, result, **how)
+
+    def _events(self, batch):
+        """The events of a batch, read again from the recording."""
+        result, first = self.results[batch], self._runs[batch][0]
+        return self.source.read(first, result.events) if result.events else Events.empty()
+
+
+class _Again:
+    """A batch of a track, once more; its events are read again where they are asked for."""
+
+    def __init__(self, tracking, batch):
+        self._tracking, self._batch = tracking, batch
+        self.values, self.result = tracking._values[batch], tracking.results[batch]
+
+    @functools.cached_property
+    def events(self):
+        return self._tracking._events(self._batch)
+
+    @property
+    def seen(self):
+        return seen(self._tracking.config, self.events)

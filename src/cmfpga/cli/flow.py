@@ -18,6 +18,8 @@ from ..dense.window import TABLE
 from ..engines import AXI, ENGINES, open_engine
 from ..errors import naming
 from ..events import open_recording
+from ..show.export import checked_path
+from ..show.export.flow import ENDINGS
 from ..show.flow.page import Page
 from ..show.flow.pictures import SUFFIXES, save
 from ..show.gallery import picture_path
@@ -72,6 +74,10 @@ def parser():
     cli.files(pictures.add_argument(
         "--picture", type=cli.checked(lambda text: picture_path(text, SUFFIXES)), metavar="FILE",
         help=f"write the picture, of the window with most trusted tiles, there, not to {PICTURE}: .png, .pdf, .svg",
+    ))  # fmt: skip
+    cli.files(made.add_argument(
+        "--export", type=cli.checked(lambda path: checked_path(path, ENDINGS)), action="append", default=[],
+        metavar="FILE", help="write the flow as data sets have it, too: .npz (MVSEC), a folder (DSEC). Repeatable",
     ))  # fmt: skip
     made.add_argument("--every-picture", action="store_true", help="write flow-0.png, flow-1.png …, of each window")
     cli.add_clock_option(made)
@@ -167,6 +173,9 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
         accuracy.finish()
         files.append(folder / "accuracy.csv")
         accuracy.save(files[-1])
+    for path in options.export:
+        found.export(path)
+        files.append(path)
     if not options.no_picture:
         files += [options.picture or folder / PICTURE, folder / PAGE]
         save(best, files[-2], _title(best, found))

@@ -17,6 +17,7 @@ from ..config.windows import needs_batches
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine, usual_preset
 from ..errors import ConfigError, RecordingError
 from ..events import LiveSource, generate, is_live, open_source
+from ..show.export import TRACK, checked_path
 from ..show.gallery import picture_path
 from ..tracking.fit import batch_cutter
 from ..tracking.loop import follow
@@ -67,6 +68,12 @@ def parser():
     cli.files(pictures.add_argument(
         "--picture", type=cli.checked(picture_path), action="append", metavar="FILE",
         help="write the picture there, not to track.png: .png, .pdf, .svg; or .gif, which moves. Repeatable",
+    ))  # fmt: skip
+    cli.files(made.add_argument(
+        "--export", type=cli.checked(lambda path: checked_path(path, TRACK)), action="append", default=[],
+        metavar="FILE",
+        help="write what was found for other tools, too: .mcap, .bag (ROS 1), a folder's name (ROS 2), .rrd (rerun). "
+        "Repeatable",
     ))  # fmt: skip
     made.add_argument("--report", action="store_true", help="write report.html, and track.npz for cmfpga report")
     cli.add_clock_option(made)
@@ -311,7 +318,7 @@ def _track(options, objects, recording, folder, motion):
         for one in objects:
             one.collect(
                 stack, folder, recording=recording.name, motion=motion, engine=options.engine, wave=options.wave,
-                pictures=pictures, report_mhz=options.clock if options.report else None,
+                pictures=pictures, exports=options.export, report_mhz=options.clock if options.report else None,
             )  # fmt: skip
         running = follow(
             engine, cutter, rois=[one.roi for one in objects], batches=options.batches,

@@ -143,10 +143,7 @@ def without_hot_pixels(config, survey, how):
     if not found:
         return config, None
     share = sum(events for *_, events in found) / survey.events
-    note = f"hot pixels {shown(found)}: {share:.2%} of the events"
-    if config.slides:
-        return config, f"{note}, which are not dropped: windows that slide have no filter"
-    note = f"{note}, which are dropped; {how} keeps them"
+    note = f"hot pixels {shown(found)}: {share:.2%} of the events, which are dropped; {how} keeps them"
     return config.replace(hot_pixels=1, hot_mask=pixels_text(found)), note
 
 
