@@ -94,7 +94,7 @@ def brief(registers):
 def field_in_brief(f, access):
     """Name, bits, access where a register has several, and meaning of a field, unless its name says it."""
     doc = "" if f.doc.startswith(("as the flag of", "interrupt when")) else f.doc
-    doc += f" ({f.unit})" * bool(f.unit) + f" [{f.low or 0} to {f.high}]" * (f.high is not None and f.writable)
+    doc += f" ({f.unit})" * bool(f.unit)
     doc += f", reset {f.reset:#x}" * bool(f.reset and f.writable)
     doc += "".join(f", {value} = {key}" for key, value in f.values.items())
     if (f.width, f.name) == (32, "VALUE"):

@@ -183,7 +183,7 @@ def _fields(shape):
 
 def _named(members):
     """Names of fields, but of the settings, which stand among the ports."""
-    return f" ({', '.join(members)})" if len(members) < 12 else f" ({len(members)} fields)"
+    return f" ({', '.join(members)})" if len(members) < 8 else f" ({len(members)} fields)"
 
 
 def noise_table():
