@@ -12,7 +12,6 @@ from matplotlib.text import Text
 
 import cmfpga
 from cmfpga.cli import track as command_module
-from cmfpga.config import DEFAULT_PRESET
 from cmfpga.errors import ConfigError, RecordingError, UserError
 from cmfpga.events import Events, MemoryRecording, generate, open_recording, write_hdf5
 from cmfpga.protocol.flags import Flag
@@ -44,7 +43,7 @@ def test_the_package_shows_what_it_has():
 
 def test_help_can_tell_its_arguments():
     assert list(inspect.signature(cmfpga.track).parameters)[:4] == ["recording", "roi", "preset", "engine"]
-    assert inspect.signature(cmfpga.track).parameters["preset"].default == DEFAULT_PRESET
+    assert inspect.signature(cmfpga.track).parameters["preset"].default is None
     assert "roi : (int, int)" in cmfpga.track.__doc__
 
 

@@ -13,6 +13,7 @@ import cmfpga
 from cmfpga import cli
 from cmfpga.cli import track
 from cmfpga.config import Config
+from cmfpga.engines import usual_preset
 from cmfpga.events import Events, write_hdf5
 from cmfpga.show.gallery import Gallery
 from cmfpga.verilog.compiler import find_compiler
@@ -65,7 +66,7 @@ def test_the_verdict_stands_above_the_picture(command, monkeypatch, tmp_path):
     done = command(track, "--batches", 2, "--engine", "model", "--out", tmp_path)
     (title,) = titles
     share, velocity = title.split("\n")
-    assert done.status == 0 and " batches are to be trusted" in share and velocity.startswith("velocity ")
+    assert done.status == 0 and " windows are to be trusted" in share and velocity.startswith("velocity ")
     assert share in done.out and velocity in done.out
 
 
@@ -102,16 +103,22 @@ def test_batches_begin_where_they_are_told_and_stop(follow, rows, dot_events, tm
 
 
 def test_the_defaults(command, rows, tmp_path):
-    """Preset fast, ./cmfpga-track, 5000 events without confidence; with a text file that says its sensor's size."""
+    """Windows that slide, ./cmfpga-track; without confidence batches of 5000 events, which a note says.
+
+    The text file says its sensor's size.
+    """
     lines = ["240 180"] + [f"{k * 1e-5:.6f} {k % 64} {k % 7} {k % 2}" for k in range(5001)]
     (tmp_path / "events.txt").write_text("\n".join(lines))
     done = command(
         track, tmp_path / "events.txt", "--roi", "0,0", "--engine", "model", "--set", "buffer_events=5000",
         "--set", "judge=0", "--time-unit", "s", "--out", tmp_path / "a",
     )  # fmt: skip
-    assert done.err == "" and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
+    assert done.err == (
+        "note: in batches: how long windows are follows from the confidence, which is not measured\n"
+    ) and [row["events"] for row in rows(tmp_path / "a")] == ["5000"]
     options = track.parser().parse_args(["x"])
-    assert (options.engine, options.out, options.preset, options.start_event) == ("rtl", "cmfpga-track", "fast", 0)
+    assert (options.engine, options.out, options.preset, options.start_event) == ("rtl", "cmfpga-track", None, 0)
+    assert usual_preset({}, engine="model") == ("sliding", None)
 
 
 def test_a_summary_as_json(follow, tmp_path):
@@ -204,7 +211,7 @@ def test_nothing_of_the_picture_is_cut(dot, tmp_path):
     figure = cmfpga.track(path, roi=(8, 9), batch_events=90, engine="model", **PAPER).plot()
     figure.canvas.draw()
     texts = {text.get_text() for text in figure.findobj(Text)}
-    assert {"OFF (darker)", "ON (brighter)", "ROI", "recording's clock [s]", "batch 0, 0.050445 s"} <= texts
+    assert {"OFF (darker)", "ON (brighter)", "ROI", "recording's clock [s]", "batch 0, 0.050 s"} <= texts
     drawn, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert 0 <= drawn.x0 and drawn.x1 <= width and 0 <= drawn.y0 and drawn.y1 <= height
     frame = figure.findobj(AxesImage)[0].get_array()
@@ -372,6 +379,7 @@ def test_help_names_every_option_and_the_examples_parse(command):
     for example in track.EXAMPLES:
         assert example in done.out
         options = track.parser().parse_args(example.partition("#")[0].split()[2:])
+        options.preset = options.preset or usual_preset(cli.config_changes(options), engine="model")[0]
         cli.make_config(options)
 
 

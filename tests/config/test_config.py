@@ -201,8 +201,6 @@ def test_what_rounds_need(changes, message):
     ({**ROUNDS, "max_iterations": 4}, "cold: 5 iterations; at most 4 are allowed (max_"),
     ({**ROUNDS, "max_iterations": 2, "cold": "0:1:1"}, "warm: 3 iterations; at most 2 are allowed "),
     ({**WINDOWS, "ascent": "constant"}, "windows = sliding: ascent = newton is needed"),
-    ({**WINDOWS, "hot_pixels": 1}, "windows = sliding: hot_pixels = 0 is needed"),
-    ({**WINDOWS, "undistortion": "on"}, "windows = sliding: undistortion = off is needed"),
     ({**WINDOWS, "window_events": 2049}, "window_events = 2049: at most 2048 is allowed (buffer_events)"),
     ({**WINDOWS, "hop_events": 1001}, "hop_events = 1001: at most 1000 is allowed (window_events)"),
     ({**WINDOWS, "window_us": (1 << 23) + 1}, "window_us = 8388609: at most 8388608 is allowed (half of what span_"),

@@ -80,4 +80,5 @@ def test_without_a_compiler(monkeypatch, capsys):
     with pytest.raises(ConfigError, match=r"no C\+\+ compiler found, .*: one of c\+\+, g\+\+, clang\+\+ is needed"):
         make_engine("axi", CONFIG.replace(buffer_events=33))
     assert cli.run(track.main, ["--engine", "axi", "--set", "buffer_events=33", "--batches", "1"]) == 2
-    assert capsys.readouterr().err.startswith("error: no C++ compiler")
+    note, error = capsys.readouterr().err.splitlines()
+    assert note.startswith("note: in batches: engine axi") and error.startswith("error: no C++ compiler")

@@ -73,7 +73,7 @@ class Tracking:
         return [*super().__dir__(), *columns(self.config.motion, self.config.slides)]
 
     def __repr__(self):
-        return f"<Tracking of {self.source.name}: {len(self)} batches, {self.engine} engine>"
+        return f"<Tracking of {self.source.name}: {len(self)} {self.config.nouns}, {self.engine} engine>"
 
     @property
     def trusted(self):

@@ -114,7 +114,9 @@ def usual_preset(given, *, batches=False, engine="rtl", objects=1):
         why = f"windows that slide need a C++ compiler, or engine model: {cannot_compile()}"
     else:
         try:
-            preset(SLIDING_PRESET).replace(**_LARGEST | given)
+            config = preset(SLIDING_PRESET).replace(**_LARGEST | given)
+            if not (config.confidence and config.judge):
+                why = "how long windows are follows from the confidence, which is not measured"
         except ConfigError as error:
             why = str(error)
     return (DEFAULT_PRESET, f"in batches: {why}") if why else (SLIDING_PRESET, None)

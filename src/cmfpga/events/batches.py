@@ -210,6 +210,12 @@ class BatchCutter:
 
         return piece
 
+    def give_back(self, count):
+        """So many of the last events that :meth:`pieces` gave belong to no window."""
+        self._position -= count
+        if self._leftover is not None:
+            self._leftover = count
+
     def _take_window(self, rest, count):
         if self._window_begin is None:
             self._window_begin = int(rest.t[0])

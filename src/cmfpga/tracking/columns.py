@@ -108,7 +108,7 @@ COLUMNS = declared(
            doc="middle of the batch's time range, on the recording's clock; empty for a batch without events",
            text="{:.1f}", may_be_missing=True),
     Column(name="events", dtype=int, title="events of the sensor", value=_result("events"),
-           doc="N, events of the batch, of the whole sensor"),
+           doc="N, events of the batch, of the whole sensor; of windows those since the last row"),
     Column(name="roi_events", dtype=int, title="events in the ROI", value=_result("roi_events"),
            doc="n, events in the ROI that the buffer holds; these are what v is found from"),
     Column(name="roi_x", dtype=int, title="ROI, left column", unit="px", value=_result("roi", 0),

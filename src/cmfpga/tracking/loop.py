@@ -22,7 +22,7 @@ from ..reference.integer.noise_filter import NoiseFilter
 from ..reference.integer.thinner import next_thinning
 from .columns import columns, csv_writer, row
 from .fit import LOST_BATCHES, FittedCutter
-from .sliding import Newest, window_lengths
+from .sliding import Newest, PassedOver, window_lengths
 
 _RESERVE = 1.3  # of events that a stride leaves room for: the rate is not the same in all batches
 
@@ -299,28 +299,33 @@ class _Objects(Table):
         lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
         given, pieces = replace(self._usual, **lengths), cutter.pieces()
         self.engine.write([Region.roi(self.config, course.start)], {0})
-        newest = Newest(self.config, cutter.position)
-        while most is None or index < most:
-            if (piece := pieces()) is WAITING:
-                yield None
-                continue
-            if piece is None:
-                return
-            newest.add(piece, self._noise and self._noise.judge(piece.t, piece.x, piece.y, given))
-            for result in self.engine.run(piece, given):
-                events, marks = newest.window(result)
-                degenerate = Flag.DEGENERATE in result.flags
-                hop += not degenerate or hop >= 0
-                self.passed_over += hop < 0
-                plan = given.cold if not self._warm else given.follow or given.warm
-                self._warm = not degenerate
-                if hop < 0 or hop % self._every:
+        newest, passed = Newest(self.config, cutter.position), PassedOver()
+        try:
+            while most is None or index < most:
+                if (piece := pieces()) is WAITING:
+                    yield None
                     continue
-                how = {"plan": plan[: result.iterations], "marks": marks if self._noise else None}
-                yield [TrackedBatch(index, self.config, events, result, **how)]
-                index += 1
-                if index == most:
-                    break
+                if piece is None:
+                    return
+                newest.add(piece, self._noise and self._noise.judge(piece.t, piece.x, piece.y, given))
+                for result in self.engine.run(piece, given):
+                    events, marks = newest.window(result)
+                    degenerate = Flag.DEGENERATE in result.flags
+                    hop += not degenerate or hop >= 0
+                    self.passed_over += hop < 0
+                    plan = given.cold if not self._warm else given.follow or given.warm
+                    self._warm = not degenerate
+                    if hop < 0 or hop % self._every:
+                        passed.add(result)
+                        continue
+                    result = passed.before(result)
+                    how = {"plan": plan[: result.iterations], "marks": marks if self._noise else None}
+                    yield [TrackedBatch(index, self.config, events, result, **how)]
+                    index += 1
+                    if index == most:
+                        break
+        finally:
+            cutter.give_back(newest.left)
 
     _warm = False  # the hop before gave the v from which this one starts
 

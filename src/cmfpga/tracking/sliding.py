@@ -5,6 +5,9 @@ batches found (:meth:`~cmfpga.tracking.fit.FittedCutter.survey`) says how many e
 docs/sliding.md.
 """
 
+import collections
+import dataclasses
+
 import numpy as np
 
 from ..config.windows import HOPS, hop_events, window_events
@@ -55,6 +58,26 @@ def window_lengths(config, cutter, trial, roi):
     }
 
 
+class PassedOver:
+    """Counts of the hops whose results are not kept: they are those of the next one that is."""
+
+    _COUNTS = ("events", "outside", "thinned", "time_back", "hot", "noise", "fresh")
+
+    def __init__(self):
+        self._counts = collections.Counter()
+
+    def add(self, result):
+        """A result that is not kept."""
+        self._counts.update({name: getattr(result, name) for name in self._COUNTS})
+
+    def before(self, result):
+        """``result``, which is kept, with the events that came since the last one that was."""
+        if not self._counts:
+            return result
+        counts, self._counts = self._counts, collections.Counter()
+        return dataclasses.replace(result, **{name: getattr(result, name) + counts[name] for name in self._COUNTS})
+
+
 class Newest:
     """The newest events of the whole sensor, of which hops tell where a window begins and ends.
 
@@ -75,6 +98,11 @@ class Newest:
         self._events = Events.concatenate([self._events, events])
         marks = np.zeros((2, len(events)), bool) if marks is None else marks
         self._marks = np.concatenate([self._marks, marks], axis=1)
+
+    @property
+    def left(self):
+        """How many events came after the last hop's."""
+        return self._begin + len(self._events) - self._end
 
     def window(self, result):
         """Events of the next result's window, a :class:`Batch`, and their marks; what is older is forgotten."""

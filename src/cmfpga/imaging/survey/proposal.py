@@ -24,6 +24,8 @@ _FIRST_ROI_EVENTS = 600
 _MIN_GAIN = 1.08  # contrast at the peak, to that at v = 0
 _MIN_CLARITY = 0.03  # see estimate
 _AGREE = 0.35  # how far the velocity of other windows may differ, relative
+_ALIKE_PX = 0.6  # how far halves of an ROI that is one motion are apart in the median, px per half batch
+_HALF_EVENTS = 100  # of the ROI: fewer in one half tell nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +50,9 @@ class Proposal:
         The same, px/s.
     gain, clarity : float
         How much sharper the image is at v than at v = 0, and how clear its peak is; see :func:`estimate`.
+    apart : float
+        How far the velocities of the ROI's left, right, upper and lower half are from that of the whole, in the median,
+        px per half batch. Where two motions or depths are in the ROI the contrast's peak is a blend of them.
     fields : dict
         Fields of the configuration that these batches need.
     """
@@ -61,11 +66,17 @@ class Proposal:
     px_per_s: tuple[float, float]
     gain: float
     clarity: float
+    apart: float = 0.0
     fields: dict = field(default_factory=dict)
 
     def suited(self, config, given):
         """``config`` with the fields that these batches need, but for those whose names are in ``given``."""
         return config.replace(**{name: value for name, value in self.fields.items() if name not in given})
+
+    @property
+    def alike(self):
+        """Whether all halves of the ROI move as the whole does."""
+        return self.apart <= _ALIKE_PX
 
     @property
     def px(self):
@@ -88,6 +99,11 @@ class Proposal:
             f"the image moves at {speed:,.0f} px/s there, so in {self.batch_events:,} events, "
             f"{self.batch_us / 1e3:,.3g} ms, it moves by {self.px:.1f} px per half batch; "
             f"{ALLOWED_PX[0]:g} to {ALLOWED_PX[1]:g} px are measured best"
+            + (
+                ""
+                if self.alike
+                else f"; its halves are {self.apart:.1f} px apart: there may be two motions or depths in it"
+            )
         )
 
 
@@ -121,9 +137,9 @@ def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda
     best = []
     for start in starts:
         found = _from(recording, start, config, hot, count, tick)
-        if len(found) == count:
+        if len(found) == count and all(one.alike for one in found):
             return found
-        best = max(best, found, key=len)
+        best = max(best, found, key=lambda found: (len(found), sum(one.alike for one in found)))
     return best
 
 
@@ -136,7 +152,7 @@ def _from(recording, start, config, hot, count, tick):
         if proposal:
             found.append(proposal)
     chosen = []
-    for proposal in sorted(found, key=lambda proposal: -proposal.clarity):
+    for proposal in sorted(found, key=lambda one: (0, -one.clarity) if one.alike else (1, one.apart)):
         if len(chosen) < count and not any(_overlap(proposal.roi, other.roi, config) for other in chosen):
             chosen.append(proposal)
     return chosen
@@ -146,8 +162,8 @@ def _overlap(a, b, config):
     return abs(a[0] - b[0]) < config.roi_width and abs(a[1] - b[1]) < config.roi_height
 
 
-def _measure(window, place, begin_us, duration_us, config):
-    """``(v, gain, clarity, ROI events, all events)`` of a window of time; None where there is none, or it is empty."""
+def _seen(window, place, begin_us, duration_us, config):
+    """``(x, y, dt, all events)`` of a window of time in the ROI; None where there is none, or it is almost empty."""
     events = window.during(begin_us, duration_us)
     if events is None or len(events) < 2:
         return None
@@ -155,10 +171,30 @@ def _measure(window, place, begin_us, duration_us, config):
     index, x, y = events_in_roi(events, np.round(place).astype(int), config.roi_width, config.roi_height)
     if len(index) < _MIN_ROI_EVENTS or not span:
         return None
-    used = slice(None, None, math.ceil(len(index) / _USED_EVENTS))
-    dt = (2 * (events.t[index[used]] - events.t[0]) - span) / span
-    found = estimate(x[used], y[used], dt, config.roi_width, config.roi_height)
-    return *found, len(index), len(events)
+    return x, y, (2 * (events.t[index] - events.t[0]) - span) / span, len(events)
+
+
+def _found(x, y, dt, config):
+    """:func:`estimate` of some of so many events, evenly."""
+    used = slice(None, None, math.ceil(len(x) / _USED_EVENTS))
+    return estimate(x[used], y[used], dt[used], config.roi_width, config.roi_height)
+
+
+def _measure(window, place, begin_us, duration_us, config):
+    """``(v, gain, clarity, ROI events, all events)`` of a window of time; None where there is none, or it is empty."""
+    if (seen := _seen(window, place, begin_us, duration_us, config)) is None:
+        return None
+    *events, count = seen
+    return *_found(*events, config), len(events[0]), count
+
+
+def _apart(window, place, duration, v, config):
+    """How far the ROI's halves move from ``v``, in the median, px per half window; 0.0 where they have few events."""
+    x, y, dt, _ = _seen(window, place, 0, duration, config)
+    width, height = config.roi_width // 2, config.roi_height // 2
+    halves = [half for half in (x < width, x >= width, y < height, y >= height) if half.sum() >= _HALF_EVENTS]
+    apart = [math.dist(_found(x[half], y[half], dt[half], config)[0], v) for half in halves]
+    return float(np.median(apart)) if apart else 0.0
 
 
 def _try(window, place, config, tick):
@@ -195,6 +231,7 @@ def _first_duration(window, place, config):
 def _confirmed(window, place, duration, measured, config):
     """The proposal, if both halves of the window and the two behind it find the same motion; one of them may not."""
     v, gain, clarity, roi_events, all_events = measured
+    apart = _apart(window, place, duration, v, config)
     half = duration // 2
     limits = (config.geometry.roi_x_max, config.geometry.roi_y_max)
     velocities, gains = [v], [gain]
@@ -243,7 +280,8 @@ def _confirmed(window, place, duration, measured, config):
     return Proposal(
         roi=tuple(map(int, place)), start_event=window.start, batch_events=batch_events,
         batch_us=round(duration * share), roi_events=roi_events, v=tuple((v * share).tolist()),
-        px_per_s=tuple((v / half_s).tolist()), gain=float(np.median(gains)), clarity=clarity, fields=fields,
+        px_per_s=tuple((v / half_s).tolist()), gain=float(np.median(gains)), clarity=clarity, apart=apart,
+        fields=fields,
     )  # fmt: skip
 
 
