@@ -10,6 +10,7 @@ from ..imaging.camera import flow, nearest
 from ..imaging.iwe import image_of_warped_events, scaled_roi_events
 from ..protocol.flags import Flag
 
+_DOTS = 100  # points of a line that has dots
 FRAMES = 4
 DPI = 110
 
@@ -159,7 +160,7 @@ class Gallery:
         for axis, k in zip(np.atleast_1d(top.subplots(1, max(1, len(chosen)))), chosen, strict=False):
             self._draw_frame(axis, self._frames[k])
         moves = len(chosen) and len(set(self._corners[: self._frames[chosen[-1]].index + 1])) > 1
-        top.legend(handles=self._handles(trail=moves), loc="outside lower center", ncols=4)
+        figure.legend(handles=self._handles(trail=moves), loc="outside lower center", ncols=4)
         left, right = bottom.subfigures(1, 2, width_ratios=(1.15, 1))
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
@@ -216,9 +217,10 @@ class Gallery:
 
     def _draw_chart(self, axis, lines):
         seconds, doubtful = np.array(self._times) / 1e6, np.array(self._doubtful)
+        size = 4 if len(seconds) <= _DOTS else 0  # more would hide the line, and the truth
         for k, (colour, (name, shown)) in enumerate(zip(_LINES, lines.items(), strict=False)):
             found = np.array([values[name] for values in self._values], np.float64)
-            axis.plot(seconds, found, "o-", color=colour, markersize=4, label=f"{shown} found", markevery=~doubtful)
+            axis.plot(seconds, found, "o-", color=colour, markersize=size, label=f"{shown} found", markevery=~doubtful)
             if doubtful.any():
                 axis.plot(seconds[doubtful], found[doubtful], "o", color=colour, markerfacecolor="none", markersize=4)
             if self.motion and name in SPEED:

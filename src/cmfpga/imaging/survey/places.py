@@ -7,7 +7,7 @@ from ...events import Events
 from ..camera import nearest, seen, undistort
 
 _READ_EVENTS = 2_000_000  # most events that a proposal looks at from one start
-_PLACES = 6  # candidates that are looked at from one start
+_PLACES = 4  # candidates that are looked at from one start
 
 
 class Window:
