@@ -28,7 +28,7 @@ def test_running_it_changes_nothing(diagram, monkeypatch):
 def test_it_shows_every_block_of_the_presets_and_files_that_there_are(diagram):
     shown = {file for text, *_ in diagram.BOXES.values() for file in re.findall(r"\w+\.py", text)}
     there = {path.name for path in (Path(cmfpga.__file__).parent / "rtl").rglob("*.py")}
-    for page in ("rounds", "sliding", "motion", "regions"):  # pages with drawings of their own
+    for page in ("rounds", "sliding", "motion", "flow"):  # pages with drawings of their own
         shown |= set(re.findall(r"\w+\.py", (DOCS / f"{page}.md").read_text(encoding="utf-8"))) & there
     assert shown <= there
     filtered = preset().replace(hot_pixels=1, background=1)
