@@ -223,7 +223,7 @@ def test_nothing_of_the_picture_is_cut(dot, tmp_path):
 
 def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_path):
     slid = command(track, "--out", tmp_path / "slid", "--no-picture")
-    count = len(rows(tmp_path / "slid"))
+    count = len((tmp_path / "slid" / "track.csv").read_text().splitlines()) - 1
     assert slid.out.startswith(f"{count} windows tracked (rtl engine), 0 with warnings, ") and count > 200
     assert f"\n{count} of {count} windows are to be trusted\n" in slid.out
     done = command(track, "--preset", "fast", "--out", tmp_path)
