@@ -75,7 +75,7 @@ class Proposal:
 
     @property
     def alike(self):
-        """Whether all halves of the ROI move as the whole does."""
+        """Whether most halves of the ROI move as the whole does."""
         return self.apart <= _ALIKE_PX
 
     @property
