@@ -1,4 +1,4 @@
-"""Whether the halves of an ROI move alike, of points that do and of points that do not."""
+"""Whether the halves of an ROI move alike, of points that do, and of points that are the nearer the lower they are."""
 
 from types import SimpleNamespace
 
@@ -7,18 +7,19 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.events import Events
-from cmfpga.imaging.survey.proposal import _apart
+from cmfpga.imaging.survey.proposal import _apart, _measure
 
 
-@pytest.mark.parametrize("speeds, alike", [((4.0, 4.0), True), ((4.0, -4.0), False)])
-def test_two_motions_are_seen(rng, speeds, alike):
-    """Upper and lower rows of points move along x, px per half window."""
-    config, count = preset("fast"), 40
-    t = np.sort(rng.integers(0, 20_001, 4000))
+@pytest.mark.parametrize("slope, alike", [(0.0, True), (0.15, False)])
+def test_depths_are_seen(rng, slope, alike):
+    """Points move along x by 4 px per half window, and by so much more for each row."""
+    config, count = preset("fast"), 60
+    t = np.sort(rng.integers(0, 20_001, 6000))
     t[[0, -1]] = 0, 20_000
     point = rng.integers(count, size=len(t))
-    x, y = rng.uniform(8, 56, count), np.where(np.arange(count) % 2, 48, 16) + rng.integers(-8, 8, count)
-    moved = np.array(speeds)[np.arange(count) % 2][point] * (t - 10_000) / 10_000
+    x, y = rng.uniform(12, 52, count), rng.integers(4, 60, count)
+    moved = (4 + slope * (y - 32))[point] * (t - 10_000) / 10_000
     events = Events(t, np.round(x[point] + moved), y[point], t % 2)
     window = SimpleNamespace(during=lambda begin, duration: events)
-    assert (_apart(window, (0, 0), 20_000, (4.0, 0.0), config) <= 0.6) == alike
+    v, *_ = _measure(window, (0, 0), 0, 20_000, config)
+    assert (_apart(window, (0, 0), 20_000, v, config) <= 0.6) == alike
