@@ -96,8 +96,11 @@ def test_batches_and_proposals_see_the_undistorted_image(lens, tmp_path, capsys)
     by_roi = cmfpga.track(lens, roi=ROI, batch_roi_events=700, batches=2, engine="model", camera=lens)
     assert by_roi.results[0].roi_events + by_roi.results[0].thinned == 700
     tracked(lens, tmp_path, "--roi", "auto", "--camera", str(lens), "--json")
-    x, y = summary(capsys)["roi"]
-    assert abs(x - ROI[0]) < 12 and abs(y - ROI[1]) < 12
+    found = summary(capsys)
+    x, y = found["roi"]
+    assert ROI[0] - 8 <= x <= ROI[0] + 33 and ROI[1] - 8 <= y <= ROI[1] + 18  # where it is at some time of the 0.3 s
+    rows = np.genfromtxt(tmp_path / "track.csv", delimiter=",", names=True, dtype=None, encoding=None)
+    assert np.hypot(rows["vx_px_per_s"] - TRUE[0], rows["vy_px_per_s"] - TRUE[1]).max() < 6
 
 
 def test_a_camera_in_all_forms(lens, tmp_path):
