@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pytest
 
+from cmfpga.config import preset
 from cmfpga.rtl.core import Core
 from cmfpga.show.report.story import Story, corners, direction, number
-from cmfpga.tracking.columns import COLUMNS
+from cmfpga.tracking.columns import COLUMNS, columns
 from cmfpga.tracking.kept import Kept
 
 
@@ -15,7 +16,7 @@ def made_up(config, *, roi, speed, cycles=100_000, span=20_000, flags=""):
     """A :class:`Kept` of rows only: ROI corners, and everything else the same in all batches."""
     kept = Kept(config, "rtl", "made up")
     for k, (x, y) in enumerate(roi[:-1]):
-        row = dict.fromkeys(COLUMNS, "0") | {
+        row = dict.fromkeys(columns(config.motion, config.slides), "0") | {
             "batch": str(k), "t_ref_us": f"{20_000.0 * k + 10_000}", "events": "5000", "roi_events": "800",
             "roi_x": str(x), "roi_y": str(y), "iterations": "8", "cycles": str(cycles), "flags": flags,
             "vx_px_per_s": speed and str(speed[0]), "vy_px_per_s": speed and str(speed[1]),
@@ -54,9 +55,21 @@ def test_a_straight_way(config):
     lead = Story(made_up(config, roi=[(10 * k, 30) for k in range(6)], speed=(500, 0)), 210.0).lead
     assert lead == (
         "The object in the orange frame moved 50 px to the right within 0.10 s, at about 500 px/s; the hardware would "
-        "keep up: at an assumed clock of 210 MHz even the tightest batch, number 0, is computed in 0.476 ms and lasts "
-        "20.0 ms, 42.0 times as long."
+        "keep up: at an assumed clock of 210 MHz even the tightest batch, number 0, is computed in 0.476 ms, and it "
+        "lasts 20.0 ms, 42.0 times as long."
     )
+
+
+@pytest.mark.parametrize("fields, says", [
+    ({}, "tightest window, number 0, is computed in 0.476 ms, and its hop lasts 1.25 ms, 2.62 times as long."),
+    ({"hop_events": 200}, "and its hop lasts 4.00 ms, 8.40 times as long."),  # by hop_us; 200 of 800 events: 5 ms
+    ({"hop_events": 8}, "1 of 1 windows take longer to compute than their hops last, window 0 0.476 ms for 0.200 ms."),
+])  # fmt: skip
+def test_a_result_of_windows_is_due_with_the_next_hop(fields, says):
+    kept = made_up(preset("sliding").replace(**fields), roi=[(10, 30), (20, 30)], speed=(500, 0))
+    story = Story(kept, 210.0)
+    assert story.lead.endswith(says)
+    assert story.notes[-1] == "None of the 1 windows has a warning: nothing unusual happened."
 
 
 def test_there_and_back(config):

@@ -8,6 +8,7 @@ from ...protocol.flags import Flag
 from ...protocol.settings import BatchSettings
 from ...rtl.core import Core
 from ...rtl.regions.regions import Regions
+from ...rtl.sliding.core import SlidingCore
 from ...tracking.loop import Replay
 
 
@@ -24,7 +25,7 @@ def hardware_cycles(kept):
     counted = kept.numbers("cycles")
     if not np.isnan(counted).all():
         return counted, False
-    core = (Regions if kept.config.regions else Core)(kept.config)
+    core = (SlidingCore if kept.config.slides else Regions if kept.config.regions else Core)(kept.config)
     return np.array([core.cycles(**size, iterations=plan) if plan else np.nan for size, plan in _batches(kept)]), True
 
 

@@ -61,7 +61,7 @@ function drawFrame(detail) {
     axisLook("y [px]", { range: [sensor[1] - 0.5, -0.5], scaleanchor: "x", constrain: "domain", showgrid: false,
       zeroline: false }),
     { shapes: [box] }), config);
-  describe("frame", `${columns.events[k]} events of batch ${k} on the sensor of ${sensor[0]} by ${sensor[1]} px; ` +
+  describe("frame", `${columns.events[k]} events of ${head.one} ${k} on the sensor of ${sensor[0]} by ${sensor[1]} px; ` +
     `the ROI is at ${left}, ${top} px.`);
 }
 
@@ -77,7 +77,7 @@ function drawImages(detail) {
   const top = Math.max(1, sorted[Math.floor(0.998 * (sorted.length - 1))]);
   const values = { still: contrast(still.image), moved: contrast(moved.image) };
   for (const [id, picture, name] of [["still", still, "v = 0"],
-    ["moved", moved, `${found} px/half batch`]]) {
+    ["moved", moved, `${found} px/half ${head.one}`]]) {
     const data = [{ type: "heatmap", z: rows(picture.image, picture.width, picture.height), zmin: 0, zmax: top,
       colorscale: "Viridis", colorbar: colorbar("events per px"),
       hovertemplate: "x %{x}, y %{y} px: %{z:.2f} events<extra></extra>" }];
@@ -89,7 +89,7 @@ function drawImages(detail) {
         zeroline: false })), config);
     $(id).dataset.contrast = values[id];
     $(id).dataset.top = top;
-    describe(id, `Image of warped events of batch ${k} at ${text}.`);
+    describe(id, `Image of warped events of ${head.one} ${k} at ${text}.`);
   }
 }
 
@@ -100,7 +100,7 @@ function drawLandscape(detail) {
   const [across, down] = pair.map((k) => head.motion.parameters[k]);
   const data = [{ type: "heatmap", x: axis, y: axis, z, colorscale: "Cividis", zsmooth: "best",
     colorbar: colorbar("contrast [(events/px)²]"),
-    hovertemplate: `${across.title} = %{x:.2f}, ${down.title} = %{y:.2f} px/half batch: contrast %{z:.3f}<extra></extra>` }];
+    hovertemplate: `${across.title} = %{x:.2f}, ${down.title} = %{y:.2f} px/half ${head.one}: contrast %{z:.3f}<extra></extra>` }];
   const path = detail.v, steps = detail.levels, traced = path.length > steps.length;
   for (const each of traced ? new Set(steps) : []) {
     const used = path.map((_, i) => i).filter((i) => i < steps.length && steps[i] === each);
@@ -112,13 +112,13 @@ function drawLandscape(detail) {
       y: used.map((i) => path[i + 1][b]), text: used.map((i) => `after iteration ${i + 1} of ${steps.length}`),
       marker: { symbol, size: steps.length > 40 ? size / 2 : size, color: each === level ? "#ffffff" : "#9a9a9a",
         line: { color: "#000000", width: 1 } },
-      hovertemplate: `%{text}, pixels of ${2 ** each} px: v = (%{x:.3f}, %{y:.3f}) px/half batch<extra></extra>` });
+      hovertemplate: `%{text}, pixels of ${2 ** each} px: v = (%{x:.3f}, %{y:.3f}) px/half ${head.one}<extra></extra>` });
   }
   if (steps.length) {
     const [first, last] = [path[0], path[path.length - 1]];
     data.push({ type: "scatter", mode: "markers", x: [last[a]], y: [last[b]], marker: { symbol: "star", size: 17,
       color: "#e69f00", line: { color: "#000000", width: 1.5 } },
-      hovertemplate: "found: v = (%{x:.3f}, %{y:.3f}) px/half batch<extra></extra>" });
+      hovertemplate: `found: v = (%{x:.3f}, %{y:.3f}) px/half ${head.one}<extra></extra>` });
     if (traced) data.push({ type: "scatter", mode: "markers", x: [first[a]], y: [first[b]],
       marker: { symbol: "circle-open", size: 22, color: "#ffffff", line: { width: 3 } },
       hovertemplate: "start: v = (%{x:.3f}, %{y:.3f})<extra></extra>" });
@@ -127,8 +127,8 @@ function drawLandscape(detail) {
     axisLook(`${across.title} [${across.unit}]`, { range: [-head.reach, head.reach], constrain: "domain", showgrid: false }),
     axisLook(`${down.title} [${down.unit}]`, { range: [head.reach, -head.reach], scaleanchor: "x", constrain: "domain",
       showgrid: false })), config);
-  describe("landscape", `Contrast over ${across.title} and ${down.title} with pixels of ${2 ** level} px, batch ${detail.batch}: ` +
-    (steps.length ? `the ascent goes ${traced ? `from (${path[0]}) ` : ""}to (${path[path.length - 1]}) px per half batch ` +
+  describe("landscape", `Contrast over ${across.title} and ${down.title} with pixels of ${2 ** level} px, ${head.one} ${detail.batch}: ` +
+    (steps.length ? `the ascent goes ${traced ? `from (${path[0]}) ` : ""}to (${path[path.length - 1]}) px per half ${head.one} ` +
       `in ${steps.length} iterations.` : "no ascent, nothing was measured."));
 }
 
@@ -149,7 +149,7 @@ function series(name, y, colour, more = {}) {
   const { line, marker, ...rest } = more;
   return { type: "scatter", mode: batches > 300 ? "lines" : "lines+markers", name, x: seconds, y, customdata: columns.batch,
     line: { color: css(colour), width: 2, ...line }, marker: { size: 6, color: css(colour), ...marker },
-    hovertemplate: `batch %{customdata}: %{y} — ${name}<extra></extra>`, ...rest };
+    hovertemplate: `${head.one} %{customdata}: %{y} — ${name}<extra></extra>`, ...rest };
 }
 
 /* Triangles on the axis of time where a batch has warnings. */
@@ -157,7 +157,7 @@ function flagMarks() {
   return { type: "scatter", mode: "markers", name: "warnings", x: flagged.map((k) => seconds[k]), y: flagged.map(() => 0),
     yaxis: "y2", customdata: flagged, text: flagged.map((k) => warnings(k).join("|")), cliponaxis: false,
     showlegend: flagged.length > 0,
-    marker: { symbol: "triangle-up", size: 10, color: css("--warn") }, hovertemplate: "batch %{customdata}: %{text}<extra></extra>" };
+    marker: { symbol: "triangle-up", size: 10, color: css("--warn") }, hovertemplate: `${head.one} %{customdata}: %{text}<extra></extra>` };
 }
 
 function drawChart(id, data, title, more = {}) {
@@ -185,29 +185,29 @@ function drawCharts() {
       return series(shown, numbers(name), colour, { marker: { symbol } });
     });
     drawChart("rates", rates, label);
-    describe("rates", `${label} over time; the table of all batches has the numbers.`);
+    describe("rates", `${label} over time; the table of all ${head.many} has the numbers.`);
   }
   drawChart("velocity", velocity, "velocity [px/s]");
-  describe("velocity", "Velocity of the object over time in px/s; the table of all batches has the numbers.");
+  describe("velocity", `Velocity of the object over time in px/s; the table of all ${head.many} has the numbers.`);
   const ms = (values) => values.map((value) => (value === null || value === 0 ? NaN : value / 1000));
-  const [lasts, takes] = [ms(head.spans), ms(head.computeUs)], all = [...lasts, ...takes].filter((time) => time > 0);
+  const [lasts, takes] = [ms(head.lasts), ms(head.computeUs)], all = [...lasts, ...takes].filter((time) => time > 0);
   // Ticks at powers of ten, where there would be two at least.
   const wide = Math.max(...all) / Math.min(...all) > 100;
   drawChart("margin", [
-    series("the batch lasts", lasts, "--vx"),
+    series(`${head.due} lasts`, lasts, "--vx"),
     series("computing takes", takes, "--vy", { marker: { symbol: "square" } }),
   ], "time [ms]", { type: "log", ...(wide ? { dtick: 1 } : {}) });
-  describe("margin", "Time that each batch lasts and time to compute it, in ms, on a logarithmic scale.");
+  describe("margin", `Time that ${head.due} lasts and time to compute it, in ms, on a logarithmic scale.`);
   const inside = [series("events in the ROI", numbers("roi_events"), "--vx")];
   if (head.bufferShown) {
     inside.push({ ...series("buffer", seconds.map(() => head.bufferEvents), "--vy"), mode: "lines",
       line: { color: css("--vy"), dash: "dash" } });
   }
   drawChart("inside", inside, "events", { rangemode: "tozero" });
-  describe("inside", "Events in the ROI of each batch.");
+  describe("inside", `Events in the ROI of each ${head.one}.`);
   const label = head.byFormula ? "cycles by the formula" : "cycles counted";
   drawChart("cycles", [series(label, head.cycles, "--vx")], "clock cycles", { rangemode: "tozero" });
-  describe("cycles", "Clock cycles of each batch.");
+  describe("cycles", `Clock cycles of each ${head.one}.`);
 }
 
 function showNumbers(detail) {
@@ -217,15 +217,15 @@ function showNumbers(detail) {
   }
   const margin = head.margin[k], time = head.computeUs[k];
   const digits = (value) => (value === null ? missing : Number(value.toPrecision(3)).toLocaleString("en"));
-  $("lasts").textContent = digits(head.spans[k] / 1000);
+  $("lasts").textContent = digits(head.lasts[k] / 1000);
   $("takes").textContent = digits(time === null ? null : time / 1000);
   $("times").textContent = digits(margin);
   const names = named(k), warned = warnings(k).length > 0;
   $("flags").className = warned ? "set" : "";
   $("flags").textContent = (warned ? "⚠ " : "") + (names.map((name) => `${name}: ${head.flags[name]}`).join("; ")
-    || "No warnings: nothing unusual in this batch.");
+    || `No warnings: nothing unusual in this ${head.one}.`);
   const at = columns.t_ref_us[k] === "" ? "" : `, ${seconds[k].toFixed(3)} s`;
-  $("where").textContent = `batch ${k} of ${batches - 1}${at}`;
+  $("where").textContent = `${head.one} ${k} of ${batches - 1}${at}`;
   for (const row of document.querySelectorAll("tr.now")) row.classList.remove("now");
   document.querySelector(`tr[data-batch="${k}"]`)?.classList.add("now");
 }

@@ -37,7 +37,7 @@ def shown_motion(config):
         "parameters": [
             {
                 "title": _title(motion, name),
-                "unit": "px/half batch" + f" at {1 << motion.lever} px" * (name not in ("x", "y")),
+                "unit": f"px/half {config.noun}" + f" at {1 << motion.lever} px" * (name not in ("x", "y")),
                 "terms": terms(name),
             }
             for name in motion.names

@@ -22,7 +22,7 @@ function build() {
     $("numbers").append(box);
   };
   for (const name of Object.keys(columns)) add(...head.labels[name], (number) => { number.dataset.column = name; });
-  add("the batch lasts", "ms", (number) => { number.id = "lasts"; });
+  add(`${head.due} lasts`, "ms", (number) => { number.id = "lasts"; });
   add("computing takes", "ms", (number) => { number.id = "takes"; });
   add("real-time margin", "times", (number) => { number.id = "times"; });
 

@@ -74,9 +74,11 @@ def render(kept, clock_mhz):
         "versions": _versions(kept, clock_mhz),
         "state": '<div id="strip" aria-hidden="true"></div>\n<p id="flags" role="status"></p>',
         "library": f"<script>{plotly_script()}</script>\n",
+        "many": kept.config.nouns,
+        "due": "a hop" if kept.config.slides else "a batch",
         "script": "\n".join(asset(name, __package__) for name in SCRIPTS),
     }
-    return fill(asset("page.html", __package__), parts, head, blob, one="batch")
+    return fill(asset("page.html", __package__), parts, head, blob, one=kept.config.noun)
 
 
 def plotly_script():
@@ -89,18 +91,23 @@ def plotly_script():
 def _data(kept, story):
     """What the script draws: a JSON-ready dictionary, and the arrays, deflated."""
     config, details = kept.config, kept.details
+    shown = columns(config.motion, config.slides)
 
     def plain(values):
         return [None if value is None or np.isnan(value) else round(float(value), 6) for value in values]
 
     reach = max((float(np.abs(detail.v).max()) for detail in details if detail.v.size), default=0.0)
     head = {
-        "columns": {name: kept.column(name) for name in columns(config.motion)},
-        "labels": {name: (column.title, column.unit) for name, column in columns(config.motion).items()},
+        "columns": {name: kept.column(name) for name in shown},
+        "labels": {name: (column.title.replace("batch", config.noun), column.unit) for name, column in shown.items()},
         "motion": shown_motion(config),
         "flags": FLAGS,
         "notes": NOTES.text.split("|"),
+        "one": config.noun,
+        "many": config.nouns,
+        "due": "the hop" if config.slides else "the batch",
         "spans": kept.spans,
+        "lasts": plain(story.lasts),
         "truths": [plain(pair) for pair in kept.truths],
         "cycles": plain(story.cycles),
         "byFormula": story.by_formula,

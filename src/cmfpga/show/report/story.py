@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from ...config.windows import HOPS
 from ...imaging.iwe import gain
 from ...protocol.flags import Flag
 from ...tracking.verdict import Verdict
@@ -70,17 +71,22 @@ class Story:
         The engine has no clock, so they are those that the cycle formula gives.
     compute_us : float64 array [B]
         Time that they take.
+    lasts : float64 array [B]
+        Time until the next result may be due, µs: that of the batch, or of a hop, a share of its window.
     margin : float64 array [B]
-        How many times as long the batch lasts.
+        How many times as long that is.
     """
 
     def __init__(self, kept, clock_mhz):
         self.kept, self.clock_mhz = kept, clock_mhz
         self.cycles, self.by_formula = hardware_cycles(kept)
         self.compute_us = self.cycles / clock_mhz
-        spans = np.array(kept.spans, np.float64)
+        self.lasts, config = np.array(kept.spans, np.float64), kept.config
         with np.errstate(invalid="ignore", divide="ignore"):
-            self.margin = np.where((spans > 0) & (self.compute_us > 0), spans / self.compute_us, np.nan)
+            if config.slides:
+                hop = config.hop_events / kept.numbers("roi_events") if config.hop_events else 1 / HOPS
+                self.lasts = np.fmin(self.lasts * hop, config.hop_us or np.inf)
+            self.margin = np.where((self.lasts > 0) & (self.compute_us > 0), self.lasts / self.compute_us, np.nan)
 
     @functools.cached_property
     def flags(self):
@@ -105,14 +111,15 @@ class Story:
         return ~np.isnan(self.kept.numbers("vx_px_per_s"))
 
     def _motion(self):
-        if not self.measured.any():
-            return "Nothing could be measured: no batch had enough events in the ROI (the orange frame);"
         kept = self.kept
+        if not self.measured.any():
+            return f"Nothing could be measured: no {kept.config.noun} had enough events in the ROI (the orange frame);"
         begin, end = kept.numbers("t_ref_us")[self.measured][[0, -1]]
         seconds = (end - begin + np.array(kept.spans)[self.measured][[0, -1]].sum() / 2) / 1e6
         if not self.verdict.px_per_s:
             return (
-                f"None of the {len(self.flags)} batches is to be trusted: what moves in the orange frame is not known;"
+                f"None of the {len(self.flags)} {kept.config.nouns} is to be trusted: "
+                "what moves in the orange frame is not known;"
             )
         if kept.config.motion == "rotation":
             speed = np.linalg.norm([*self.verdict.rates.values()], axis=0)
@@ -130,7 +137,7 @@ class Story:
         last = int(np.flatnonzero(self.measured)[-1])
         if last + 1 == len(self.measured):
             return ""
-        return f", until it was lost after batch {last}"
+        return f", until it was lost after {self.kept.config.noun} {last}"
 
     def _path(self):
         points = np.array([*zip(self.kept.numbers("roi_x"), self.kept.numbers("roi_y"), strict=True)])
@@ -150,17 +157,19 @@ class Story:
         if not timed.any():
             return "so there is nothing to say about the hardware's speed."
         clock = f"at an assumed clock of {self.clock_mhz:g} MHz"
-        worst = int(np.nanargmin(self.margin))
-        span, took, margin = self.kept.spans[worst] / 1e3, self.compute_us[worst] / 1e3, self.margin[worst]
+        worst, config = int(np.nanargmin(self.margin)), self.kept.config
+        span, took, margin = self.lasts[worst] / 1e3, self.compute_us[worst] / 1e3, self.margin[worst]
+        due = "its hop" if config.slides else "it"
         slow = int((self.margin[timed] < 1).sum())
         if slow:
             return (
-                f"the hardware would not keep up {clock}: {slow} of {timed.sum()} batches take longer to compute than "
-                f"they last, batch {worst} {number(took)} ms for {number(span)} ms."
+                f"the hardware would not keep up {clock}: {slow} of {timed.sum()} {config.nouns} take longer to "
+                f"compute than {'their hops' if config.slides else 'they'} last, {config.noun} {worst} "
+                f"{number(took)} ms for {number(span)} ms."
             )
         return (
-            f"the hardware would keep up: {clock} even the tightest batch, number {worst}, is computed in "
-            f"{number(took)} ms and lasts {number(span)} ms, {number(margin)} times as long."
+            f"the hardware would keep up: {clock} even the tightest {config.noun}, number {worst}, is computed "
+            f"in {number(took)} ms, and {due} lasts {number(span)} ms, {number(margin)} times as long."
         )
 
     @property
@@ -170,7 +179,7 @@ class Story:
         sentences = filter(None, (verdict.share, verdict.velocity, *verdict.warnings(), *verdict.notes(fitted=True)))
         found = [f"{text[0].upper()}{text[1:]}." for text in sentences]
         if self.kept.left_out:
-            found.insert(0, f"{self.kept.left_out:,} batches after these are left out.")
+            found.insert(0, f"{self.kept.left_out:,} {self.kept.config.nouns} after these are left out.")
         if motion := verdict.motion_text:
             found.insert(0, f"{motion[0].upper()}{motion[1:]}." if motion[0] != "ω" else f"{motion}.")
         if image := self.kept.config.image:
@@ -178,7 +187,7 @@ class Story:
         if sharper is not None:
             found.append(
                 f"Moved back by the velocities found, the events make an image of {sharper:.2f} times the contrast "
-                "that they have as they came (dithered; median over the batches)"
+                f"that they have as they came (dithered; median over the {self.kept.config.nouns})"
                 + (": the velocities fit." if self.fits else ". That is hardly more: do not trust the velocities.")
             )
         truths = np.array(self.kept.truths)
@@ -190,15 +199,16 @@ class Story:
                     f"The true motion of this recording is known: the velocities are {np.median(error):.0f} px/s off "
                     f"in the median, {error.max():.0f} px/s at worst."
                 )
+        nouns = self.kept.config.nouns
         total, warned = len(self.flags), [flags.warnings for flags in self.flags if flags.warnings]
         if warned:
             counts = {flag.text: sum(flag in flags for flags in warned) for flag in Flag}
             which = ", ".join(f"{name} in {count}" for name, count in counts.items() if count)
-            found.append(f"{len(warned)} of {total} batches have warnings: {which}.")
+            found.append(f"{len(warned)} of {total} {nouns} have warnings: {which}.")
         else:
-            found.append(f"None of the {total} batches has a warning: nothing unusual happened.")
+            found.append(f"None of the {total} {nouns} has a warning: nothing unusual happened.")
         if thinned := sum(Flag.THINNED in flags for flags in self.flags):
-            found.append(f"In {thinned} of {total} batches events were left out evenly, to keep their number down.")
+            found.append(f"In {thinned} of {total} {nouns} events were left out evenly, to keep their number down.")
         return found
 
     @property
