@@ -185,8 +185,8 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
 
 def _title(window, found):
     shares = f"{int(window.trusted.sum())} of {len(window.tiles)} tiles to be trusted"
-    when = "no events" if window.t_ref is None else f"{window.t_ref / 1e6:.6g} s"
-    return f"{found.recording}: window {window.index}, {when}, {len(window.events)} events; {shares}"
+    when = "no events" if window.t_ref is None else f"{window.t_ref / 1e6:.3f} s"
+    return f"{found.recording}: window {window.index}, {when}, {len(window.events):,} events; {shares}"
 
 
 def _summarise(options, found, files, errors):

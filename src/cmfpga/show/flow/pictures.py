@@ -61,12 +61,14 @@ def save(window, path, title):
 
 def figure(window, title):
     """The picture as a Matplotlib ``Figure``."""
-    from matplotlib.figure import Figure  # takes a second to import; no window, so no pyplot
+    from matplotlib.colors import LogNorm  # takes a second to import; no window, so no pyplot
+    from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     config, most = window.config, top_speed(window)
     made = Figure(figsize=(13, 8.8), layout="constrained")
-    (raw, flow), (sharp, sure) = made.subplots(2, 2, sharex=True, sharey=True)
+    pictures = made.subplot_mosaic([["raw", "flow", "wheel"], ["sharp", "sure", "bar"]], width_ratios=(1, 1, 0.2))
+    raw, flow, sharp, sure = (pictures[name] for name in ("raw", "flow", "sharp", "sure"))
     still, moved = window.images()
     limits = {
         "cmap": "gray",
@@ -82,12 +84,13 @@ def figure(window, title):
     flow.imshow(field(window, most), interpolation="nearest")
     flow.set_title("flow of each tile")
     handles = [Patch(facecolor=DOUBTFUL, label="doubtful"), Patch(facecolor=EMPTY, label="too few events")]
-    flow.legend(handles=handles, loc="upper left", fontsize=8)
-    wheel(flow.inset_axes((1.03, 0.35, 0.2, 0.2 * config.sensor_width / config.sensor_height)), most)
+    made.legend(handles=handles, loc="outside lower center", ncols=2)
+    wheel(pictures["wheel"], most)
     kappa = np.where(np.isfinite(window.kappa), np.maximum(window.kappa, 1.0), np.nan)
     tiles = tile_of_pixels(window.tiles, config.sensor_width, config.sensor_height)
-    shown = sure.imshow(np.log10(kappa)[tiles], cmap="viridis", vmin=0, vmax=3, interpolation="nearest")
-    made.colorbar(shown, ax=sure, label="log10 of the confidence [1/px²]", shrink=0.8)
+    shown = sure.imshow(kappa[tiles], cmap="viridis", norm=LogNorm(1, 1000), interpolation="nearest")
+    pictures["bar"].set_axis_off()
+    made.colorbar(shown, cax=pictures["bar"].inset_axes((0, 0, 0.12, 1)), label="confidence [1/px²]")
     sure.set_title(f"confidence; doubtful below {config.confidence_limit:g}")
     where = f", {config.image}" * bool(config.image)
     for axis in (raw, flow, sharp, sure):
