@@ -5,6 +5,7 @@ line: what is wrong, where, and what is allowed. The command lines print it and 
 """
 
 import contextlib
+import difflib
 import sys
 from pathlib import Path
 
@@ -35,6 +36,13 @@ class WrongHardware(DeviceError):
 
 class DeviceTimeout(DeviceError, TimeoutError):
     """Something did not come in time."""
+
+
+def one_of(name, names, printed=None):
+    """That one of ``names`` is needed, or where they are ``printed``; first a guess where ``name`` nearly is one."""
+    near = difflib.get_close_matches(str(name).lower(), names, n=1, cutoff=0.8)
+    every = f"{printed} prints all" if printed else f"one of {', '.join(names)} is needed"
+    return f"did you mean {near[0]!r}? {every[0].upper()}{every[1:]}" if near else every
 
 
 @contextlib.contextmanager

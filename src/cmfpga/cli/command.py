@@ -5,12 +5,11 @@ It is imported when it is called, so that ``cmfpga --help`` takes no time.
 """
 
 import argparse
-import difflib
 import importlib
 import sys
 
 from .. import __version__, cli
-from ..errors import UserError, needs
+from ..errors import UserError, needs, one_of
 
 #: Purpose of each subcommand, in the order of the help.
 COMMANDS = {
@@ -36,9 +35,7 @@ EXAMPLES = (
 def load(name):
     """The module of the subcommand ``name``."""
     if name not in COMMANDS:
-        near = difflib.get_close_matches(name, COMMANDS, n=1)
-        meant = f"did you mean {near[0]!r}? One" if near else "one"
-        raise UserError(f"{name[:40]!r}: no such subcommand; {meant} of {', '.join(COMMANDS)} is needed")
+        raise UserError(f"{name[:40]!r}: no such subcommand; {one_of(name, COMMANDS)}")
     return importlib.import_module(f".{name}", __package__)
 
 

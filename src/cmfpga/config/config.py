@@ -13,7 +13,7 @@ import json
 from dataclasses import dataclass
 from functools import cached_property
 
-from ..errors import ConfigError
+from ..errors import ConfigError, one_of
 from .ascent import ASCENTS
 from .camera import parse_camera
 from .checks import check_field, check_real, check_size
@@ -301,7 +301,7 @@ class Config:
         known = [field.name for field in dataclasses.fields(cls)]
         for name in names:
             if name not in known:
-                raise ConfigError(f"{name!r}: no such field; the fields are {', '.join(known)}")
+                raise ConfigError(f"{name!r}: no such field; {one_of(name, known, '`cmfpga build --list-fields`')}")
 
     @classmethod
     def parse(cls, assignments):

@@ -1,6 +1,6 @@
 """Configurations by name."""
 
-from ..errors import ConfigError
+from ..errors import ConfigError, one_of
 from .config import Config
 
 _FAST = Config(
@@ -87,4 +87,4 @@ def preset(name=DEFAULT_PRESET):
     try:
         return PRESETS[name]
     except (KeyError, TypeError):  # TypeError: a list, say
-        raise ConfigError(f"preset {name!r}: one of {', '.join(PRESETS)} is needed") from None
+        raise ConfigError(f"preset {name!r}: {one_of(name, PRESETS)}") from None

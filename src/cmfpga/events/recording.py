@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import RecordingError
+from ..errors import RecordingError, one_of
 from .arrays import Events
 from .checks import EventChecker, polarity_notes
 from .units import SAMPLE_EVENTS, parse_unit
@@ -227,7 +227,7 @@ def open_recording(path, *, time_unit=None, sensor=None, columns=None, dataset=N
     head = _read_head(path)
     if form is not None:
         if form not in forms():
-            raise RecordingError(f"{path}: format {form!r}; one of {', '.join(forms())} is needed")
+            raise RecordingError(f"{path}: format {form!r}; {one_of(form, forms())}")
         given["form"] = form
     for fmt in _FORMATS:
         if form in fmt.forms or (form is None and fmt.matches(head, path)):
