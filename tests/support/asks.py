@@ -7,6 +7,7 @@ test that is not long may start no process, and no design outside ``QUICK``.
 """
 
 import contextlib
+import copy
 import functools
 import inspect
 import sys
@@ -91,8 +92,9 @@ SMOKE = {
 collected = {}
 
 
-def _is_ours(code):
-    return Path(code.co_filename).is_relative_to(ROOT)
+@functools.cache
+def _is_ours(filename):
+    return Path(filename).is_relative_to(ROOT)
 
 
 class Asked:
@@ -107,7 +109,7 @@ class Asked:
             return
         if isinstance(thing, Config):
             self.designs.add(thing.hardware_hash)
-        elif any(thing is options for options in designs.OPTIONS):
+        elif isinstance(thing, dict) and any(thing is options for options in designs.OPTIONS):
             self.designs.add(next(iter(designs.QUICK))[0])
         elif isinstance(thing, dict) and depth < 3:
             for value in thing.values():
@@ -140,7 +142,7 @@ class Asked:
         for cell in function.__closure__ or ():
             with contextlib.suppress(ValueError):  # not filled yet
                 self.visit(cell.cell_contents)
-        if _is_ours(function.__code__):
+        if _is_ours(function.__code__.co_filename):
             self._code(function.__code__, function.__globals__)
 
     def _code(self, code, names):
@@ -163,17 +165,25 @@ class Asked:
         return self.kinds | other
 
 
-def asked(item):
-    """What a collected test asks for."""
+@functools.cache
+def _whatever_the_parameters(function, fixtures):
+    """Of all tests that share a function and the fixtures ``(name, function)``."""
     found = Asked()
-    found.visit(item.obj)
-    for value in (getattr(item, "callspec", None) and item.callspec.params.values()) or ():
-        found.visit(value)
-    for name, (*_, definition) in item._fixtureinfo.name2fixturedefs.items():
+    found.visit(function)
+    for name, made_by in fixtures:
         found.compiles |= name in HARDWARE_FIXTURES
         if name in FIXTURES:
             found.kinds.add(FIXTURES[name])
-        found.visit(definition.func)
+        found.visit(made_by)
+    return found
+
+
+def asked(item):
+    """What a collected test asks for."""
+    fixtures = ((name, every[-1].func) for name, every in item._fixtureinfo.name2fixturedefs.items())
+    found = copy.deepcopy(_whatever_the_parameters(item.obj, tuple(fixtures)))
+    for value in (getattr(item, "callspec", None) and item.callspec.params.values()) or ():
+        found.visit(value)
     return found
 
 
