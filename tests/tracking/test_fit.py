@@ -13,7 +13,8 @@ from cmfpga.events.columns import MemoryRecording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
 from cmfpga.tracking.fit import FittedCutter, batch_cutter, fit
-from cmfpga.tracking.loop import _Course, track
+from cmfpga.tracking.course import Course
+from cmfpga.tracking.loop import track
 from cmfpga.tracking.verdict import Verdict
 from support.values import required
 
@@ -175,7 +176,7 @@ def test_a_lost_object():
 def test_a_lost_object_with_empty_batches_between():
     """They are not to be trusted either: after three of both kinds the ROI stays."""
     (batch,), *_ = followed(lambda t: 200, count=4000, events=4000)
-    course, result = _Course(CONFIG, (4, 5)), batch.result
+    course, result = Course(CONFIG, (4, 5)), batch.result
     found = []
     for flags in (0, Flag.DOUBTFUL, Flag.DEGENERATE, Flag.DOUBTFUL, Flag.DEGENERATE, Flag.DOUBTFUL):
         result = dataclasses.replace(result, flags=Flag(flags), roi=course.start or result.roi)

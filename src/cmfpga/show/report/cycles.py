@@ -9,7 +9,7 @@ from ...protocol.settings import BatchSettings
 from ...rtl.core import Core
 from ...rtl.regions.regions import Regions
 from ...rtl.sliding.core import SlidingCore
-from ...tracking.loop import Replay
+from ...tracking.course import Replay
 
 
 def hardware_cycles(kept):
