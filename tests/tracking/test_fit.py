@@ -12,8 +12,8 @@ from cmfpga.events import BatchCutter, Events, generate
 from cmfpga.events.columns import MemoryRecording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
-from cmfpga.tracking.fit import FittedCutter, batch_cutter, fit
 from cmfpga.tracking.course import Course
+from cmfpga.tracking.fit import FittedCutter, batch_cutter, fit
 from cmfpga.tracking.loop import track
 from cmfpga.tracking.verdict import Verdict
 from support.values import required
