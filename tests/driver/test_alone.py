@@ -47,15 +47,9 @@ print(*sorted({name.partition(".")[0] for name in sys.modules} - set(sys.stdlib_
 """
 
 
-@pytest.fixture(params=["this Python", "Python 3.10"])
-def python(request):
-    """``python(argument, …)``: a finished process of a Python that has NumPy, h5py and this package."""
-    return request.getfixturevalue("blocked" if request.param == "this Python" else "board")
-
-
 @pytest.fixture
 def blocked(tmp_path):
-    """This Python, in which everything else cannot be imported."""
+    """``python(argument, …)``: a finished process of this Python, in which nothing else can be imported."""
 
     def python(*arguments):
         kind, code, *rest = arguments
@@ -67,7 +61,7 @@ def blocked(tmp_path):
 
 @pytest.fixture(scope="module")
 def board(tmp_path_factory):
-    """Python 3.10 in which nothing else is installed, by the commands of the board's page."""
+    """The same of Python 3.10 in which nothing else is installed, by the commands of the board's page."""
     folder = tmp_path_factory.mktemp("board")
     found = next(filter(is_310, candidates()), None)
     if found is None:
@@ -111,7 +105,16 @@ def run(command, folder, **environment):
     )
 
 
-def test_the_driver_alone(python):
+def test_the_driver_alone(blocked):
+    check(blocked)
+
+
+def test_the_driver_alone_in_python_310(board):
+    check(board)
+
+
+def check(python):
+    """A page's commands, with NumPy, h5py and this package."""
     done = python("-m", "cmfpga", "driver", "--help")
     assert done.returncode == 0 and "--backend" in done.stdout and done.stderr == ""
     done = python("-m", "cmfpga", "driver", "--backend", "uio")

@@ -71,6 +71,7 @@ SMOKE = {
     "studies/bench/test_programs.py::test_few_events[gather-5]",
     "cli/test_build.py::test_hardware_fields_change_the_verilog[sensor_width]",
     "cli/test_command.py::test_without_arguments_it_helps_and_fails",
+    "driver/test_alone.py::test_the_driver_alone",
     "examples/test_examples.py::test_block_in_a_design",
     "formal/test_accumulator_proof.py::test_right_for_any_number_of_cycles[bank]",
     "show/report/test_browser.py::test_a_click_on_a_chart_goes_to_its_batch",
