@@ -338,6 +338,8 @@ class SlidingCore(Iterating, wiring.Component):
             flags[Flag.DOUBTFUL] = judged & chosen.doubtful
             values |= {"confidence_limit": Mux(judged, settings.confidence_limit, 0)}
         there = {f.name for f in fields_of("batch", "region", config=config)}
+        if missing := there - {*values, "flags"}:
+            raise NotImplementedError(f"result fields without a value where windows slide: {', '.join(missing)}")
         m.d.comb += [
             self.o.valid.eq(control.run.done),
             control.taken.eq(self.o.ready & control.run.done),
