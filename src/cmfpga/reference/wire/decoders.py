@@ -132,9 +132,9 @@ def _evt30(beats, counts):
             elif kind == TIME_HIGH:
                 wraps += known and value < high - half
                 counts["time_high_back"] += known and high - half <= value < high
-                low, high, known = low if known and value == high else 0, value, True
+                low, high, known = low if value == high else 0, value, True
             elif kind == Evt3.TIME_LOW:
-                low = value
+                low = value if known else 0
             elif kind == Evt3.Y:
                 y = value & 0x7FF
             elif kind in (Evt3.X, Evt3.BASE):
@@ -144,7 +144,7 @@ def _evt30(beats, counts):
                 base = min(base + VECTORS[kind], LAST_COLUMN)
             else:
                 counts["other_words" if kind in OTHER_TYPES_3 else "format_errors"] += 1
-            now = max(now, (wraps << TIME_BITS | high) << TIME_BITS | low) if known else 0
+            now = max(now, (wraps << TIME_BITS | high) << TIME_BITS | low)
             end = beat.last and k == final
             for x in found:
                 yield Token(now, x, y, known, True, end and x == found[-1])

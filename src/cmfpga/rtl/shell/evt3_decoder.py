@@ -78,8 +78,7 @@ class Evt3Decoder(wiring.Component):
             token.t.eq(Mux(step[-1], now, stamp)),
             fell.eq(high - word.value),  # its highest bit: it did not fall
         ]
-        with m.If(self.time_known):
-            m.d.sync += now.eq(Mux(step[-1], now, stamp))
+        m.d.sync += now.eq(Mux(step[-1], now, stamp))
 
         row, base, columns = Signal(COLUMN_BITS), Signal(range(LAST_COLUMN + 1)), Signal(4)
         vector = token.vector
@@ -103,13 +102,13 @@ class Evt3Decoder(wiring.Component):
                     with m.If(use):
                         m.d.sync += base.eq(Mux(base >= LAST_COLUMN - columns, LAST_COLUMN, base + columns))
                 with m.Case(Evt3.TIME_LOW):
-                    with m.If(use):
+                    with m.If(use & self.time_known):
                         m.d.sync += low.eq(word.value)
                 with m.Case(TIME_HIGH):
                     with m.If(use):
                         m.d.sync += [high.eq(word.value), self.time_known.eq(1)]
                         m.d.comb += self.back.eq(self.time_known & ~fell[-1] & (fell != 0) & ~self._wrapped(fell))
-                        with m.If(~self.time_known | (fell != 0)):
+                        with m.If(fell != 0):
                             m.d.sync += low.eq(0)
                         with m.If(self._wrapped(fell)):
                             m.d.sync += wraps.eq(wraps + 1)
