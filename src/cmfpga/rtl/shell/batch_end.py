@@ -164,7 +164,6 @@ class BatchEnd(wiring.Component):
                 full.eq(alone),
                 current.eq(self.settings),
                 t_first.eq(held.t),
-                *([held.outside.eq(0)] if config.skips else []),  # it was compared with another ROI
             ]
         with m.Elif(self.taken):
             m.d.sync += self.taking_in.eq(0)
@@ -179,7 +178,8 @@ class BatchEnd(wiring.Component):
             m.d.sync += held.vector.eq(rest)
         if not self.config.skips:
             return held.x + index, 1, whole, more
-        m.d.comb += [skip.eq(held.outside & self.far), self.o.payload.skip.eq(Mux(skip, held.events, 0))]
+        # One that was compared with another ROI is a batch's first: its first event leaves alone, for the core is not far.
+        m.d.comb += [skip.eq(held.outside & several & self.far), self.o.payload.skip.eq(Mux(skip, held.events, 0))]
         with m.If(leaves):
             m.d.sync += held.outside.eq(0)
         return held.x + index, Mux(skip, held.events, 1), whole, more
