@@ -178,7 +178,7 @@ class BatchEnd(wiring.Component):
             m.d.sync += held.vector.eq(rest)
         if not self.config.skips:
             return held.x + index, 1, whole, more
-        # One that was compared with another ROI is a batch's first: its first event leaves alone, for the core is not far.
+        # What was compared with another ROI is a batch's first. An event of it leaves alone, for the core is not far.
         m.d.comb += [skip.eq(held.outside & several & self.far), self.o.payload.skip.eq(Mux(skip, held.events, 0))]
         with m.If(leaves):
             m.d.sync += held.outside.eq(0)
