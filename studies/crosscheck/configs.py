@@ -76,7 +76,9 @@ def _fields(rng, regions, shell):
         if (choices := field.metadata["choices"])
         else _integer(field, rng, largest)
         for field in dataclasses.fields(Config)
-        if field.name not in OF_REGIONS and (field.type is int or field.metadata["choices"]) and rng.random() < 0.7
+        if field.name not in (*OF_REGIONS, "evt3")
+        and (field.type is int or field.metadata["choices"])
+        and rng.random() < 0.7
     }
     for axis in ("width", "height"):  # a sensor smaller than the default ROI would nearly always be refused
         values.setdefault(f"roi_{axis}", _integer(_FIELDS[f"roi_{axis}"], rng, largest))
@@ -117,6 +119,7 @@ def _fields(rng, regions, shell):
         values[name] = AUTO if rng.random() < 0.3 else given
         if name in ("follow", "after") and rng.random() < 0.3:
             values[name] = ""
+    values["evt3"] = int(shell and rng.integers(2))
     idle = unread(defaults | values)
     return {name: value for name, value in values.items() if name not in idle}
 

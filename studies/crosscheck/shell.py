@@ -8,7 +8,8 @@ import numpy as np
 from cmfpga.driver.accelerator import Accelerator
 from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.errors import DeviceTimeout
-from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.registers import formats_of
+from cmfpga.protocol.word_format import TIME_HIGH, Evt3
 from cmfpga.protocol.words import encode, swap_halves
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.regions import RegionSequence
@@ -45,7 +46,9 @@ class _Stream:
         if self.config.regions:
             self.model = RegionSequence(self.core)
             self._write_regions(random_regions(self.config, rng))
-        forms = list(FORMATS) if max(self.config.sensor_width, self.config.sensor_height) <= 2048 else ["PACKED"]
+        small = max(self.config.sensor_width, self.config.sensor_height) <= 2048
+        forms = list(formats_of(self.config)) if small else ["PACKED"]
+        self.time = int(rng.integers(1 << 24))
         self.form, self.swap = str(rng.choice(forms)), bool(rng.random() < 0.5)
         longest = self.config.slice_events
         self.ends = BatchEnds(
@@ -95,11 +98,26 @@ class _Stream:
                 events = events_of(config, rng, self.regions)
             else:
                 events = random_events(config, rng, self.core.follower.next_corner)[1]
-            words = encode(events, self.form)
+            words = self._vectors(events) if self.form == "EVT30" else encode(events, self.form)
             if rng.random() < 0.3 or not len(words):
                 places = rng.integers(len(words) + 1, size=3)
                 words = np.insert(words, places, rng.integers(1 << 64, size=3, dtype=np.uint64))
             yield swap_halves(words) if self.swap else words
+
+    def _vectors(self, events):
+        """EVT 3.0 at one's own times: an event, or vectors that begin with it, often of the row before."""
+        rng, words = self.rng, []
+        for x, y in zip(events.x.tolist(), events.y.tolist(), strict=True):
+            if rng.random() < 0.4 or not words:
+                self.time += int(rng.integers(1, 30)) if rng.random() < 0.95 else int(rng.integers(20_000))
+                words += [TIME_HIGH << 12 | self.time >> 12 & 0xFFF, Evt3.TIME_LOW << 12 | self.time & 0xFFF]
+            if rng.random() < 0.5 or len(words) == 2:
+                words.append(y)
+            count = int(rng.integers(4))
+            masks = rng.integers(1 << 12, size=count) | (rng.random(count) < 0.3) * 0xFFF
+            kinds = rng.choice([Evt3.VECTOR_12, Evt3.VECTOR_8], count) << 12
+            words += [(Evt3.BASE if count else Evt3.X) << 12 | x, *(masks | kinds).tolist()]
+        return np.array(words + [0xF000] * (-len(words) % 4), "<u2").view("<u8").astype(np.uint64)
 
     def _offer(self, packets):
         """Put them into the queue; returns the events behind the last batch's end."""

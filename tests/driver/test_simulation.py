@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from studies.crosscheck import shell as crosscheck
 
 from cmfpga.config import Config, preset
 from cmfpga.driver import Accelerator, DeviceError, DeviceTimeout, WireResult
@@ -12,7 +13,7 @@ from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
 from cmfpga.protocol.flags import Flag
-from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.registers import formats_of
 from cmfpga.protocol.results import COUNTS
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, read_raw, swap_halves
@@ -23,15 +24,62 @@ from support.designs import SHELL_SIZES as SMALL
 from support.driving import CONFIG, batch, differences, model_run, streamed
 
 
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", formats_of(CONFIG))
 def test_batches_equal_the_model(backend, rng, form):
-    accelerator, model = Accelerator(backend, form=form), ModelEngine(CONFIG)
+    equal_batches(Accelerator(backend, form=form), rng)
+
+
+@pytest.mark.parametrize("change", [{}, {"undistortion": "on"}])
+def test_batches_as_evt30(compiler, rng, change):
+    """Each at its own time, earlier ones too; where the hardware undistorts, all events go through."""
+    config = CONFIG.replace(evt3=1, **change)
+    with Accelerator(SimulationBackend(config), form="EVT30") as accelerator:
+        equal_batches(accelerator, rng, config)
+        row, column = np.divmod(np.arange(40 * 48), 48)
+        for start in (3 << 30, 1 << 25, 7):
+            events, roi = Events(start + row, column, row % 32, row % 2), (16, 8)
+            before = accelerator.counters()["beats_in"]
+            result = accelerator.run(events, roi=roi)
+            assert differences(result, model_run(ModelEngine(config), events, roi, config)) == []
+            assert accelerator.counters()["beats_in"] - before < len(events) / 4
+
+
+@pytest.mark.parametrize("ends", [{"roi_events": 30}, {"events": 4608}], ids=str)
+def test_evt30_leaves_the_roi_out_at_once(compiler, ends):
+    """Rows of vectors of which a third is in the ROI's columns: an event a cycle there, a word elsewhere."""
+    config = CONFIG.replace(evt3=1)
+    row, column = np.divmod(np.arange(3 * 32 * 48), 48)
+    events, model, first = Events(100 + row, column, row % 32, row % 2), ModelEngine(config), 0
+    words = encode(events, "EVT30")
+    with Accelerator(SimulationBackend(config)) as accelerator:
+        accelerator.start(roi=(16, 8), form="EVT30", **ends)
+        accelerator.send(words)
+        accelerator.backend.wait_sent(10)
+        cycles = accelerator.backend.top.cycles
+        for number, result in enumerate(results := accelerator.stop()):
+            part = events[first : first + result.events]
+            assert differences(result, model_run(model, part, None if number else (16, 8), config)) == []
+            assert result.roi_events == 30 or "events" in ends or result is results[-1]
+            first += result.events
+    assert len(results) > 10 or cycles < 4 * len(words) + 3 * 256 + 500 < len(events) / 2
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_random_streams_of_evt30(compiler, monkeypatch, seed):
+    """Ends, stalls, settings and words that no camera sends, as in the crosscheck; all counters."""
+    monkeypatch.setattr(crosscheck, "formats_of", lambda config: ["EVT30"])
+    batches, _ = crosscheck.through_the_shell(CONFIG.replace(evt3=1), np.random.default_rng(seed))
+    assert batches > 100
+
+
+def equal_batches(accelerator, rng, config=CONFIG):
+    model = ModelEngine(config)
     for number in range(6):
         events = batch(rng, int(rng.integers(2, 300)), begin=1000 * number)
         roi = (8 + number, 4) if number in (0, 3) else None
         result = accelerator.run(events, roi=roi)
         assert isinstance(result, WireResult)
-        assert differences(result, model_run(model, events, roi)) == []
+        assert differences(result, model_run(model, events, roi, config)) == []
         assert result.batch == number + 1 and not result.wire and not result.config_range
         assert result.t_first == events.t[0] and result.t_ref == events.t[0] + (events.t[-1] - events.t[0]) // 2
         assert accelerator.engine.places == [result.roi_next]
@@ -240,6 +288,28 @@ def test_real_recording_with_preset_fast(compiler, data_dir):
         count = accelerator.counters()
         assert count["events_in"] == count["events_taken"] == 16_000
         assert count["events_taken"] == count["roi_events"] + count["outside"] + count["overflow"]
+
+
+def test_a_file_of_evt30(compiler, data_dir):
+    """The words of the file, untouched, give what its events do; nothing is counted twice or lost."""
+    path, size = data_dir / "original_formats" / "prophesee_driving_1280x720_evt3.raw", 20_000
+    config = preset("fast").replace(sensor_width=1280, sensor_height=720, evt3=1)
+    form, words = read_raw(path)
+    model = ModelEngine(config)
+    with Accelerator(SimulationBackend(config)) as accelerator, open_recording(path) as recording:
+        accelerator.start(roi=(1040, 290), events=size, form=form)
+        accelerator.send(words)
+        for number, events in enumerate(recording.chunks(size=size)):
+            if len(events) < size:
+                accelerator.backend.wait_sent(10)
+                accelerator.backend.top.run(1000)
+                counts = accelerator.counters()
+            (result,) = accelerator.results(1) if len(events) == size else accelerator.stop()
+            roi = None if number else (1040, 290)
+            assert differences(result, model_run(model, events, roi, config)) == []
+            assert result.t_first == events.t[0] and result.roi_events > 100
+        assert number == 10 and counts["events_in"] == counts["events_taken"] + 1 == recording.extent()[0] == 219_596
+        assert counts["other_words"] == 1 and not counts["format_errors"] + counts["time_high_back"]
 
 
 #: File, its events, how they are sent, ROI of the first batch, how many batches at least.

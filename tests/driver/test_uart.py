@@ -15,7 +15,7 @@ from cmfpga.driver.uart import SerialLine, UartBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.events import write_hdf5
 from cmfpga.protocol import link
-from cmfpga.protocol.registers import FORMATS
+from cmfpga.protocol.registers import formats_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.verilog.simulation.uart_top import SimulatedLine
@@ -46,7 +46,7 @@ def test_self_test(accelerator):
     assert not any(accelerator.backend.counters().values())
 
 
-@pytest.mark.parametrize("form", FORMATS)
+@pytest.mark.parametrize("form", formats_of(CONFIG))
 def test_batches_equal_the_model(line, rng, form):
     accelerator = Accelerator(UartBackend(line), CONFIG, form=form)
     assert [result.batch for result in works(accelerator, rng, (2, 300, 1, 77))] == [1, 2, 3, 4]

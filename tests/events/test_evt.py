@@ -120,6 +120,33 @@ def test_any_words_as_the_hardware_decodes_them(rng, form):
             assert (found.x == x).all() and (found.y == y).all() and 0.4 < found.p.mean() < 0.6
 
 
+def any_evt3(rng, count):
+    """Words of all types in no order, time loops in steps on and back, columns far outside: uint16 array."""
+    kind = rng.choice([0, 2, 2, 3, 4, 4, 5, 6, 8, *range(16)], count)
+    value = rng.integers(0, 1 << 12, count)
+    high = np.cumsum((kind == 8) * rng.choice([0, 1, 40, 1500, 2047, 2048, 3000, -1, -300], count))
+    kind[: count // 8][kind[: count // 8] == 8] = 6
+    return (kind << 12 | np.where((kind == 8) & (rng.random(count) < 0.95), high & 0xFFF, value)).astype("<u2")
+
+
+def test_any_words_of_evt3_as_the_hardware_decodes_them(rng):
+    """Whatever comes ahead of a row, a base or a time; columns beyond 4096 have no value there."""
+    words = any_evt3(rng, 8000)
+    tokens, counts = decode(preset("fast"), to_beats(words.view("<u8")), "EVT30")
+    early = sum(not token.known for token in tokens if token.event)
+    t, x, y = np.array([token[:3] for token in tokens if token.event and token.known]).T
+    for most in (3, 50, 50_000):
+        decoder, parts, rest = EvtDecoder("3.0"), [], words.tobytes()
+        for size in cuts(rng, len(rest), most):
+            parts.append(decoder(rest[:size]))
+            rest = rest[size:]
+        found = Events(*map(np.concatenate, zip(*parts, strict=True)))
+        assert decoder.early == early > 50 and len(found) == len(t) > 5000
+        assert found.t.max() > 1 << 28 and (found.t % (1 << 32) == t).all() and (found.y == y).all()
+        assert (np.minimum(found.x, 4096) == np.minimum(x, 4096)).all() and 20 < (x >= 2048).sum() < len(x)
+    assert counts["time_high_back"] > 40 and counts["other_words"] > 800 and counts["format_errors"] > 800
+
+
 EARLY = {
     "evt2": (np.array([0x00003801, 0x80000001, 0x10404002, 0x00805003], "<u4"), [(65, 8, 2, 1), (66, 10, 3, 0)]),
     "evt21": (

@@ -70,6 +70,7 @@ class Config:
     # Geometry
     sensor_width: int = _field(240, "columns of the sensor", unit="px", low=2, high=4096)
     sensor_height: int = _field(180, "rows of the sensor", unit="px", low=2, high=4096)
+    evt3: int = _field(0, "1: behind AXI the hardware takes EVT 3.0, too", low=0, high=1)
     roi_width: int = _field(64, "columns of the region of interest (ROI), even", unit="px", low=2, high=4096)
     roi_height: int = _field(64, "rows of the ROI, even", unit="px", low=2, high=4096)
 
@@ -357,6 +358,12 @@ class Config:
     def slice_events(self):
         """The most events that are taken in for a result: those of a batch, or of a slice of a window."""
         return self.max_batch_events // self.slices
+
+    @property
+    def skips(self):
+        """Whether a vector's events outside the ROI are dropped at once: nothing in front of its filter needs them."""
+        front = self.hot_pixels or self.background or self.undistortion == "on"
+        return bool(self.evt3 and not (front or self.regions or self.slides))
 
     @property
     def slides(self):

@@ -6,7 +6,6 @@ import time
 import numpy as np
 
 from ..errors import ConfigError, DeviceError, DeviceTimeout
-from ..protocol.registers import FORMATS
 from ..protocol.settings import BatchSettings
 from .control import Control
 from .engine import POLL_SECONDS, AcceleratorEngine, result_of
@@ -30,7 +29,7 @@ class Accelerator:
         or whichever preset the hardware says it is.
     form : str, optional
         Words that :meth:`run` encodes events into: a key of :data:`cmfpga.protocol.registers.FORMATS`; by default what
-        suits the back end.
+        suits the back end. ``EVT30`` needs hardware with ``evt3``, and times that do not step back.
     timeout : float
         Seconds that anything may take, where a method is not told another time.
     interrupt : bool, optional
@@ -51,9 +50,6 @@ class Accelerator:
     """
 
     def __init__(self, backend, config=None, *, form=None, timeout=10.0, interrupt=None):
-        form = form or backend.form
-        if form not in FORMATS:
-            raise ValueError(f"format {form!r}: one of {', '.join(FORMATS)} is needed")
         if interrupt and not backend.has_interrupt:
             raise DeviceError(f"{backend.name}: there is no interrupt to wait for; interrupt=False does without")
         self.backend = backend
@@ -62,7 +58,8 @@ class Accelerator:
         self.registers = self.control.registers
         self.timeout = _checked(timeout)
         self.interrupt = backend.has_interrupt if interrupt is None else interrupt
-        self.form = form
+        self.form = form or backend.form
+        self.control.check_form(self.form)
         self.engine = AcceleratorEngine(self)
         self._streaming = False
         self._last_batch = 0

@@ -6,7 +6,7 @@ import time
 from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..imaging.camera import node_writes
 from ..protocol.regions import RegionTable
-from ..protocol.registers import register_map
+from ..protocol.registers import FORMATS, formats_of, register_map
 from ..protocol.settings import schedule_table, settings_values
 from ..protocol.tables import window_words
 from ..protocol.words import setting_words
@@ -75,9 +75,18 @@ class Control:
 
     # ---------------------------------------------------------------- settings
 
+    def check_form(self, form):
+        """Raise :exc:`ValueError` unless the hardware decodes such words."""
+        if form not in (forms := formats_of(self.config)):
+            more = "" if self.config.evt3 else "; hardware with evt3 = 1 has EVT30"
+            raise ValueError(f"format {form!r}: one of {', '.join(forms)} is needed{more}")
+
     def write_input(self, form, swap, timeout):
-        """What comes on ``s_axis``; waits until that is so."""
+        """What comes on ``s_axis``; waits until that is so. Times of EVT 3.0 begin anew, which another format does."""
+        self.check_form(form)
         register = self.registers["INPUT"]
+        if form == "EVT30" and self.read("INPUT")["FORMAT"] == FORMATS[form]:
+            self.write_input("PACKED", False, timeout)
         self._write_once(register, register.pack(FORMAT=form, SWAP=int(swap)))
         deadline = time.monotonic() + timeout
         while self.status("INPUT_PENDING"):

@@ -7,11 +7,9 @@ ahead of the first word of time's high part have no time: they are left out, and
 
 import numpy as np
 
-from ..protocol.word_format import EVENT_TYPES, HIGH_BITS, LOW_BITS, TIME_HIGH
+from ..protocol.word_format import EVENT_TYPES, HIGH_BITS, LOW_BITS, TIME_HIGH, VECTORS, Evt3
 
-# Types of words, in their four highest bits.
-_EVT2_TRIGGER = 0xA
-_Y, _X, _BASE, _VECTOR_12, _VECTOR_8, _LOW, _HIGH = 0x0, 0x2, 0x3, 0x4, 0x5, 0x6, 0x8
+_EVT2_TRIGGER = 0xA  # type of words
 
 #: Bytes of a word of each version; the legacy order of EVT 2.1 has the upper half of a word first.
 WORD_BYTES = {"2.0": 4, "2.1": 8, "2.1 legacy": 8, "3.0": 2}
@@ -39,7 +37,7 @@ class EvtDecoder:
         self._upper = int(version == "2.1")  # which half of a word of EVT 2.1 holds its type
         self.rest, self.early = b"", 0
         self._begun, self._high, self._wraps, self._t = False, 0, 0, 0
-        self._state = [0, 0, 0]  # of EVT 3.0: low part of the time, word of y, word of the base
+        self._state = [0, 0, 0, 0]  # of EVT 3.0: low part of the time, word of y, word and column of the base
 
     def __call__(self, data):
         """``(t, x, y, p)`` of the next bytes, int64."""
@@ -50,7 +48,7 @@ class EvtDecoder:
         words = words.reshape(-1, self.word_bytes // 4 or 1)
         if not self._begun:
             kind = words[:, self._upper % words.shape[1]] >> (12 if self.word_bytes == 2 else 28)
-            high = np.flatnonzero(kind == _HIGH)
+            high = np.flatnonzero(kind == TIME_HIGH)
             begin = high[0] if len(high) else len(words)
             self.early += len(self._decode(words[:begin])[0])
             words, self._begun = words[begin:], len(high) > 0
@@ -89,26 +87,25 @@ class EvtDecoder:
     def _evt3(self, words):
         words = words[:, 0]
         kind, value = words >> 12, words & 0xFFF
-        low, y, base = self._state
-        high = _last(kind == _HIGH, value, self._high)
+        low, y, base, column = self._state
+        high = _last(kind == TIME_HIGH, value, self._high)
         # A new high part begins at low part 0.
         turns = np.diff(high, prepend=self._high) != 0
-        low = _last((kind == _LOW) | turns, np.where(turns, 0, value), low)
+        low = _last((kind == Evt3.TIME_LOW) | turns, np.where(turns, 0, value), low)
         t = self._times(high, low, 12, 12)
-        y = _last(kind == _Y, value, y)
+        y = _last(kind == Evt3.Y, value, y)
         # The base goes on behind each vector; its polarity is bit 11 of the word that set it.
-        step = np.select([kind == _VECTOR_12, kind == _VECTOR_8], [12, 8], 0)
+        step = np.select([kind == vector for vector in VECTORS], [*VECTORS.values()], 0)
         passed = np.cumsum(step)
-        sets = (kind == _BASE) | (kind == _X)
+        sets = (kind == Evt3.BASE) | (kind == Evt3.X)
         start = _last(sets, passed, 0)
-        base = _last(sets, value, base)
-        column = (base & 0x7FF) + passed - step - start
+        base, column = _last(sets, value, base), _last(sets, value & 0x7FF, column) + passed - step - start
 
         # A single event is a vector of one bit, at its own column.
-        at = np.flatnonzero((step > 0) | (kind == _X))
-        word, bit = _bits(np.where(kind[at] == _X, 1, value[at] & (1 << step[at]) - 1), "<u2")
+        at = np.flatnonzero((step > 0) | (kind == Evt3.X))
+        word, bit = _bits(np.where(kind[at] == Evt3.X, 1, value[at] & (1 << step[at]) - 1), "<u2")
         if len(words):
-            self._state = [int(low[-1]), int(y[-1]), int(base[-1] & 0x800) | int(column[-1] + step[-1]) & 0x7FF]
+            self._state = [int(low[-1]), int(y[-1]), int(base[-1]), int(column[-1] + step[-1])]
         at = at[word]
         return t[at], column[at] + bit, y[at] & 0x7FF, base[at] >> 11
 

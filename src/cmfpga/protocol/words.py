@@ -1,6 +1,6 @@
 """The 64-bit words on the wires of the AXI top: events to words, result packets to values.
 
-Three kinds of event words, little-endian in memory, chosen by the register ``INPUT.FORMAT``:
+Four kinds of event words, little-endian in memory, chosen by the register ``INPUT.FORMAT``:
 
 ``EVT21`` (Prophesee EVT 2.1)
     64-bit vectors: type [63:60] (0: darker, 1: brighter), time [59:54], column [53:43], row [42:32], and 32 bits
@@ -8,21 +8,26 @@ Three kinds of event words, little-endian in memory, chosen by the register ``IN
 ``EVT20`` (Prophesee EVT 2.0)
     Two 32-bit words in each 64-bit word, the lower one first: type [31:28], time [27:22], column [21:11], row [10:0],
     or with type 8 the time's high bits [27:0].
+``EVT30`` (Prophesee EVT 3.0; hardware with ``evt3``)
+    Four 16-bit words in each 64-bit word, the lowest first, of a type [15:12] and a value [11:0]: time's high part (8)
+    and low part (6), row (0), an event's column [10:0] and polarity [11] (2), those of a vector's first column (3), and
+    vectors of 12 (4) or 8 (5) columns, each of which begins where the one before ended.
 ``PACKED`` (our own)
     One event: time [63:32], polarity [31], row [30:16], column [15:0]. In C a struct of ``uint16_t x, y; uint32_t t``.
 
-Layouts of the first two as in Prophesee's documentation (https://docs.prophesee.ai, "EVT 2.0 Format", "EVT 2.1
-Format").
-Time stamps are in µs and wrap: after 34 bits in EVT 2.x, after 32 bits in packed words.
+Layouts of the first three as in Prophesee's documentation (https://docs.prophesee.ai, "EVT 2.0 Format", …).
+Time stamps are in µs and wrap: after 34 bits in EVT 2.x, after 32 bits in packed words. Those of EVT 3.0 have 24 bits,
+and a decoder counts how often they wrapped since its reset.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import RecordingError
 from .registers import FORMATS
-from .word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS, TIME_HIGH
+from .word_format import COLUMN_BITS, HIGH_BITS, LOW_BITS, TIME_BITS, TIME_HIGH, Evt3
 
 
 def encode(events, form, *, swap=False):
@@ -45,10 +50,11 @@ def encode(events, form, *, swap=False):
     Raises
     ------
     ValueError
-        A coordinate does not fit the format.
+        A coordinate does not fit the format; or EVT 3.0 has no words for the times.
     """
+    encoders = {"EVT21": encode_evt21, "EVT20": encode_evt20, "PACKED": encode_packed, "EVT30": encode_evt30}
     try:
-        encoder = {"EVT21": encode_evt21, "EVT20": encode_evt20, "PACKED": encode_packed}[form]
+        encoder = encoders[form]
     except KeyError:
         raise ValueError(f"format {form!r}: one of {', '.join(FORMATS)} is needed") from None
     words = encoder(events.t, events.x, events.y, events.p)
@@ -96,6 +102,52 @@ def encode_evt21(t, x, y, p):
     return _with_time_words(words.view(np.uint64), high, (np.uint64(TIME_HIGH << 60) | high.astype(np.uint64) << 32))
 
 
+def encode_evt30(t, x, y, p):
+    """EVT 3.0, four to a 64-bit word: uint64 array, for a decoder after a reset.
+
+    Neighbours that differ in the column alone, and increase by less than 12, become vectors where that saves words.
+    Time's high parts lead from 0 to times modulo 2^32 in steps that a decoder can tell from those back. The last time
+    word once more fills a 64-bit word up.
+    """
+    t, x, y, p = _columns(t, x, y, p, ("column", COLUMN_BITS), ("row", COLUMN_BITS))
+    if not len(t):
+        return np.zeros(0, np.uint64)
+    if (np.diff(t) < 0).any() or t[-1] - t[0] >= 1 << 32:
+        raise ValueError("times that step back, or by 2^32 µs and more: EVT 3.0 has no words for them")
+    high, low = np.divmod(t - t[0] + t[0] % (1 << 32), 1 << TIME_BITS)
+    new_time, new_row = (np.diff(a, prepend=-1) != 0 for a in (high << TIME_BITS | low, y))
+    # Rows of neighbours; in each of them blocks of 12 columns, from its first on.
+    begins = new_time | new_row | (np.diff(p, prepend=2) != 0)
+    begins[1:] |= (np.diff(x) <= 0) | (np.diff(x) >= 12)
+    starts, row = np.flatnonzero(begins), np.cumsum(begins) - 1
+    block, bit = np.divmod(x - x[starts][row], 12)
+    heads = np.flatnonzero(begins | (np.diff(block, prepend=0) != 0))
+    vectors = np.bitwise_or.reduceat(1 << bit, heads)
+    saves = (1 + np.bincount(row[heads]) < np.bincount(row))[row]
+    step = (1 << TIME_BITS - 1) - 1
+    steps = -(-np.diff(high, prepend=0) // step)
+    steps[0] = max(steps[0], 1)
+    at = np.repeat(np.arange(len(t)), steps)
+    # From the last one on, or 0.
+    back = np.repeat(np.cumsum(steps), steps) - 1 - np.arange(len(at))
+    before = np.append(0, high)[:-1][at] + step * (steps[at] - back)
+    highs = np.where(back == 0, high[at], before)
+    single, pixel = np.flatnonzero(~saves), p << 11 | x
+    starts, heads, vectors = starts[saves[starts]], heads[saves[heads]], vectors[saves[heads]]
+    pieces = [
+        (at, TIME_HIGH, highs & 0xFFF),
+        (np.flatnonzero(new_time), Evt3.TIME_LOW, low[new_time]),
+        (np.flatnonzero(new_row), Evt3.Y, y[new_row]),
+        (starts, Evt3.BASE, pixel[starts]),
+        (single, Evt3.X, pixel[single]),
+        (heads, Evt3.VECTOR_12, vectors),
+    ]
+    order = np.argsort(np.concatenate([k for k, *_ in pieces]), kind="stable")
+    words = np.concatenate([kind << 12 | values for _, kind, values in pieces])[order]
+    words = np.append(words, np.full(-len(words) % 4, TIME_HIGH << 12 | high[-1] & 0xFFF))
+    return words.astype("<u2").view("<u8").astype(np.uint64)
+
+
 def _columns(t, x, y, p, *limits):
     columns = [np.asarray(a).astype(np.int64) for a in (t, x, y, p)]
     for (name, bits), values in zip(limits, columns[1:3], strict=True):
@@ -123,7 +175,7 @@ def read_raw(path):
     form : str
         Key of :data:`cmfpga.protocol.registers.FORMATS`.
     words : uint64 array
-        A missing half at the end is filled with an unused word (type F).
+        Words that are missing at the end are filled with unused ones (type F).
 
     Raises
     ------
@@ -144,17 +196,16 @@ def read_raw(path):
         start = end + 1
         if header[-1] == "end":
             break
-    found = " ".join(header).lower().replace("evt2.1", "evt 2.1")
-    form = "EVT21" if "evt 2.1" in found else "EVT20" if "evt 2.0" in found else None
+    found = " ".join(header).lower()
+    widths = {"EVT21": (8, r"evt ?2\.?1"), "EVT20": (4, r"evt ?2(\.0)?\b"), "EVT30": (2, "evt ?3")}
+    form = next((form for form, (_, said) in widths.items() if re.search(said, found)), None)
     if form is None:
         raise RecordingError(
-            f"{path}: the header names neither evt 2.0 nor evt 2.1, which are what the AXI top decodes"
+            f"{path}: the header names none of evt 2.0, 2.1 and 3.0, which are what the AXI top decodes"
         )
     body = content[start:]
-    width = 8 if form == "EVT21" else 4
-    body = body[: len(body) // width * width]
-    if len(body) % 8:
-        body += b"\xff\xff\xff\xff"
+    body = body[: len(body) - len(body) % widths[form][0]]
+    body += b"\xff" * (-len(body) % 8)
     return form, np.frombuffer(body, "<u8").astype(np.uint64)
 
 

@@ -40,6 +40,14 @@ def small_product(value, factor):
     return terms[0][: len(value) + len(factor)].as_signed() if value.shape().signed else terms[0]
 
 
+def ones(value):
+    """How many bits are set: a tree of adders."""
+    terms = [*value]
+    while len(terms) > 1:
+        terms = [sum(terms[k + 1 : k + 2], terms[k]) for k in range(0, len(terms), 2)]
+    return terms[0]
+
+
 def partial_products(value, factor):
     """What sums to ``value · factor`` (``factor`` unsigned, a few bits): a term of one adder for two bits of it."""
     terms = [Mux(bit, value, 0) << number for number, bit in enumerate(factor)]

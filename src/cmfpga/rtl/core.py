@@ -39,6 +39,8 @@ class Core(CycleFormula, Iterating, wiring.Component):
     ----------
     config : Config
         Everything.
+    skips : bool
+        Events outside the ROI may come several at once (:func:`payloads.event`), while ``far``.
 
     Members
     -------
@@ -49,6 +51,9 @@ class Core(CycleFormula, Iterating, wiring.Component):
     settings : ``In``, :func:`payloads.settings`
         Taken over when a batch's first event is offered to the idle core, one cycle before it is accepted: hold them
         until then.
+    roi, far : ``Out``
+        :func:`payloads.roi_corner` of the batch that is taken in; as of :class:`~.ingest.ingest_control.IngestControl`.
+        Only with ``skips``.
     opened, take : ``Out(1)``
         A batch begins, and takes over its settings; its events are complete. One cycle each.
     trace : ``Out``, flow of :func:`payloads.trace`
@@ -68,13 +73,14 @@ class Core(CycleFormula, Iterating, wiring.Component):
         of many regions.
     """
 
-    def __init__(self, config):
-        self.config = config
+    def __init__(self, config, *, skips=False):
+        self.config, self.skips = config, skips
         check_one_region(config)
         self._make_blocks()
         self.image.check(self.iteration_latency)
         members = {
-            "i": In(stream.Signature(payloads.event(config))),
+            "i": In(stream.Signature(payloads.event(config, skips))),
+            **({"roi": Out(payloads.roi_corner(config)), "far": Out(1)} if skips else {}),
             "o": Out(stream.Signature(payloads.result(config))),
             "settings": In(payloads.settings(config)),
             "opened": Out(1),
@@ -92,7 +98,7 @@ class Core(CycleFormula, Iterating, wiring.Component):
     def _make_blocks(self):
         config = self.config
         self.front = make_front(config)
-        self.roi_filter = RoiFilter(config)
+        self.roi_filter = RoiFilter(config, skips=self.skips)
         self.thinner = Thinner(
             payloads.roi_event(config),
             most_stored=config.buffer_events,
@@ -104,7 +110,7 @@ class Core(CycleFormula, Iterating, wiring.Component):
         self._make_iterating(move=self.roi_updater.latency, settle=self.roi_updater.settle)
         # From an event's acceptance until it is counted.
         self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.thinner)) + 1
-        self.ingest_control = IngestControl(config, drain=self.drain)
+        self.ingest_control = IngestControl(config, drain=self.drain, skips=self.skips)
 
     @property
     def boxes(self):
@@ -156,6 +162,8 @@ class Core(CycleFormula, Iterating, wiring.Component):
             self.opened.eq(opened),
             self.take.eq(control.handover.take),
         ]
+        if self.skips:
+            m.d.comb += [self.roi.eq(self.roi_updater.corner.roi), self.far.eq(control.far)]
         if thins(self.config):
             m.d.comb += [
                 self.thinner.halved.eq(self.event_buffer.stored.halved),

@@ -56,9 +56,13 @@ def flow(layout):
     return stream.Signature(layout, always_ready=True)
 
 
-def event(config):
-    """An event as the camera sends it; ``last`` ends the batch. Polarity is not used."""
-    return layout(t=config.time_bits, x=config.geometry.x_bits, y=config.geometry.y_bits, last=1)
+def event(config, skips=False):
+    """An event as the camera sends it; ``last`` ends the batch. Polarity is not used.
+
+    With ``skips`` it may be ``skip`` of them, 0 as well as 1, all outside the ROI.
+    """
+    more = {"skip": 4} if skips else {}
+    return layout(t=config.time_bits, x=config.geometry.x_bits, y=config.geometry.y_bits, last=1, **more)
 
 
 def marked_event(config, *marks):

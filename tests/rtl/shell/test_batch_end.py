@@ -168,8 +168,8 @@ def test_one_event_per_cycle(rng):
 JUMPS, OFTEN, GRID = {"jumps": 0.05}, {"event_p": 0.6, "end_p": 0.3}, {"grid": 10}
 MUTANTS = {  # old, new, ends, how many tokens of which kind show it
     "ends are forgotten": ("held.end.eq(1)", "held.end.eq(0)", "tlast", 200, {}),
-    "a wrong number": ("completes(number + 1,", "completes(number + 2,", "count", 7, {"event_p": 1.0}),
-    "a TLAST behind the number": ("& ~(leaves & by_number & ~ended)", "", "one and tlast", 600, OFTEN),
+    "a wrong number": ("completes(number + events,", "completes(number + 2,", "count", 7, {"event_p": 1.0}),
+    "a TLAST behind the number": ("& ~(leaves_whole & by_number & ~ended)", "", "one and tlast", 600, OFTEN),
     "a TLAST behind the next event": ("by_time) & ~arrives)", "by_time))", "one and tlast", 200, OFTEN),
     "one microsecond": ("Cat(Const(1, 1), apart", "Cat(Const(0, 1), apart", "duration", 200, GRID),
     "no step back": ("(later ^ later[-1].replicate(", "(later & ~later[-1].replicate(", "duration", 200, JUMPS),

@@ -3,16 +3,21 @@
 import numpy as np
 import pytest
 
-from cmfpga.config import Config
+from cmfpga.config import Config, preset
 from cmfpga.events.arrays import Events
+from cmfpga.events.evt import EvtDecoder
 from cmfpga.protocol.registers import FORMATS
-from cmfpga.protocol.words import encode
+from cmfpga.protocol.words import encode, read_raw
 from cmfpga.reference.wire import Beat, Token, decode, sensor_gate, to_beats
 from cmfpga.rtl.shell.decoder import Decoder
+from cmfpga.rtl.shell.evt3_decoder import Evt3Decoder
 from cmfpga.rtl.shell.sensor_gate import SensorGate
+from cmfpga.rtl.shell.vector_splitter import VectorSplitter
 from support.axi_streams import FLOWS, pass_through
 
 CONFIG = Config()
+EVT3 = preset("fast").replace(evt3=1)
+END = Token(0, 0, 0, False, False, True)
 PULSES = {"format_error": "format_errors", "other": "other_words", "back": "time_high_back"}
 
 
@@ -20,20 +25,25 @@ def payload(beat):
     return {"data": beat.data, "keep": beat.keep, "last": int(beat.last), "user": 0}
 
 
-def as_token(value):
-    """A token of the hardware; what has no meaning without an event left out."""
-    if not value["event"]:
-        return Token(0, 0, 0, False, False, bool(value["end"]))
-    return Token(value["t"], value["x"], value["y"], bool(value["known"]), True, bool(value["end"]))
+def as_tokens(value):
+    """A token of the hardware, an event each; what has no meaning without an event left out."""
+    x, end = value["x"], bool(value["end"])
+    columns = [x + k for k in range(12) if value.get("vector", 1) >> k & 1] if value["event"] else []
+    assert columns or end
+    rest = value["y"], bool(value.get("known", True)), True
+    return [Token(value["t"], x, *rest, end and x == columns[-1]) for x in columns] or [END]
 
 
-def check(form, beats, flow, rng, config=CONFIG):
-    expected, counts = decode(config, beats, form)
+def check(form, beats, flow, rng, config=CONFIG, swap=0):
+    expected, counts = decode(config, beats, form, swap=bool(swap))
+    block, inputs, tail = Decoder(config), {"format": FORMATS[form]}, 12
+    if form == "EVT30":
+        block, inputs, tail = Evt3Decoder(config.replace(evt3=1)), {}, 8 * len(beats) + 40
     passage = pass_through(
-        Decoder(config), [payload(beat) for beat in beats], flow, rng, expect=len(expected), pulses=PULSES,
-        inputs={"format": FORMATS[form]},
+        block, [payload(beat) for beat in beats], flow, rng, expect=0 if form == "EVT30" else len(expected),
+        pulses=PULSES, inputs=inputs | {"swap": swap}, tail=tail,
     )  # fmt: skip
-    assert [as_token(value) for value in passage.values] == expected
+    assert [token for value in passage.values for token in as_tokens(value)] == expected
     assert {counter: passage.count(pulse) for pulse, counter in PULSES.items()} == counts
     return passage, expected, counts
 
@@ -51,8 +61,19 @@ def some_events(rng, count, *, width=240, height=180, step=40):
     return Events(t, x, y, np.where(rng.random(count) < 0.1, 0, 1))
 
 
-def any_beats(rng, count):
-    """Words of every type, TKEEP of every kind, TLAST anywhere; EVT 2.0 and 2.1 alike."""
+def any_beats(rng, count, form=None):
+    """Words of every type, TKEEP of every kind, TLAST anywhere; EVT 2.0 and 2.1 alike.
+
+    Of EVT 3.0 in no order: ahead of the first time, too, which then steps on and back, and wraps.
+    """
+    if form == "EVT30":
+        kinds = rng.choice([0, 2, 3, 4, 4, 5, 6, 8, *range(16)], 4 * count)
+        kinds[:32][kinds[:32] == 8] = 4
+        high = np.cumsum((kinds == 8) * rng.choice([0, 1, 40, 1500, 2047, 2048, 3000, -1, -300], 4 * count))
+        words = np.where((kinds == 8) & (rng.random(4 * count) < 0.9), high, rng.integers(0, 1 << 12, 4 * count))
+        words = (kinds << 12 | words & 0xFFF).astype("<u2").view("<u8")
+        keeps = rng.choice([0xFF, 0xFF, 0xFF, 0xFF, 0x3F, 0x0F, 0x03, 0xF3, 0, *range(256)], count)
+        return [Beat(*map(int, both), bool(rng.random() < 0.2)) for both in zip(words, keeps, strict=True)]
     beats = [Beat(1 << 60 | 1 << 28)] * 3  # events, and no time word before them
     for _ in range(count):
         halves = [int(rng.choice([0, 1, 8, 10, 14, 15, *range(16)])) << 28 | int(rng.integers(1 << 28)) for _ in "ab"]
@@ -80,18 +101,18 @@ def test_events(form, flow, rng):
 @pytest.mark.parametrize("form", FORMATS)
 def test_anything_on_the_wire(form, flow, rng):
     """Unknown types, events before the first time word, partial TKEEP, TLAST in odd places: counted, never stuck."""
-    _, tokens, counts = check(form, any_beats(rng, 200), flow, rng)
+    _, tokens, counts = check(form, any_beats(rng, 200, form), flow, rng, swap=int(flow == "gaps"))
     assert counts["format_errors"] > 10 and sum(token.end for token in tokens) > 10
     if form != "PACKED":
         assert counts["other_words"] > 10 and counts["time_high_back"] > 1
         assert any(not token.known for token in tokens if token.event)
 
 
-@pytest.mark.parametrize("form", ["EVT21", "EVT20"])
+@pytest.mark.parametrize("form", ["EVT21", "EVT20", "EVT30"])
 @pytest.mark.parametrize("flow", ["free", "both"])
 def test_after_damage_all_is_well(form, flow, rng):
     events = some_events(rng, 60)
-    beats = [*any_beats(rng, 30), *to_beats(encode(events, form))]
+    beats = [*any_beats(rng, 30, form), *to_beats(encode(events, form))]
     _, tokens, _ = check(form, beats, flow, rng)
     assert [(k.x, k.y) for k in tokens if k.event][-60:] == list(zip(events.x.tolist(), events.y.tolist(), strict=True))
 
@@ -108,7 +129,38 @@ def test_time_wraps_and_steps_back(bits, rng):
         assert counts["time_high_back"] == 2  # 900 to 500, 700 to 100
 
 
+@pytest.mark.parametrize("bits", [16, 24, 32])
+def test_loops_of_evt30_time(bits, rng):
+    """As the reader has them, in as many bits as the core does."""
+    high = np.cumsum(rng.choice([0, 1, 40, 2047, 2048, 2049, -1, -40], 400))
+    words = [0x8000 | high & 0xFFF, 0x6000 | rng.integers(0, 4096, 400), 0x2007 + 0 * high, 0x4FFF + 0 * high]
+    words = np.stack(words, axis=1).astype("<u2")
+    beats = to_beats(words.view("<u8").reshape(-1))
+    _, tokens, counts = check("EVT30", beats, "free", rng, CONFIG.replace(time_bits=bits, span_bits=7))
+    t, *_ = EvtDecoder("3.0")(words.tobytes())
+    assert [token.t for token in tokens if token.event] == (t % (1 << bits)).tolist()
+    assert t.max() > 4 << 24 and counts["time_high_back"] > 20
+
+
+def test_a_real_file_of_evt30(data_dir, rng):
+    _, words = read_raw(data_dir / "original_formats" / "prophesee_driving_1280x720_evt3.raw")
+    t, x, y, _ = EvtDecoder("3.0")(words[:2500].astype("<u8").tobytes())
+    _, tokens, counts = check("EVT30", to_beats(words[:2500]), "free", rng)
+    found = [token[:3] for token in tokens if token.event and token.known]
+    assert found == list(zip(t.tolist(), x.tolist(), y.tolist(), strict=True)) and len(t) > 5000
+    assert not counts["format_errors"]
+
+
 # ---------------------------------------------------------------- cycles
+
+
+def test_evt30_gives_one_word_per_cycle(rng):
+    """A vector too, whatever is in it; words behind the last one of a packet take none."""
+    words = np.array([0x8001, 5, 0x3003, 0x6001, *[0x4FFF, 0x4001, 0x5FFF, 0x2808] * 20], "<u2").view("<u8")
+    beats = [*to_beats(words, last=False), Beat(0x2001, 0x03, True), *to_beats([0x2001_2001_2001_2001])]
+    passage, *_ = check("EVT30", beats, "free", rng)
+    cycles = [cycle for cycle, _ in passage.out]
+    assert cycles == list(range(cycles[0], cycles[0] + 85)) and cycles[0] - passage.taken[1] == Evt3Decoder.latency
 
 
 def test_evt21_gives_one_event_per_cycle(rng):
@@ -162,6 +214,57 @@ def test_sensor_gate(flow, rng):
     assert got == [(k.event, k.end, *((k.t, k.x, k.y) if k.event else ())) for k in expected]
     assert {counter: passage.count(pulse) for pulse, counter in pulses.items()} == counts
     assert min(counts.values()) > 10
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+def test_sensor_gate_of_vectors(flow, rng):
+    """Across the border, and with an end behind what is dropped."""
+    items = vectors(rng, 300)
+    expected, _ = sensor_gate(CONFIG, [token for item in items for token in as_tokens(item)])
+    passage = pass_through(SensorGate(EVT3), items, flow, rng, expect=0, tail=1500)
+    found = [token._replace(known=True) for value in passage.values for token in as_tokens(value)]
+    assert found == [token if token.event else END._replace(known=True) for token in expected]
+
+
+@pytest.mark.parametrize("flow", FLOWS)
+@pytest.mark.parametrize("roi", [(61, 7), (0, 100), (176, 116)])
+def test_splitter(flow, roi, rng):
+    """No part crosses the ROI's border, and of each it is known on which side it is."""
+    items = []
+    for item in vectors(rng, 300):
+        x, y = (int(first + rng.choice([-12, -11, -5, -1, 0, 1, 20, 52, 53, 60, 63, 64])) for first in roi)
+        if 0 <= x < 228 and 0 <= y < 180:
+            items.append({**item, "x": x, "y": y})
+            del items[-1]["known"]
+    inputs = {"roi": dict(zip("xy", roi, strict=True))}
+    passage = pass_through(VectorSplitter(EVT3), items, flow, rng, expect=0, inputs=inputs, tail=1500)
+    found = [as_tokens(value) for value in passage.values]
+    assert [token for tokens in found for token in tokens] == [token for item in items for token in as_tokens(item)]
+    for value, tokens in zip(passage.values, found, strict=True):
+        outside = {not (0 <= x - roi[0] < 64 and 0 <= y - roi[1] < 64) for _, x, y, _, event, _ in tokens if event}
+        assert outside == ({bool(value["outside"])} if value["event"] else set())
+        assert value["events"] == len(tokens) * value["event"]
+    assert len(items) + 5 < len(found) < 2 * len(items)
+
+
+def vectors(rng, count):
+    """Tokens of vectors in and around a sensor."""
+    columns, rows = (
+        [0, 1, 50, 60, 63, 123, 124, 170, 227, 228, 229, 239, 240, 4096],
+        [0, 7, 70, 71, 100, 179, 180, 2047],
+    )
+    items = []
+    for _ in range(count):
+        vector, event, end = (
+            int(rng.choice([1, 0xFFF, rng.integers(1, 1 << 12)])),
+            rng.random() < 0.9,
+            rng.random() < 0.3,
+        )
+        if event or end:
+            place = {"t": int(rng.integers(1 << 32)), "x": int(rng.choice(columns)), "y": int(rng.choice(rows))}
+            said = {"known": int(rng.random() < 0.8), "event": int(event), "end": int(end)}
+            items.append({**place, **said, "vector": vector * event})
+    return items
 
 
 # ---------------------------------------------------------------- broken ones are found

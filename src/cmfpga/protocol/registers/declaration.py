@@ -24,8 +24,8 @@ ID = 0x434D4158  # "CMAX"
 #: Changes when a register moves or changes its meaning.
 MAP_VERSION = 3
 
-#: Values of ``INPUT.FORMAT``.
-FORMATS = {"EVT21": 0, "EVT20": 1, "PACKED": 2}
+#: Values of ``INPUT.FORMAT``; the last only of hardware with ``evt3``.
+FORMATS = {"EVT21": 0, "EVT20": 1, "PACKED": 2, "EVT30": 3}
 
 INTERRUPTS = {
     "DONE": "a result came",
@@ -35,6 +35,11 @@ INTERRUPTS = {
     "TIME": "a time stamp stepped back, or beyond the span: COUNT_TIME_HIGH_BACK, COUNT_TIME_BACK, COUNT_TIME_SPAN",
     "CONFIG_RANGE": "a batch began with a setting that had to be limited",
 }
+
+
+def formats_of(config):
+    """Those of :data:`FORMATS` that the hardware decodes."""
+    return {name: value for name, value in FORMATS.items() if config.evt3 or name != "EVT30"}
 
 
 def check(config):
@@ -62,7 +67,7 @@ def register_map(config):
         (
             *_control(),
             *in_order("Discovery", _discovery(config)),
-            *in_order("Operation", _operation()),
+            *in_order("Operation", _operation(config)),
             *_regions(config),
             *settings(config),
             *results(config),
@@ -108,8 +113,8 @@ def _control():
 def _discovery(config):
     major, minor, patch = (int(part) for part in __version__.split(".")[:3])
     table = config.ascent_rule.has_table
-    formats = [(name, 1, 1, f"INPUT.FORMAT {name}") for name in FORMATS]
-    motion, more = config.motion_model, []
+    formats = [(name, 1, 1, f"INPUT.FORMAT {name}") for name in formats_of(config)]
+    motion, more, evt3 = config.motion_model, [], formats[3:]
     if config.regions:
         more.append(("REGIONS", 1, 1, "a table of regions: REGIONS"))
     if motion.basis:
@@ -135,10 +140,11 @@ def _discovery(config):
                 ("ONE_PASS", 1, config.gradient == "one_pass", "gradient: 0 sweep, 1 one_pass"),
                 ("SIGN", 1, table, "ascent: 0 constant, 1 sign"),
                 ("BUFFERS", 2, config.buffers, "event buffers"),
-                *formats,
+                *formats[:3],
                 ("BYPASS", 1, 1, "INPUT.BYPASS"),
                 *more,
-                ("RESERVED", 12 - sum(width for _, width, *_ in more), 0, "0"),
+                ("RESERVED", 12 - sum(width for _, width, *_ in (*more, *evt3)), 0, "0"),
+                *evt3,
                 ("MAP", 8, MAP_VERSION, "version of this register map"),
             ),
         ),
@@ -187,7 +193,7 @@ def _discovery(config):
     ]
 
 
-def _operation():
+def _operation(config):
     states = [
         ("TAKING_IN", "events of a batch are being taken in"),
         ("COMPUTING", "a batch was begun whose result has not come yet"),
@@ -206,7 +212,8 @@ def _operation():
             "INPUT",
             f"what comes on s_axis; {when}",
             [
-                stored("FORMAT", 0, 2, "words; 3 is as 2", values=FORMATS, link="format"),
+                stored("FORMAT", 0, 2, "words" if config.evt3 else "words; 3 is as 2", values=formats_of(config),
+                       link="format"),
                 stored("SWAP", 4, 1, "exchange the 32-bit halves of each word (EVT 2.1 of an IMX636)", link="swap"),
                 stored("BYPASS", 8, 1, "pass the words of s_axis to m_axis, unchanged; no batches", link="bypass"),
             ],

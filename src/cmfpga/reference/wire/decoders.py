@@ -3,7 +3,18 @@
 from collections import Counter
 from typing import NamedTuple
 
-from ...protocol.word_format import EVENT_TYPES, HIGH_BITS, LOW_BITS, OTHER_TYPES, TIME_HIGH
+from ...protocol.word_format import (
+    EVENT_TYPES,
+    HIGH_BITS,
+    LAST_COLUMN,
+    LOW_BITS,
+    OTHER_TYPES,
+    OTHER_TYPES_3,
+    TIME_BITS,
+    TIME_HIGH,
+    VECTORS,
+    Evt3,
+)
 
 WHOLE = 0xFF
 
@@ -107,7 +118,41 @@ def _packed(beats, counts):
             yield Token(0, 0, 0, False, False, True)
 
 
-DECODERS = {"EVT21": _evt21, "EVT20": _evt20, "PACKED": _packed}
+def _evt30(beats, counts):
+    """As :class:`cmfpga.events.evt.EvtDecoder` does it, whose times never step back."""
+    known, low, high, wraps, now, y, base = False, 0, 0, 0, 0, 0, 0
+    mask, half = (1 << TIME_BITS) - 1, 1 << (TIME_BITS - 1)
+    for beat in beats:
+        final = max((k for k in range(4) if beat.keep >> 2 * k & 3), default=0)
+        for k in range(final + 1):
+            word, keep, found = beat.data >> 16 * k & 0xFFFF, beat.keep >> 2 * k & 3, []
+            kind, value = word >> TIME_BITS, word & mask
+            if keep != 3:
+                counts["format_errors"] += keep != 0
+            elif kind == TIME_HIGH:
+                wraps += known and value < high - half
+                counts["time_high_back"] += known and high - half <= value < high
+                low, high, known = low if value == high else 0, value, True
+            elif kind == Evt3.TIME_LOW:
+                low = value if known else 0
+            elif kind == Evt3.Y:
+                y = value & 0x7FF
+            elif kind in (Evt3.X, Evt3.BASE):
+                base, found = value & 0x7FF, [value & 0x7FF] * (kind == Evt3.X)
+            elif kind in VECTORS:
+                found = [base + bit for bit in range(VECTORS[kind]) if value >> bit & 1]
+                base = min(base + VECTORS[kind], LAST_COLUMN)
+            else:
+                counts["other_words" if kind in OTHER_TYPES_3 else "format_errors"] += 1
+            now = max(now, (wraps << TIME_BITS | high) << TIME_BITS | low)
+            end = beat.last and k == final
+            for x in found:
+                yield Token(now, x, y, known, True, end and x == found[-1])
+            if end and not found:
+                yield Token(0, 0, 0, False, False, True)
+
+
+DECODERS = {"EVT21": _evt21, "EVT20": _evt20, "PACKED": _packed, "EVT30": _evt30}
 
 
 def swap_beat(beat):

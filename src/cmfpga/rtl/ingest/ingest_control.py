@@ -44,6 +44,10 @@ def handover(config):
     )
 
 
+#: Events that a batch still takes where those outside the ROI may be dropped at once: of two cycles, and one more.
+FAR = 32
+
+
 class IngestControl(wiring.Component):
     """Decides when a batch begins and ends, in a state machine.
 
@@ -74,6 +78,8 @@ class IngestControl(wiring.Component):
     config : Config
     drain : int
         Cycles from the acceptance of an event until it is counted in the event buffer.
+    skips : bool
+        Events outside the ROI may come several at once, while ``far``.
 
     Members
     -------
@@ -86,16 +92,19 @@ class IngestControl(wiring.Component):
     clear : ``Out(1)``
         Clear the image, and the cells of the noise filter. One cycle.
     cleared : ``In(1)``
+    far : ``Out(1)``
+        The batch began before the last cycle, and no number of events ends it within :data:`FAR`. Only with ``skips``.
     handover : ``Out``, :func:`handover`
     """
 
-    def __init__(self, config, *, drain):
+    def __init__(self, config, *, drain, skips=False):
         self.config = config
-        self._drain = drain
+        self._drain, self._skips = drain, skips
         super().__init__(
             {
-                "i": In(stream.Signature(payloads.event(config))),
-                "o": Out(payloads.flow(payloads.event(config))),
+                "i": In(stream.Signature(payloads.event(config, skips))),
+                "o": Out(payloads.flow(payloads.event(config, skips))),
+                **({"far": Out(1)} if skips else {}),
                 "settings": In(payloads.settings(config)),
                 "measured": In(measured(config)),
                 "stored": In(stored(config)),
@@ -135,13 +144,20 @@ class IngestControl(wiring.Component):
             handover.opened.eq(self.i.valid & may_open),
             handover.loads.eq(self.settings.roi_load),
         ]
+        stored, number = self.o.valid, 1  # perhaps; of how many events
+        if self._skips:
+            skip, stored = self.o.payload.skip, self.o.valid & (self.o.payload.skip == 0)
+            number = Mux(skip == 0, 1, skip)
+            # Those of this cycle are not in it yet.
+            many = left[FAR.bit_length() - 1 :].any()
+            m.d.sync += self.far.eq(ingesting & (~counted | many) & (events < max(0, config.max_batch_events - FAR)))
         m.d.sync += [
-            pending.eq((pending << 1) | self.o.valid),
+            pending.eq((pending << 1) | stored),
             parity.eq(count[0]),
             reached.eq(by_roi & (count == current.batch_roi_events)),
         ]
         dropped = pending[-1] & (parity == count[0])
-        with m.If(dropped ^ self.o.valid):
+        with m.If(dropped ^ stored):
             m.d.sync += room.eq(room + Mux(dropped, 1, -1))
         m.d.sync += [handover.take.eq(0), may_open.eq(0)]
         # Outside the state machine, so that these are the registers' resets and enables, and no logic.
@@ -158,9 +174,9 @@ class IngestControl(wiring.Component):
                 reached.eq(0),
             ]
         with m.Elif(self.o.valid):
-            m.d.sync += [events.eq(events + 1), cut.eq(full & ~limit & ~self.i.payload.last)]
+            m.d.sync += [events.eq(events + number), cut.eq(full & ~limit & ~self.i.payload.last)]
             m.d.sync += [
-                left.eq(left - 1),
+                left.eq(left - number),
                 limit.eq(counted & (left == 2)),
                 full.eq(events == config.max_batch_events - 2),
             ]

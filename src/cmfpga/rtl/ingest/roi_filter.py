@@ -37,10 +37,12 @@ class RoiFilter(wiring.Component):
     config : Config
     size : (int, int), optional
         Columns and rows, by default the ROI's.
+    skips : bool
+        Events may come several at once, all of one time and outside the ROI: ``skip`` of them. Nothing marks events.
 
     Members
     -------
-    i : ``In``, flow of :func:`payloads.undistorted_event`
+    i : ``In``, flow of :func:`payloads.undistorted_event`, or of :func:`payloads.event` with ``skips``
         All events of the batch; ``last`` is not used here. Those that are marked tell the time, and are dropped.
     o : ``Out``, flow of :func:`payloads.roi_event`
         Events in the ROI.
@@ -54,12 +56,14 @@ class RoiFilter(wiring.Component):
 
     latency = 4
 
-    def __init__(self, config, size=None):
+    def __init__(self, config, size=None, *, skips=False):
         self.config = config
+        self._event = payloads.event(config, True) if skips else payloads.undistorted_event(config)
+        self._skips = skips
         self._size = size or (config.roi_width, config.roi_height)
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.undistorted_event(config))),
+                "i": In(payloads.flow(self._event)),
                 "o": Out(payloads.flow(payloads.roi_event(config, *self._size))),
                 "start": In(1),
                 "roi": In(payloads.roi_corner(config)),
@@ -74,7 +78,7 @@ class RoiFilter(wiring.Component):
 
         # Stage 1: register the event; the first one sets t_1.
         valid_s1 = Signal()
-        event_s1 = Signal(payloads.undistorted_event(config), reset_less=True)
+        event_s1 = Signal(self._event, reset_less=True)
         first = Signal(init=1)
         m.d.sync += [valid_s1.eq(self.i.valid), event_s1.eq(self.i.payload)]
         with m.If(self.start):
@@ -117,6 +121,7 @@ class RoiFilter(wiring.Component):
             before_last.eq(t < event_s3.t),
         ]
         marks = {name: delay(m, mark, 1, name=f"{name}_s3") for name, mark in marks.items()}
+        skip = delay(m, event_s1.skip, 2, name="skip") if self._skips else None
 
         # Stage 4: judge, pass on.
         back, good = Signal(), Signal()
@@ -132,8 +137,12 @@ class RoiFilter(wiring.Component):
         for name, mark in marks.items():  # not in a comprehension, which would take the signals' names
             lost[name] = ~back & ~late & mark
         for name, judged in lost.items():
-            one = Signal(name=f"{name}_s4")
-            m.d.sync += [one.eq(valid_s3 & judged), getattr(found, name).eq(getattr(found, name) + one)]
+            one = Signal(len(skip) if self._skips else 1, name=f"{name}_s4")
+            judged = valid_s3 & judged
+            m.d.sync += [
+                one.eq(Mux(judged, Mux(skip == 0, 1, skip), 0) if self._skips else judged),
+                getattr(found, name).eq(getattr(found, name) + one),
+            ]
         with m.If(self.start):
             m.d.sync += [found.span.eq(0), *(getattr(found, name).eq(0) for name in lost)]
         return m

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...protocol.registers.contract import COUNTERS
 from ...protocol.results import RESULTS
+from . import payloads
 
 OF_FLAGS = ("degenerate", "cut", "doubtful")
 #: Counters of what a result packet has, and where: numbers, and bits of its first word.
@@ -36,6 +37,12 @@ STEPS = _steps()
 assert len(set(STEPS.values())) == len(STEPS) and min(STEPS.values()) == 2
 
 
+def pulses(config):
+    """A bit for each of :data:`PULSES`; more for those of events, where vectors come."""
+    many = payloads.counted(config).members
+    return data.StructLayout({**dict.fromkeys(PULSES, 1), **many, "events_taken": many["events_in"]})
+
+
 class Counters(wiring.Component):
     """Wrap after 2^32; cleared all at once.
 
@@ -46,8 +53,8 @@ class Counters(wiring.Component):
     -------
     clear : ``In(1)``
         A result that began less than :attr:`walk` cycles ago is cleared too.
-    pulses : ``In``, one bit for each of :data:`PULSES`
-        Adds one.
+    pulses : ``In``, :func:`pulses`
+        Adds one; or so many, where vectors of events come.
     begun : ``In(1)``
         A result counts. At most every 32 cycles.
     held : ``In(1)``
@@ -69,7 +76,7 @@ class Counters(wiring.Component):
         super().__init__(
             {
                 **dict.fromkeys(("clear", "begun", "held", *(("last",) if config.regions else ())), In(1)),
-                "pulses": In(data.StructLayout(dict.fromkeys(PULSES, 1))),
+                "pulses": In(pulses(config)),
                 "packet": In(64),
                 "address": In(5),
                 "word": Out(32),
@@ -141,9 +148,11 @@ class Counters(wiring.Component):
         """By turn: the pulses since the counter's last one, and that of this cycle."""
         counts, pulses = [Const(0)] * TURNS, [Const(0)] * TURNS
         for k, name in enumerate(BY_PULSE):
-            counts[k] = count = Signal(5, name=f"since_{name}")
             pulses[k] = Const(1) if name == "cycles" else self.pulses[name]
+            counts[k] = count = Signal(4 + len(pulses[k]), name=f"since_{name}")
             m.d.sync += count.eq(count + pulses[k])
+            if len(pulses[k]) > 1:
+                counts[k], pulses[k] = count + pulses[k], Const(0)
             with m.If(self.clear | (~walking & (turn == k))):
                 m.d.sync += count.eq(0)
         return Array(counts), Array(pulses)

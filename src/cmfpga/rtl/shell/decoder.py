@@ -24,6 +24,25 @@ def sides(value, k):
     return found[1 - k], found[k]
 
 
+def lowest_one(m, mask):
+    """``mask`` without its lowest one, where that is, and whether there are more; by groups of four bits."""
+    remaining, index, lowest = Signal.like(mask), Signal(range(len(mask))), Signal(4)
+    groups = [mask[k : k + 4] for k in range(0, len(mask), 4)]
+    some, before, first = (Signal(len(groups), name=name) for name in ("some", "before", "first"))
+    m.d.comb += [
+        some.eq(Cat(group.any() for group in groups)),
+        before.eq(Cat(some[:k].any() for k in range(len(groups)))),
+        first.eq(some & ~before),
+        remaining.eq(mask & Cat(before[k // 4] | groups[k // 4][: k % 4].any() for k in range(len(mask)))),
+        lowest.eq(functools.reduce(operator.or_, (g & f.replicate(4) for g, f in zip(groups, first, strict=True)))),
+        index[0].eq(~lowest[0] & (lowest[1] | ~lowest[2])),
+        index[1].eq(~lowest[0] & ~lowest[1]),
+        index[2:].eq(Cat(Cat(f for k, f in enumerate(first) if k >> bit & 1).any() for bit in range(3))),
+    ]
+    several = [((g[0] | g[1]) & (g[2] | g[3])) | (g[0] & g[1]) | (g[2] & g[3]) for g in groups]
+    return remaining, index, ((some & before) | Cat(several)).any()
+
+
 class Decoder(wiring.Component):
     """Holds one 64-bit word, and steps through it:
 
@@ -75,7 +94,7 @@ class Decoder(wiring.Component):
 
         word = data.View(EVT, head)
         event_type, event, whole, some, final, use = (Signal() for _ in range(6))
-        remaining, index, more = self._first(m, body)
+        remaining, index, more = lowest_one(m, body)
         m.d.comb += [
             event_type.eq(packed | word.type.matches(*EVENT_TYPES)),
             whole.eq(keep[1].all & (halves | keep[0].all)),
@@ -111,6 +130,7 @@ class Decoder(wiring.Component):
             token.known.eq(time_high.known | packed),
             token.event.eq(event),
             token.end.eq(last & final),
+            *([token.vector.eq(1)] if self.config.evt3 else []),
             self.time_known.eq(token.known),
             self.back.eq(time_high.back),
         ]
@@ -127,22 +147,3 @@ class Decoder(wiring.Component):
         with m.Elif(some & ~whole):
             m.d.comb += self.format_error.eq(use)
         return m
-
-    @staticmethod
-    def _first(m, mask):
-        """``mask`` without its lowest one, where that is, and whether there are more; by groups of four bits."""
-        remaining, index, lowest = Signal.like(mask), Signal(range(len(mask))), Signal(4)
-        groups = [mask[k : k + 4] for k in range(0, len(mask), 4)]
-        some, before, first = (Signal(len(groups), name=name) for name in ("some", "before", "first"))
-        m.d.comb += [
-            some.eq(Cat(group.any() for group in groups)),
-            before.eq(Cat(some[:k].any() for k in range(len(groups)))),
-            first.eq(some & ~before),
-            remaining.eq(mask & Cat(before[k // 4] | groups[k // 4][: k % 4].any() for k in range(len(mask)))),
-            lowest.eq(functools.reduce(operator.or_, (g & f.replicate(4) for g, f in zip(groups, first, strict=True)))),
-            index[0].eq(~lowest[0] & (lowest[1] | ~lowest[2])),
-            index[1].eq(~lowest[0] & ~lowest[1]),
-            index[2:].eq(Cat(Cat(f for k, f in enumerate(first) if k >> bit & 1).any() for bit in range(3))),
-        ]
-        several = [((g[0] | g[1]) & (g[2] | g[3])) | (g[0] & g[1]) | (g[2] & g[3]) for g in groups]
-        return remaining, index, ((some & before) | Cat(several)).any()

@@ -3,11 +3,15 @@
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from ...fixed import bits_for
 from ...protocol.settings import settings_of
+from ...protocol.word_format import VECTORS
 from .. import payloads as core
 from ..payloads import layout
 
 DATA_BITS = 64
+#: Columns of a vector word of EVT 3.0, at most.
+VECTOR_BITS = max(VECTORS.values())
 KEEP_BITS = DATA_BITS // 8
 
 
@@ -19,14 +23,33 @@ def beat():
 def token(config):
     """What a decoder makes of words: an event, the end of a packet (TLAST), or both.
 
-    ``x`` and ``y`` are as in the word, perhaps outside the sensor; ``known`` says that ``t`` is.
+    ``x`` and ``y`` are as in the word, perhaps outside the sensor; ``known`` says that ``t`` is. With EVT 3.0
+    bit k of ``vector`` is an event in column ``x`` + k; at least one is set where there is an event.
     """
-    return layout(t=config.time_bits, x=16, y=16, known=1, event=1, end=1)
+    return layout(t=config.time_bits, x=16, y=16, known=1, event=1, end=1, **_vector(config))
+
+
+def _vector(config):
+    return {"vector": VECTOR_BITS} if config.evt3 else {}
+
+
+def gated_token(config):
+    """A token whose events, if it has any, lie on the sensor."""
+    columns, rows = config.geometry.x_bits, config.geometry.y_bits
+    return layout(t=config.time_bits, x=columns, y=rows, event=1, end=1, **_vector(config))
 
 
 def sensor_token(config):
-    """A token whose event, if it has one, lies on the sensor."""
-    return layout(t=config.time_bits, x=config.geometry.x_bits, y=config.geometry.y_bits, event=1, end=1)
+    """The same, as batches are made of it; its events may be so many, all known to lie ``outside`` the ROI."""
+    more = {"outside": 1, "events": range(VECTOR_BITS + 1)} if config.skips else {}
+    return layout(**gated_token(config).members, **more)
+
+
+def counted(config):
+    """What the input path counts: how many in this cycle."""
+    events = bits_for(VECTOR_BITS) if config.evt3 else 1
+    many = dict.fromkeys(("events_in", "before_time", "out_of_sensor"), events)
+    return layout(**dict.fromkeys(("format_errors", "other_words", "time_high_back"), 1), **many)
 
 
 def settings(config):

@@ -3,7 +3,7 @@
 import functools
 import operator
 
-from amaranth.hdl import ClockDomain, DomainRenamer, Module, Mux, ResetInserter, ResetSignal, Signal
+from amaranth.hdl import Cat, ClockDomain, DomainRenamer, Module, Mux, ResetInserter, ResetSignal, Signal
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
@@ -64,7 +64,7 @@ class Shell(wiring.Component):
         self.config = config
         self.clock = clock
         self.registers = register_map(config)
-        self.core = (Regions if config.regions else Core)(config)
+        self.core = Regions(config) if config.regions else Core(config, skips=config.skips)
         self.input = SkidBuffer(payloads.beat())
         self.input_path = InputPath(config)
         self.batch_end = BatchEnd(config)
@@ -143,6 +143,8 @@ class Shell(wiring.Component):
             path.format.eq(self.form),
             path.swap.eq(self.swap),
         ]
+        if self.config.skips:
+            m.d.comb += [path.roi.eq(self.core.roi), path.opened.eq(self.core.opened), end.far.eq(self.core.far)]
         # Another kind of input begins when the last one has left.
         m.d.comb += [
             self.quiet.eq((self.outstanding == 0) & ~end.taking_in),
@@ -239,10 +241,17 @@ class Shell(wiring.Component):
         return taken & self.core.o.payload.last if self.config.regions else taken
 
     @property
+    def _taken(self):
+        """How many events the core takes."""
+        taken, skips = self.core.i.valid & self.core.i.ready, self.config.skips
+        return Mux(taken & (self.core.i.payload.skip != 0), self.core.i.payload.skip, taken) if skips else taken
+
+    @property
     def _dropped(self):
         """Something on the wire became no event of a batch."""
         counted = self.input_path.counted
-        return counted.format_errors | counted.before_time | counted.out_of_sensor
+        lost = counted.format_errors, counted.before_time, counted.out_of_sensor
+        return Cat(lost).any() if self.config.evt3 else lost[0] | lost[1] | lost[2]
 
     @property
     def _limited(self):
@@ -300,7 +309,7 @@ class Shell(wiring.Component):
             "result_stalls": packet.stalled,
             "beats_in": entering.valid & entering.ready,
             "beats_bypassed": self.bypassing & leaving.valid & leaving.ready,
-            "events_taken": self.core.i.valid & self.core.i.ready,
+            "events_taken": self._taken,
             "empty_ends": self.batch_end.empty_end,
             **{name: counted[name] for name in counted.shape().members},
         }
