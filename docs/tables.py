@@ -17,6 +17,7 @@ import numpy as np
 from amaranth.hdl import Shape
 from amaranth.lib import data, wiring
 from declared import DECLARED, table
+from status import status_table
 from timed import TIMED, elaborated
 
 from cmfpga.config import preset
@@ -241,6 +242,7 @@ TABLES = {
     "undistortion": undistortion_table,
     "ports": ports_table,
     "blocks": blocks_table,
+    "status": status_table,
 }
 
 

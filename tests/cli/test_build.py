@@ -13,6 +13,7 @@ from cmfpga import __version__
 from cmfpga.cli import build
 from cmfpga.config import Config
 from cmfpga.verilog import emit
+from cmfpga.verilog.ports import plain
 from support.building import FILES, TINY, TINY_SETS
 from support.small_core import sets
 
@@ -201,14 +202,13 @@ def test_the_header_names_version_and_configuration(files):
 
 def test_the_listed_ports_are_those_of_the_top_module(files):
     text = files["cmfpga_core.v"].decode("ascii")
-    top = re.search(r"^module cmfpga_core\((.*?)\);(.*?)^endmodule", text, re.DOTALL | re.MULTILINE)
-    names = re.findall(r"\w+", top[1])
+    head = re.search(r"^module cmfpga_core\(\n(.*?)\n\);", text, re.DOTALL | re.MULTILINE)[1]
+    declared = re.findall(r"^  (input|output) (?:reg )?(?:\[(\d+):0\] )?(\w+),?  // (.+)$", head, re.MULTILINE)
     listed = info_of(files)["ports"]
-    assert [port["name"] for port in listed] == names and names[:2] == ["clk", "rst"]
-    declared = re.findall(r"^  (input|output) (?:signed )?(?:\[(\d+):0\] )?(\w+) ?;", top[2], re.MULTILINE)
-    assert sorted((name, direction, int(high or 0) + 1) for direction, high, name in declared) == sorted(
-        (port["name"], port["direction"], port["bits"]) for port in listed
-    )
+    assert len(declared) == head.count("\n") + 1 and [row[2] for row in declared][:2] == ["clk", "rst"]
+    assert [(name, direction, int(high or 0) + 1, meaning) for direction, high, name, meaning in declared] == [
+        (port["name"], port["direction"], port["bits"], plain(port["meaning"])) for port in listed
+    ]
 
 
 def test_the_description_is_that_of_the_configuration(files):

@@ -1,10 +1,12 @@
 """``cmfpga build``: emit the accelerator as Verilog, with what a user must know of it."""
 
+import importlib.resources
 import json
 import sys
 
 from .. import __version__, cli
 from ..boards import BOARDS, SerialBoard
+from ..driver.bench import batch_file, setting_writes
 from ..errors import UserError, write_text
 from ..fpga import bitstream, levels, place, resources
 from ..protocol import registers
@@ -65,7 +67,14 @@ def build_top(config, board, folder, baud=None):
     write_text(paths[0], verilog)
     write_text(paths[1], json.dumps(info, indent=2, ensure_ascii=False) + "\n")
     title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
-    return paths + documents.write_documents(top.shell.registers, title, folder)
+    settings = setting_writes(config)
+    paths += documents.write_documents(top.shell.registers, title, folder, settings)
+    if not isinstance(board, SerialBoard):
+        bench = importlib.resources.files("cmfpga.driver").joinpath("cocotb_bench.py").read_text(encoding="utf-8")
+        for name, text in ((f"test_{board.top}.py", bench), (f"{board.top}_batch.json", batch_file(config, board.top))):
+            write_text(folder / name, text)
+            paths.append(folder / name)
+    return paths
 
 
 def _report(doing):
@@ -143,9 +152,7 @@ def main(arguments=None):
     if board:
         paths += build_top(config, board, folder, options.baud)
         if not documents.has_peakrdl():
-            print(
-                "note: no C header, HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr
-            )
+            print("note: no HTML or IP-XACT of the registers: pip install 'cmfpga[registers]'", file=sys.stderr)
     wrapped = folder / f"{board.top}.v" if board else None
     if not options.json:
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)

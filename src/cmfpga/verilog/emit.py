@@ -13,14 +13,16 @@ import os
 import re
 import shutil
 import tempfile
-import textwrap
 from pathlib import Path
 
 import platformdirs
 from amaranth.back import verilog
+from amaranth.hdl import Fragment
 
 from .. import __version__
 from ..errors import ConfigError
+from .ports import comments
+from .readable import notes_of, readable
 
 TOP = "cmfpga_core"
 #: The AXI top where no board gives it a name.
@@ -42,16 +44,21 @@ def emit_verilog(core, name=TOP):
     ports = [*core.inputs.values(), *core.outputs.values()]
     # The Yosys that comes with Amaranth: another one orders and names things differently.
     with environment({"AMARANTH_USE_YOSYS": "builtin", **cache_environment("wasmtime")}), _rare_collection():
-        text = verilog.convert(core, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
+        fragment = Fragment.get(core, None)
+        text = verilog.convert(fragment, name=name, ports=ports, emit_src=False, strip_internal_attrs=True)
     text = _strip_memory_contents(text)
     text = re.sub(r" *\(\* init = .*? \*\)\n", "", text)
     text = _separate_initial_values(text)
     text = _complete_cases(text)
     text = re.sub(r"= ! ", "= ~| ", text)  # the same for any width, and what linters expect of a vector
     text = _plain_module_names(text, name)
-    text = _place_attributes(text, name, core)
-    text = _order_ports(text, name, core.port_order)
-    return _header(core.config, name) + text.partition("\n")[2]
+    kinds = "|".join(sorted({kind for port in ports for kind in port.attrs}))
+    text = re.sub(rf"^ *\(\* (?:{kinds}) = .*? \*\)\n", "", text, flags=re.MULTILINE) if kinds else text
+    signals = {**core.inputs, **core.outputs}
+    described = {
+        port: (meaning, signals[port].attrs if port in signals else {}) for port, meaning in comments(core).items()
+    }
+    return _header(core.config, name) + "\n" + readable(text, name, described, notes_of(fragment, name))
 
 
 def sha256(text):
@@ -180,44 +187,22 @@ def _complete_cases(text):
             has_default[-1] = True
         elif word == "endcase" and not has_default.pop():
             indent = line[: len(line) - len(word)]
-            lines += [f"{indent}  default:", f"{indent}      /* empty */;"]
+            lines.append(f"{indent}  default: ;")
         lines.append(line)
     return "\n".join(lines)
 
 
 def _plain_module_names(text, top):
-    """``\\cmfpga_core.voter `` (an escaped name) becomes ``cmfpga_core_voter``."""
-    return re.sub(rf"\\({top}(?:\.\w+)+) ", lambda match: match[1].replace(".", "_") + " ", text)
+    """``\\cmfpga_core.voter `` (an escaped name) becomes ``cmfpga_core_voter``, ``\\….basis$319 `` ``…_basis``.
 
-
-def _place_attributes(text, name, core):
-    """Give each port of the top its own attributes, and take them from everything else.
-
-    Yosys merges signals that one constant or one driver feeds, and then writes the attributes of one of them to all:
-    an interface would have one port twice and miss another.
+    The number is there because a signal of the same name is; a module and a signal may well share one.
     """
-    ports = {**core.inputs, **core.outputs}
-    kinds = sorted({kind for port in ports.values() for kind in port.attrs})
-    if not kinds:
-        return text
-    text = re.sub(rf"^ *\(\* (?:{'|'.join(kinds)}) = .*? \*\)\n", "", text, flags=re.MULTILINE)
-    start = re.search(rf"^module {name}\(", text, re.MULTILINE).start()
-    end = text.index("\nendmodule\n", start)
+    names = {}
 
-    def declaration(match):
-        attributes = ports[match[2]].attrs
-        return "".join(f'  (* {kind} = "{value}" *)\n' for kind, value in attributes.items()) + match[0]
+    def plain(match):
+        new = re.sub(r"\$\d+", "", match[1]).replace(".", "_")
+        if names.setdefault(new, match[1]) != match[1]:
+            raise AssertionError(f"two modules {new}")
+        return new + " "
 
-    declared = r"^  (?:input|output) (signed )?(?:\[\d+:0\] )?(\w+) ?;$"
-    body = re.sub(declared, declaration, text[start:end], flags=re.MULTILINE)
-    return text[:start] + body + text[end:]
-
-
-def _order_ports(text, top, order):
-    """List the top module's ports in the order of the diagram, clock and reset first."""
-    head = re.search(rf"^module {top}\((.*?)\);", text, re.DOTALL | re.MULTILINE)
-    names = re.findall(r"\w+", head[1])
-    if sorted(names) != sorted(order):
-        raise AssertionError(f"ports of {top}: {set(names) ^ set(order)}")
-    wrapped = textwrap.fill(", ".join(order), 118, initial_indent="  ", subsequent_indent="  ")
-    return text[: head.start()] + f"module {top}(\n{wrapped}\n);" + text[head.end() :]
+    return re.sub(rf"\\({top}(?:\.[\w$]+)+) ", plain, text)

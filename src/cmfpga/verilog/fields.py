@@ -1,22 +1,9 @@
 """Where the fields of an event, the settings and a result lie in one word: as ports in order, the first lowest."""
 
 from .emit import TOP
+from .ports import plain
 
 GROUPS = ("event", "settings", "result")
-
-
-#: What tools that know ASCII alone read instead.
-_PLAIN = (
-    ("1½", "1.5"), ("¾", "0.75"), ("½", "0.5"), ("µ", "u"), ("Σ ", "sum of "), ("Σ", "sum of "), ("²", "^2"),
-    ("·", "*"), ("−", "-"), ("…", "..."), ("×", "x"),
-)  # fmt: skip
-
-
-def plain(text):
-    """A port's meaning in ASCII."""
-    for sign, word in _PLAIN:
-        text = text.replace(sign, word)
-    return text
 
 
 def packed(table, group):

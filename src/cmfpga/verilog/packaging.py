@@ -5,7 +5,8 @@ from xml.etree import ElementTree
 from .. import __version__
 from .emit import TOP
 from .example import BENCH, EXAMPLE, FIELDS
-from .fields import packed, plain
+from .fields import packed
+from .ports import plain
 
 VENDOR, LIBRARY = "cmfpga.org", "ip"
 _SPIRIT = "http://www.spiritconsortium.org/XMLSchema/SPIRIT/1685-2009"

@@ -15,6 +15,11 @@ from ..protocol.tables import tables_of
 PORTS = {
     "clk": "the only clock; rising edge",
     "rst": "synchronous reset, active high",
+    "aclk": "the only clock; rising edge",
+    "aresetn": "synchronous reset, active low",
+    "irq": "interrupt, active high",
+    "uart_rx": "serial line to the core",
+    "uart_tx": "serial line from the core",
     "busy": "a window, or what is evaluated of it, is under way",
     "event_valid": "an event is offered",
     "event_ready": "it is accepted in this cycle",
@@ -47,6 +52,22 @@ PORTS = {
     "trace_pixels_dx": "Dx of that pixel",
     "trace_pixels_dy": "Dy of that pixel",
 }
+
+
+#: What tools that know ASCII alone read instead.
+_PLAIN = (
+    ("1½", "1.5"), ("¾", "0.75"), ("µ", "u"), ("Σ ", "sum of "), ("Σ", "sum of "), ("²", "^2"), ("·", "*"),
+    ("−", "-"), ("…", "..."), ("×", "x"), ("∂", "d"), ("η", "eta"), ("←", "<-"), ("→", "->"), ("≤", "<="),
+    ("≥", ">="), ("±", "+-"), ("–", "-"), ("°", " degrees"), ("½", "0.5"), ("φ", "phi"), ("ρ", "rho"),
+    ("α", "alpha"), ("⌊", "floor("), ("⌋", ")"), ("⌈", "ceil("), ("⌉", ")"),
+)  # fmt: skip
+
+
+def plain(text):
+    """A text of ours in ASCII."""
+    for sign, word in _PLAIN:
+        text = text.replace(sign, word)
+    return text
 
 
 @dataclass(frozen=True)
@@ -90,6 +111,12 @@ def meanings(config):
 def key(name):
     """A port's name without the number of a unit or bank, which all mean the same."""
     return re.sub(r"^(trace_pixels|trace)_\d+_", r"\1_", name)
+
+
+def comments(core):
+    """``{port: what it is for}`` in order, in ASCII; "" where no table says it."""
+    known = meanings(core.config)
+    return {name: plain(known.get(key(name), "")) for name in core.port_order}
 
 
 def port_table(core):

@@ -23,7 +23,7 @@ def written(request, tmp_path_factory):
     registers = register_map(preset(request.param))
     folder = tmp_path_factory.mktemp(request.param)
     paths = write_documents(registers, 'A "title"', folder)
-    assert all(path.stat().st_size for path in paths) and len(paths) == 3 + len(BY_PEAKRDL)
+    assert all(path.stat().st_size for path in paths) and len(paths) == 4 + len(BY_PEAKRDL)
     return registers, folder
 
 
@@ -61,19 +61,21 @@ def test_systemrdl(written):
 
 
 def test_c_header(written, tmp_path):
-    """Compiled by a C compiler: offsets, masks and resets."""
+    """Compiled by a C compiler: offsets, masks, and what is constant."""
     registers, folder = written
     compiler = next((path for path in map(shutil.which, ("cc", "gcc", "clang")) if path), None)
     if not compiler:
         pytest.skip("no C compiler")
-    lines = ['#include "cmfpga_registers.h"', "#include <stddef.h>"]
+    lines = ['#include "cmfpga_registers.h"']
     for register in registers:
-        lines.append(f'_Static_assert(offsetof(cmfpga_t, {register.name}) == {register.offset}, "{register.name}");')
+        known = {f"CMFPGA_{register.name}": register.offset}
         for f in register.fields:
-            name = f"CMFPGA__{register.name}__{f.name}"
-            lines.append(f'_Static_assert({name}_bm == {f.mask >> f.lsb}ull << {f.lsb}, "{name}");')
-            if f.access != "status":
-                lines.append(f'_Static_assert({name}_reset == {f.reset & f.mask >> f.lsb}, "{name}");')
+            name = f"CMFPGA_{register.name}__{f.name}"
+            known |= {f"{name}_LSB": f.lsb, f"{name}_MASK": f.mask}
+            known |= {f"{name}_{key}": value for key, value in f.values.items()}
+            if f.access == "constant":
+                known[f"{name}_VALUE"] = f.reset & f.mask >> f.lsb
+        lines += [f'_Static_assert({name} == {value:#x}u, "{name}");' for name, value in known.items()]
     (tmp_path / "check.c").write_text("\n".join([*lines, "int main(void) { return 0; }"]) + "\n")
     done = subprocess.run(
         [compiler, "-fsyntax-only", f"-I{folder}", tmp_path / "check.c"], capture_output=True, text=True
@@ -146,4 +148,4 @@ def test_without_peakrdl(tmp_path, monkeypatch):
     monkeypatch.setattr("cmfpga.protocol.registers.documents.has_peakrdl", lambda: False)
     paths = write_documents(register_map(preset("fast")), "t", tmp_path)
     assert sorted(path.name for path in paths) == sorted(path.name for path in tmp_path.iterdir())
-    assert [path.name for path in paths] == ["registers.rdl", "registers.md", "regs.tcl"]
+    assert [path.name for path in paths] == ["registers.rdl", "registers.md", "regs.tcl", "cmfpga_registers.h"]

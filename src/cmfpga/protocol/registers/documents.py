@@ -1,4 +1,4 @@
-"""Documents of the register map: SystemRDL, Markdown, Tcl; from the SystemRDL, by PeakRDL, C header, HTML and IP-XACT.
+"""Documents of the register map: SystemRDL, Markdown, Tcl, C header; from the SystemRDL, by PeakRDL, HTML and IP-XACT.
 
 PeakRDL (https://peakrdl.readthedocs.io) is optional: ``pip install 'cmfpga[registers]'``.
 """
@@ -11,7 +11,6 @@ from .layout import ACCESS
 
 #: What PeakRDL writes: file or folder, and what it is.
 BY_PEAKRDL = {
-    "cmfpga_registers.h": "C header",
     "registers.xml": "IP-XACT (IEEE 1685-2009)",
     "registers-html/index.html": "HTML",
 }
@@ -134,6 +133,30 @@ def tcl(registers):
     return "\n".join([*lines, "}"]) + "\n"
 
 
+def c_header(registers, settings=()):
+    """The map as a C header: offsets, and of each field its lowest bit, its mask in place, what it is, or may be.
+
+    ``settings``, ``[(offset, word)]``, are what CMFPGA_SETTINGS lists: initializers of a batch's settings.
+    """
+    lines = ["#ifndef CMFPGA_REGISTERS_H", "#define CMFPGA_REGISTERS_H"]
+    for register in registers:
+        name = f"CMFPGA_{register.name}"
+        count = f", {register.count} of them" if register.count > 1 else ""
+        lines += ["", f"/* {register.doc}{count} */", f"#define {name} {register.offset:#x}u"]
+        for f in register.fields:
+            values = {"VALUE": f.reset & f.mask >> f.lsb} if f.access == "constant" else f.values
+            lines.append(f"#define {name}__{f.name}_LSB {f.lsb}")
+            lines.append(f"#define {name}__{f.name}_MASK {f.mask:#x}u /* {_meaning(f)} */")
+            lines += [f"#define {name}__{f.name}_{key} {value:#x}u" for key, value in values.items()]
+    pairs = ", \\\n    ".join(f"{{{offset:#x}u, {word:#x}u}}" for offset, word in settings)
+    lines += (
+        ["", "/* {offset, word} of each setting of a batch */", f"#define CMFPGA_SETTINGS \\\n    {pairs}"]
+        if pairs
+        else []
+    )
+    return "\n".join([*lines, "", "#endif"]) + "\n"
+
+
 def _braced(text):
     """A word of Tcl in which nothing is substituted."""
     if set(text) & set("{}\\"):
@@ -143,17 +166,22 @@ def _braced(text):
 
 def has_peakrdl():
     """Whether the optional extra is installed."""
-    names = ("systemrdl", "peakrdl_cheader", "peakrdl_html", "peakrdl_ipxact")
+    names = ("systemrdl", "peakrdl_html", "peakrdl_ipxact")
     return all(importlib.util.find_spec(name) is not None for name in names)
 
 
-def write_documents(registers, title, folder):
-    """Write ``registers.rdl`` and ``.md``, ``regs.tcl``, and with PeakRDL :data:`BY_PEAKRDL`; returns their paths."""
-    rdl, table, script = (folder / name for name in ("registers.rdl", "registers.md", "regs.tcl"))
+def write_documents(registers, title, folder, settings=()):
+    """Write ``registers.rdl`` and ``.md``, ``regs.tcl``, ``cmfpga_registers.h``, with PeakRDL :data:`BY_PEAKRDL`.
+
+    Returns their paths.
+    """
+    names = ("registers.rdl", "registers.md", "regs.tcl", "cmfpga_registers.h")
+    rdl, table, script, header = (folder / name for name in names)
     write_text(rdl, systemrdl(registers, title))
     write_text(table, f"# Registers\n\n{title}\n\n{markdown(registers)}")
     write_text(script, f"# {title}\n\n{tcl(registers)}")
-    paths = [rdl, table, script]
+    write_text(header, f"/* {title} */\n{c_header(registers, settings)}")
+    paths = [rdl, table, script, header]
     if has_peakrdl():
         _by_peakrdl(rdl, folder)
         paths += [folder / name for name in BY_PEAKRDL]
@@ -161,7 +189,6 @@ def write_documents(registers, title, folder):
 
 
 def _by_peakrdl(rdl, folder):
-    from peakrdl_cheader.exporter import CHeaderExporter
     from peakrdl_html import HTMLExporter
     from peakrdl_ipxact import IPXACTExporter, Standard
     from systemrdl import RDLCompiler
@@ -169,8 +196,7 @@ def _by_peakrdl(rdl, folder):
     compiler = RDLCompiler()
     compiler.compile_file(str(rdl))
     top = compiler.elaborate().top
-    header, ipxact, html = (folder / name for name in BY_PEAKRDL)
-    CHeaderExporter().export(top, str(header))
+    ipxact, html = (folder / name for name in BY_PEAKRDL)
     names = {"vendor": "cmfpga.org", "library": "ip", "version": __version__}
     IPXACTExporter(**names, standard=Standard.IEEE_1685_2009).export(top, str(ipxact))
     HTMLExporter().export(top, str(html.parent), skip_not_present=False)
