@@ -45,8 +45,6 @@ def check(config):
     ):
         if getattr(config, name) > limit:
             raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the AXI top ({why})")
-    if config.slides:
-        raise ConfigError("windows = sliding: the AXI top takes batches; windows = batches is needed")
     for name in ("hot_pixels", "background"):
         if getattr(config, name):
             raise ConfigError(f"{name} = 1: the AXI top has no such filter")
@@ -112,6 +110,8 @@ def _discovery(config):
     motion, more = config.motion_model, []
     if config.regions:
         more.append(("REGIONS", 1, 1, "a table of regions: REGIONS"))
+    if config.slides:
+        more.append(("SLIDING", 1, 1, "windows slide: a batch lasts until END_BATCH, and has a result of each hop"))
     if motion.basis:
         more.append(("MOTION", 2, [*MOTIONS].index(motion.name), "1 similarity, 2 rotation"))
         more.append(("LEVER", 4, motion.lever, "log2 of the lever arm of zoom and roll, px"))
