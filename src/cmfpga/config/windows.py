@@ -14,7 +14,12 @@ def window_events(config):
 
 def hop_events(config):
     """Most events of a hop."""
-    return config.hop_events or max(1, round(window_events(config) / HOPS))
+    return config.hop_events or hop_of(window_events(config))
+
+
+def hop_of(count):
+    """Most events of a hop, where a window has so many."""
+    return max(1, round(count / HOPS))
 
 
 def check_lengths(config, given):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..config import PRESETS
-from ..config.windows import HOPS
+from ..config.windows import hop_of
 from ..engines import make_engine
 from ..events.arrays import Events
 from ..protocol.regions import Region
@@ -80,7 +80,7 @@ def settings_of(config, roi):
     config = next(same, config)
     if config.slides:  # so that windows follow one another
         most = min(EVENTS // 3, config.buffer_events)
-        config = config.replace(window_events=most, hop_events=max(1, most // HOPS), window_us=0, hop_us=0)
+        config = config.replace(window_events=most, hop_events=hop_of(most), window_us=0, hop_us=0)
     if with_rotation(config):
         width, height = config.sensor_width, config.sensor_height
         config = config.replace(camera=f"{4 * width},{4 * width},{width // 2},{height // 2},-0.5,0,0,0,0")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..config.schedule import DISTANCES, STRIDES
-from ..config.windows import hop_events, window_events
+from ..config.windows import USUAL_EVENTS, hop_events, hop_of, window_events
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
@@ -209,13 +209,13 @@ def _plan(name, doc, word=None, when=by_signs):
     )  # fmt: skip
 
 
-def _length(name, word, low=0, asked=None):
+def _length(name, word, low=0, asked=None, reset=None):
     """How long a window or a hop is, at most."""
     return Setting(
         name=name, field=name, low=low, default=0, when=with_windows,
         high=lambda c: c.buffer_events if asked else 1 << (c.span_bits - 1),
         asked=lambda c: (asked(c) if asked else getattr(c, name)) if c.slides else 0,
-        reset=asked, places=(Place(word=word),),
+        reset=reset, places=(Place(word=word),),
     )  # fmt: skip
 
 
@@ -278,9 +278,9 @@ SETTINGS = (
     _plan("warm", "schedule of a batch with a last v", 16),
     _plan("follow", "rounds that begin before a hop's last event; without, warm begins behind it", 135, with_windows),
     _plan("after", "the round after a result that judges the window; at most one", 140, with_windows),
-    _length("window_events", 128, low=1, asked=window_events),
+    _length("window_events", 128, low=1, asked=window_events, reset=lambda c: min(USUAL_EVENTS, c.buffer_events)),
     _length("window_us", 130),
-    _length("hop_events", 129, low=1, asked=hop_events),
+    _length("hop_events", 129, low=1, asked=hop_events, reset=lambda c: hop_of(min(USUAL_EVENTS, c.buffer_events))),
     _length("hop_us", 131),
     Setting(name="every", shape=lambda c: whole(16), high=lambda c: (1 << 16) - 1, low=1, blocks=("shell",), reset=1,
             raw=lambda c, s: 1, when=with_windows, unit="results", places=(Place(word=141),),
