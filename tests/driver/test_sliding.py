@@ -160,6 +160,27 @@ def test_what_ends_a_run(accelerator, rng):
     alike(accelerator.run(events, settings=given), modelled(events, given))
 
 
+def test_events_behind_the_end_are_the_next_run_s(accelerator, rng):
+    """They wait as long as a result of the run before does."""
+    events, given, top = drawn(rng), settings(hop_us=0), accelerator.backend.top
+    counts = np.cumsum([one.events for one in modelled(events, given)])
+    end = int(counts[1]) + 3
+    assert end < counts[2]
+    accelerator.start(settings=given)
+    top.limit(words=0)
+    top.send(encode(events[:end], "PACKED"))
+    top.run(3000)
+    accelerator.control.write_settings(given, {"every": 1})  # at the ROI again
+    accelerator.control.write("CTRL", END_BATCH=1, START=1)
+    top.send(encode(events[end:], "PACKED"))
+    top.run(3000)
+    assert top.unsent and accelerator.status()["computing"]
+    top.limit()
+    wanted = modelled(events[:end], given) + modelled(events[end:], given)
+    accelerator.backend.wait_sent(10)
+    alike(accelerator.stop(), wanted)
+
+
 def test_lengths_that_are_not_allowed(accelerator, rng):
     """The driver refuses them; the hardware limits a hop to its window, and says so in each result."""
     events = drawn(rng)
