@@ -57,7 +57,7 @@ def test_every_bit_of_a_result_has_its_place(name):
 def test_words_of_a_packet_have_no_gaps():
     words = {place.word for f in RESULTS for place in f.places}
     assert words == set(range(len(words)))
-    # Presets of one motion, in batches or not, have packets of one length, up to the last word that one of them has a register for.
+    # Presets of one motion, in batches or not, have packets of one length, up to the last register of one of them.
     lengths, last = {}, {}
     for config in map(preset, WRAPPED):
         basis = bool(config.motion_model.basis), config.slides

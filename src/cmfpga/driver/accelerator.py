@@ -72,7 +72,7 @@ class Accelerator:
     # ---------------------------------------------------------------- batch by batch
 
     def run(self, events, *, roi=None, settings=None, timeout=None):
-        """Process one batch; where windows slide, events of a run, which goes on unless ``roi`` or its settings are given.
+        """Process one batch; where windows slide, events of a run, which goes on unless an ROI is given.
 
         Parameters
         ----------

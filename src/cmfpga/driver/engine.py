@@ -38,7 +38,7 @@ class AcceleratorEngine(Engine):
         self._accelerator.control.table.replace(regions, anew)
 
     def trial(self, events, settings):
-        """A batch whose length is tried; hardware whose windows slide has one window of all its ROI events, in a run."""
+        """A batch whose length is tried; where windows slide a run with one window, of all its ROI events."""
         config = self.config
         if not config.slides:
             return super().trial(events, settings)

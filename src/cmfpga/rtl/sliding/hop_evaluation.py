@@ -103,8 +103,8 @@ class HopEvaluation(wiring.Component):
         self.config, self._replay_delay, self._move = config, replay_delay, move
         inputs = ("offered", "cleared", "walked", "divided", "complete", "summed", "judged", "drained", "taken")
         outputs = (
-            "begins", "load", "opened", "free", "closed", "divide", "replay", "next", "iterating", "wants_verdict", "move",
-            "cold", "walk", "keep", "kept", "degenerate",
+            "begins", "load", "opened", "free", "closed", "divide", "replay", "next", "iterating", "wants_verdict",
+            "move", "cold", "walk", "keep", "kept", "degenerate",
         )  # fmt: skip
         super().__init__(
             {
