@@ -9,6 +9,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.driver import Accelerator
 from cmfpga.driver.simulation import SimulationBackend
+from cmfpga.driver.uart import UartBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
 from cmfpga.events import open_recording
@@ -17,6 +18,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import track
+from cmfpga.verilog.simulation.uart_top import SimulatedLine
 from support.axi.expected import moving_events
 from support.designs import SHELL_SIZES
 from support.driving import differences
@@ -203,6 +205,14 @@ def test_lengths_that_are_not_allowed(accelerator, rng):
         assert all(one.config_range for one in found)
         accelerator.reset()
     assert not any(one.config_range for one in accelerator.run(events, settings=settings()))
+
+
+def test_a_board_at_a_serial_line(compiler, rng):
+    events = drawn(rng)
+    with Accelerator(UartBackend(SimulatedLine(CONFIG)), CONFIG) as accelerator:
+        found = accelerator.run(events[:500], settings=settings())
+        alike(found + accelerator.run(events[500:]), modelled(events, settings()))
+        assert not any(accelerator.backend.counters().values())
 
 
 def test_the_preset_follows_an_object_of_a_recording(compiler, data_dir):

@@ -113,7 +113,7 @@ def slide(top, events, settings):
         return (control.read(f"COUNT_{name}")["VALUE"] - before.get(name, 0)) % (1 << 32)
 
     def evaluated():
-        if count("BEATS_IN") != len(words):
+        if count("EVENTS_IN") != len(events):
             return False
         status = control.read("STATUS")
         return not any(status[name] for name in ("EVENTS_WAITING", "COMPUTING", "RESULT_WAITING"))
@@ -126,7 +126,7 @@ def slide(top, events, settings):
             control.write_settings(settings, {"every": 1})
             control.write("CTRL", START=1)
         control.clear_interrupts()
-        before = {name: count(name) for name in ("BEATS_IN", "BATCHES")}
+        before = {name: count(name) for name in ("EVENTS_IN", "BATCHES")}
         for first in range(0, len(words), backend.max_words):
             backend.send(words[first : first + backend.max_words])
             _fetch(top, found, top.sent, "words were not taken")
