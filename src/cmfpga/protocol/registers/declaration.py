@@ -60,7 +60,7 @@ def register_map(config):
         (
             *_control(),
             *in_order("Discovery", _discovery(config)),
-            *in_order("Operation", _operation()),
+            *in_order("Operation", _operation(config)),
             *_regions(config),
             *settings(config),
             *results(config),
@@ -187,10 +187,15 @@ def _discovery(config):
     ]
 
 
-def _operation():
+def _operation(config):
+    computing = (
+        "an event is on its way through the core, or a hop's result, or END_BATCH waits"
+        if config.slides
+        else ("a batch was begun whose result has not come yet")
+    )
     states = [
         ("TAKING_IN", "events of a batch are being taken in"),
-        ("COMPUTING", "a batch was begun whose result has not come yet"),
+        ("COMPUTING", computing),
         ("RESULT_WAITING", "a result packet has not been sent completely"),
         ("EVENTS_WAITING", "words or events wait inside for a batch to begin, or for the one under way"),
         ("TIME_KNOWN", "a time word came since the last reset or change of INPUT"),
