@@ -188,11 +188,9 @@ def _discovery(config):
 
 
 def _operation(config):
-    computing = (
-        "an event is on its way through the core, or a hop's result, or END_BATCH waits"
-        if config.slides
-        else ("a batch was begun whose result has not come yet")
-    )
+    computing = "a batch was begun whose result has not come yet"
+    if config.slides:
+        computing = "an event or a hop's result is on its way through the core, or END_BATCH waits"
     states = [
         ("TAKING_IN", "events of a batch are being taken in"),
         ("COMPUTING", computing),
