@@ -12,23 +12,18 @@ from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.driver.uart import UartBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
-from cmfpga.events import open_recording
+from cmfpga.events import Events, open_recording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import track
 from cmfpga.verilog.simulation.uart_top import SimulatedLine
-from support.axi.expected import moving_events
-from support.designs import SHELL_SIZES
 from support.driving import differences
+from support.hops import CORNER, SMALL, drawn
 
-CONFIG = preset("sliding").replace(
-    **SHELL_SIZES | {"buffer_events": 200}, time_bits=20, span_bits=16, confidence_limit=1.0, min_roi_events=6,
-    window_events=100, hop_events=12, window_us=3000, hop_us=150,
-)  # fmt: skip
-OTHER = {"window_events": 60, "hop_events": 60, "follow": "", "thinning": 2}
-ROI = (14, 7)
+CONFIG = preset("sliding").replace(**SMALL | {"hop_events": 9, "window_us": 4000, "hop_us": 300})
+OTHER = {"window_events": 60, "hop_events": 20, "hop_us": 900, "follow": "", "thinning": 2}
 FATES = ("roi_events", "outside", "thinned", "time_back")
 
 
@@ -38,29 +33,23 @@ def accelerator(compiler):
         yield made
 
 
-def settings(roi=ROI, **changes):
+def settings(roi=CORNER, **changes):
     return BatchSettings.from_config(CONFIG.replace(**changes), roi)
 
 
-def drawn(rng, count=900):
-    """Events that move, in bursts of one time, with pauses and steps back."""
-    events = moving_events(CONFIG, count, int(rng.integers(1 << 30)), t0=5000)
-    steps = np.diff(events.t, prepend=events.t[0]) * rng.choice([0, 1, 3], count)
-    steps[rng.random(count) < 0.004] += 4000
-    events.t[:] = events.t[0] + np.cumsum(steps)
-    events.t[rng.random(count) < 0.01] -= 60
-    events.x[:] = (events.x + 20 * np.arange(count) // count) % CONFIG.sensor_width
-    return events
+def object_of(rng, count=900):
+    t, x, y = drawn(rng, count, wrap=1 << 32)
+    return Events(t, x, y, np.zeros(count, int))
 
 
 def modelled(events, given):
     return ModelEngine(CONFIG).run(events, given)
 
 
-def alike(found, wanted):
+def alike(found, wanted, least=5):
     for k, (one, other) in enumerate(zip(found, wanted, strict=True)):
         assert differences(one, other) == [], k
-    assert len(wanted) > 12
+    assert len(wanted) > 5 and sum(Flag.DEGENERATE not in one.flags for one in wanted) >= least
 
 
 def sent_by_chance(accelerator, words, rng):
@@ -79,7 +68,7 @@ def test_runs_equal_the_model(accelerator, rng):
     results = late = taken = 0
     for change in ({}, OTHER, {"after": "", "hop_us": 0, "roi_gain": 0.0}):
         accelerator.backend.max_words = int(rng.integers(40, 90))
-        given, events, found = settings(**change), drawn(rng), []
+        given, events, found = settings(**change), object_of(rng), []
         wanted = modelled(events, given)
         for part in np.split(np.arange(900), np.sort(rng.integers(0, 900, 3))):
             found += accelerator.run(events[part], settings=given)
@@ -95,7 +84,7 @@ def test_runs_equal_the_model(accelerator, rng):
 
 def test_a_stream_with_stalls_and_pauses(accelerator, rng):
     """Settings that are written while it runs are those of the next run; what nobody takes waits, and is counted."""
-    first, second = drawn(rng), drawn(rng)
+    first, second = object_of(rng), object_of(rng)
     accelerator.start(settings=settings(), form="EVT21")
     accelerator.send(encode(first[:300], "EVT21"))
     found = [next(accelerator.results(1))]
@@ -119,10 +108,10 @@ def test_every_so_many_th_result_is_sent(accelerator, rng):
     """The ROI moves at each; the next run begins with its first."""
     numbers, skipped = 0, 0
     for _ in range(2):
-        events = drawn(rng)
+        events = object_of(rng)
         wanted = modelled(events, settings())
         every = next(k for k in (5, 4) if len(wanted) % k != 1)  # so that the run ends in between
-        accelerator.start(roi=ROI, every=every, form="EVT21")
+        accelerator.start(roi=CORNER, every=every, form="EVT21")
         accelerator.control.clear_interrupts()
         found = sent_by_chance(accelerator, encode(events, "EVT21"), rng)
         assert len({one.roi_next for one in found}) > 3
@@ -138,15 +127,15 @@ def test_every_so_many_th_result_is_sent(accelerator, rng):
 
 def test_what_ends_a_run(accelerator, rng):
     """Its unfinished hop has no result, and the next one remembers nothing, as after a reset."""
-    events, given = drawn(rng), settings(hop_us=0)
+    events, given = object_of(rng), settings(hop_us=0)
     wanted = modelled(events[100:], given)
     for end in (accelerator.stop, accelerator.reset, lambda: None):
         part = accelerator.run(events[:100], settings=given)
         assert sum(one.events for one in part) < 100
         end()
-        alike(accelerator.run(events[100:], settings=given), wanted)
+        alike(accelerator.run(events[100:], settings=given), wanted, 3)
     accelerator.reset()
-    alike(accelerator.run(events, settings=settings(None)), modelled(events, settings(None)))
+    alike(accelerator.run(events, settings=settings(None)), modelled(events, settings(None)), 0)
     accelerator.stop()
     before = accelerator.control.read("COUNT_EMPTY_ENDS")["VALUE"]
     accelerator.control.write("CTRL", END_BATCH=1)
@@ -159,12 +148,12 @@ def test_what_ends_a_run(accelerator, rng):
     accelerator.backend.top.run(5000)
     accelerator.backend.top.limit()
     accelerator.reset()
-    alike(accelerator.run(events, settings=given), modelled(events, given))
+    alike(accelerator.run(events, settings=given), modelled(events, given), 3)
 
 
 def test_events_behind_the_end_are_the_next_run_s(accelerator, rng):
     """They wait as long as a result of the run before does."""
-    events, given, top = drawn(rng), settings(hop_us=0), accelerator.backend.top
+    events, given, top = object_of(rng), settings(hop_us=0), accelerator.backend.top
     counts = np.cumsum([one.events for one in modelled(events, given)])
     end = int(counts[1]) + 3
     assert end < counts[2]
@@ -185,30 +174,33 @@ def test_events_behind_the_end_are_the_next_run_s(accelerator, rng):
 
 def test_lengths_that_are_not_allowed(accelerator, rng):
     """The driver refuses them; the hardware limits a hop to its window, and says so in each result."""
-    events = drawn(rng)
+    events = object_of(rng)
     for change, message in (
         ({"window_events": 201}, "window_events = 201: 1 to 200 is needed"),
-        ({"hop_events": 101}, "hop_events = 101: 1 to 100 is needed"),
-        ({"hop_us": 3001}, "hop_us = 3001: 0 to 3000 is needed"),
+        ({"hop_events": 121}, "hop_events = 121: 1 to 120 is needed"),
+        ({"hop_us": 4001}, "hop_us = 4001: 0 to 4000 is needed"),
     ):
         with pytest.raises(ConfigError, match=message):
             accelerator.run(events, settings=dataclasses.replace(settings(), **change))
     with pytest.raises(ConfigError, match="what ends a batch: windows = batches is needed"):
-        accelerator.start(roi=ROI, events=50)
+        accelerator.start(roi=CORNER, events=50)
     assert accelerator.counters()["beats_in"] == 0
-    for name, wrong, right in (("HOP_EVENTS", 130, {"hop_events": 100}), ("HOP_US", 3500, {"hop_us": 3000})):
-        accelerator.control.write_settings(settings(), {"every": 1})
+    for name, wrong, base, right in (
+        ("HOP_EVENTS", 150, {"window_events": 40, "hop_us": 0}, {"hop_events": 40}),
+        ("HOP_US", 3000, {"window_us": 2000, "hop_events": 120}, {"hop_us": 2000}),
+    ):
+        accelerator.control.write_settings(settings(**base), {"every": 1})
         accelerator.control.write(name, VALUE=wrong)
         accelerator.control.write("CTRL", START=1)
         found = sent_by_chance(accelerator, encode(events, accelerator.form), rng)
-        alike(found, modelled(events, settings(**right)))
+        alike(found, modelled(events, settings(**base, **right)), 0)
         assert all(one.config_range for one in found)
         accelerator.reset()
     assert not any(one.config_range for one in accelerator.run(events, settings=settings()))
 
 
 def test_a_board_at_a_serial_line(compiler, rng):
-    events = drawn(rng)
+    events = object_of(rng)
     with Accelerator(UartBackend(SimulatedLine(CONFIG)), CONFIG) as accelerator:
         found = accelerator.run(events[:500], settings=settings())
         alike(found + accelerator.run(events[500:]), modelled(events, settings()))
