@@ -57,14 +57,14 @@ def test_every_bit_of_a_result_has_its_place(name):
 def test_words_of_a_packet_have_no_gaps():
     words = {place.word for f in RESULTS for place in f.places}
     assert words == set(range(len(words)))
-    # Presets of one motion have packets of one length, up to the last word that one of them has a register for.
+    # Presets of one motion, in batches or not, have packets of one length, up to the last register of one of them.
     lengths, last = {}, {}
     for config in map(preset, WRAPPED):
-        basis = bool(config.motion_model.basis)
+        basis = bool(config.motion_model.basis), config.slides
         lengths.setdefault(basis, set()).add(packet_beats(config))
         used = {r.offset for places in register_map(config).linked("Result").values() for r, _ in places}
         last[basis] = max(last.get(basis, 0), *((offset - BASE["Result"]) // 4 for offset in used))
-    assert lengths == {basis: {1 + word // 2} for basis, word in last.items()} and len(last) == 2
+    assert lengths == {basis: {1 + word // 2} for basis, word in last.items()} and len(last) == 3
 
 
 def test_names_are_used_once():

@@ -101,7 +101,6 @@ def test_the_tracker_finds_the_same_in_pieces(scene, tracked):
     ({"every": 0}, "every = 0: an integer of 1 or more is needed"),
     ({"preset": "fast", "window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batch"),
     ({"engine": "float"}, "engine float: windows = batches is needed; rtl and model have windows that slide"),
-    ({"engine": "axi"}, "windows = sliding: the AXI top takes batches; windows = batches is needed"),
 ])  # fmt: skip
 def test_what_is_refused(scene, wrong, message):
     with pytest.raises(ConfigError, match=f"^{message}"):

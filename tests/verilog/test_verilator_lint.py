@@ -48,7 +48,8 @@ def _serial(config):
 
 
 @pytest.mark.parametrize("make, top, name", [
-    (AxiTop, AXI_TOP, "fast"), (AxiTop, AXI_TOP, "objects"), (AxiTop, AXI_TOP, "rotation"), (_serial, UART_TOP, "fast"),
+    (AxiTop, AXI_TOP, "fast"), (AxiTop, AXI_TOP, "objects"), (AxiTop, AXI_TOP, "rotation"),
+    (AxiTop, AXI_TOP, "sliding"), (_serial, UART_TOP, "fast"),
 ])  # fmt: skip
 def test_tops(make, top, name, waivers, tmp_path):
     text = kept_verilog(make(preset(name)), top)

@@ -5,6 +5,7 @@ import time
 
 import numpy as np
 
+from ..config.windows import needs_batches
 from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..protocol.settings import BatchSettings
 from .control import Control
@@ -62,18 +63,18 @@ class Accelerator:
         self.control.check_form(self.form)
         self.engine = AcceleratorEngine(self)
         self._streaming = False
-        self._last_batch = 0
+        self._last_batch, self._every = 0, 1  # the second: of so many results one is sent
         self.reset()
 
     # ---------------------------------------------------------------- batch by batch
 
     def run(self, events, *, roi=None, settings=None, timeout=None):
-        """Process one batch.
+        """Process one batch; where windows slide, events of a run, which goes on unless an ROI is given.
 
         Parameters
         ----------
         events : Events
-            All events of the batch, in order of time.
+            All events of the batch, or any that follow those of the run, in order of time.
         roi : pair of int, optional
             Left column and top row of the ROI, px; by default where the last batch moved it. Means nothing to a table
             of regions.
@@ -85,7 +86,7 @@ class Accelerator:
         Returns
         -------
         WireResult
-            With an outcome for each region.
+            With an outcome for each region; where windows slide a list, of each hop that closed.
 
         Raises
         ------
@@ -96,8 +97,8 @@ class Accelerator:
         """
         settings = settings or BatchSettings.from_config(self.config, roi)
         with self._other_timeout(timeout):
-            (result,) = self.engine.run(events, settings)
-        return result
+            results = self.engine.run(events, settings)
+        return results if self.config.slides else results[0]
 
     def write_regions(self, regions, anew=()):
         """Replace the table of regions by these :class:`~cmfpga.protocol.regions.Region`; the next batch is theirs.
@@ -107,13 +108,13 @@ class Accelerator:
         """
         self.engine.write(regions, anew)
 
-    def track(self, recording, *, roi, batches=None, start_event=0, consumers=(), **size):
+    def track(self, recording, *, roi, batches=None, start_event=0, consumers=(), every=1, **size):
         """Follow an object through a recording.
 
         Parameters
         ----------
         recording : EventSource, or path
-        roi, batches, consumers
+        roi, batches, consumers, every
             As of :func:`cmfpga.tracking.loop.track`.
         start_event : int
             First event.
@@ -134,14 +135,15 @@ class Accelerator:
             # At most two words an event.
             most = self.backend.max_words // 2
             cutter = batch_cutter(source, self.config, start_event=start_event, most=most, **size)
-            yield from track(self.engine, cutter, roi=roi, batches=batches, consumers=consumers)
+            yield from track(self.engine, cutter, roi=roi, batches=batches, consumers=consumers, every=every)
 
     # ---------------------------------------------------------------- streams
 
     def start(
-        self, *, roi=None, events=0, roi_events=0, duration_us=0, by_tlast=False, form=None, swap=False, settings=None
-    ):
-        """Process batch after batch of whatever comes on ``s_axis``, until :meth:`stop`.
+        self, *, roi=None, events=0, roi_events=0, duration_us=0, by_tlast=False, every=1, form=None, swap=False,
+        settings=None,
+    ):  # fmt: skip
+        """Process batch after batch, or hop after hop, of whatever comes on ``s_axis``, until :meth:`stop`.
 
         Parameters
         ----------
@@ -149,9 +151,11 @@ class Accelerator:
             Of the first batch.
         events, roi_events, duration_us : int
             What ends a batch: so many events, stored ROI events, or µs; 0: not this. At least one of them, or
-            ``by_tlast``.
+            ``by_tlast``; none where windows slide.
         by_tlast : bool
             End a batch also at TLAST, which :meth:`send` and a DMA set at the end of each transfer.
+        every : int
+            Where windows slide: send the first of so many results.
         form : str, optional
             What comes: a key of :data:`cmfpga.protocol.registers.FORMATS`.
         swap : bool
@@ -160,14 +164,19 @@ class Accelerator:
             Instead of ``roi`` and the configuration's run-time fields.
         """
         self.check_batchwise()
-        if not (events or roi_events or duration_us or by_tlast):
-            raise ValueError("what ends a batch: one of events, roi_events, duration_us, by_tlast is needed")
-        settings = settings or BatchSettings.from_config(self.config, roi)
         ends = {"batch_events": events, "batch_roi_events": roi_events, "duration": duration_us, "by_tlast": by_tlast}
+        if self.config.slides:
+            if any(ends.values()):
+                needs_batches(self.config, "what ends a batch")
+            ends = {"every": every}
+            self.stop()
+        elif every != 1 or not any(ends.values()):
+            raise ValueError("what ends a batch: one of events, roi_events, duration_us, by_tlast is needed; no every")
+        settings = settings or BatchSettings.from_config(self.config, roi)
         self.control.write_input(form or self.form, swap, self.timeout)
         self.control.write_settings(settings, ends)
-        self.control.write("CTRL", START=1, AUTO_RESTART=1, DONE=1)
-        self._streaming = True
+        self.control.write("CTRL", START=1, AUTO_RESTART=not self.config.slides, DONE=1)
+        self._streaming, self._every = True, every
 
     def send(self, words, timeout=None):
         """Send words to ``s_axis``, once those before them have been taken (:func:`cmfpga.protocol.words.encode`)."""
@@ -195,7 +204,7 @@ class Accelerator:
             yield self.receive(timeout)
 
     def stop(self, timeout=None):
-        """End :meth:`start`: end the batch under way with the events that have come, begin no other.
+        """End :meth:`start`: end the batch, or the run, under way with the events that have come, begin no other.
 
         Words that no batch took are forgotten, and with them counters, v and the ROI; with slices always.
 
@@ -217,12 +226,13 @@ class Accelerator:
             while True:
                 found.append(self.receive(0))
                 self._check_time(deadline, "results do not end")
-        self._streaming = False
-        if self.config.slices > 1 or self.control.status("EVENTS_WAITING") or not self._sent():
+        self._streaming, self._every = False, 1
+        if self.config.slices > 1 or self.control.status("EVENTS_WAITING") or not self.sent():
             self.reset()
         return found
 
-    def _sent(self):
+    def sent(self):
+        """Whether all words were taken."""
         with contextlib.suppress(DeviceTimeout):
             self.backend.wait_sent(0)
             return True
@@ -241,8 +251,8 @@ class Accelerator:
 
     def clear_counters(self):
         """Set all counters to 0."""
-        running = {"START": 1, "AUTO_RESTART": 1} if self._streaming else {}
-        self.control.write("CTRL", CLEAR_COUNTERS=1, **running)
+        asked = self.control.read("CTRL")
+        self.control.write("CTRL", CLEAR_COUNTERS=1, **{name: asked[name] for name in ("START", "AUTO_RESTART")})
 
     def status(self):
         """``{name: value}`` of the register STATUS."""
@@ -269,7 +279,7 @@ class Accelerator:
             self._check_time(deadline, f"the reset has no effect ({self.control.diagnosis()})")
         self.backend.stop()
         self.control.usual_state(interrupt=self.interrupt)
-        self._streaming = False
+        self._streaming, self._every = False, 1
         self._last_batch = 0
         self.engine.forget()
 
@@ -307,10 +317,9 @@ class Accelerator:
     def receive(self, timeout):
         """The next result: :class:`WireResult`. Raises :exc:`DeviceTimeout`."""
         result = result_of(self.config, self.registers, self.backend.receive(timeout), self.backend.name)
-        expected = self._last_batch + 1
-        self._last_batch = result.batch
-        if result.batch != expected:
-            raise DeviceError(f"{self.backend.name}: the result of batch {result.batch} came, not of {expected}")
+        last, self._last_batch = self._last_batch, result.batch
+        if not last < result.batch <= last + self._every:
+            raise DeviceError(f"{self.backend.name}: the result of batch {result.batch} came, not of {last + 1}")
         return result
 
     def _check_time(self, deadline, what):

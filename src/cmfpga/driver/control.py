@@ -3,6 +3,7 @@
 import dataclasses
 import time
 
+from ..config.windows import check_lengths
 from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..imaging.camera import node_writes
 from ..protocol.regions import RegionTable
@@ -96,14 +97,16 @@ class Control:
                 )
 
     def write_settings(self, settings, ends):
-        """Settings of the batches that begin from now on.
+        """Settings of the batches that begin from now on, or where windows slide of the next run.
 
         Parameters
         ----------
         settings : BatchSettings
         ends : dict of str to int
-            What ends a batch, by the links of the registers' fields.
+            What the shell does, by the links of the registers' fields: what ends a batch, ``every``.
         """
+        if self.config.slides:
+            check_lengths(self.config, settings)
         rows, schedule = (), schedule_table(self.config, settings)
         if self.table:
             if not self.table.regions:

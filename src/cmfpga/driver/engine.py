@@ -2,11 +2,15 @@
 
 import collections
 import contextlib
+import dataclasses
 import time
 
 from ..engines import Engine
 from ..errors import DeviceError, DeviceTimeout
+from ..imaging.camera import seen
+from ..imaging.iwe import events_in_roi
 from ..protocol.results import WireResult, packet_beats
+from ..protocol.settings import BatchSettings
 from ..protocol.words import encode, result_values, split_packets
 
 #: Seconds between two looks where no interrupt says when to look.
@@ -33,8 +37,23 @@ class AcceleratorEngine(Engine):
         """What has changed is written with the next batch."""
         self._accelerator.control.table.replace(regions, anew)
 
+    def trial(self, events, settings):
+        """A batch whose length is tried; where windows slide a run with one window, of all its ROI events."""
+        config = self.config
+        if not config.slides:
+            return super().trial(events, settings)
+        place, size = (self.regions[0].x, self.regions[0].y), (config.roi_width, config.roi_height)
+        inside = len(events_in_roi(seen(config, events), place, *size)[0])
+        thinning = max(1, -(-inside // config.buffer_events))
+        count = max(1, -(-inside // thinning))
+        lengths = {"window_events": count, "hop_events": count, "window_us": 0, "hop_us": 0, "thinning": thinning}
+        results = self.run(events, dataclasses.replace(BatchSettings.from_config(config, place), **lengths))
+        return results[:1] or [self._nothing()]
+
     def _run(self, events, settings):
         control = self._accelerator.control
+        if self.config.slides:
+            return slide(self._accelerator, events, settings)
         before = control.read("COUNT_BUSY_CYCLES")["VALUE"]
         result = transact(self._accelerator, events, settings, self._sent)
         self._sent.append(len(events))
@@ -78,6 +97,61 @@ def transact(top, events, settings, before=()):
             top.reset()
         raise
     return result
+
+
+def slide(top, events, settings):
+    """Events of an accelerator whose windows slide: a :class:`WireResult` of each hop that closes with them.
+
+    A run begins where ``settings.roi`` is given, or none is under way; else it goes on, with the settings that it has.
+    Raises :exc:`DeviceError`; the accelerator was reset then.
+    """
+    backend, control, found = top.backend, top.control, []
+    top.check_batchwise()
+    words = encode(events, top.form)
+
+    def count(name):
+        return (control.read(f"COUNT_{name}")["VALUE"] - before.get(name, 0)) % (1 << 32)
+
+    def evaluated():
+        if count("EVENTS_IN") != len(events):
+            return False
+        status = control.read("STATUS")
+        return not any(status[name] for name in ("EVENTS_WAITING", "COMPUTING", "RESULT_WAITING"))
+
+    before = {}
+    try:
+        if settings.roi is not None or not control.status("TAKING_IN"):
+            top.stop()
+            control.write_input(top.form, False, top.timeout)
+            control.write_settings(settings, {"every": 1})
+            control.write("CTRL", START=1)
+        control.clear_interrupts()
+        before = {name: count(name) for name in ("EVENTS_IN", "BATCHES")}
+        for first in range(0, len(words), backend.max_words):
+            backend.send(words[first : first + backend.max_words])
+            _fetch(top, found, top.sent, "words were not taken")
+        _fetch(top, found, evaluated, "results did not end")
+        _fetch(top, found, lambda: len(found) >= count("BATCHES"), "a result was lost")
+        if found:
+            _wait_done(top, len(events))
+    except BaseException:
+        with contextlib.suppress(DeviceError):
+            top.reset()
+        raise
+    return found
+
+
+def _fetch(top, found, done, what):
+    """Fetch results as they come until it is ``done``; nothing waits for longer than the time-out."""
+    deadline = time.monotonic() + top.timeout
+    while not done():
+        with contextlib.suppress(DeviceTimeout):
+            found.append(top.receive(POLL_SECONDS))
+            deadline = time.monotonic() + top.timeout
+        if time.monotonic() > deadline:
+            raise DeviceTimeout(
+                f"{top.backend.name}: {what} within {top.timeout:g} s: {top.control.diagnosis()}{top.control.hint}"
+            )
 
 
 def _result(top, events):

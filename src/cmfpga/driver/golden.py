@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..config import PRESETS
+from ..config.windows import hop_of
 from ..engines import make_engine
 from ..events.arrays import Events
 from ..protocol.regions import Region
@@ -77,6 +78,9 @@ def settings_of(config, roi):
     """
     same = (preset for preset in PRESETS.values() if preset.hardware_hash == config.hardware_hash)
     config = next(same, config)
+    if config.slides:  # so that windows follow one another
+        most = min(EVENTS // 3, config.buffer_events)
+        config = config.replace(window_events=most, hop_events=hop_of(most), window_us=0, hop_us=0)
     if with_rotation(config):
         width, height = config.sensor_width, config.sensor_height
         config = config.replace(camera=f"{4 * width},{4 * width},{width // 2},{height // 2},-0.5,0,0,0,0")
@@ -84,11 +88,11 @@ def settings_of(config, roi):
 
 
 def model_result(config):
-    """What the integer model makes of the golden batch, JSON-ready. Needs torch."""
+    """What the integer model makes of the golden batch, JSON-ready; of its last hop. Needs torch."""
     (events, roi), model = golden_batch(config), make_engine("model", config)
     if config.regions:
         model.write(golden_regions(config, roi))
-    (result,) = model.run(events, settings_of(config, roi))
+    *_, result = model.run(events, settings_of(config, roi))
     return values_of(config, result)
 
 

@@ -19,7 +19,9 @@ def self_test(accelerator):
     events, roi = golden_batch(accelerator.config)
     if accelerator.config.regions:
         accelerator.write_regions(golden_regions(accelerator.config, roi))
-    result = accelerator.run(events, settings=settings_of(accelerator.config, roi))  # ends with the interrupt
+    results = accelerator.run(events, settings=settings_of(accelerator.config, roi))  # ends with the interrupt
+    results = results if accelerator.config.slides else [results]
+    result = results[-1]
     found["interrupt"] = _interrupt(accelerator)
     if expected is None:
         found["golden batch"] = f"ran, but was not compared: {source}"
@@ -36,7 +38,7 @@ def self_test(accelerator):
         cycles = f"{len(result.regions)} regions" if regions else f"{result.cycles} cycles"
         found["golden batch"] = f"{result.events} events, {cycles}, all {len(expected)} values as {source}"
     count = accelerator.counters()
-    if count["events_in"] != len(events) or count["batches"] != 1:
+    if count["events_in"] != len(events) or count["batches"] != len(results):
         raise DeviceError(
             f"{accelerator.backend.name}: {count['events_in']} events and {count['batches']} batches are counted after "
             f"one batch of {len(events)}"

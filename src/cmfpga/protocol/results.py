@@ -190,11 +190,12 @@ RESULTS = (
                 places=(Place(word=1, field="RESTARTED", register="RESULT_FLAGS", lsb=18, width=1),),
                 total=Place(word=27, doc="began cold, because the batch before was doubtful")),
     ResultField(name="t_us", shape=lambda c: whole(c.time_bits), scope="batch", taken_in=True, when=with_windows,
-                default=None, nothing=None, doc="when the hop ended", unit="µs"),
+                default=None, nothing=None, doc="when the hop ended", unit="µs", places=(Place(word=44),)),
     ResultField(name="fresh", **_COUNT | {"shape": lambda c: up_to(c.buffer_events), "default": None},
-                when=with_windows, doc="of the window's events those that this hop brought"),
+                when=with_windows, doc="of the window's events those that this hop brought", places=(Place(word=45),)),
     ResultField(name="late", **_COUNT | {"shape": lambda c: up_to(c.buffer_events), "counts": False, "default": None},
-                when=with_windows, doc="later than the unit of time, and counted as at its end"),
+                when=with_windows, doc="later than the unit of time, and counted as at its end",
+                places=(Place(word=46),)),
     ResultField(name="hot", **_COUNT | _FILTERED, when=with_hot_pixels, doc="dropped: of pixels marked as hot"),
     ResultField(name="noise", **_COUNT | _FILTERED, when=with_background,
                 doc="dropped: no other pixel of the cell had an event shortly before"),
@@ -218,10 +219,14 @@ RESULTS = (
 
 
 def packet_beats(config):
-    """64-bit words of a result packet: it has room for all fields, and for the parts of them that there are."""
+    """64-bit words of a result packet: it has room for all fields, and for the parts of them that there are.
+
+    For those of windows that slide only where they do.
+    """
     return 1 + max(
         place.word // 2
         for f in RESULTS
+        if f.when is not with_windows or config.slides
         for place in f.places
         if not f.when(config) or f.name + place.part in leaves(f.name, f.shape(config))
     )

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..config.schedule import DISTANCES, STRIDES
-from ..config.windows import hop_events, window_events
+from ..config.windows import USUAL_EVENTS, hop_events, hop_of, window_events
 from ..fixed import Q, saturate
 from .confidence import LIMIT_SCALE
 from .shapes import REQUIRED, Place, always, leaves, pair, up_to, whole
@@ -79,7 +79,7 @@ class Setting:
     when: Callable = always  # when(config): the hardware has the input
     shown: Callable = always  # shown(config): there is a register; none for what the ascent has no use for
     places: tuple = ()  # Place, in the register map
-    reset: int | None = None  # the register's raw value after a reset
+    reset: int | Callable | None = None  # the register's raw value after a reset; reset(config)
     doc: str = ""
     unit: str = ""
 
@@ -106,7 +106,7 @@ class Setting:
     def reset_of(self, config, q, high):
         """A register's raw value after a reset."""
         if self.reset is not None or not self.field:
-            return self.reset or 0
+            return self.reset(config) if callable(self.reset) else self.reset or 0
         value = int(_field_of(config, self.field).default * (1 << q.f))
         return value if high is None else min(value, high)
 
@@ -209,12 +209,13 @@ def _plan(name, doc, word=None, when=by_signs):
     )  # fmt: skip
 
 
-def _length(name, low=0, asked=None):
+def _length(name, word, low=0, asked=None, reset=None):
     """How long a window or a hop is, at most."""
     return Setting(
         name=name, field=name, low=low, default=0, when=with_windows,
         high=lambda c: c.buffer_events if asked else 1 << (c.span_bits - 1),
         asked=lambda c: (asked(c) if asked else getattr(c, name)) if c.slides else 0,
+        reset=reset, places=(Place(word=word),),
     )  # fmt: skip
 
 
@@ -242,9 +243,10 @@ SETTINGS = (
             shown=with_one_roi, when=in_batches,
             doc="end a batch after so many stored ROI events; 0: not by their number", places=(Place(word=1),)),
     Setting(name="duration", high=lambda c: (1 << c.span_bits) - 1, blocks=("shell",), raw=lambda c, s: 0, unit="µs",
+            when=in_batches,
             doc="end a batch before the event that is so much later than its first; 0: not by time",
             places=(Place(word=2, register="BATCH_DURATION"),)),
-    Setting(name="by_tlast", shape=lambda c: whole(1), blocks=("shell",), raw=lambda c, s: 0, reset=1,
+    Setting(name="by_tlast", shape=lambda c: whole(1), blocks=("shell",), raw=lambda c, s: 0, reset=1, when=in_batches,
             doc="end a batch with TLAST",
             places=(Place(word=3, register="BATCH_TLAST", field="ENABLE", width=1,
                           register_doc="batches and TLAST"),)),
@@ -274,12 +276,15 @@ SETTINGS = (
     Setting(name="min_roi_events", field="min_roi_events", high=lambda c: c.buffer_events, places=(Place(word=10),)),
     _plan("cold", "schedule of a batch without a last v", 15),
     _plan("warm", "schedule of a batch with a last v", 16),
-    _plan("follow", "rounds that begin before a hop's last event; without, warm begins behind it", when=with_windows),
-    _plan("after", "the round after a result that judges the window; at most one", when=with_windows),
-    _length("window_events", low=1, asked=window_events),
-    _length("window_us"),
-    _length("hop_events", low=1, asked=hop_events),
-    _length("hop_us"),
+    _plan("follow", "rounds that begin before a hop's last event; without, warm begins behind it", 135, with_windows),
+    _plan("after", "the round after a result that judges the window; at most one", 140, with_windows),
+    _length("window_events", 128, low=1, asked=window_events, reset=lambda c: min(USUAL_EVENTS, c.buffer_events)),
+    _length("window_us", 130),
+    _length("hop_events", 129, low=1, asked=hop_events, reset=lambda c: hop_of(min(USUAL_EVENTS, c.buffer_events))),
+    _length("hop_us", 131),
+    Setting(name="every", shape=lambda c: whole(16), high=lambda c: (1 << 16) - 1, low=1, blocks=("shell",), reset=1,
+            raw=lambda c, s: 1, when=with_windows, unit="results", places=(Place(word=141),),
+            doc="send the first of so many results; the ROI moves at each"),
     Setting(name="judge", field="judge", shape=lambda c: whole(1), default=1, when=with_confidence,
             places=(Place(word=17, register="CONFIDENCE", field="JUDGE", width=1,
                           register_doc="how sure v is, and what follows"),)),

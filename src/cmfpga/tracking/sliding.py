@@ -10,7 +10,7 @@ import dataclasses
 
 import numpy as np
 
-from ..config.windows import HOPS, hop_events, window_events
+from ..config.windows import hop_events, hop_of, window_events
 from ..events import Events
 from ..events.batches import Batch
 from ..imaging.camera import seen
@@ -51,7 +51,7 @@ def window_lengths(config, cutter, trial, roi):
     oldest = config.window_us or min(longest, max(LEAST_US, round(LONGER * span * count / max(1, inside))))
     return {
         "window_events": count,
-        "hop_events": min(config.hop_events or max(1, round(count / HOPS)), count),
+        "hop_events": min(config.hop_events or hop_of(count), count),
         "window_us": oldest,
         "hop_us": min(config.hop_us, oldest),
         "min_roi_events": max(config.min_roi_events, count // FEWEST),

@@ -60,7 +60,8 @@ def test_offsets_do_not_depend_on_the_configuration():
 def test_run_time_values_do_not_change_it(config):
     own = {"sign": {"cold": "0:0"}, "newton": {"cold": "0:1:1"}, "constant": {"iterations": 3}}[config.ascent]
     own = own | ({} if config.regions else {"thinning": 2})
-    changed = config.replace(min_roi_events=7, roi_gain=0.5, start="zero", **own)
+    own |= {"window_events": 70, "hop_us": 9} if config.slides else {"start": "zero"}
+    changed = config.replace(min_roi_events=7, roi_gain=0.5, **own)
     assert register_map(changed) == register_map(config)
 
 
@@ -74,14 +75,15 @@ def test_every_setting_and_every_flag_has_its_place(registers, config):
     if config.regions:
         unused |= {"roi_load", "roi_x", "roi_y", "batch_roi_events", "thinning", "thin_target", "start_last"}
         unused |= {f"{plan}_{part}" for plan in ("cold", "warm") for part in ("first", "count")}
-    assert links == (wanted - unused) | {"duration", "by_tlast"}
+    assert links == (wanted - unused) | ({"every"} if config.slides else {"duration", "by_tlast"})
     flags = {f.name: f.lsb for f in registers["RESULT_FLAGS"].fields}
     wanted = {flag.name: flag.bit_length() - 1 for flag in Flag} | {"WIRE": 16, "CONFIG_RANGE": 17, "RESTARTED": 18}
     wanted |= {"LAST": 19, "REGION": 20} if config.regions else {}
     if not config.confidence:
         wanted = {name: bit for name, bit in wanted.items() if name not in ("DOUBTFUL", "RESTARTED")}
     assert flags == wanted
-    assert set(registers.linked("Counters")) == {name.lower() for name in COUNTERS}
+    more = {"results_skipped"} if config.slides else set()
+    assert set(registers.linked("Counters")) == {name.lower() for name in COUNTERS} | more
 
 
 def test_the_packet_is_the_result_registers(registers, config):
@@ -126,10 +128,10 @@ def test_results_are_read_back(registers, config, rng):
 def test_settings_are_packed(registers, config):
     settings = {"roi_x": 3, "roi_y": 5, "v_start_x": -1, "start_last": True, "nothing": 7}
     words = setting_words(registers, settings)
-    of_one = {} if config.regions else {"ROI": 5 << 16 | 3, "START_MODE": 1}
+    of_one = {} if config.regions else {"ROI": 5 << 16 | 3} | ({} if config.slides else {"START_MODE": 1})
     assert words == {"V_START_X": 0xFFFFFFFF, **of_one}
     with pytest.raises(ValueError, match="VALUE = 4294967296: 0 to 4294967295"):
-        setting_words(registers, {"batch_events": 1 << 32})
+        setting_words(registers, {"hop_events" if config.slides else "batch_events": 1 << 32})
 
 
 @pytest.mark.parametrize("name", ["objects", "flow"])

@@ -8,9 +8,10 @@ from cmfpga.rtl.image import one_pass_image, tagged_accumulator
 from cmfpga.rtl.sliding import core, hop_control, hop_evaluation
 from cmfpga.rtl.top import VerilogSliding
 from cmfpga.verilog.simulation.core import VerilatedCore
+from support.hops import CORNER, drawn
 from support.mutation import mutated
 
-from .test_core import CASES, CORNER, compare, drawn, played
+from .test_core import CASES, compare, played
 
 SHORT = CASES["both"].replace(buffer_events=127, window_us=2500)
 FULL = SHORT.replace(window_us=4000)

@@ -55,15 +55,22 @@ _OF_REGIONS = {
     "CUT": "batches with the flag CUT",
     "BATCHES": "batches whose last result came",
 }
+#: Where windows slide: a result is a hop's. What is left out by EVERY has a counter behind the others.
+_OF_WINDOWS = {
+    "EVENTS_TAKEN": "given to the core; = ROI_EVENTS, OUTSIDE, THINNED, TIME_BACK + hops that did not close",
+    "ROI_EVENTS": "stored: RESULT_FRESH of all results",
+    "LONGEST_BATCH": "the longest hop, from its end to its result",
+}
+SKIPPED = "RESULTS_SKIPPED", ("results", "results that were not sent, because of EVERY")
 
 
 def counters(config):
     """Registers of :data:`COUNTERS`."""
-    docs = _OF_REGIONS if config.regions else {}
+    docs = _OF_REGIONS if config.regions else _OF_WINDOWS if config.slides else {}
     made = [
         (f"COUNT_{name}", docs.get(name, doc),
          [status("VALUE", 0, 32, docs.get(name, doc), unit=unit, link=name.lower())])
-        for name, (unit, doc) in COUNTERS.items()
+        for name, (unit, doc) in (*COUNTERS.items(), *((SKIPPED,) if config.slides else ()))
     ]  # fmt: skip
     return in_order("Counters", made)
 

@@ -50,8 +50,6 @@ def check(config):
     ):
         if getattr(config, name) > limit:
             raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the AXI top ({why})")
-    if config.slides:
-        raise ConfigError("windows = sliding: the AXI top takes batches; windows = batches is needed")
     for name in ("hot_pixels", "background"):
         if getattr(config, name):
             raise ConfigError(f"{name} = 1: the AXI top has no such filter")
@@ -117,6 +115,8 @@ def _discovery(config):
     motion, more, evt3 = config.motion_model, [], formats[3:]
     if config.regions:
         more.append(("REGIONS", 1, 1, "a table of regions: REGIONS"))
+    if config.slides:
+        more.append(("SLIDING", 1, 1, "windows slide: a batch lasts until END_BATCH, and has a result of each hop"))
     if motion.basis:
         more.append(("MOTION", 2, [*MOTIONS].index(motion.name), "1 similarity, 2 rotation"))
         more.append(("LEVER", 4, motion.lever, "log2 of the lever arm of zoom and roll, px"))
@@ -194,9 +194,12 @@ def _discovery(config):
 
 
 def _operation(config):
+    computing = "a batch was begun whose result has not come yet"
+    if config.slides:
+        computing = "an event or a hop's result is on its way through the core, or END_BATCH waits"
     states = [
         ("TAKING_IN", "events of a batch are being taken in"),
-        ("COMPUTING", "a batch was begun whose result has not come yet"),
+        ("COMPUTING", computing),
         ("RESULT_WAITING", "a result packet has not been sent completely"),
         ("EVENTS_WAITING", "words or events wait inside for a batch to begin, or for the one under way"),
         ("TIME_KNOWN", "a time word came since the last reset or change of INPUT"),

@@ -30,7 +30,7 @@ import collections
 import numpy as np
 import torch
 
-from ...errors import ConfigError
+from ...config.windows import check_lengths
 from ...fixed import floor_shift, round_half_up, saturate
 from ...imaging.camera import undistort
 from ...protocol.flags import Flag
@@ -77,16 +77,8 @@ class Sliding:
 
     def __init__(self, config, settings):
         self.config, self.settings, self.core = config, settings, IntegerCore(config)
-        longest = 1 << (config.span_bits - 1)
-        self._oldest = settings.window_us or longest
-        for name, low, high in (
-            ("window_events", 1, config.buffer_events),
-            ("hop_events", 1, settings.window_events),
-            ("window_us", 0, longest),
-            ("hop_us", 0, self._oldest),
-        ):
-            if not low <= (value := getattr(settings, name)) <= high:
-                raise ConfigError(f"{name} = {value}: {low} to {high} is needed")
+        check_lengths(config, settings)
+        self._oldest = settings.window_us or 1 << (config.span_bits - 1)
         self.window = tuple(np.zeros(0, np.int64) for _ in range(3))
         self.begin = self.end = self._origin = 0  # b, e, and the event with which the dither began
         self._last_end = 0  # e(k−1)

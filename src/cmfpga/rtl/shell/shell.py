@@ -13,12 +13,14 @@ from ...protocol.registers.layout import BASE
 from ...protocol.tables import tables_of
 from ..core import Core
 from ..regions.regions import Regions
+from ..sliding.core import SlidingCore
 from . import payloads
 from .batch_end import BatchEnd
 from .counters import Counters
 from .input_path import InputPath
 from .register_bank import RegisterBank, fields_of, member
 from .result_packet import ResultPacket
+from .runs import HopResults, RunEnd
 from .schedule_store import ScheduleStore
 from .settings import Settings
 from .skid_buffer import SkidBuffer
@@ -34,7 +36,7 @@ class Shell(wiring.Component):
                      ▲ status, results, counters, interrupt ─► irq
 
     The core is that of one ROI, or hardware with a table of regions. Events: one per cycle. From its result to the
-    packet's last word: :attr:`result_latency` cycles.
+    packet's last word: :attr:`result_latency` cycles. Where windows slide, a batch is a run (:class:`RunEnd`).
 
     Parameters
     ----------
@@ -64,10 +66,14 @@ class Shell(wiring.Component):
         self.config = config
         self.clock = clock
         self.registers = register_map(config)
-        self.core = Regions(config) if config.regions else Core(config, skips=config.skips)
+        if config.slides:
+            self.core = SlidingCore(config)
+        else:
+            self.core = Regions(config) if config.regions else Core(config, skips=config.skips)
         self.input = SkidBuffer(payloads.beat())
         self.input_path = InputPath(config)
-        self.batch_end = BatchEnd(config)
+        self.batch_end = (RunEnd if config.slides else BatchEnd)(config)
+        self.hop_results = HopResults() if config.slides else None
         self.result_packet = ResultPacket(config, self.registers)
         self.bank = RegisterBank([r for r in self.registers if r.group not in ("Result", "Counters", "Tables")])
         self.settings = Settings(config, self.registers)
@@ -116,8 +122,11 @@ class Shell(wiring.Component):
         # Words that are passed on may already be offered on o.
         m.submodules.input = ResetInserter(self.soft_reset & ~self.bypassing)(self.input)
         for name in ("input_path", "batch_end", "core", *(("tables",) if self.tables else ())):
-            m.submodules[name] = DomainRenamer("soft")(getattr(self, name))
-        for name in ("result_packet", "bank", "settings", "counters", "schedule_store"):
+            block = getattr(self, name)
+            if name == "core" and self.config.slides:
+                block = ResetInserter(self.batch_end.ended)(block)
+            m.submodules[name] = DomainRenamer("soft")(block)
+        for name in ("result_packet", "bank", "settings", "counters", "schedule_store", "hop_results"):
             if block := getattr(self, name):
                 m.submodules["next_settings" if name == "settings" else name] = block
 
@@ -166,14 +175,13 @@ class Shell(wiring.Component):
     def _batches(self, m):
         end, values, settings = self.batch_end, self.bank.values, self.settings
         m.d.comb += [
-            self.opened.eq(self.core.opened),
+            self.opened.eq(self.core.begins if self.config.slides else self.core.opened),
             *(settings.written[name].eq(values[name]) for name in settings.written.shape().members),
             settings.lock.eq(values.settings_lock_lock),
             settings.opened.eq(self.opened),
-            self.core.settings.eq(settings.o.core),
-            end.settings.eq(settings.o.end),
+            *self._set(m, settings),
             end.opened.eq(self.opened),
-            end.taken.eq(self.core.take),
+            *([end.busy.eq(self.core.busy)] if self.config.slides else [end.taken.eq(self.core.take)]),
             end.idle.eq(self.input.empty & self.input_path.empty),
             end.end_batch.eq(self.bank.commands.ctrl_end_batch),
             self.bank.clear.ctrl_start.eq(self.opened & ~values.ctrl_auto_restart),
@@ -199,11 +207,31 @@ class Shell(wiring.Component):
         with m.If(self.soft_reset):
             m.d.sync += self.outstanding.eq(0)
         with m.Else():
-            m.d.sync += self.outstanding.eq(self.outstanding + self.opened - self._done)
+            m.d.sync += self.outstanding.eq(self.outstanding + self.opened - self._over)
+
+    def _set(self, m, settings):
+        """Settings of the core, and of what ends batches. A hop is no longer than its window."""
+        if not self.config.slides:
+            return [self.core.settings.eq(settings.o.core), self.batch_end.settings.eq(settings.o.end)]
+        wanted, given = settings.o.core, Signal.like(settings.o.core)
+        beyond = {"hop_events": wanted.hop_events > wanted.window_events,
+                  "hop_us": (wanted.window_us != 0) & (wanted.hop_us > wanted.window_us)}  # fmt: skip
+        self.beyond = Signal(2)
+        m.d.comb += [given.eq(wanted), self.beyond.eq(Cat(beyond.values()))]
+        for name, most in (("hop_events", wanted.window_events), ("hop_us", wanted.window_us)):
+            m.d.comb += given[name].eq(Mux(beyond[name], most, wanted[name]))
+        m.d.comb += self.hop_results.every.eq(settings.o.end.every)
+        return [self.core.settings.eq(given)]
 
     def _results(self, m):
-        packet, values = self.result_packet, self.bank.values
+        packet, values, hops = self.result_packet, self.bank.values, self.hop_results
         connect(m, self.core.o, packet.i)
+        if hops:
+            m.d.comb += [
+                hops.begun.eq(packet.begun),
+                hops.restart.eq(self.batch_end.ended | self.soft_reset),
+                hops.clear.eq(self.counters.clear),
+            ]
         wire = Signal()  # something was dropped since the last result
         with m.If(packet.begun | self.soft_reset):
             m.d.sync += wire.eq(self._dropped & ~self.soft_reset)
@@ -213,8 +241,11 @@ class Shell(wiring.Component):
         opened_limited, taken_limited = Signal(), Signal()
         with m.If(self.opened):
             m.d.sync += opened_limited.eq(self._limited)
-        with m.If(self.core.take):
-            m.d.sync += taken_limited.eq(opened_limited)
+        if self.config.slides:  # and so do those of the run's other hops
+            taken_limited = opened_limited
+        else:
+            with m.If(self.core.take):
+                m.d.sync += taken_limited.eq(opened_limited)
         if self.config.regions:  # results of the batch before may still come
             before, taken_limited = taken_limited, Signal(name="results_limited")
             with m.If(self.core.takes_over):
@@ -222,7 +253,7 @@ class Shell(wiring.Component):
         m.d.comb += [
             packet.wire.eq(wire),
             packet.config_range.eq(taken_limited),
-            packet.stream_results.eq(values.output_stream_results),
+            packet.stream_results.eq(values.output_stream_results & hops.due if hops else values.output_stream_results),
             packet.hold.eq(values.result_hold_hold),
             packet.forget.eq(self.soft_reset),
         ]
@@ -236,8 +267,10 @@ class Shell(wiring.Component):
 
     @property
     def _done(self):
-        """A batch's last result was taken."""
+        """A batch's last result was taken; one that is sent, of a hop."""
         taken = self.result_packet.taken
+        if self.config.slides:
+            return taken & self.hop_results.sent
         return taken & self.core.o.payload.last if self.config.regions else taken
 
     @property
@@ -245,6 +278,11 @@ class Shell(wiring.Component):
         """How many events the core takes."""
         taken, skips = self.core.i.valid & self.core.i.ready, self.config.skips
         return Mux(taken & (self.core.i.payload.skip != 0), self.core.i.payload.skip, taken) if skips else taken
+
+    @property
+    def _over(self):
+        """What was opened is over."""
+        return self.batch_end.ended if self.config.slides else self._done
 
     @property
     def _dropped(self):
@@ -256,7 +294,8 @@ class Shell(wiring.Component):
     @property
     def _limited(self):
         """A setting of the batch that is opened is not as it was written."""
-        return self.settings.out_of_range | (self.schedule_store.limited if self.schedule_store else 0)
+        limited = self.settings.out_of_range | (self.schedule_store.limited if self.schedule_store else 0)
+        return limited | self.beyond.any() if self.config.slides else limited
 
     def _bus(self, m):
         """All hear the bus; whoever is not asked answers 0, as do the words of a block's memory."""
@@ -281,7 +320,11 @@ class Shell(wiring.Component):
             packet.address.eq(bus.read_address[1:]),
             packet.read.eq(bus.read & asked("Result", 1 + len(packet.address))),
         ]
-        answers.append(Mux(asked("Counters", len(counters.address)), counters.word, 0))
+        word = counters.word
+        if self.config.slides:
+            at = self.registers["COUNT_RESULTS_SKIPPED"].offset // 4 % 32
+            word = Mux(counters.address == at, self.hop_results.skipped, word)
+        answers.append(Mux(asked("Counters", len(counters.address)), word, 0))
         for half in range(2):
             mine = asked("Result", 1 + len(packet.address)) & (bus.read_address[0] == half) & packet.any_shown
             answers.append(Mux(mine, packet.words.word_select(half, 32), 0))
@@ -298,6 +341,10 @@ class Shell(wiring.Component):
             counters.held.eq(packet.held),
             counters.packet.eq(packet.written),
         ]
+        if self.config.slides:  # an event is counted once, not in each of its windows
+            word = self.registers["RESULT_ROI_EVENTS"].offset - BASE["Result"]
+            with m.If(self.hop_results.beat == word // 8):
+                m.d.comb += counters.packet[:32].eq(self.core.o.payload.fresh)
         if self.config.regions:
             m.d.comb += counters.last.eq(packet.i.payload.last)
         entering, leaving = self.i, self.o
@@ -320,7 +367,7 @@ class Shell(wiring.Component):
             "idle": ~bank.values.ctrl_start & self.quiet,
             "ready": ~bank.values.ctrl_start,
             "taking_in": self.batch_end.taking_in,
-            "computing": self.outstanding != 0,
+            "computing": self.core.busy | self.batch_end.ending if self.config.slides else self.outstanding != 0,
             "result_waiting": packet.sending,
             "events_waiting": ~self.input.empty | ~self.input_path.empty | self.batch_end.holding,
             "time_known": self.input_path.time_known,

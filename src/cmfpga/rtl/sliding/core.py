@@ -48,9 +48,10 @@ class SlidingCore(Iterating, wiring.Component):
     o : ``Out``, stream of :func:`payloads.result`
         One of each hop; evaluations wait until it is taken.
     settings : ``In``, :func:`payloads.settings`
-        Taken over with the first event after a reset.
+        Taken over with the first event after a reset, in the cycle of ``begins``.
     trace : ``Out``, flow of :func:`payloads.trace`
         Every round's v and sums, for verification; not of the one that judges.
+    begins : ``Out(1)``
     busy : ``Out(1)``
         An event waits, or the result of a hop that has closed.
     schedule_write : ``In``, flow of :func:`payloads.schedule_write`
@@ -76,7 +77,7 @@ class SlidingCore(Iterating, wiring.Component):
                 "o": Out(stream.Signature(payloads.result(config))),
                 "settings": In(payloads.settings(config)),
                 "trace": Out(payloads.flow(payloads.trace(config))),
-                "busy": Out(1),
+                **dict.fromkeys(("begins", "busy"), Out(1)),
                 "schedule_write": self.ascent.signature.members["schedule_write"],
                 **{
                     write: self.front[name].signature.members["write"]
@@ -209,6 +210,7 @@ class SlidingCore(Iterating, wiring.Component):
             control.cleared.eq(cleared),
             self.image.clear.eq(clear),
             control.given.eq(self.settings),
+            self.begins.eq(control.begins),
             control.walked.eq(walker.done),
             control.summed.eq(self.means.done),
             control.drained.eq(ring.idle),

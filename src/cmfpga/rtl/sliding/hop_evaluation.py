@@ -72,8 +72,8 @@ class HopEvaluation(wiring.Component):
         The walker, the division are done; all of a round's events have voted; its sums are there; the verdict is known;
         no replay is under way.
     run : ``Out``, :func:`~cmfpga.rtl.ascent.ascent.ascent_run`
-    load, opened : ``Out(1)``
-        Place the ROI; from then on events are taken in.
+    begins, load, opened : ``Out(1)``
+        Settings are taken over; place the ROI; from then on events are taken in.
     free : ``Out(1)``
         A hop may close.
     closed : ``Out(1)``
@@ -103,8 +103,8 @@ class HopEvaluation(wiring.Component):
         self.config, self._replay_delay, self._move = config, replay_delay, move
         inputs = ("offered", "cleared", "walked", "divided", "complete", "summed", "judged", "drained", "taken")
         outputs = (
-            "load", "opened", "free", "closed", "divide", "replay", "next", "iterating", "wants_verdict", "move",
-            "cold", "walk", "keep", "kept", "degenerate",
+            "begins", "load", "opened", "free", "closed", "divide", "replay", "next", "iterating", "wants_verdict",
+            "move", "cold", "walk", "keep", "kept", "degenerate",
         )  # fmt: skip
         super().__init__(
             {
@@ -158,7 +158,8 @@ class HopEvaluation(wiring.Component):
         with m.FSM(name="evaluate") as machine:
             with m.State("OPEN"):
                 m.d.sync += run.settings.eq(self.given)
-                with m.If(self.offered & self.cleared):
+                m.d.comb += self.begins.eq(self.offered & self.cleared)
+                with m.If(self.begins):
                     m.next = "LOAD"
             with m.State("LOAD"):
                 m.d.comb += self.load.eq(1)
