@@ -134,6 +134,8 @@ COLUMNS = declared(
     Column(name="confidence", dtype=float, title="confidence", unit="1/px²", value=lambda b: b.confidence,
            doc="κ, how sharp the peak of the contrast is; v is known to about 1/√κ px; empty where it was not "
            "measured", text="{:.3f}", may_be_missing=True),
+    Column(name="trusted", dtype=int, title="trusted", value=lambda b: int(b.trusted),
+           doc="1: to be trusted; 0 also where that was not measured"),
     Column(name="flags", dtype=str, title="flags", value=lambda b: b.flags.text,
            doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
 )  # fmt: skip
@@ -159,6 +161,22 @@ MORE = declared(
 )  # fmt: skip
 
 
+def _deviation(of):
+    """The column of the standard deviation of another one."""
+    return Column(name=f"{of.name}_sd", dtype=float, title=f"standard deviation of {of.title}", unit=of.unit,
+                  value=lambda b: b.deviations.get(of.name), may_be_missing=True, text="{:.6f}",
+                  doc=f"standard deviation of `{of.name}`; empty where v is in doubt")  # fmt: skip
+
+
+#: Names of what has a standard deviation, by motion.
+DEVIATIONS = {
+    motion: ("vx_px_per_s", "vy_px_per_s", *(name for name in names if name != "time_to_contact_s"))
+    for motion, names in RATES.items()
+}
+
+#: ``{name of the other: Column}``.
+SPREADS = {name: _deviation((COLUMNS | MORE)[name]) for names in DEVIATIONS.values() for name in names}
+
 #: Where windows slide, beside those.
 HOPS = declared(
     Column(name="t_us", dtype=int, title="last event", unit="µs", value=lambda b: b.t_us, may_be_missing=True,
@@ -177,10 +195,11 @@ def columns(motion, slides=False):
         found[name] = column
         if name == "vy_px_per_s":
             found |= {rate: MORE[rate] for rate in RATES[motion]}
+            found |= {column.name: column for column in map(SPREADS.get, DEVIATIONS[motion])}
     return found
 
 
 def row(values):
     """Text of a batch's values, ``{name: value}``."""
-    every = COLUMNS | MORE | HOPS
+    every = COLUMNS | MORE | HOPS | declared(*SPREADS.values())
     return tuple(every[name].shown(value) for name, value in values.items())

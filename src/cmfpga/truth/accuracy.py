@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import ConfigError, RecordingError, naming
 from ..imaging.camera import Camera, extent, parameters
 from ..imaging.iwe import gain, scaled_roi_events
-from ..protocol.confidence import is_judged, is_sure
+from ..protocol.confidence import is_judged
 from ..protocol.flags import Flag
 from .known import GYROSCOPE, POSES, VELOCITY
 
@@ -86,7 +86,7 @@ class Accuracy:
         sharper = gain(config, x, y, dt, result.v, result.roi)
         start = float(batch.events.t[0])
         found = [batch.rates[f"{axis}_rad_per_s"] for axis in _AXES[True]] if self._rotation else batch.v_px_per_s
-        self._rows.append((batch.index, 0, start, start + result.span, is_judged(result), is_sure(result), sharper))
+        self._rows.append((batch.index, 0, start, start + result.span, is_judged(result), batch.trusted, sharper))
         self._places.append([at + (side - 1) / 2 for at, side in zip(result.roi, size, strict=True)])
         self._found.append(found)
 
