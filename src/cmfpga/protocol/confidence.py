@@ -20,7 +20,7 @@ PROBE = 0.75
 
 #: Standard deviation of v that no peak is too sharp for, px per half batch: with it the ellipses of batches of known
 #: motion hold about what they say (docs/rounds.md).
-FLOOR = 0.12
+FLOOR = 0.095
 
 #: Of less motion, px per half batch, so little is left in the image that the contrast's own peak lies too far out.
 SHORT_PX = 1.5

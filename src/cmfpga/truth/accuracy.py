@@ -74,9 +74,9 @@ class Accuracy:
                 f"{known.name}: {known.kind}; a calibration is needed to compare velocities: --camera FILE"
             )
         if known.kind == FIELD and known.signal.shape != (config.sensor_height, config.sensor_width):
-            rows, columns = known.signal.shape
+            flow, sensor = known.signal.shape[::-1], (config.sensor_width, config.sensor_height)
             raise ConfigError(
-                f"{known.name}: flow of {columns}×{rows} px; the sensor has {config.sensor_width}×{config.sensor_height} px"
+                f"{known.name}: flow of {flow[0]}×{flow[1]} px; the sensor has {sensor[0]}×{sensor[1]} px"
             )
         if depth is not None and (self._rotation or known.kind != POSES):
             raise ConfigError(f"depth = {depth:g}: poses, and a motion that is no rotation, are needed")

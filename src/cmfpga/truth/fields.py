@@ -1,7 +1,7 @@
 """True flow of every pixel, window by window, as data sets have it.
 
-- A folder of DSEC: ``forward/*.png`` (16-bit RGB: 128·x + 2^15, 128·y + 2^15 in px, and 0 where it is not known), in the
-  order of the lines of ``forward_timestamps.txt`` (begin and end, µs); or the folder ``forward`` itself.
+- A folder of DSEC: ``forward/*.png`` (16-bit RGB: 128·x + 2^15, 128·y + 2^15 in px, and 0 where it is unknown), in
+  the order of the lines of ``forward_timestamps.txt`` (begin and end, µs); or the folder ``forward`` itself.
 - ``.npz`` of MVSEC: ``timestamps`` (s), ``x_flow_dist`` and ``y_flow_dist`` [N, rows, columns], px until the next time.
 - HDF5: one of :data:`DATASETS`, [N, 2, rows, columns], px; its times, µs if they are whole, else s, stand beside it:
   [N, 2], begin and end; or [N], until the next. Or [2, rows, columns], over all of ``/events/t``.
@@ -16,7 +16,6 @@ import zlib
 import h5py
 import numpy as np
 
-from ..errors import RecordingError
 from ..events.columns import readable
 from ..events.numpy_files import NPZ_ERRORS, Member
 
@@ -151,11 +150,16 @@ def _read_dsec(path):
     folder = path / "forward" if (path / "forward").is_dir() else path
     text = folder.with_name(f"{folder.name}_timestamps.txt")
     images = sorted(folder.glob("*.png"))
-    with readable(f"{text}: begin and end of each of {len(images)} images of {folder} are needed, µs", _PNG_ERRORS):
+    if not images:
+        raise RecordingError(f"{path}: cannot be read: a folder without forward/*.png, the flow as DSEC has it")
+    needed = f"{text}: begin and end, µs, of each of {len(images)} images are needed"
+    try:
         lines = text.read_text(encoding="utf-8").splitlines()
         times = [[*map(int, line.split(","))] for line in lines if line.strip() and not line.startswith("#")]
-        if len(times) != len(images) or not images or {*map(len, times)} != {2}:
-            raise ValueError(f"{len(times)} lines")
+    except (OSError, ValueError) as error:
+        raise RecordingError(f"{needed}: {getattr(error, 'strerror', None) or error}") from None
+    if len(times) != len(images) or {*map(len, times)} != {2}:
+        raise RecordingError(f"{needed}, not {len(times)} lines")
 
     def frame(k):
         with readable(f"{images[k]}: no flow as DSEC has it, RGB of 16 bits", _PNG_ERRORS):
@@ -164,7 +168,8 @@ def _read_dsec(path):
         flow[raw[..., 2] == 0] = np.nan
         return flow
 
-    return FlowField(times, frame(0).shape[:2], frame)
+    with readable(f"{text}: no times of windows", ValueError):
+        return FlowField(times, frame(0).shape[:2], frame)
 
 
 def read_png(path):

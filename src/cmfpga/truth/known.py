@@ -125,9 +125,8 @@ def read_known(path, unit=None):
         return Known(str(path), FIELD, field, len(field.times))
     if path.is_file() and h5py.is_hdf5(path):
         if found is None:
-            raise RecordingError(
-                f"{path}: no true motion; /ground_truth/motion, a flow ({', '.join(DATASETS)}), or a text ({_TELLING}), is needed"
-            )
+            needed = f"/ground_truth/motion, a flow ({', '.join(DATASETS)}), or a text ({_TELLING})"
+            raise RecordingError(f"{path}: no true motion; {needed}, is needed")
         return of_pieces(found, path)
     lines = _lines(path)
     table = _table(path, lines)
