@@ -16,6 +16,7 @@ import zlib
 import h5py
 import numpy as np
 
+from ..errors import RecordingError
 from ..events.columns import readable
 from ..events.numpy_files import NPZ_ERRORS, Member
 
