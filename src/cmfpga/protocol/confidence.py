@@ -19,8 +19,8 @@ from .flags import Flag
 PROBE = 0.75
 
 #: Standard deviation of v that no peak is too sharp for, px per half batch: with it the ellipses of batches of known
-#: motion hold about what they say (docs/rounds.md).
-FLOOR = 0.095
+#: motion hold about what they say (docs/rounds.md). That of a translation, and of other motions by their name.
+FLOOR, FLOORS = 0.095, {"similarity": 0.07, "rotation": 0.06}
 
 #: Of less motion, px per half batch, so little is left in the image that the contrast's own peak lies too far out.
 SHORT_PX = 1.5
@@ -213,6 +213,6 @@ def deviations(config, outcome):
         return None
     if config.motion_model.basis:
         kappa = confidence(config, outcome)
-        return (sqrt(1 / kappa + FLOOR**2),) * len(outcome.v) if kappa > 0 else None
+        return (sqrt(1 / kappa + FLOORS[config.motion] ** 2),) * len(outcome.v) if kappa > 0 else None
     found = covariance(config, outcome)
     return found and (sqrt(found[0]), sqrt(found[1]))
