@@ -44,7 +44,7 @@ COLUMNS = declared(
            doc="flow to the right; empty of a degenerate tile"),
     Column(name="vy_px_per_s", unit="px/s", value=lambda w: w.px_per_s[:, 1], **_MAY, doc="flow downwards"),
     *(Column(name=f"v{axis}_px_per_s_sd", unit="px/s", value=lambda w, k=k: np.sqrt(w.covariance[:, k]), **_MAY,
-             doc=f"standard deviation of `v{axis}_px_per_s`; empty of a tile in doubt") for k, axis in enumerate("xy")),
+             doc="its standard deviation") for k, axis in enumerate("xy")),
     Column(name="v", unit="px/s", text=None, shape="[W, n, 2]", value=lambda w: w.px_per_s,
            doc="flow; NaN of degenerate tiles"),
     Column(name="confidence", unit="1/px²", shape="[W, n]", value=lambda w: w.kappa, **_MAY,

@@ -102,7 +102,7 @@ def _speed(axis):
 def _deviation(name, title, unit, text="{:.6f}"):
     return Column(name=f"{name}_sd", dtype=float, title=f"{title}, standard deviation", unit=unit, text=text,
                   value=lambda b: b.deviations.get(name), may_be_missing=True,
-                  doc=f"standard deviation of `{name}`; empty where v is in doubt")  # fmt: skip
+                  doc="its standard deviation; empty where in doubt")  # fmt: skip
 
 
 _HALF_BATCH, _PER_SECOND = "px/half batch", "the same in px/s; empty for a degenerate batch"
