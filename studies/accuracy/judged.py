@@ -10,7 +10,7 @@ import numpy as np
 
 from cmfpga.events import Events
 from cmfpga.imaging.iwe import events_in_roi
-from cmfpga.protocol.confidence import confidence, is_sure
+from cmfpga.protocol.confidence import confidence, covariance, is_trustworthy
 
 from .case import Case
 from .default_use import WRONG
@@ -26,7 +26,7 @@ MIDDLE = (88, 58)  # where synthetic batches are put on a sensor of 240×180 px
 FALSE_ALARMS = 0.05
 HEADS = (
     "batches", "start", "results", "wrong, %", "AUC", "wrong ones caught at 5 % false alarms, %", "trusted, %",
-    "of them wrong, %",
+    "of them wrong, %", "in the 50, 68, 95 % ellipse, %",
 )  # fmt: skip
 
 
@@ -86,13 +86,16 @@ def _case(events, roi, truth, rng, **facts):
 
 
 def judge(engine, cases, *, warm, progress):
-    """Error in px per half batch, confidence, and whether the batch is trusted: float64 [cases, 3]."""
+    """Error in px per half batch, confidence, whether it is trusted, error in deviations²: float64 [cases, 4]."""
     found = []
     for case in progress(cases):
         result = run_case(engine, case, warm=warm)
         kappa = confidence(engine.config, result)
-        found.append((math.dist(result.v, case.truth), -math.inf if kappa is None else kappa, is_sure(result)))
-    return np.array(found, float).reshape(-1, 3)
+        sure, (x, y) = is_trustworthy(engine.config, result), np.subtract(result.v, case.truth)
+        xx, yy, xy = covariance(engine.config, result) or (math.nan,) * 3
+        size = (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
+        found.append((math.hypot(x, y), -math.inf if kappa is None else kappa, sure, size))
+    return np.array(found, float).reshape(-1, 4)
 
 
 def separation(values):
@@ -129,8 +132,11 @@ def _row(report, name, start, values):
     auc, caught = separation(values)
     sure, wrong = values[:, 2] > 0, values[:, 0] > WRONG
     told = {"results": len(values), "auc": auc, "caught": caught, "wrong": float(wrong.mean())}
+    held = [float((values[sure, 3] <= -2 * math.log(1 - share)).mean()) for share in (0.5, 0.68, 0.95)]
+    told |= {"in_ellipses": held} if sure.any() else {}
     told |= {"trusted": float(sure.mean()), "wrong_of_trusted": float(wrong[sure].mean()) if sure.any() else None}
     told = {key: None if value != value else value for key, value in told.items()}
+    ellipses = " / ".join(map(percent, told.get("in_ellipses", ())))
     report.keep(f"confidence, {name}, {start}", np.where(np.isfinite(values), values, np.nan), told)
     shares = ("–" if told[key] is None else percent(told[key]) for key in ("caught", "trusted", "wrong_of_trusted"))
-    return name, start, str(len(values)), percent(wrong.mean()), f"{auc:.3f}", *shares
+    return name, start, str(len(values)), percent(wrong.mean()), f"{auc:.3f}", *shares, ellipses

@@ -21,7 +21,7 @@ from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, open_recording
 from cmfpga.imaging.camera import Camera, calibration_of, flow, rates
-from cmfpga.protocol.confidence import confidence, is_sure
+from cmfpga.protocol.confidence import confidence, deviations, is_trustworthy
 from cmfpga.protocol.settings import BatchSettings
 
 from .foreign import FOREIGN, find_rotation
@@ -127,13 +127,15 @@ def run_motion(options, config, report):
 
 def _confidence(options, engine, settings, report):
     """Whether the confidence tells right batches from wrong ones, where some are too short."""
-    config, told = engine.config, []
+    config, told, off = engine.config, [], []
     for seed in options.seeds:
         for index in report.progress(range(CUTS * options.batches)):
             events, true = cut(config, seed, index)
             result = engine.run(events, settings)[0]
             if (kappa := confidence(config, result)) is not None:
-                told.append((*flow_errors(config, result.v, true), kappa, is_sure(result)))
+                sure = is_trustworthy(config, result)
+                told.append((*flow_errors(config, result.v, true), kappa, sure))
+                off += [np.abs(result.v - true) / deviations(config, result)] if sure else []
     told, rows = np.array(told).reshape(-1, 4), []
     sure = told[:, 3] > 0
     for what, errors in zip(("rms over the ROI", "largest, at the edge"), told[:, :2].T, strict=True):
@@ -144,6 +146,11 @@ def _confidence(options, engine, settings, report):
         scores = {"auc": None if auc != auc else auc, **dict(zip(names, map(float, shares), strict=False))}
         report.keep(f"{config.motion}, confidence, {what}", np.stack([errors, *told[:, 2:].T], axis=1), scores)
         rows.append((what, str(len(told)), f"{auc:.3f}", *map(percent, shares)))
+    held = [float((np.array(off) < limit).mean()) for limit in (0.674, 0.994, 1.96)] if off else []
+    report.keep(
+        f"{config.motion}, parameters within 0.674, 0.994, 1.96 deviations (50, 68, 95 %)", held, {"held": held}
+    )
+    rows.append(("parameters in the 50, 68, 95 % interval", " / ".join(map(percent, held)), *[""] * 5))
     heads = ("wrong by this error", "batches", "AUC", "wrong, %", "trusted, %", "of the right, %", "of them wrong, %")
     report.table(f"Confidence, batches that are cut (wrong: by more than {WRONG} px)", heads, rows)
 

@@ -20,6 +20,7 @@ from cmfpga.protocol.confidence import (
     curvature,
     is_judged,
     is_sharp,
+    is_short,
     is_trusted,
     kept,
     least_fall,
@@ -65,6 +66,14 @@ EDGES = [
         (2047, 1023, (65535, 65535, 0, 1)), (2047, 1, (65536, 65536, 1, 65535)), (1, 1, (-65536, 1, 0, 0)),
     )
 ]  # fmt: skip
+
+
+def test_short_is_below_one_and_a_half_pixels():
+    """In any direction; and 1.34 px is, whatever the direction."""
+    around = [(np.cos(a), np.sin(a)) for a in np.linspace(0, 2 * np.pi, 64, endpoint=False)]
+    assert not any(is_short((1.5 * x, 1.5 * y)) for x, y in around)
+    assert all(is_short((1.34 * x, 1.34 * y)) for x, y in around)
+    assert is_short((0.5, -0.5, 0.7, 0)) and not is_short((0.5, -0.5, 0.7, -0.6))
 
 
 def test_verdict_equals_the_eigenvalues():

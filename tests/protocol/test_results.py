@@ -172,7 +172,7 @@ def test_traces_are_compared_by_all_their_values():
 def test_flags_have_the_bits_of_the_hardware():
     assert {flag.name: flag.value for flag in Flag} == {
         "DEGENERATE": 1, "OVERFLOW": 2, "TIME_BACK": 4, "TIME_SPAN": 8, "CUT": 16, "SATURATED": 32, "ROI_CLAMPED": 64,
-        "SCHEDULE": 128, "THINNED": 256, "DOUBTFUL": 512,
+        "SCHEDULE": 128, "THINNED": 256, "DOUBTFUL": 512, "SHORT": 1024,
     }  # fmt: skip
 
 

@@ -8,7 +8,10 @@ from amaranth.hdl import Module, Shape, Signal
 from amaranth.sim import Simulator
 
 from cmfpga import fixed
-from cmfpga.rtl.arithmetic import saturate, small_product, wide_product
+from cmfpga.config import preset
+from cmfpga.protocol.confidence import is_short as told_short
+from cmfpga.rtl import payloads
+from cmfpga.rtl.arithmetic import is_short, saturate, small_product, wide_product
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4, 6])
@@ -79,3 +82,30 @@ def test_wide_product(a, b, cycles):
     simulator.add_clock(1e-6)
     simulator.add_testbench(bench)
     simulator.run()
+
+
+@pytest.mark.parametrize("motion", ["fast", "similarity"])
+def test_is_short(motion):
+    """All translations of few bits, and their ends; of four parameters any near the limit."""
+    config = preset(motion).replace(v_frac=2, v_int=3)
+    m, count = Module(), len(config.motion_model.names)
+    v = Signal(payloads.velocity(config))
+    short = Signal()
+    m.d.comb += short.eq(is_short(m, v))
+    rng, met = random.Random(count), set()
+    drawn = [rng.choices(range(-4, 5), k=count) for _ in range(500)]
+    pairs = [*itertools.product(range(-8, 9), repeat=2), (-32, -32), (31, -32)] if count == 2 else drawn
+
+    async def bench(ctx):
+        for pair in pairs:
+            for name, value in zip(config.motion_model.names, pair, strict=True):
+                ctx.set(v[name], value)
+            await ctx.tick()
+            assert ctx.get(short) == told_short([value / 4 for value in pair])
+            met.add(ctx.get(short))
+
+    simulator = Simulator(m)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert met == {0, 1}

@@ -10,6 +10,7 @@ from cmfpga.config import preset
 from cmfpga.engines import Engine, make_engine
 from cmfpga.events import BatchCutter, Events, generate
 from cmfpga.events.columns import MemoryRecording
+from cmfpga.protocol.confidence import is_short
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult
 from cmfpga.tracking.course import Course
@@ -51,12 +52,13 @@ class Moving(Engine):
         first, span = int(events.t[0]), int(events.t[-1] - events.t[0])
         speed = self.speed(first + span / 2)
         self.asked.append((first, len(events), settings))
-        doubt = Flag.DEGENERATE if not span else Flag(0) if speed else Flag.DOUBTFUL
+        v = (speed or 0) * span / 2e6, *self.still
+        flags = Flag.DEGENERATE if not span else Flag(0) if speed else Flag.DOUBTFUL
+        flags |= Flag.SHORT if span and is_short(v) else Flag(0)
         sharp = {"sums": (0,) * 5, "sum_squares": len(events), "curvature": (self.curvature, self.curvature, 0)}
         known = required(
             "batch", "region", events=len(events), roi_events=len(events), span=span, roi=roi, roi_next=roi,
-            v=((speed or 0) * span / 2e6, *self.still), iterations=15, flags=doubt, confidence_limit=90,
-            thinning_used=1, restarted=0,
+            v=v, iterations=15, flags=flags, confidence_limit=90, thinning_used=1, restarted=0,
         )  # fmt: skip
         return [BatchResult(**known, **sharp)]
 
@@ -189,7 +191,7 @@ def test_what_stands_still_is_told():
     """It may be hot pixels: they are sharp at v = 0, and trusted."""
     batches, *_ = followed(lambda t: 20, events=4000)
     (slow, still, option) = Verdict.of([batch.values for batch in batches]).notes()
-    assert "moves by 0.4 px" in slow and "--hot-pixels auto" in still and "without a batch option" in option
+    assert "by up to 25 %" in slow and "--hot-pixels auto" in still and "without a batch option" in option
     batches, *_ = followed(lambda t: 30, events=4000)
     assert len(Verdict.of([batch.values for batch in batches]).notes()) == 2
 
@@ -240,9 +242,7 @@ def test_an_object_is_tracked_in_batches_that_suit_it():
     np.testing.assert_allclose(np.median(verdict.speeds, axis=0), (160, 60), atol=12)
     short = [*track(make_engine("model", config), BatchCutter(scene.recording(), events=1500, max_events=9999),
                     roi=scene.roi_start(64, 64), batches=4)]  # fmt: skip
-    assert (
-        "below 1.5 px velocities may be measured too large" in Verdict.of([batch.values for batch in short]).notes()[0]
-    )
+    assert "batches move by less than 1.5 px per half batch" in Verdict.of([one.values for one in short]).notes()[0]
 
 
 def test_an_object_that_rests_first_is_tracked():

@@ -11,6 +11,7 @@ from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
 from cmfpga.events import Events
 from cmfpga.imaging.camera import Camera
+from cmfpga.protocol.confidence import is_sure
 from cmfpga.protocol.flags import Flag
 from cmfpga.truth import Accuracy, Known
 from cmfpga.truth.signal import Signal
@@ -31,7 +32,7 @@ def batch(k, found, flags=GOOD, config=FAST, limit=1):
     names = ("wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
     return SimpleNamespace(
         index=k, result=result, events=events, seen=events, which={}, v_px_per_s=None if rotation else found,
-        rates=dict(zip(names, found, strict=True)) if rotation else {},
+        rates=dict(zip(names, found, strict=True)) if rotation else {}, trusted=is_sure(result),
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from ..show.gallery import Gallery
 from ..tracking.fit import FittedCutter
 from ..tracking.kept import Kept
 from ..tracking.loop import CsvConsumer
-from ..tracking.verdict import JUDGED, OF_WINDOWS, Verdict
+from ..tracking.verdict import Verdict, judged_columns
 
 
 @dataclass(kw_only=True)
@@ -77,7 +77,7 @@ class TrackedObject:
         for what in ("hot", "noise") if batch.marks else ():
             self.dropped[what] = self.dropped.get(what, 0) + getattr(result, what)
         self.roi_next = batch.roi_next
-        for name in (*JUDGED, *(OF_WINDOWS if self.config.slides else ()), *batch.rates):
+        for name in judged_columns(self.config.motion, self.config.slides):
             self.numbers.setdefault(name, array("d")).append(
                 math.nan if (value := batch.values[name]) is None else value
             )

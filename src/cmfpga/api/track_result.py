@@ -12,7 +12,7 @@ from ..config.windows import needs_batches
 from ..errors import ConfigError, naming, needs
 from ..events import Events
 from ..imaging.camera import seen
-from ..protocol.confidence import covariance, is_sure
+from ..protocol.confidence import covariance
 from ..show.export import exported
 from ..show.gallery import Gallery
 from ..tracking.columns import columns, csv_writer, row
@@ -78,7 +78,7 @@ class Tracking:
     @property
     def trusted(self):
         """Whether each batch is to be trusted: bool [batches]; False where its confidence was not measured."""
-        return np.array([is_sure(result) for result in self.results], bool)
+        return np.array([values["trusted"] for values in self._values], bool)
 
     @property
     def verdict(self):

@@ -15,6 +15,7 @@ EXAMPLES = (
     "cmfpga accuracy rec.h5 --truth imu.txt --camera calib.txt --roi 100,60    # px/s in the undistorted image",
     "cmfpga accuracy rec.h5 --truth groundtruth.txt --camera calib.txt --roi 100,60 --delay 0 --json",
     "cmfpga accuracy rec.h5 --truth imu.txt --flow --window-us 20000    # the tiles of cmfpga flow",
+    "cmfpga accuracy rec.h5 --truth flow/ --flow --window-us 100000    # a flow field: DSEC, MVSEC, HDF5",
     "cmfpga generate scene.h5 --velocity 120,-40 && cmfpga accuracy scene.h5 --roi auto",
 )
 

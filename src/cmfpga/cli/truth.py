@@ -8,7 +8,7 @@ from ..config.camera import parse_camera
 from ..errors import ConfigError
 from ..imaging.camera import Camera
 from ..tracking.source import own_camera
-from ..truth import REACH_S, WRONG_PX, Accuracy, read_known
+from ..truth import FIELD, REACH_S, WRONG_PX, Accuracy, read_known
 
 
 def add_truth_options(made, usual=""):
@@ -18,7 +18,7 @@ def add_truth_options(made, usual=""):
         "--truth", metavar="FILE",
         help="compare with this: a text of t vx vy (px/s), t wx wy wz (rad/s: a gyroscope), t ax ay az gx gy gz (an "
         "IMU), or t px py pz qx qy qz qw (poses), or with names and units in its first line; or a recording of cmfpga "
-        f"generate{usual}",
+        "generate; or, for --flow, a flow field: a folder of DSEC, .npz of MVSEC, HDF5" + usual,
     ))  # fmt: skip
     group.add_argument(
         "--truth-unit", choices=("s", "ms", "us", "ns"),
@@ -56,7 +56,12 @@ def _depth(text):
 def open_truth(options):
     """The :class:`~cmfpga.truth.Known` of ``--truth``, or None. Raises :exc:`RecordingError`, :exc:`ConfigError`."""
     if options.truth is not None:
-        return read_known(options.truth, options.truth_unit)
+        known = read_known(options.truth, options.truth_unit)
+        if known.kind == FIELD and not getattr(options, "flow", False):
+            raise ConfigError(
+                f"{known.name}: a {FIELD}; cmfpga accuracy --flow is needed, which compares tiles with it"
+            )
+        return known
     if options.truth_unit or options.depth is not None:
         raise ConfigError(f"--{'truth-unit' if options.truth_unit else 'depth'}: --truth FILE is needed")
     return None

@@ -43,16 +43,18 @@ COLUMNS = declared(
     Column(name="vx_px_per_s", unit="px/s", value=lambda w: w.px_per_s[:, 0], **_MAY,
            doc="flow to the right; empty of a degenerate tile"),
     Column(name="vy_px_per_s", unit="px/s", value=lambda w: w.px_per_s[:, 1], **_MAY, doc="flow downwards"),
+    *(Column(name=f"v{axis}_px_per_s_sd", unit="px/s", value=lambda w, k=k: np.sqrt(w.covariance[:, k]), **_MAY,
+             doc="its standard deviation") for k, axis in enumerate("xy")),
     Column(name="v", unit="px/s", text=None, shape="[W, n, 2]", value=lambda w: w.px_per_s,
            doc="flow; NaN of degenerate tiles"),
     Column(name="confidence", unit="1/px²", shape="[W, n]", value=lambda w: w.kappa, **_MAY,
            doc="κ, how sharp the contrast's peak is; empty, or NaN, where it was not measured"),
     Column(name="covariance", unit="(px/s)²", text=None, shape="[W, n, 3]", value=lambda w: w.covariance,
-           doc="of the flow: xx, yy, xy; in which direction an edge leaves v open; NaN of tiles that are not trusted"),
+           doc="of the flow: xx, yy, xy; in which direction an edge leaves v open; NaN of tiles in doubt"),
     Column(name="flags", dtype=int, shape="[W, n]", value=lambda w: w.flags, text=lambda bits: Flag(bits).text,
-           doc="names of the flags that are set, joined by `|`, or their bits; `doubtful`: not to be trusted"),
+           doc="names of the flags that are set, joined by `|`, or their bits; `doubtful`, `short`: not to be trusted"),
     Column(name="trusted", dtype=int, text=None, shape="[W, n]", value=lambda w: w.trusted,
-           doc="neither degenerate nor doubtful"),
+           doc="neither degenerate nor doubtful nor short"),
     Column(name="centres", unit="px", text=None, shape="[W, n, 2]", value=lambda w: w.centres,
            doc="mean position of the events of the tile"),
     Column(name="fit", text=None, shape="[W, p]", doc="with a fit: its parameters, in the order of `fit.csv`"),
@@ -88,9 +90,14 @@ class Window(Measured):
         return self._each(lambda one: int(one.flags), 0).astype(np.int64)
 
     @property
-    def trusted(self):
+    def sure(self):
         """Which tiles are neither degenerate nor doubtful: bool [n]."""
         return (self.flags & (Flag.DEGENERATE | Flag.DOUBTFUL)) == 0
+
+    @property
+    def trusted(self):
+        """Which of them are not short either, of which v is found too large: bool [n]."""
+        return self.sure & ((self.flags & Flag.SHORT) == 0)
 
     @functools.cached_property
     def counts(self):
@@ -114,7 +121,7 @@ class Window(Measured):
 
     @functools.cached_property
     def covariance(self):
-        """Of each tile's flow, (px/s)²: xx, yy, xy, float64 [n, 3]; NaN of tiles that are not trusted."""
+        """Of each tile's flow, (px/s)²: xx, yy, xy, float64 [n, 3]; NaN of tiles in doubt."""
         found = self._each(functools.partial(covariance, self.config), (np.nan,) * 3)
         return found / max(self.half_s, 1e-9) ** 2
 
@@ -125,14 +132,14 @@ class Window(Measured):
 
     @property
     def moved(self):
-        """How far the image moves, px per half window: the median of the trusted tiles.
+        """How far the image moves, px per half window: the median of the :attr:`sure` tiles.
 
-        None where fewer than a quarter of the tiles that were measured are trusted, or fewer than eight.
+        None where fewer than a quarter of the tiles that were measured are sure, or fewer than eight.
         """
-        trusted = int(self.trusted.sum())
-        if trusted < max(8, 0.25 * np.isfinite(self.v[:, 0]).sum()):
+        sure = int(self.sure.sum())
+        if sure < max(8, 0.25 * np.isfinite(self.v[:, 0]).sum()):
             return None
-        return float(np.median(np.hypot(*self.v[self.trusted].T)))
+        return float(np.median(np.hypot(*self.v[self.sure].T)))
 
     @property
     def centres(self):
@@ -159,15 +166,15 @@ class Window(Measured):
     def flow_at(self, x, y):
         """The flow between the middles of the tiles, px per half window: float64 [2, n].
 
-        Tiles that are not trusted have the mean of the nearest four that are, nearer ones counting more; without a
-        trusted tile there is no flow: 0.
+        Tiles that are not :attr:`sure` have the mean of the nearest four that are, nearer ones counting more; without
+        one there is no flow: 0.
         """
-        field = np.where(self.trusted[:, None], self.v, 0.0)
-        known = np.flatnonzero(self.trusted)
+        field = np.where(self.sure[:, None], self.v, 0.0)
+        known = np.flatnonzero(self.sure)
         if not len(known):
             return np.zeros((2, len(x)))
         corners = np.array(self.tiles.corners, np.float64)
-        for k in np.flatnonzero(~self.trusted):
+        for k in np.flatnonzero(~self.sure):
             away = np.hypot(*(corners[known] - corners[k]).T)
             near = np.argsort(away, kind="stable")[:4]
             field[k] = np.average(self.v[known[near]], axis=0, weights=1 / away[near])

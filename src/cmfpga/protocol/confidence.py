@@ -10,7 +10,7 @@ is the parameter along which the gradient falls the least, which is compared wit
 Imports neither Amaranth nor NumPy.
 """
 
-from math import hypot
+from math import hypot, sqrt
 from typing import NamedTuple
 
 from .flags import Flag
@@ -19,8 +19,14 @@ from .flags import Flag
 PROBE = 0.75
 
 #: Standard deviation of v that no peak is too sharp for, px per half batch: with it the ellipses of batches of known
-#: motion hold about what they say (docs/rounds.md).
-FLOOR = 0.12
+#: motion hold about what they say (docs/rounds.md). That of a translation, and of other motions by their name.
+FLOOR, FLOORS = 0.095, {"similarity": 0.07, "rotation": 0.06}
+
+#: Of less motion, px per half batch, so little is left in the image that the contrast's own peak lies too far out.
+SHORT_PX = 1.5
+
+#: ``((below so many px per half batch, found too large by up to this share of the truth), …)``.
+OVERESTIMATED = ((1.0, 0.25), (SHORT_PX, 0.05))
 
 #: The limit of the comparison is so many times the smallest confidence.
 LIMIT_SCALE = 3
@@ -106,6 +112,16 @@ def is_sharp(config, n, limit, least, sum_squares):
     return by_n * n * least > by_limit * limit * sum_squares
 
 
+def is_short(v):
+    """The flag ``SHORT`` of a ``v`` in px per half batch: Σ|v_p| + max |v_p| < 2·:data:`SHORT_PX`, exactly.
+
+    Of a translation that is |v| below 1.34 to 1.5 px, by its direction: all that has the flag is shorter than 1.5 px.
+    Of another motion it is told of what moves at the lever arm, near the image's edge.
+    """
+    size = [abs(one) for one in v]
+    return sum(size) + max(size) < 2 * SHORT_PX
+
+
 def is_judged(outcome):
     """Whether it was asked how sure a batch's v is."""
     return bool(outcome.confidence_limit) and Flag.DEGENERATE not in outcome.flags
@@ -114,6 +130,21 @@ def is_judged(outcome):
 def is_sure(outcome):
     """Whether a batch was judged, and its v is to be trusted."""
     return is_judged(outcome) and Flag.DOUBTFUL not in outcome.flags
+
+
+def is_trustworthy(config, outcome):
+    """Whether a batch :func:`is_sure`, and not ``SHORT`` with a bias that its standard deviation does not cover.
+
+    That of a translation by :data:`OVERESTIMATED`; a short motion beyond translation is never trusted.
+    """
+    if not is_sure(outcome) or Flag.SHORT not in outcome.flags:
+        return is_sure(outcome)
+    size, found = hypot(*outcome.v), covariance(config, outcome)
+    if found is None:
+        return False
+    (x, y), (xx, yy, xy) = outcome.v, found
+    share = next((share for limit, share in OVERESTIMATED if size < limit), 0.0)
+    return (size * size * share / (1 + share)) ** 2 <= xx * x * x + 2 * xy * x * y + yy * y * y
 
 
 def _scale(config, outcome, whole):
@@ -171,3 +202,17 @@ def covariance(config, outcome):
     if xx <= 0 or determinant <= 0:
         return None
     return yy / determinant + FLOOR**2, xx / determinant + FLOOR**2, -xy / determinant
+
+
+def deviations(config, outcome):
+    """Standard deviation of each parameter of v, px per half batch; None of a batch that is not sure.
+
+    Beyond translation all have that of the parameter that is known worst.
+    """
+    if not is_sure(outcome):
+        return None
+    if config.motion_model.basis:
+        kappa = confidence(config, outcome)
+        return (sqrt(1 / kappa + FLOORS[config.motion] ** 2),) * len(outcome.v) if kappa > 0 else None
+    found = covariance(config, outcome)
+    return found and (sqrt(found[0]), sqrt(found[1]))

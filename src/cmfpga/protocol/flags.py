@@ -18,6 +18,7 @@ class Flag(enum.IntFlag):
     SCHEDULE = 128  # an entry of the schedule was out of range, and limited
     THINNED = 256  # ROI events were left out evenly, to keep their number down
     DOUBTFUL = 512  # the contrast's peak is too flat for v to be trusted
+    SHORT = 1024  # v is so short that it is found too large
 
     @property
     def warnings(self):
@@ -35,5 +36,8 @@ class Flag(enum.IntFlag):
         return "|".join(flag.name.lower() for flag in Flag if flag in self)
 
 
-#: Flags that only tell what tool or core chose; all others are warnings.
-NOTES = Flag.THINNED
+#: Flags by which nothing was lost or went wrong; all others are warnings.
+NOTES = Flag.THINNED | Flag.SHORT
+
+#: Those of hardware that measures how sure v is.
+OF_CONFIDENCE = (Flag.DOUBTFUL, Flag.SHORT)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..fixed import Q
-from .flags import Flag
+from .flags import OF_CONFIDENCE, Flag
 from .settings import (
     in_batches,
     velocity_shape,
@@ -169,8 +169,8 @@ RESULTS = (
     ResultField(name="cycles", shape=lambda c: whole(CYCLE_BITS), scope="region", default=None, nothing=None,
                 doc="from the first event's offer to the result; of a hop from its end on", unit="cycles",
                 places=(Place(word=3),)),
-    ResultField(name="flags", shape=lambda c: whole(len(Flag) - (not c.confidence)), scope="region", read=Flag,
-                nothing=Flag.DEGENERATE, doc="what was unusual", places=_FLAGS),
+    ResultField(name="flags", shape=lambda c: whole(len(Flag) - len(OF_CONFIDENCE) * (not c.confidence)),
+                scope="region", read=Flag, nothing=Flag.DEGENERATE, doc="what was unusual", places=_FLAGS),
     ResultField(name="thinning_used", shape=_thinning_used, scope="region", taken_in=True, when=thins, default=None,
                 nothing=None, places=(Place(word=28),),
                 doc="one ROI event in so many was stored: the thinning, doubled each time the buffer was full"),

@@ -156,6 +156,7 @@ class RegionSequence:
             flags |= found
             judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
             core.v = state.v = tuple(trace.v[-1].tolist())
+            flags |= core.short
             if region.moves:
                 size = (region.width, region.height)
                 sides = zip((config.sensor_width, config.sensor_height), size, strict=True)

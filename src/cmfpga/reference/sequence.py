@@ -2,6 +2,7 @@
 
 from abc import ABC, abstractmethod
 
+from ..protocol.confidence import is_short
 from ..protocol.flags import Flag
 from ..protocol.results import BatchResult, not_judged
 from ..protocol.trace import Trace
@@ -82,6 +83,7 @@ class Sequence(ABC):
             flags |= found
             judged |= fields | ({"restarted": int(restarted)} if config.confidence else {})
             self.v = tuple(trace.v[-1].tolist())
+            flags |= self.short
             step = self.step(settings)
         else:
             trace = Trace.without_iterations(config, self.v)
@@ -105,6 +107,11 @@ class Sequence(ABC):
         gain = self.number(self.config.formats.roi_gain, settings.roi_gain)
         moved = {p.moves_roi: v for p, v in zip(self.config.motion_model.parameters, self.v, strict=True)}
         return tuple(gain * moved.get(axis, 0 * gain) for axis in ("x", "y"))
+
+    @property
+    def short(self):
+        """The flag ``SHORT``, where ``v`` has it and the hardware tells."""
+        return Flag.SHORT if self.config.confidence and is_short(self.velocity) else Flag(0)
 
     @property
     @abstractmethod

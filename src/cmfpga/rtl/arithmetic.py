@@ -1,6 +1,8 @@
 """The few arithmetic and pipelining idioms that several blocks share."""
 
-from amaranth.hdl import Mux, Signal
+from amaranth.hdl import Cat, Mux, Signal
+
+from ..protocol.confidence import SHORT_PX
 
 #: Bits of an unsigned factor that a multiplier of 18 signed bits takes.
 PIECE = 17
@@ -80,6 +82,15 @@ def _pieces(value):
         return [value]
     rest = value[PIECE:]
     return [value[:PIECE], *_pieces(rest.as_signed() if signed else rest)]
+
+
+def is_short(m, v):
+    """What :func:`cmfpga.protocol.confidence.is_short` says of a velocity, a cycle later."""
+    layout = v.shape().members
+    parts = {name: v[name] for name in layout}
+    sizes = [delay(m, Mux(one[-1], -one, one), 1, name=f"size_{name}").as_unsigned() for name, one in parts.items()]
+    total, (frac,) = sum(sizes[1:], sizes[0]), {shape.q.f for shape in layout.values()}
+    return Cat((total + size)[frac:] < int(2 * SHORT_PX) for size in sizes).all()
 
 
 def select(index, choices):

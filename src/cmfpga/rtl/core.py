@@ -8,6 +8,7 @@ from ..config.regions import check_one_region
 from ..protocol.flags import Flag
 from ..protocol.results import fields_of, thins
 from . import payloads
+from .arithmetic import is_short
 from .ascent.roi_updater import RoiUpdater
 from .cycle_formula import CycleFormula
 from .ingest.front import WRITES, connect_front, make_front
@@ -232,6 +233,7 @@ class Core(CycleFormula, Iterating, wiring.Component):
             "cycles": control.cycles,
         }
         if self.config.confidence:
+            flags[Flag.SHORT] = is_short(m, self.ascent.v) & ~control.run.degenerate
             judged = control.run.settings.judge & ~control.run.degenerate
             flags[Flag.DOUBTFUL] = judged & self.judge.doubtful if self.rounds else self.judge.doubtful
             found |= self._found_beside() | {

@@ -99,6 +99,12 @@ def _speed(axis):
     return lambda batch: batch.v_px_per_s and batch.v_px_per_s[axis]
 
 
+def _deviation(name, title, unit, text="{:.6f}"):
+    return Column(name=f"{name}_sd", dtype=float, title=f"{title}, standard deviation", unit=unit, text=text,
+                  value=lambda b: b.deviations.get(name), may_be_missing=True,
+                  doc="its standard deviation; empty where in doubt")  # fmt: skip
+
+
 _HALF_BATCH, _PER_SECOND = "px/half batch", "the same in px/s; empty for a degenerate batch"
 
 #: ``{name: Column}``, in the order of the CSV.
@@ -123,6 +129,8 @@ COLUMNS = declared(
            doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
     Column(name="vy_px_per_s", dtype=float, title="velocity downwards", unit="px/s", value=_speed(1),
            doc=_PER_SECOND, text="{:.3f}", may_be_missing=True),
+    _deviation("vx_px_per_s", "velocity to the right", "px/s", "{:.3f}"),
+    _deviation("vy_px_per_s", "velocity downwards", "px/s", "{:.3f}"),
     Column(name="iterations", dtype=int, title="iterations", value=_result("iterations"),
            doc="iterations done; 0 for a degenerate batch"),
     Column(name="cycles", dtype=int, title="clock cycles", value=_result("cycles"), may_be_missing=True,
@@ -134,6 +142,8 @@ COLUMNS = declared(
     Column(name="confidence", dtype=float, title="confidence", unit="1/px²", value=lambda b: b.confidence,
            doc="κ, how sharp the peak of the contrast is; v is known to about 1/√κ px; empty where it was not "
            "measured", text="{:.3f}", may_be_missing=True),
+    Column(name="trusted", dtype=int, title="trusted", value=lambda b: int(b.trusted),
+           doc="1: to be trusted; 0 also where that was not measured"),
     Column(name="flags", dtype=str, title="flags", value=lambda b: b.flags.text,
            doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
 )  # fmt: skip
@@ -152,12 +162,21 @@ MORE = declared(
           "the camera's angular velocity about its x axis, which points to the right" + _DEGENERATE),
     _rate("wy_rad_per_s", "angular velocity about y", "rad/s", "the same about y, which points down"),
     _rate("wz_rad_per_s", "angular velocity about z", "rad/s", "the same about z, which points forward"),
+    *(_deviation(f"w{axis}_rad_per_s", f"angular velocity about {axis}", "rad/s") for axis in "xyz"),
+    _deviation("zoom_per_s", "zoom", "1/s"),
+    _deviation("roll_rad_per_s", "roll", "rad/s"),
     _rate("zoom_per_s", "zoom", "1/s", "growth of the image per s, positive of what comes nearer" + _DEGENERATE),
     _rate("roll_rad_per_s", "roll", "rad/s", "turn of the image, positive clockwise" + _DEGENERATE),
     _rate("time_to_contact_s", "time to contact", "s",
           "1/zoom_per_s, negative of what goes away; empty without a zoom"),
 )  # fmt: skip
 
+
+#: Names of what has a standard deviation, by motion.
+DEVIATIONS = {
+    motion: ("vx_px_per_s", "vy_px_per_s", *(name for name in names if f"{name}_sd" in MORE))
+    for motion, names in RATES.items()
+}
 
 #: Where windows slide, beside those.
 HOPS = declared(
@@ -175,8 +194,9 @@ def columns(motion, slides=False):
         if slides and name == "t_ref_us":
             found |= HOPS
         found[name] = column
-        if name == "vy_px_per_s":
-            found |= {rate: MORE[rate] for rate in RATES[motion]}
+        if name == "vy_px_per_s_sd":
+            more = (part for rate in RATES[motion] for part in (rate, f"{rate}_sd"))
+            found |= {part: MORE[part] for part in more if part in MORE}
     return found
 
 

@@ -13,7 +13,7 @@ from ..events import WAITING, Events
 from ..events.batches import Batch
 from ..imaging.camera import rates, seen
 from ..imaging.iwe import contrast
-from ..protocol.confidence import confidence, covariance
+from ..protocol.confidence import confidence, covariance, deviations, is_trustworthy
 from ..protocol.flags import Flag
 from ..protocol.regions import Region
 from ..protocol.results import BatchResult
@@ -175,6 +175,19 @@ class TrackedBatch(Measured):
     def covariance(self):
         """That of v, px²: (xx, yy, xy), as :func:`cmfpga.protocol.confidence.covariance` gives it, or None."""
         return covariance(self.config, self.result)
+
+    @property
+    def trusted(self):
+        """Whether v is to be trusted; False where that was not measured."""
+        return is_trustworthy(self.config, self.result)
+
+    @functools.cached_property
+    def deviations(self):
+        """Standard deviations in physical units, ``{name: value}``; empty where v is not sure."""
+        if (found := deviations(self.config, self.result)) is None:
+            return {}
+        told = {f"v{axis}_px_per_s": sd / self.half_s for axis, sd in zip("xy", found, strict=False)}
+        return told | {name: abs(one) for name, one in rates(self.config, found, self.result.span).items()}
 
     @property
     def rates(self):

@@ -2,22 +2,15 @@
 
 import functools
 import itertools
+import math
 
 import numpy as np
 
 from ..imaging.camera import RATES
+from ..protocol.confidence import OVERESTIMATED, SHORT_PX
 from ..protocol.flags import Flag
-from .columns import columns
+from .columns import DEVIATIONS, columns
 from .fit import LOST_BATCHES
-
-#: Columns that a verdict needs, beside flags and what :data:`~cmfpga.imaging.camera.RATES` has.
-JUDGED = ("confidence", "vx_px_per_s", "vy_px_per_s", "vx", "vy", "t_ref_us")
-
-#: Those that it needs beside them where windows slide.
-OF_WINDOWS = ("window_us",)
-
-#: Where the image moves less, velocities are measured too large, px per half batch.
-BIASED_PX = 1.5
 
 #: Where it moves less, it stands still, or hot pixels are all that is seen to be sharp.
 STILL_PX = 0.5
@@ -33,6 +26,13 @@ _TOLD = {
 }
 
 _RUNS = 3  # that are told one by one
+
+
+def judged_columns(motion, slides):
+    """Names of the columns that a verdict needs, beside the flags."""
+    spreads = (f"{name}_sd" for name in DEVIATIONS[motion])
+    names = ("confidence", "trusted", "vx_px_per_s", "vy_px_per_s", "vx", "vy", "t_ref_us", *spreads, *RATES[motion])
+    return (*names, "window_us") if slides else names
 
 
 class Verdict:
@@ -58,6 +58,10 @@ class Verdict:
         (vx, vy) in px/s.
     px : float or None
         |v|, px per half batch, in the median.
+    short : bool [batches]
+        Which were judged and move so little that v is found too large.
+    spreads : dict
+        The standard deviation of one batch in physical units, ``{name: median, or NaN}``.
     rates : dict
         The motion of these batches in physical units beside it, ``{name: float64 [used]}`` of
         :func:`cmfpga.imaging.camera.rates`; NaN where there is none.
@@ -70,16 +74,19 @@ class Verdict:
         self.one, self.many = ("window", "windows") if slides else ("batch", "batches")
         self.judged = ~np.isnan(numbers("confidence"))
         measured = ~np.isnan(numbers("vx_px_per_s"))
-        sure = np.array([not flag & (Flag.DOUBTFUL | Flag.DEGENERATE) for flag in flags], bool)
-        self.trusted = self.judged & measured & sure
+        self.trusted = numbers("trusted") > 0
+        size = np.hypot(numbers("vx"), numbers("vy"))
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
         self.motion, self._stays = motion, stays
         self.rates = {name: numbers(name)[used] for name in RATES[motion]}
-        moved = np.hypot(numbers("vx"), numbers("vy"))[used if used.any() else measured]
+        self.short = np.array([Flag.SHORT in flag for flag in flags], bool) & self.judged
+        self._least = size[self.short].min(initial=np.inf)
+        self.spreads = {name: self._median(numbers(f"{name}_sd")[used]) for name in DEVIATIONS[motion]}
+        moved = size[used if used.any() else measured]
         self.px = float(np.median(moved)) if len(moved) else None
         self._times = numbers("t_ref_us")
-        self._lengths = numbers(*OF_WINDOWS) if slides else None
+        self._lengths = numbers("window_us") if slides else None
         self.lost = self._lost() if self.judged.any() else []
 
     @classmethod
@@ -92,6 +99,16 @@ class Verdict:
             return declared[name].array([batch[name] for batch in values]).astype(np.float64)
 
         return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays, slides)
+
+    @staticmethod
+    def _median(values):
+        values = values[~np.isnan(values)]
+        return float(np.median(values)) if len(values) else math.nan
+
+    def _with_spread(self, value, name, form):
+        """A value, and after it its standard deviation, in words."""
+        spread = self.spreads.get(name, math.nan)
+        return f"{value:{form}}" if math.isnan(spread) else f"{value:{form}} ± {spread:.2g}"
 
     def _lost(self):
         runs = itertools.groupby(range(len(self.trusted)), key=lambda k: bool(self.trusted[k]))
@@ -129,7 +146,8 @@ class Verdict:
         where = " at the principal point" * (self.motion == "rotation")
         return (
             f"velocity{where} {median:,.0f} px/s in the median, {low:,.0f} to {high:,.0f} "
-            f"(vx {vx:,.0f}, vy {vy:,.0f}); {self.px:.1f} px per half {self.one}"
+            f"(vx {self._with_spread(vx, 'vx_px_per_s', ',.0f')}, vy {self._with_spread(vy, 'vy_px_per_s', ',.0f')}); "
+            f"{self.px:.1f} px per half {self.one}"
         )
 
     def __str__(self):
@@ -163,7 +181,7 @@ class Verdict:
         if not len(values):
             return ""
         middle, low, high = np.median(values), values.min(), values.max()
-        return f"{middle:.3g} {unit} in the median, {low:.3g} to {high:.3g}"
+        return f"{self._with_spread(middle, name, '.3g')} {unit} in the median, {low:.3g} to {high:.3g}"
 
     def warnings(self):
         """Sentences about what went wrong."""
@@ -185,22 +203,28 @@ class Verdict:
         times = times[~np.isnan(times)]
         return f" ({times[0]:.3f} to {times[-1]:.3f} s)" if len(times) else ""
 
+    @property
+    def _short_text(self):
+        what = f"short: {self.short.sum()} of {len(self.short)} {self.many} move by less than {SHORT_PX:g} px per half"
+        if self.motion != "translation":
+            return f"{what} {self.one} at the edge, are overestimated, and not to be trusted"
+        most = next((share for limit, share in OVERESTIMATED if self._least < limit), 0.0)
+        trusted = int((self.short & self.trusted).sum())
+        return f"{what} {self.one}: overestimated by up to {100 * most:.0f} %; {trusted} of these are to be trusted"
+
     def notes(self, fitted=False):
         """Sentences about what could be measured better; ``fitted``: the lengths of batches were chosen."""
         found = []
         if not self.judged.any():
             return found
-        if self.px is not None and self.px < BIASED_PX:
-            found.append(
-                f"the image moves by {self.px:.1f} px per half {self.one} in the median; below {BIASED_PX:g} px "
-                "velocities may be measured too large, by up to 15 %"
-            )
+        if self.short.any():
+            found.append(self._short_text)
         if self.px is not None and self.px < STILL_PX:
             found.append(
                 f"what moves by less than {STILL_PX:g} px stands still, or it is hot pixels that are seen to stand "
                 "still: info tells where there are some, --hot-pixels auto drops them"
             )
-        if not fitted and (found or self.trusted.mean() < 0.5):
+        if not fitted and (found or self.trusted.mean() < 0.5 or self.short.mean() > 0.5):
             found.append("without a batch option, batches are as long as suits the motion: 3 to 5 px per half batch")
         return found
 
@@ -211,9 +235,11 @@ class Verdict:
         return {
             "trusted_batches": int(self.trusted.sum()) if self.judged.any() else None,
             "lost_batches": [list(run) for run in self.lost],
+            "short_batches": int(self.short.sum()) if self.judged.any() else None,
             "median_px_per_half_batch": self.px,
             "vx_px_per_s": vx,
             "vy_px_per_s": vy,
+            "standard_deviation": {k: None if math.isnan(one) else one for k, one in self.spreads.items()},
             "px_per_s": {"lowest": low, "median": median, "highest": high},
             **{name: self._spread(self.rates[name]) for name, _, _ in _TOLD[self.motion]},
             **({"time_to_contact_s": self.time_to_contact} if self.motion == "similarity" else {}),

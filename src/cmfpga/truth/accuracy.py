@@ -14,11 +14,12 @@ import math
 import numpy as np
 
 from ..errors import ConfigError, RecordingError, naming
-from ..imaging.camera import Camera, extent, parameters
+from ..imaging.camera import Camera, extent, nearest, parameters
 from ..imaging.iwe import gain, scaled_roi_events
-from ..protocol.confidence import is_judged, is_sure
+from ..imaging.survey.places import box_sums
+from ..protocol.confidence import is_judged
 from ..protocol.flags import Flag
-from .known import GYROSCOPE, POSES, VELOCITY
+from .known import FIELD, GYROSCOPE, POSES, VELOCITY
 
 #: What is trusted and off by more than this is wrong, px per half window; and the errors whose shares are told.
 WRONG_PX, SHARES_PX = 0.6, (0.6, 1.0, 3.0)
@@ -65,12 +66,17 @@ class Accuracy:
         self._rotation = config.motion == "rotation"
         self.known, self._config, self._given, self._depth = known, config, delay, depth
         self._camera = Camera(*config.lens[:4]) if config.lens else camera
-        self.degenerate, self._rows, self._places, self._found = 0, [], [], []
+        self.degenerate, self._rows, self._places, self._found, self._true = 0, [], [], [], []
         if self._rotation and known.kind not in (GYROSCOPE, POSES):
             raise ConfigError(f"{known.name}: {known.kind}; a rotation is compared with a gyroscope or poses")
         if not self._rotation and known.kind in (GYROSCOPE, POSES) and self._camera is None:
             raise ConfigError(
                 f"{known.name}: {known.kind}; a calibration is needed to compare velocities: --camera FILE"
+            )
+        if known.kind == FIELD and known.signal.shape != (config.sensor_height, config.sensor_width):
+            flow, sensor = known.signal.shape[::-1], (config.sensor_width, config.sensor_height)
+            raise ConfigError(
+                f"{known.name}: flow of {flow[0]}×{flow[1]} px; the sensor has {sensor[0]}×{sensor[1]} px"
             )
         if depth is not None and (self._rotation or known.kind != POSES):
             raise ConfigError(f"depth = {depth:g}: poses, and a motion that is no rotation, are needed")
@@ -86,7 +92,7 @@ class Accuracy:
         sharper = gain(config, x, y, dt, result.v, result.roi)
         start = float(batch.events.t[0])
         found = [batch.rates[f"{axis}_rad_per_s"] for axis in _AXES[True]] if self._rotation else batch.v_px_per_s
-        self._rows.append((batch.index, 0, start, start + result.span, is_judged(result), is_sure(result), sharper))
+        self._rows.append((batch.index, 0, start, start + result.span, is_judged(result), batch.trusted, sharper))
         self._places.append([at + (side - 1) / 2 for at, side in zip(result.roi, size, strict=True)])
         self._found.append(found)
 
@@ -103,6 +109,23 @@ class Accuracy:
         self._rows += [(window.index, k, *when, judged[k], judged[k] and window.trusted[k], sharper) for k in measured]
         self._places += window.centres[measured].tolist()
         self._found += window.px_per_s[measured].tolist()
+        if self.known.kind == FIELD:
+            self._true += self._seen_in(window, *when)[measured].tolist()
+
+    def _seen_in(self, window, begin, end):
+        """Of a field the mean over each tile's events, px/s, float64 [n, 2]; NaN where fewer than half know it."""
+        shift = (self._given or 0.0) * 1e6
+        flow, at = self.known.signal.mean(begin + shift, end + shift), window.seen
+        column, row, inside = nearest(window.config, at.x, at.y)
+        seen = np.bincount((row * flow.shape[1] + column)[inside], minlength=flow[..., 0].size).reshape(flow.shape[:2])
+        there = np.isfinite(flow).all(axis=2)
+        left, top = np.array(window.tiles.corners).T
+        every, few, *sums = (
+            box_sums(one.astype(np.float64), window.tiles.width, window.tiles.height)[top, left]
+            for one in (seen, seen * there, *(np.where(there, flow[..., k] * seen, 0.0) for k in (0, 1)))
+        )
+        known = (2 * few >= every) & (few > 0.5)
+        return np.where(known[:, None], np.transpose(sums) / np.maximum(few, 1)[:, None], np.nan)
 
     def finish(self):
         """Fit the delay and compute all errors. Raises :exc:`RecordingError` where there is nothing to compare."""
@@ -115,7 +138,8 @@ class Accuracy:
         self.half_s, self.places = (self.t1 - self.t0) / 2e6, np.array(self._places).reshape(-1, 2)
         self.found = np.array(self._found, np.float64).reshape(len(table), -1)
         self._basis = None if self._rotation or self.known.kind not in (GYROSCOPE, POSES) else self._image_basis()
-        self.delay, self.undelayed_px = self._fit() if self._given is None else (self._given, None)
+        fits = self._given is None and self.known.kind != FIELD
+        self.delay, self.undelayed_px = self._fit() if fits else (self._given or 0.0, None)
         true, self.covered, self.along = self._expected(self.delay, slice(None))
         if not self.covered.any():
             raise self.known.apart(self.t0.min(), self.t1.max())
@@ -139,6 +163,9 @@ class Accuracy:
     def _expected(self, delay, rows):
         """``(truth [N, axes], whether it is known [N], whether only its direction is)`` of some rows."""
         signal, known = self.known.signal, self.known
+        if known.kind == FIELD:
+            true = np.array(self._true)[rows]
+            return true, np.isfinite(true[:, 0]), False
         t0, t1 = self.t0[rows] + delay * 1e6, self.t1[rows] + delay * 1e6
         covered = signal.covers(t0, t1)
         if known.kind == VELOCITY:

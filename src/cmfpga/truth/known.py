@@ -3,6 +3,7 @@
 - Text of numbers, with or without a line of names and units (``t_us, vx_px_per_s, vy_px_per_s``; ``t [s] wx [deg/s]``):
   ``t vx vy``, the image's velocity; ``t wx wy wz`` or ``t ax ay az gx gy gz``, a gyroscope or an IMU;
   ``t px py pz qx qy qz qw``, poses. Without names the number of columns tells which.
+- What :mod:`.fields` reads: the flow of every pixel.
 - What :mod:`.pieces` reads: a recording with ``/ground_truth/motion``, or a ``.truth.csv``.
 """
 
@@ -17,10 +18,11 @@ import numpy as np
 from ..errors import RecordingError
 from ..events.textlines import split_line
 from ..events.units import POWER, find_unit
+from .fields import DATASETS, is_field, read_field
 from .pieces import COLUMNS, read_truth, read_truth_csv
 from .signal import Signal
 
-VELOCITY, GYROSCOPE, POSES = "velocity", "gyroscope", "poses"
+VELOCITY, GYROSCOPE, POSES, FIELD = "velocity", "gyroscope", "poses", "flow field"
 
 #: ``{column: names that it goes by}``.
 _NAMES = {
@@ -74,7 +76,7 @@ class Known:
     kind : str
         :data:`VELOCITY`: ``signal`` has (vx, vy) in px/s. :data:`GYROSCOPE`: the camera's angular velocity about its
         x (right), y (down) and z (forward), rad/s. :data:`POSES`: this, and behind it its velocity along these, m/s.
-    signal : Signal
+    signal : Signal or FlowField
     rows : int
         Of the file.
     """
@@ -117,10 +119,14 @@ def read_known(path, unit=None):
         The file cannot be read, is none of these, or has numbers that are of no use; one line.
     """
     path = Path(path)
+    found = read_truth(path) if path.is_file() and h5py.is_hdf5(path) else None
+    if found is None and is_field(path):
+        field = read_field(path)
+        return Known(str(path), FIELD, field, len(field.times))
     if path.is_file() and h5py.is_hdf5(path):
-        found = read_truth(path)
         if found is None:
-            raise RecordingError(f"{path}: no true motion; /ground_truth/motion, or a text ({_TELLING}), is needed")
+            needed = f"/ground_truth/motion, a flow ({', '.join(DATASETS)}), or a text ({_TELLING})"
+            raise RecordingError(f"{path}: no true motion; {needed}, is needed")
         return of_pieces(found, path)
     lines = _lines(path)
     table = _table(path, lines)

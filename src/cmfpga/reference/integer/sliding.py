@@ -183,7 +183,7 @@ class Sliding:
             if not cold and self._judged:
                 sums, verdict, found = self._judged
                 said = said & ~Flag.DOUBTFUL | verdict
-            flags |= said
+            flags |= said | self.core.short
             judged |= found | ({"restarted": 0} if config.confidence else {})
             flags |= self._move(t_first, unit, cold)
         else:

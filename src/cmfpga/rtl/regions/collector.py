@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads as common
-from ..arithmetic import select
+from ..arithmetic import is_short, select
 from ..confidence.verdict import Verdict
 from . import payloads
 from .distributor import place_of
@@ -202,6 +202,7 @@ class Collector(wiring.Component):
         }
         if self.config.confidence:
             flags[Flag.DOUBTFUL] = after.doubtful
+            flags[Flag.SHORT] = is_short(m, outcome.v) & ~outcome.degenerate
         more = {"roi": place_of(state.position), "roi_next": place_of(after.position)}
         m.d.comb += [result.region.eq(outcome.number), result.last.eq(last)]
         for field in fields:

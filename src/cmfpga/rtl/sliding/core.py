@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads
+from ..arithmetic import is_short
 from ..ingest.front import WRITES, connect_front, make_front
 from ..ingest.reciprocal import Reciprocal
 from ..iterating import Iterating
@@ -338,6 +339,7 @@ class SlidingCore(Iterating, wiring.Component):
         if config.confidence:
             judged = settings.judge & ~degenerate
             flags[Flag.DOUBTFUL] = judged & chosen.doubtful
+            flags[Flag.SHORT] = is_short(m, self.ascent.v) & ~degenerate
             values |= {"confidence_limit": Mux(judged, settings.confidence_limit, 0)}
         there = {f.name for f in fields_of("batch", "region", config=config)}
         if missing := there - {*values, "flags"}:

@@ -6,7 +6,7 @@ import os
 import numpy as np
 
 from ...errors import ConfigError, needs
-from ...protocol.confidence import covariance, is_sure
+from ...protocol.confidence import covariance
 
 #: Topics: ``geometry_msgs/TwistWithCovarianceStamped``, whose linear x and y are px/s, and ``std_msgs/Bool``.
 VELOCITY, TRUSTED = "/cmfpga/velocity_px_per_s", "/cmfpga/trusted"
@@ -54,7 +54,7 @@ class _Bag:
         ns = int(2 * values["t_ref_us"]) * 500  # t_ref may be half a µs; times of today as float64 ns are inexact
         if ns >= 2**31 * 10**9:
             raise ConfigError(f"time {values['t_ref_us']:.0f} µs: ROS has times up to 2^31 s; see --time-unit")
-        told = self._made("std_msgs/msg/Bool", is_sure(batch.result))
+        told = self._made("std_msgs/msg/Bool", bool(values["trusted"]))
         self._write(self._trusted, ns, told)
         if values["vx_px_per_s"] is not None:
             self._write(self._velocity, ns, self._twist(batch, ns))

@@ -5,7 +5,6 @@ import contextlib
 import numpy as np
 
 from ...errors import needs
-from ...protocol.confidence import is_sure
 
 #: The arrow of a velocity is the way in so many seconds.
 ARROW_S = 0.1
@@ -49,7 +48,7 @@ class _Viewer:
         v = [values["vx_px_per_s"], values["vy_px_per_s"]]
         there = [] if None in v else [np.array(v) * ARROW_S]
         middle = [corner + (self._size - 1) / 2] * len(there)
-        colour = [_SURE if is_sure(batch.result) else _DOUBTFUL] * len(there)
+        colour = [_SURE if values["trusted"] else _DOUBTFUL] * len(there)
         log("sensor/velocity", rr.Arrows2D(vectors=there, origins=middle, colors=colour))
         for name in SERIES:
             if values[name] is not None:
