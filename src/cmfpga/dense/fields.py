@@ -1,4 +1,4 @@
-"""One motion for the whole field of flow: robust least squares over the trusted tiles.
+"""One motion for the whole field of flow: robust least squares over the tiles without doubt.
 
 Each tile counts as its covariance says, so that an edge counts across itself and not along itself. Residuals that are
 large for that, such as those of what moves on its own, count less: the loss is 2·(√(1 + r²) − 1), r in standard
@@ -74,7 +74,8 @@ def basis(model, config, at):
 def fit_field(model, window):
     """The :class:`Field` of a :class:`~.window.Window`."""
     names = MODELS[model]
-    used = window.trusted & np.isfinite(window.covariance).all(axis=1)
+    # Short tiles, too: without what is slow of a field, its fit would be worse.
+    used = window.sure & np.isfinite(window.covariance).all(axis=1)
     count, size = int(used.sum()), len(names)
     none = Field(np.full(size, np.nan), np.full(size, np.nan), count, math.nan)
     if 2 * count < size + 2:
