@@ -140,6 +140,7 @@ def test_a_picture(command, recording, tmp_path):
     assert not (np.abs(pixels - (0.8392, 0.1529, 0.1569)).max(axis=2) < 0.02).any()
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_two_objects(command, tmp_path):
     events = Events.merge(
         generate(seed=k, position=place, velocity=speed, duration_us=400_000).events
@@ -154,6 +155,7 @@ def test_two_objects(command, tmp_path):
     assert done.status == 0 and done.out.endswith("Only 2 of 3 objects move clearly at one time.\n")
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_nothing_that_moves(command, tmp_path):
     rng = np.random.default_rng(1)
     count = 8_000

@@ -85,6 +85,7 @@ def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):
     assert len(found["axi"]) == 3 and "3 batches tracked (axi engine)" in capsys.readouterr().out
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_the_axi_top_is_built(tmp_path, capsys):
     """Without a camera, which shapes no hardware; its documents have the registers of the motion."""
     small = "sensor_width=48 sensor_height=32 roi_width=48 roi_height=32 buffer_events=64 ram_style=auto".split()
@@ -181,6 +182,7 @@ def test_the_file_tells_the_truth(turn, grow):
         assert tuple(file["ground_truth/motion/velocity"][0]) == VELOCITY
 
 
+@pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("preset", ["similarity", "rotation"])
 def test_the_core_is_built_without_a_camera(preset, tmp_path):
     """Which shapes no hardware."""

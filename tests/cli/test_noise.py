@@ -60,6 +60,7 @@ def test_hot_pixels_by_hand_from_a_file_and_found(noisy, tmp_path, capsys):
 NOTE = "hot pixels 20,30 (900 events), 200,11 (400 events): "
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_a_note_says_which_are_dropped_by_default(noisy, tmp_path, capsys):
     """Alike by track, flow, sweep and Python; what info calls hot."""
     tracked_, wanted = ["--roi", "100,31", "--batches", "1", "--no-picture"], events_of(noisy, HOT)

@@ -31,6 +31,7 @@ def roi(place, name=""):
     return f"--roi={name}{place[0]},{place[1]}"
 
 
+@pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("size", [["--batch-events", "4000"], ["--batch-us", "50000"]])
 @pytest.mark.parametrize("engine", ["rtl", "model"])
 def test_each_is_tracked_as_if_alone(command, tmp_path, two, size, engine):

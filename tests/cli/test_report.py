@@ -59,6 +59,7 @@ def test_files_are_listed_as_json(command, tmp_path):
     assert json.loads(done.out)["files"] == [str(tmp_path / name) for name in names]
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_the_clock_is_that_of_the_summary(command, tmp_path):
     done = command(track, *FAST, "--batches", 1, "--clock", 42, "--out", tmp_path)
     cycles = int(re.search("^([0-9,]+) clock", done.out, re.MULTILINE)[1].replace(",", ""))

@@ -81,6 +81,7 @@ def test_slices_without_events_are_told(command, sliding, tmp_path):
     assert done.status == 0 and "\n7 slices without events, passed over\n" in done.out, done
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_a_recording_is_undistorted_by_its_own_calibration(command, turn, tmp_path):
     done = command(flow, turn, *MODEL, "--fit", "rotation", "--out", tmp_path, "--no-picture")
     assert done.status == 0, done.err
@@ -123,6 +124,7 @@ def test_from_python_it_is_the_same(command, slide, tmp_path):
     assert len(found) == 2 and "fit" not in found.arrays
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_without_a_recording_the_error_to_the_truth_is_told(command, tmp_path):
     done = command(flow, "--engine", "model", "--windows", 1, "--out", tmp_path, "--no-picture", "--json")
     error = json.loads(done.out)["error_px"]

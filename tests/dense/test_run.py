@@ -27,6 +27,7 @@ def test_as_many_events_as_suit_the_motion(sliding):
     assert all(2.5 <= window.moved <= 5.5 for window in windows) and windows and not run.limited
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_slow_motion_meets_the_room_of_the_hardware():
     scene = generate(**{**FIELDS, "duration_us": 400_000}, size=(200, 160), velocity=(12.0, 5.0), contrast=8.0)
     windows, run = measured(scene.recording(), windows=1)
@@ -43,6 +44,7 @@ def test_a_window_does_not_know_what_was_before_it(sliding):
 SLICED = {"window_events": 8000}, {"window_us": 30_000}
 
 
+@pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("how", SLICED)
 def test_a_window_for_every_slice(sliding, how):
     """Each is what it is alone; each event counts in every window that it lies in."""
@@ -79,6 +81,7 @@ def test_what_slices_need(sliding, how, why):
         measured(sliding.recording(), slices=4, **how)
 
 
+@pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("slices", [1, 3])
 def test_a_pause_does_not_end_a_run(sliding, slices):
     """Slices without events are counted and passed over: windows have the last slices with events."""

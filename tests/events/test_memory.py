@@ -59,6 +59,7 @@ def read(path, **options):
         return sum(map(len, recording.chunks(**options)))
 
 
+@pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("name, limit", [("a.h5", 8), ("a.npz", 8), ("table.npz", 12), ("a.npy", 12), ("a.txt", 30)])
 def test_reading(large, name, limit):
     """Peak in MB, of NumPy's and Python's memory; all events would be 20 MB (text: 4 MB of 150,000 lines in blocks)."""

@@ -131,6 +131,7 @@ SCENES = [
 ]
 
 
+@pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize("velocity, duration, fields", SCENES, ids=[str(row[0]) + str(row[2]) for row in SCENES])
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_the_image_moves_by_3_to_5_px(velocity, duration, fields, seed):

@@ -54,6 +54,7 @@ def test_synthetic(synthetic, warm):
     assert reaches(score_errors(FAST, synthetic[:PART], warm=warm), **COLD)
 
 
+@pytest.mark.usefixtures("long_tools")
 @pytest.mark.parametrize(
     "config",
     [FAST.replace(dither_frac=0), FLAT, FAST.replace(cold="2:3:4 2:2:3 2:3/2:2")],
@@ -81,6 +82,7 @@ def test_real_is_missed_where_events_are_dropped(real):
     assert scores["batches_that_drop_events"] == len(large) > 0
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_float_is_no_better(synthetic):
     """The arithmetic costs nothing that can be seen: the float engine reaches the same, within two batches."""
     model, exact = (score_errors(FAST, synthetic[:PART], engine=name) for name in ("model", "float"))
@@ -126,6 +128,7 @@ def test_track_can_fail(data_dir):
     assert track_scores(np.full((2, 2), math.nan), "track")["within_bounds"] == 0
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_cold_and_warm_whole(synthetic):
     cold, warm = (measure("model", FAST, errors, synthetic, warm=warm) for warm in (False, True))
     assert reaches(error_scores(cold), **COLD)
@@ -148,6 +151,7 @@ def test_real_whole_is_what_the_page_says(real):
     assert not scores["batches_that_drop_events"] and "none drops events" in row
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_the_objectives_peak_is_the_limit(synthetic):
     """An ascent that found the peak exactly would not be nearer to the truth."""
     peaks = error_scores(np.array([peak_error(case) for case in synthetic]))

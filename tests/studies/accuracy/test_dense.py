@@ -36,6 +36,7 @@ def test_a_turning_cameras_field(turned):
     assert np.median(away) < 0.35 < 1 < np.median(np.hypot(*field.T))
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_without_recordings_it_is_the_scene_alone(capsys, tmp_path, monkeypatch):
     monkeypatch.delenv("CMFPGA_DATA", raising=False)
     assert run("--flow", "--json", tmp_path / "scores.json") == 0

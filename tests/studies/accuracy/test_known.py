@@ -38,6 +38,7 @@ def test_the_generated_ones():
         assert all(0 <= x <= one.sensor[0] - 64 and 0 <= y <= one.sensor[1] - 64 for x, y in one.rois)
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_what_is_counted(scene):
     """Trusted are those of the engine; with another truth all of them are wrong."""
     values = default_use.measure(scene, FAST, "model")["model"]

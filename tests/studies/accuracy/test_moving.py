@@ -53,6 +53,7 @@ def test_windows_are_as_long_as_their_motion_asks():
     assert moving.windows_of(QUAD, count, 1000, moving.BUILT).window_us == 60_000
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_hops_follow_a_reversal_that_batches_lose(capsys, monkeypatch, tmp_path):
     monkeypatch.delenv("CMFPGA_DATA", raising=False)
     short = dataclasses.replace(

@@ -80,6 +80,7 @@ def quick(tmp_path_factory):
     return json.loads(file.read_text(encoding="utf-8")), printed.getvalue(), seconds
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_quick_is_quick(quick):
     """Of the processor's time, which other work on the machine does not lengthen."""
     assert quick[2] < 30
