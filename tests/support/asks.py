@@ -190,7 +190,7 @@ def asked(item):
 
 @pytest.fixture(scope="session")
 def long_tools():
-    """Asks for what no name in a test tells: processes, designs that are not in ``designs.QUICK``, work of many seconds."""
+    """Asks for what no name in a test tells: processes, hardware beyond ``designs.QUICK``, many seconds."""
 
 
 def pytest_addoption(parser):
