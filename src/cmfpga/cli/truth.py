@@ -18,7 +18,7 @@ def add_truth_options(made, usual=""):
         "--truth", metavar="FILE",
         help="compare with this: a text of t vx vy (px/s), t wx wy wz (rad/s: a gyroscope), t ax ay az gx gy gz (an "
         "IMU), or t px py pz qx qy qz qw (poses), or with names and units in its first line; or a recording of cmfpga "
-        "generate; or, for --flow, a flow field: a folder of DSEC, .npz of MVSEC, HDF5" + usual,
+        "generate; or, of tiles of flow, a flow field: a folder of DSEC, .npz of MVSEC, HDF5" + usual,
     ))  # fmt: skip
     group.add_argument(
         "--truth-unit", choices=("s", "ms", "us", "ns"),
