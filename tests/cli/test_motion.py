@@ -51,7 +51,8 @@ def test_a_rotation_needs_no_option(turn, tmp_path, capsys):
     assert "\nωx 0." in said and "; ωy -" in said and " rad/s in the median" in said and "undistorted image" in said
     assert "2 of 2 batches are to be trusted" in said and all(float(row["confidence"]) > 150 for row in found)
     head = (tmp_path / "track.csv").read_text().splitlines()[0].split(",")
-    assert head[head.index("vy_px_per_s") + 1 :][:3] == [*RATES["rotation"]] and head[-1] == "image"
+    rates = [column for name in RATES["rotation"] for column in (name, f"{name}_sd")]
+    assert head[head.index("vy_px_per_s_sd") + 1 :][: len(rates)] == rates and head[-1] == "image"
     for row in found:
         omega = [float(row[name]) for name in RATES["rotation"]]
         assert np.abs(np.array(omega) - OMEGA).max() < 0.06
