@@ -128,7 +128,7 @@ def test_random_batches(verilated_engine, rng):
         assert without_cycles(compiled) == expected, f"batch {index}"
         assert verilated_engine.places == model.places == [expected.roi_next]
         seen |= expected.flags
-    assert set(seen) == set(Flag) - {Flag.CUT, Flag.SCHEDULE, Flag.DOUBTFUL}
+    assert set(seen) == set(Flag) - {Flag.CUT, Flag.SCHEDULE, Flag.DOUBTFUL, Flag.SHORT}
 
 
 def test_amaranth_simulates_the_fast_hardware_too(rng):
