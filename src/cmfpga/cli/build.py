@@ -6,7 +6,6 @@ import sys
 
 from .. import __version__, cli
 from ..boards import BOARDS, SerialBoard
-from ..driver.bench import batch_file, setting_writes
 from ..errors import UserError, write_text
 from ..fpga import bitstream, levels, place, resources
 from ..protocol import registers
@@ -57,6 +56,8 @@ def build_top(config, board, folder, baud=None):
 
     ``baud`` is of a serial board's line, instead of its own. Returns their paths.
     """
+    from ..driver.bench import batch_file, setting_writes  # knows the engines; only tops need it
+
     if isinstance(board, SerialBoard):
         top = UartTop(config, clock_hz=board.clock_hz, baud=baud or board.baud)
     else:
