@@ -16,7 +16,7 @@ WAIVERS = Path(__file__).parents[2] / "sim" / "verilator.vlt"
 
 
 def check_lint(folder, top, *known):
-    """Verilator warns of nothing in a top's Verilog that it does not warn of in the core's, beside what is ``known``."""
+    """Verilator warns of nothing in a top's Verilog that it does not warn of in the core's, but of the ``known``."""
     waivers = folder / "verilator.vlt"
     waivers.write_text(WAIVERS.read_text().replace("cmfpga_core.v", f"{top}.v"))
     assert verilator_lint((folder / f"{top}.v").read_text(), folder, "-Wall", waivers, top=top) == (
