@@ -126,7 +126,7 @@ NEEDED = {"ascent": FAST | {"ascent": "constant"}, "confidence": FAST | {"confid
 
 
 @pytest.mark.usefixtures("long_tools")
-@pytest.mark.parametrize("name", Config().hardware_fields)
+@pytest.mark.parametrize("name", [name for name in Config().hardware_fields if name != "evt3"])  # in the AXI top alone
 def test_hardware_fields_change_the_verilog(emitted, name):
     fields = {**TINY, **(FAST if name in FAST_ONLY else {}), **NEEDED.get(name, {})}
     base = emitted(**fields)
