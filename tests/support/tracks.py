@@ -9,7 +9,8 @@ def floats(rows, name):
 
 
 def flags(rows):
-    return [row["flags"] for row in rows]
+    """Flags of each row but ``short``, which is a note."""
+    return ["|".join(name for name in row["flags"].split("|") if name != "short") for row in rows]
 
 
 def but_cycles(rows):
