@@ -66,10 +66,8 @@ class Shell(wiring.Component):
         self.config = config
         self.clock = clock
         self.registers = register_map(config)
-        if config.slides:
-            self.core = SlidingCore(config)
-        else:
-            self.core = Regions(config) if config.regions else Core(config, skips=config.skips)
+        more = {"skips": True} if config.skips else {}
+        self.core = (SlidingCore if config.slides else Regions if config.regions else Core)(config, **more)
         self.input = SkidBuffer(payloads.beat())
         self.input_path = InputPath(config)
         self.batch_end = (RunEnd if config.slides else BatchEnd)(config)
