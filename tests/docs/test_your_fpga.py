@@ -60,5 +60,5 @@ def test_five_commands(tmp_path):
         if words[0] == "cmfpga":
             words[:1] = [sys.executable, "-m", "cmfpga"]
         output = subprocess.run(words, cwd=folder, check=True, capture_output=True, text=True).stdout
-    shown = re.search(r"`(result_v_x = \d+)`. That is (\d+)/64 px", page)
+    shown = re.search(r"`(result_v_x = \d+)`.*?that is (\d+)/64 =", page, re.DOTALL)
     assert f"{shown[1]}\n" in output and shown[1].endswith(f" {shown[2]}")

@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from cmfpga.events import generate
+from cmfpga.protocol.flags import Flag
 from cmfpga.show.report import page
 from cmfpga.show.report.story import Story
 from cmfpga.tracking.kept import BUDGET, Detail, Kept
@@ -36,6 +37,10 @@ def test_what_it_says_and_holds(flagged):
     for name, value in flagged.config.to_dict().items():
         assert re.search(rf"<code>{name}</code></th><td>{re.escape(str(value))}[ <]", text), name
     assert "<dd>99.5 MHz</dd>" in text and "<dt>amaranth</dt>" in text
+
+
+def test_every_flag_is_explained():
+    assert list(page.FLAGS) == [flag.text for flag in Flag]
 
 
 def test_captions_are_of_what_is_drawn(turning, flagged):

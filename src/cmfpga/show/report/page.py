@@ -29,6 +29,8 @@ FLAGS = {
     "roi_clamped": "the ROI met the sensor's border",
     "schedule": "an entry of the schedule was out of range",
     "thinned": "events in the ROI were left out evenly, to keep their number down",
+    "doubtful": "the contrast's peak is too flat: do not trust v",
+    "short": "v is short, and found too large by up to a quarter of it",
 }
 
 #: One script in parts.
