@@ -11,7 +11,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError, RecordingError
 from cmfpga.forms import Text
-from cmfpga.sweep import plan, store
+from cmfpga.sweep import plan, task
 from cmfpga.sweep.plan import Run, Subject, choices, rows, subjects
 from cmfpga.sweep.task import Task, run_task, version
 from cmfpga.truth import pieces, read_truth, sidecar
@@ -221,7 +221,7 @@ def test_a_worker_of_another_version_refuses(a_task):
 
 
 def test_only_good_outcomes_are_kept(tmp_path):
-    kept = store.Store(tmp_path / "new")
+    kept = task.Store(tmp_path / "new")
     assert kept.get("a", dict) is None
     assert kept.put("b", {"status": "failed", "reason": "x"})["reason"] == "x"
     assert not kept.folder.exists()
@@ -233,15 +233,15 @@ def test_only_good_outcomes_are_kept(tmp_path):
 
 
 def test_a_write_that_fails_changes_nothing(tmp_path, monkeypatch):
-    store.write_atomically(tmp_path / "x", b"before")
+    task.write_atomically(tmp_path / "x", b"before")
 
     def fail(*_):
         raise OSError(28, "No space left on device")
 
     for call in ("fsync", "replace"):
         with monkeypatch.context() as patch:
-            patch.setattr(store.os, call, fail)
+            patch.setattr(task.os, call, fail)
             with pytest.raises(OSError, match="No space"):
-                store.write_atomically(tmp_path / "x", b"after")
+                task.write_atomically(tmp_path / "x", b"after")
         assert [path.name for path in tmp_path.iterdir()] == ["x"] and (tmp_path / "x").read_bytes() == b"before"
     assert plan.PRESET == "preset"

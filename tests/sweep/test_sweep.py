@@ -19,7 +19,7 @@ from filelock import FileLock
 
 from cmfpga.cli import sweep
 from cmfpga.events import generate, write_hdf5
-from cmfpga.sweep import plan, task, workers
+from cmfpga.sweep import plan, task
 from cmfpga.verilog.compiler import find_compiler
 from support.sweeping import FILES, OPTIONS, finish, make_recording, run_here, small, started
 
@@ -233,7 +233,7 @@ def job(number):
     return os._exit(1) if number == 1 else {"status": "ok", "number": number}
 
 if __name__ == "__main__":
-    with workers.pool(2) as where:
+    with task.pool(2) as where:
         found = dict(where.run(job, {"a": 0, "b": 1, "c": 2}))
     assert found["a"]["number"] == 0 and found["c"]["number"] == 2
     print(found["b"]["reason"])
@@ -252,7 +252,7 @@ BESIDE = """
 from cmfpga.sweep import workers
 
 if __name__ == "__main__":
-    with workers.pool(1):
+    with task.pool(1):
         print("here")
 """
 
@@ -276,7 +276,7 @@ def test_without_dask(recordings, tmp_path, monkeypatch):
 
 
 def test_processors():
-    assert workers.processors() == len(os.sched_getaffinity(0))
+    assert task.processors() == len(os.sched_getaffinity(0))
 
 
 # ---------------------------------------------------------------- resources

@@ -10,7 +10,7 @@ from cmfpga.config import Config, preset
 from cmfpga.fpga import resources
 from cmfpga.sweep import tables
 from cmfpga.sweep.plan import Choice, Row, Run, Subject
-from cmfpga.sweep.store import Store
+from cmfpga.sweep.task import Store
 from cmfpga.tracking.columns import COLUMNS
 from cmfpga.truth import Truth
 

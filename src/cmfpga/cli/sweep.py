@@ -10,9 +10,7 @@ from .. import cli
 from ..engines import ENGINES
 from ..errors import ConfigError
 from ..sweep import plan
-from ..sweep.store import Store, write_atomically
-from ..sweep.task import estimate_resources, run_task, version
-from ..sweep.workers import pool, processors
+from ..sweep.task import Store, estimate_resources, pool, processors, run_task, version, write_atomically
 
 EXAMPLES = (
     "cmfpga sweep a.h5@100,30 b.h5@60,40 --vary preset=fast,paper --batches 20",

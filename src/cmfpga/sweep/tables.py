@@ -13,8 +13,7 @@ from ..imaging.camera import RATES
 from ..protocol.flags import Flag
 from ..tracking.columns import COLUMNS, MORE, Column, columns, declared
 from ..tracking.verdict import Verdict
-from .store import write_atomically
-from .task import MORE_COLUMNS, version
+from .task import MORE_COLUMNS, version, write_atomically
 
 #: An error below this counts as found, px per half batch; the bound of ``studies.accuracy``.
 FOUND_PX = 0.6
