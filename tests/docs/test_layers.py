@@ -39,7 +39,7 @@ CLEAN = {
     ),
     "engines": (["cmfpga.engines", "cmfpga.engines.verilated"], ["torch"]),
     "driver": (
-        ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.uart", "cmfpga.driver.self_test"],  # what a board has
+        ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.uart", "cmfpga.driver.golden"],  # what a board has
         [
             "amaranth",
             "torch",

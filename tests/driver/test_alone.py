@@ -32,7 +32,7 @@ COMMAND = "import runpy; runpy.run_module('cmfpga', run_name='__main__', alter_s
 USE = """
 import sys
 from cmfpga.config import preset
-from cmfpga.driver import Accelerator, golden, self_test, uart, uio
+from cmfpga.driver import Accelerator, golden, uart, uio
 from cmfpga.events import generate, open_recording
 from cmfpga.protocol.words import encode
 

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmfpga.driver.bench import FORM, setting_writes
-from cmfpga.driver.golden import expected_result, golden_batch
+from cmfpga.driver.golden import FORM, expected_result, golden_batch, setting_writes
 from cmfpga.protocol.registers.documents import c_header
 from cmfpga.protocol.words import encode
 from support.board import Board

@@ -1,7 +1,7 @@
 """Configurations of blocks under test."""
 
 from cmfpga.config import Config, preset
-from cmfpga.driver.identity import wrapped_presets
+from cmfpga.driver.control import wrapped_presets
 
 NARROW = {
     "dt_frac": 8, "v_frac": 6, "position_frac": 4, "weight_frac": 4, "derivative_frac": 4,

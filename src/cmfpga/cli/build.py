@@ -56,7 +56,7 @@ def build_top(config, board, folder, baud=None):
 
     ``baud`` is of a serial board's line, instead of its own. Returns their paths.
     """
-    from ..driver.bench import batch_file, setting_writes  # knows the engines; only tops need it
+    from ..driver.golden import batch_file, setting_writes  # knows the engines; only tops need it
 
     if isinstance(board, SerialBoard):
         top = UartTop(config, clock_hz=board.clock_hz, baud=baud or board.baud)

@@ -8,9 +8,8 @@ import numpy as np
 from ..config.windows import needs_batches
 from ..errors import ConfigError, DeviceError, DeviceTimeout
 from ..protocol.settings import BatchSettings
-from .control import Control
+from .control import Control, identify
 from .engine import POLL_SECONDS, AcceleratorEngine, result_of
-from .identity import identify
 
 #: Seconds that a time-out may have.
 LONGEST_SECONDS = 86_400
@@ -296,7 +295,7 @@ class Accelerator:
         DeviceError
             The first check that failed.
         """
-        from .self_test import self_test
+        from .golden import self_test
 
         with self._other_timeout(timeout):
             return self_test(self)

@@ -1,6 +1,17 @@
-"""What the driver needs of whatever leads to the registers and streams of the AXI top."""
+"""What the driver needs of whatever leads to registers and streams of the AXI top; and what has AMD's AXI DMA there.
 
+The DMA is in simple (register) mode. Its registers and bits: AMD PG021, "AXI DMA Register Address Map". Tried on a
+model of them, never on the real one.
+"""
+
+import time
 from abc import ABC, abstractmethod
+from typing import Protocol
+
+import numpy as np
+
+from ..boards import DEFAULT
+from ..errors import DeviceError, DeviceTimeout
 
 
 class Backend(ABC):
@@ -76,3 +87,171 @@ class Backend(ABC):
 
     def close(self):  # noqa: B027 - a back end may hold nothing
         """Release what is held. Safe to call twice."""
+
+
+# Of each channel: control, status, address, and its upper half, length.
+CONTROL, STATUS, ADDRESS, ADDRESS_HIGH, LENGTH = 0x00, 0x04, 0x18, 0x1C, 0x28
+TO_STREAM, FROM_STREAM = 0x00, 0x30  # MM2S and S2MM
+
+RUN, RESET = 1 << 0, 1 << 2  # of the control
+HALTED, IDLE = 1 << 0, 1 << 1  # of the status
+ERRORS = {
+    4: "internal error: a length of 0, or a packet longer than the buffer",
+    5: "slave error: the memory refused an access",
+    6: "decode error: there is no memory at the address",
+}
+
+#: Seconds between two looks at a transfer.
+POLL_SECONDS = 0.0001
+
+
+class Buffer(Protocol):
+    """Memory that hardware and software see.
+
+    Attributes
+    ----------
+    address : int
+        For the hardware.
+    size : int
+        Bytes.
+    """
+
+    address: int
+    size: int
+
+    def write(self, words):
+        """Put uint64 words at the begin, so that the hardware sees them."""
+
+    def read(self, count):
+        """The first ``count`` uint64 words, as the hardware wrote them."""
+
+    def close(self):
+        """Give it back."""
+
+
+class Channel:
+    """One direction of the DMA; one transfer at a time.
+
+    Parameters
+    ----------
+    registers : object
+        ``read32(offset)`` and ``write32(offset, value)`` of the DMA.
+    base : int
+        :data:`TO_STREAM` or :data:`FROM_STREAM`.
+    length_bits : int
+        Of the register that has a transfer's length.
+    """
+
+    def __init__(self, registers, base, length_bits):
+        self._registers = registers
+        self._base = base
+        self.longest = (1 << length_bits) - 1
+        self.busy = False
+
+    def _read(self, register):
+        return self._registers.read32(self._base + register)
+
+    def _write(self, register, value):
+        self._registers.write32(self._base + register, value)
+
+    def begin(self, address, length):
+        """Begin a transfer of ``length`` bytes; from the stream: of as many at most."""
+        if self.busy:
+            raise DeviceError("a DMA transfer is still under way")
+        self._write(CONTROL, RUN)
+        self._write(ADDRESS, address & 0xFFFFFFFF)
+        self._write(ADDRESS_HIGH, address >> 32)
+        self._write(LENGTH, length)  # begins it
+        self.busy = True
+
+    def done(self):
+        """Whether no transfer is under way; :exc:`DeviceError` if it failed."""
+        if not self.busy:
+            return True
+        status = self._read(STATUS)
+        wrong = [text for bit, text in ERRORS.items() if status >> bit & 1]
+        if wrong:
+            direction = "to" if self._base == TO_STREAM else "from"
+            raise DeviceError(f"DMA {direction} the stream: {', '.join(wrong)} (status {status:#010x})")
+        if status & HALTED:
+            raise DeviceError(f"the DMA stopped in the middle of a transfer (status {status:#010x})")
+        self.busy = not status & IDLE
+        return not self.busy
+
+    def wait(self, timeout):
+        """Whether the transfer ended in time."""
+        deadline = time.monotonic() + timeout
+        while not self.done():
+            if time.monotonic() >= deadline:
+                return False
+            time.sleep(POLL_SECONDS)
+        return True
+
+    @property
+    def transferred(self):
+        """Bytes of the last transfer."""
+        return self._read(LENGTH) & self.longest
+
+
+class DmaBackend(Backend):
+    """Registers by memory-mapped accesses, streams by an AXI DMA.
+
+    Parameters
+    ----------
+    registers, dma : object
+        ``read32(offset)`` and ``write32(offset, value)`` of the accelerator, and of the DMA.
+    events, results : Buffer
+        For words to, and packets from, the accelerator.
+    board : AxiBoard
+    """
+
+    #: Seconds that the DMA may take for its reset.
+    RESET_SECONDS = 1.0
+
+    def __init__(self, registers, dma, events, results, *, board=DEFAULT):
+        self._registers = registers
+        self._dma = dma
+        self._events, self._results = events, results
+        self._sending, self._receiving = (
+            Channel(dma, base, board.dma_length_bits) for base in (TO_STREAM, FROM_STREAM)
+        )
+        self.max_words = min(events.size, self._sending.longest) // 8
+
+    def read32(self, offset):
+        return self._registers.read32(offset)
+
+    def write32(self, offset, value):
+        self._registers.write32(offset, value)
+
+    def send(self, words):
+        if not self._sending.done():
+            raise DeviceError(f"{self.name}: the transfer before it is still under way")
+        words = np.ascontiguousarray(words, "<u8")
+        self._events.write(words)
+        self._sending.begin(self._events.address, words.nbytes)
+
+    def wait_sent(self, timeout):
+        if not self._sending.wait(timeout):
+            raise DeviceTimeout(f"{self.name}: the DMA did not send all words within {timeout:g} s")
+
+    def receive(self, timeout):
+        if not self._receiving.busy:
+            length = min(self._results.size, self._receiving.longest // 8 * 8)
+            self._receiving.begin(self._results.address, length)
+        if not self._receiving.wait(timeout):
+            raise DeviceTimeout(f"{self.name}: no packet within {timeout:g} s")
+        return self._results.read(self._receiving.transferred // 8)
+
+    def stop(self):
+        """Reset the DMA: of both channels, whichever is asked."""
+        self._dma.write32(TO_STREAM + CONTROL, RESET)
+        deadline = time.monotonic() + self.RESET_SECONDS
+        while self._dma.read32(TO_STREAM + CONTROL) & RESET:
+            if time.monotonic() >= deadline:
+                raise DeviceTimeout(f"{self.name}: the DMA's reset did not end within {self.RESET_SECONDS:g} s")
+            time.sleep(POLL_SECONDS)
+        self._sending.busy = self._receiving.busy = False
+
+    def close(self):
+        for buffer in (self._events, self._results):
+            buffer.close()

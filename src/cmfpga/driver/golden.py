@@ -1,4 +1,4 @@
-"""One batch whose result is known, for the self-test.
+"""One batch whose result is known: for the self-test, and for programs that are not ours.
 
 Where torch is installed the integer model computes the result. A board does without: ``golden.json`` holds it for the
 presets. After a change of the presets or of the arithmetic:
@@ -15,11 +15,15 @@ import numpy as np
 from ..config import PRESETS
 from ..config.windows import hop_of
 from ..engines import make_engine
+from ..errors import DeviceError
 from ..events.arrays import Events
 from ..protocol.regions import Region
+from ..protocol.registers import register_map
 from ..protocol.results import fields_of
 from ..protocol.settings import BatchSettings, clamp_roi, with_rotation
-from .identity import wrapped_presets
+from ..protocol.shapes import leaves
+from ..protocol.words import encode
+from .control import Control, identify, wrapped_presets
 
 FILE = "golden.json"
 
@@ -131,6 +135,142 @@ def make():
         name: {"hardware": config.hardware_hash, "result": model_result(config)}
         for name, config in wrapped_presets().items()
     }
+
+
+PATTERNS = (0x00000000, 0xFFFFFFFF, 0xA5A55A5A, 0x12345678)
+
+
+def self_test(accelerator):
+    """``{check: what was found}``; :exc:`DeviceError` at the first that fails."""
+    identify(accelerator.backend, accelerator.config)
+    found = {"identity": f"as built, configuration {accelerator.config.hardware_hash[:8]}"}
+    found["scratch"] = _scratch(accelerator.backend, accelerator.registers)
+    accelerator.reset()
+    if accelerator.interrupt and accelerator.backend.wait_interrupt(0):
+        raise DeviceError(f"{accelerator.backend.name}: the interrupt is there before a batch: is the line stuck?")
+    expected, source = expected_result(accelerator.config)
+    events, roi = golden_batch(accelerator.config)
+    if accelerator.config.regions:
+        accelerator.write_regions(golden_regions(accelerator.config, roi))
+    results = accelerator.run(events, settings=settings_of(accelerator.config, roi))  # ends with the interrupt
+    results = results if accelerator.config.slides else [results]
+    result = results[-1]
+    found["interrupt"] = _interrupt(accelerator)
+    if expected is None:
+        found["golden batch"] = f"ran, but was not compared: {source}"
+    else:
+        expected, came = _flat(expected), _flat(values_of(accelerator.config, result))
+        wrong = [name for name, value in expected.items() if came[name] != value]
+        if wrong:
+            name = wrong[0]
+            raise DeviceError(
+                f"{accelerator.backend.name}: the golden batch's {name} is {came[name]}; {source} says "
+                f"{expected[name]} (different: {', '.join(wrong)})"
+            )
+        regions = accelerator.config.regions
+        cycles = f"{len(result.regions)} regions" if regions else f"{result.cycles} cycles"
+        found["golden batch"] = f"{result.events} events, {cycles}, all {len(expected)} values as {source}"
+    count = accelerator.counters()
+    if count["events_in"] != len(events) or count["batches"] != len(results):
+        raise DeviceError(
+            f"{accelerator.backend.name}: {count['events_in']} events and {count['batches']} batches are counted after "
+            f"one batch of {len(events)}"
+        )
+    found["counters"] = f"{count['events_in']} events in, {count['batches']} result"
+    accelerator.reset()
+    return found
+
+
+def _flat(values):
+    """The values of each region beside those of the batch: ``regions[1].v``."""
+    regions = enumerate(values.get("regions", ()))
+    more = {f"regions[{k}].{name}": value for k, region in regions for name, value in region.items()}
+    return {name: value for name, value in values.items() if name != "regions"} | more
+
+
+def _scratch(backend, registers):
+    offset = registers["SCRATCH"].offset
+    for pattern in PATTERNS:
+        backend.write32(offset, pattern)
+        value = backend.read32(offset)
+        if value != pattern:
+            raise DeviceError(f"{backend.name}: SCRATCH reads {value:#010x} after {pattern:#010x} was written")
+    return f"{len(PATTERNS)} patterns"
+
+
+def _interrupt(accelerator):
+    """It came, or the batch would have failed; now it must be gone."""
+    if not accelerator.interrupt:
+        return "not used"
+    if accelerator.backend.wait_interrupt(0):
+        raise DeviceError(f"{accelerator.backend.name}: the interrupt stays although ISR was cleared")
+    return "came, and went when it was cleared"
+
+
+#: Of the event words.
+FORM = "EVT21"
+
+
+class _Recorder:
+    """A back end that keeps what is written."""
+
+    name = "bench"
+
+    def __init__(self):
+        self.writes = []
+
+    def read32(self, offset):
+        return 0
+
+    def write32(self, offset, word):
+        self.writes.append((offset, int(word)))
+
+
+def setting_writes(config):
+    """``[(offset, word)]``: the golden batch's settings and tables, which ends with TLAST."""
+    recorder = _Recorder()
+    control, (_, roi) = Control(recorder, config), golden_batch(config)
+    if config.regions:
+        control.table.replace(golden_regions(config, roi))
+    control.write_settings(settings_of(config, roi), {"duration": 0, "by_tlast": 1})
+    return recorder.writes
+
+
+def result_words(config, values):
+    """``{offset: (mask, word)}`` of the result registers that ``values``, of one region, decide."""
+    raw = {}
+    for field in fields_of("batch", "region", config=config):
+        if field.name in values:
+            value = values[field.name]
+            parts = value if isinstance(value, (tuple, list)) else [value]
+            for (leaf, q), part in zip(leaves(field.name, field.shape(config)).items(), parts, strict=True):
+                raw[leaf] = q.raw(part) if isinstance(part, float) else int(part)
+    words = {}
+    for link, places in register_map(config).linked("Result").items():
+        for register, f in places if link in raw else ():
+            mask, word = words.get(register.offset, (0, 0))
+            bits = raw[link] >> f.link_lsb << f.lsb & f.mask
+            words[register.offset] = mask | f.mask, word | bits
+    return words
+
+
+def batch_file(config, top):
+    """Text of ``….json``, which ``cocotb_bench.py`` plays; ``expected`` is empty where no model is installed."""
+    registers = register_map(config)
+    values, source = expected_result(config)
+    shared = {name: value for name, value in (values or {}).items() if name != "regions"}
+    records = [shared | region for region in values.get("regions", [{}])] if values else []
+    first = registers.group("Result")[0].offset
+    return json.dumps({
+        "top": top,
+        "source": source,
+        "writes": [*setting_writes(config), (registers["CTRL"].offset, registers["CTRL"].pack(START=1))],
+        "words": [f"{word:#018x}" for word in encode(golden_batch(config)[0], FORM).tolist()],
+        "beats": registers["RESULT_SIZE"].reset,
+        "expected": [
+            {(offset - first) // 4: pair for offset, pair in result_words(config, record).items()} for record in records
+        ],
+    }, indent=1) + "\n"  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ from pynq import DefaultIP, UnsupportedConfiguration, allocate
 from ..boards import BOARDS, DEFAULT, AxiBoard
 from ..errors import WrongHardware
 from .accelerator import Accelerator
-from .axi_dma import DmaBackend
-from .identity import check_version
+from .backend import DmaBackend
+from .control import check_version
 
 
 class Registers:
@@ -72,7 +72,7 @@ class CmfpgaIP(DefaultIP):
 
 
 class PynqBuffer:
-    """A contiguous :class:`~.axi_dma.Buffer` of PYNQ's."""
+    """A contiguous :class:`.backend.Buffer` of PYNQ's."""
 
     def __init__(self, size, device):
         self._words = allocate((size // 8,), "u8", target=device)

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..boards import DEFAULT
 from ..errors import DeviceError
-from .axi_dma import DmaBackend
+from .backend import DmaBackend
 
 
 def _open(path):
@@ -147,7 +147,7 @@ class UioDevice:
 
 
 class UdmaBuffer:
-    """A :class:`~.axi_dma.Buffer` of u-dma-buf: ``/dev/<name>``, and ``/sys/class/u-dma-buf/<name>/``.
+    """A :class:`.backend.Buffer` of u-dma-buf: ``/dev/<name>``, and ``/sys/class/u-dma-buf/<name>/``.
 
     Caches are cleaned and invalidated by its ``sync_for_…`` files, unless the buffer is coherent.
     """
