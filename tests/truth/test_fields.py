@@ -12,7 +12,7 @@ import pytest
 from cmfpga.cli import accuracy, track
 from cmfpga.errors import RecordingError
 from cmfpga.events import write_hdf5
-from cmfpga.show.export.flow import _write_png
+from cmfpga.show.export import _write_png
 from cmfpga.truth import FIELD, read_known
 from cmfpga.truth.fields import read_png
 from support.flowing import CAMERA, OMEGA

@@ -8,7 +8,7 @@ import numpy as np
 from ..dense.fields import MODELS, fit_field
 from ..dense.window import COLUMNS
 from ..errors import naming
-from ..show.export.flow import export_flow
+from ..show.export import export_flow
 
 #: Files of a run, in its folder.
 CSV, ARRAYS, FITS = "flow.csv", "flow.npz", "fit.csv"
@@ -87,7 +87,7 @@ class Flow:
             np.savez_compressed(path, head=np.array(json.dumps(told)), **self.arrays)
 
     def export(self, path):
-        """Write the flow as ``flow --export`` does: :func:`~cmfpga.show.export.flow.export_flow`."""
+        """Write the flow as ``flow --export`` does: :func:`~cmfpga.show.export.export_flow`."""
         export_flow(self, path)
 
     def summary(self):

@@ -18,8 +18,7 @@ from ..dense.window import TABLE
 from ..engines import AXI, ENGINES, open_engine
 from ..errors import naming
 from ..events import open_recording
-from ..show.export import checked_path
-from ..show.export.flow import ENDINGS
+from ..show.export import ENDINGS, checked_path
 from ..show.flow.page import Page
 from ..show.flow.pictures import SUFFIXES, save
 from ..show.gallery import picture_path

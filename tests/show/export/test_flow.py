@@ -11,7 +11,7 @@ import pytest
 from cmfpga.cli import flow as command_module
 from cmfpga.errors import ConfigError
 from cmfpga.events import write_hdf5
-from cmfpga.show.export.flow import export_flow
+from cmfpga.show.export import export_flow
 
 #: Of a sensor of 20×12 px two by three tiles of 8 px, every 6 and 4 px: a border of 2 columns is in none.
 X, Y = [0, 5, 10], [0, 4]

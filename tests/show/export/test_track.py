@@ -10,8 +10,7 @@ import cmfpga
 from cmfpga.cli import track
 from cmfpga.errors import ConfigError, MissingPackage
 from cmfpga.events import Events, MemoryRecording, generate
-from cmfpga.show.export import exported
-from cmfpga.show.export.ros import TRUSTED, VELOCITY
+from cmfpga.show.export import TRUSTED, VELOCITY, exported
 from support.designs import FAST
 from support.flowing import CAMERA
 
