@@ -56,7 +56,7 @@ CLEAN = {
     "build": (["cmfpga.build"], ["torch", "matplotlib", "cmfpga.engines", "cmfpga.reference"]),
     "track": (["cmfpga.cli.track"], ["torch", "matplotlib", "plotly", "amaranth"]),
     "flow": (["cmfpga.cli.flow"], ["torch", "matplotlib", "plotly", "amaranth"]),
-    "report": (["cmfpga.cli.report", "cmfpga.show.report.page"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
+    "report": (["cmfpga.cli.report", "cmfpga.show.report"], ["torch", "matplotlib", "plotly", "cmfpga.engines"]),
     "sweep": (["cmfpga.cli.sweep", "cmfpga.sweep.task"], ["amaranth", "torch", "matplotlib", "distributed", "pandas"]),
     "package": (["cmfpga"], ["cmfpga.", "numpy", "amaranth"]),
     "info": (["cmfpga.cli.info", "cmfpga.imaging.survey"], ["torch", "matplotlib"]),

@@ -117,7 +117,7 @@ class TrackedObject:
 
             self._writers.append(write)
         if report_mhz is not None:
-            from ..show.report.page import plotly_script, write_page
+            from ..show.report import plotly_script, write_page
 
             plotly_script()  # if it is missing, that is told before the work
             kept = Kept(self.config, engine, recording, motion)

@@ -160,7 +160,7 @@ class Tracking:
         clock_mhz : float
             Assumed clock of the hardware, MHz.
         """
-        from ..show.report.page import write_page
+        from ..show.report import write_page
 
         write_page(self._kept, path, clock_mhz=clock_mhz)
 

@@ -19,8 +19,7 @@ from ..engines import AXI, ENGINES, open_engine
 from ..errors import naming
 from ..events import open_recording
 from ..show.export import ENDINGS, checked_path
-from ..show.flow.page import Page
-from ..show.flow.pictures import SUFFIXES, save
+from ..show.flow import SUFFIXES, Page, save
 from ..show.gallery import picture_path
 from ..tracking.columns import csv_writer
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields

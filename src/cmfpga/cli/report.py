@@ -30,7 +30,7 @@ def parser():
 
 def main(arguments=None):
     """Run the command; returns the exit status."""
-    from ..show.report.page import write_page
+    from ..show.report import write_page
     from ..tracking.kept import FILE, Kept
 
     options = parser().parse_args(arguments)

@@ -13,7 +13,7 @@ def fill(body, parts, head, blob, *, one):
     :mod:`json` makes of ``head``, and ``{{blob}}`` the bytes of ``blob`` in base64.
     """
     page = asset("frame.html").replace("{{body}}", body)
-    parts["style"] = asset("frame.css") + parts.get("style", "")
+    parts["style"] = asset("frame.css")
     parts["script"] = asset("frame.js") + "\n" + parts["script"]
     # In a script element only "</" and "<!--" have a meaning.
     text = json.dumps(head, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c")
@@ -21,9 +21,9 @@ def fill(body, parts, head, blob, *, one):
     return re.sub(r"\{\{(\w+)\}\}", lambda name: parts[name[1]], page)
 
 
-def asset(name, package=__package__):
-    """The text of a file beside the modules of ``package``."""
-    return importlib.resources.files(package).joinpath(name).read_text(encoding="utf-8")
+def asset(name):
+    """The text of a file beside this one."""
+    return importlib.resources.files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
 def shown_name(recording):

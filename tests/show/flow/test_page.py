@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from cmfpga.api.flow_result import Flow
-from cmfpga.show.flow import page as pages
-from cmfpga.show.flow.pictures import colours, field, figure, tile_of_pixels, top_speed
+from cmfpga.show import flow as pages
+from cmfpga.show.flow import colours, field, figure, tile_of_pixels, top_speed
 from support.browser import Opened
 from support.flowing import measured
 

@@ -59,7 +59,7 @@ def growing():
 @pytest.fixture
 def opened(browser, tmp_path):
     """``opened(kept)``: its report in the browser, as :class:`Opened`, not yet shown."""
-    from cmfpga.show.report.page import write_page
+    from cmfpga.show.report import write_page
 
     def opened(kept, clock_mhz=210.0):
         path = tmp_path / "report.html"

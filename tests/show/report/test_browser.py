@@ -11,7 +11,7 @@ from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.protocol.flags import Flag
-from cmfpga.show.report.story import Story
+from cmfpga.show.story import Story
 from cmfpga.tracking.columns import COLUMNS
 from support.reporting import keep
 

@@ -6,7 +6,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.events import Events, MemoryRecording
 from cmfpga.imaging.iwe import image_of_warped_events
-from cmfpga.show.report.page import render
+from cmfpga.show.report import render
 from cmfpga.tracking import kept as module
 from cmfpga.tracking.kept import FILE, Kept
 from support.reporting import keep

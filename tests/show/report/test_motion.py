@@ -10,9 +10,8 @@ import pytest
 from cmfpga.config import PRESETS
 from cmfpga.imaging.camera import flow
 from cmfpga.imaging.iwe import image_of_warped_events
-from cmfpga.show.report.motion import shown_motion
-from cmfpga.show.report.page import render
-from cmfpga.show.report.story import Story
+from cmfpga.show.report import render, shown_motion
+from cmfpga.show.story import Story
 from cmfpga.tracking.kept import FILE, Kept
 
 

@@ -8,18 +8,18 @@ import numpy as np
 
 from cmfpga.events import generate
 from cmfpga.protocol.flags import Flag
-from cmfpga.show.report import page
-from cmfpga.show.report.story import Story
+from cmfpga.show import report
+from cmfpga.show.story import Story
 from cmfpga.tracking.kept import BUDGET, Detail, Kept
 
 
 def own(text):
     """The page without plotly.js."""
-    return text.replace(page.plotly_script(), "")
+    return text.replace(report.plotly_script(), "")
 
 
 def test_nothing_is_loaded_from_elsewhere(turning):
-    text = own(page.render(turning, 210.0))
+    text = own(report.render(turning, 210.0))
     assert len(text) < 400_000
     assert "http" not in text.replace("http-equiv", "").replace("HTTP", "")
     assert not re.search(r"(src|href)=[\"'](?!data:)", text) and "default-src 'none'" in text
@@ -27,7 +27,7 @@ def test_nothing_is_loaded_from_elsewhere(turning):
 
 
 def test_what_it_says_and_holds(flagged):
-    text = page.render(flagged, 99.5)
+    text = report.render(flagged, 99.5)
     story = Story(flagged, 99.5)
     assert html.escape(story.lead) in text and all(html.escape(note) in text for note in story.notes)
     assert "<script><b>" not in text and "&lt;script&gt;&lt;b&gt;" in text  # the recording's name
@@ -40,12 +40,12 @@ def test_what_it_says_and_holds(flagged):
 
 
 def test_every_flag_is_explained():
-    assert list(page.FLAGS) == [flag.text for flag in Flag]
+    assert list(report.FLAGS) == [flag.text for flag in Flag]
 
 
 def test_captions_are_of_what_is_drawn(turning, flagged):
     """The turning scene's ascent has three levels, the other one has one."""
-    texts = [own(page.render(kept, 210.0)) for kept in (turning, flagged)]
+    texts = [own(report.render(kept, 210.0)) for kept in (turning, flagged)]
     for caption, drawn in (
         ("Dashed: the true velocity.", [True, True]), ("Dashed: what the hardware's buffer holds.", [True, True]),
         ("large diamonds", [True, False]), ("small circles, 1 px.", [True, True]),
@@ -54,11 +54,11 @@ def test_captions_are_of_what_is_drawn(turning, flagged):
     unknown = Kept(turning.config, "model", "x")
     config, truths = turning.config.replace(buffer_events=16383), [(np.nan, np.nan)] * len(turning.rows)
     unknown.__dict__ |= {**vars(turning), "config": config, "truths": truths}
-    assert "Dashed: " not in own(page.render(unknown, 210.0))
+    assert "Dashed: " not in own(report.render(unknown, 210.0))
 
 
 def test_the_same_track_gives_the_same_page(turning):
-    assert page.render(turning, 210.0) == page.render(turning, 210.0)
+    assert report.render(turning, 210.0) == report.render(turning, 210.0)
 
 
 def test_two_hundred_batches_are_below_ten_megabytes(turning):
@@ -77,7 +77,7 @@ def test_two_hundred_batches_are_below_ten_megabytes(turning):
         kept.spans.append(20_000)
         kept.truths.append((1.0, 2.0))
     assert sum(detail.size for detail in kept.details) < BUDGET
-    assert 5_000_000 < len(page.render(kept, 210.0).encode()) < 10_000_000
+    assert 5_000_000 < len(report.render(kept, 210.0).encode()) < 10_000_000
 
 
 def test_from_python(tmp_path):

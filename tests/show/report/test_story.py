@@ -7,7 +7,7 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.rtl.core import Core
-from cmfpga.show.report.story import Story, corners, direction, number
+from cmfpga.show.story import Story, corners, direction, number
 from cmfpga.tracking.columns import COLUMNS, columns
 from cmfpga.tracking.kept import Kept
 

@@ -1,1 +1,0 @@
-"""Dense flow as pictures, and as a page for the browser."""

@@ -1,1 +1,0 @@
-"""A track as one HTML page that needs no network."""
