@@ -14,9 +14,9 @@ import numpy as np
 from cmfpga import cli
 from cmfpga.api.flow import configure
 from cmfpga.dense import fit_field
-from cmfpga.dense.demo import CAMERA, ROTATION, scene
-from cmfpga.dense.run import Run
+from cmfpga.dense.fields import CAMERA, ROTATION, scene
 from cmfpga.dense.tiles import TILE
+from cmfpga.dense.window import Run
 from cmfpga.engines import make_engine
 from cmfpga.events import Events, MemoryRecording, open_recording
 from cmfpga.imaging.camera import Camera, seen

@@ -10,7 +10,7 @@ import numpy as np
 
 from cmfpga.api.flow import configure
 from cmfpga.config import preset
-from cmfpga.dense.demo import scene
+from cmfpga.dense.fields import scene
 from cmfpga.dense.tiles import TILE, grid
 from cmfpga.errors import MissingPackage
 from cmfpga.events import Events, open_recording

@@ -10,7 +10,7 @@ import cmfpga
 from cmfpga.api.flow import configure
 from cmfpga.cli import flow
 from cmfpga.config import preset
-from cmfpga.dense import demo
+from cmfpga.dense import fields
 from cmfpga.dense.window import COLUMNS
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording, write_hdf5
@@ -129,7 +129,7 @@ def test_without_a_recording_the_error_to_the_truth_is_told(command, tmp_path):
     done = command(flow, "--engine", "model", "--windows", 1, "--out", tmp_path, "--no-picture", "--json")
     error = json.loads(done.out)["error_px"]
     assert error["median"] < 0.35 and error["within_0.5"] > 0.7
-    assert np.linalg.norm(demo.ROTATION) > 0.5  # or it would be easy
+    assert np.linalg.norm(fields.ROTATION) > 0.5  # or it would be easy
 
 
 def test_the_page_holds_the_windows(command, slide, tmp_path):
@@ -202,7 +202,7 @@ def test_refusals_without_a_usable_recording(command, tmp_path):
     assert "a RECORDING is needed" in command(flow, "--sensor", "64,48").error
     assert command(flow, "tcp://localhost:1").status == 2
     with pytest.raises(ConfigError, match="no regions"):
-        cmfpga.flow(demo.scene(), preset="fast")
+        cmfpga.flow(fields.scene(), preset="fast")
 
 
 def test_a_file_from_python(slide):

@@ -6,7 +6,7 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.dense import grid
-from cmfpga.dense.run import Run
+from cmfpga.dense.window import Run
 from cmfpga.engines import make_engine
 from cmfpga.events import generate
 from cmfpga.imaging.camera import Camera

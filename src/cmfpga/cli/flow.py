@@ -8,13 +8,9 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import cli
-from ..api.flow import ENGINE, PRESET, configure
-from ..api.flow_result import ARRAYS, CSV, FITS, Flow, fit_columns
-from ..dense.demo import CAMERA, scene
-from ..dense.demo import errors as demo_errors
-from ..dense.fields import MODELS, check
-from ..dense.run import Run
-from ..dense.window import TABLE
+from ..api.flow import ARRAYS, CSV, ENGINE, FITS, PRESET, Flow, configure, fit_columns
+from ..dense.fields import CAMERA, MODELS, check, demo_errors, scene
+from ..dense.window import TABLE, Run
 from ..engines import AXI, ENGINES, open_engine
 from ..errors import naming
 from ..events import open_recording

@@ -1,7 +1,7 @@
 """Dense optical flow of a recording, tile by tile: many regions of one accelerator.
 
 - :mod:`~.tiles` makes the table of regions: a grid of tiles in two levels;
-- :mod:`~.run` cuts the windows and measures them, :mod:`~.window` is one of them;
+- :mod:`~.window` cuts the windows and measures them;
 - :mod:`~.fields` fits one motion to a field.
 
 :mod:`cmfpga.api.flow` is the Python function, :mod:`cmfpga.show.flow` shows what it found.

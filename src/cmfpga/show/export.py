@@ -191,7 +191,7 @@ def exported(path, config):
 
 
 def export_flow(flow, path):
-    """Write a :class:`~cmfpga.api.flow_result.Flow`: ``.npz`` of MVSEC, or a folder of DSEC, as ``path`` ends.
+    """Write a :class:`~cmfpga.api.flow.Flow`: ``.npz`` of MVSEC, or a folder of DSEC, as ``path`` ends.
 
     Parameters
     ----------

@@ -166,7 +166,7 @@ class Page:
             self._kept = [one for one in self._kept if one[0]["window"] % self._stride == 0]
 
     def save(self, path, flow):
-        """Write the page of a :class:`~cmfpga.api.flow_result.Flow`."""
+        """Write the page of a :class:`~cmfpga.api.flow.Flow`."""
         write_text(path, self.render(flow))
 
     def render(self, flow):

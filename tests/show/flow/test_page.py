@@ -7,7 +7,7 @@ import matplotlib.image
 import numpy as np
 import pytest
 
-from cmfpga.api.flow_result import Flow
+from cmfpga.api.flow import Flow
 from cmfpga.show import flow as pages
 from cmfpga.show.flow import colours, field, figure, tile_of_pixels, top_speed
 from support.browser import Opened

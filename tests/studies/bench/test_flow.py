@@ -9,7 +9,7 @@ from studies.bench.opponents import Unavailable
 from studies.bench.opponents.flow_program import FlowProgram
 
 from cmfpga.config import preset
-from cmfpga.dense.demo import scene
+from cmfpga.dense.fields import scene
 from cmfpga.dense.tiles import grid
 from cmfpga.protocol.settings import BatchSettings
 from studies.bench import flow
