@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cmfpga.events import Events, open_recording
-from cmfpga.imaging.survey.places import box_sums
+from cmfpga.imaging.survey.statistics import box_sums
 
 from .case import Case
 from .yardstick import ROI

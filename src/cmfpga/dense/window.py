@@ -10,7 +10,7 @@ from ..errors import ConfigError
 from ..events import BatchCutter
 from ..imaging.camera import nearest
 from ..imaging.iwe import dithered, image_of_warped_events
-from ..imaging.survey.places import box_sums
+from ..imaging.survey.statistics import box_sums
 from ..protocol.confidence import confidence, covariance
 from ..protocol.flags import Flag
 from ..tracking.columns import Column, declared

@@ -16,7 +16,7 @@ import numpy as np
 from ..errors import ConfigError, RecordingError, naming
 from ..imaging.camera import Camera, extent, nearest, parameters
 from ..imaging.iwe import gain, scaled_roi_events
-from ..imaging.survey.places import box_sums
+from ..imaging.survey.statistics import box_sums
 from ..protocol.confidence import is_judged
 from ..protocol.flags import Flag
 from .known import FIELD, GYROSCOPE, POSES, VELOCITY

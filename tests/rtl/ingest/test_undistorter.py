@@ -87,7 +87,7 @@ def test_any_table_the_largest_numbers_too(name, rng, monkeypatch):
     config, formats = SHAPES[name], SHAPES[name].formats
     size = config.geometry.node_rows, config.geometry.node_columns
     table = np.stack([rng.choice([fmt.min, fmt.max, -1, 0, 1], size) for fmt in (formats.node_x, formats.node_y)])
-    monkeypatch.setattr("cmfpga.imaging.camera.undistortion.node_table", lambda *_: table)
+    monkeypatch.setattr("cmfpga.imaging.camera.motion.node_table", lambda *_: table)
     events = anywhere(config, rng)
     wanted = undistort(config, (1,), *np.array(events).T)
     assert through(config, rng, events, 0.0, scripted(config, table)) == list(

@@ -1,10 +1,19 @@
-"""A camera's intrinsics: from pixels to rays and back, and how its own rotation moves the image."""
+"""A camera's intrinsics: from pixels to rays and back, and how its own rotation moves the image.
 
+A calibration stands in HDF5, in a ROS ``camera_info`` YAML, or in a plain text of nine numbers.
+"""
+
+import os
+import re
+import stat
 from dataclasses import astuple, dataclass
 
+import h5py
 import numpy as np
 
-from ...errors import ConfigError
+from ...config.camera import NAMES, parse_camera
+from ...errors import ConfigError, needs
+from ...forms import FormError, Many, Text, check
 
 #: Most rounds of the fixed point that undistorts, and what it has to settle within; event cameras' lenses take 20.
 _ROUNDS, _SETTLED = 200, 1e-13
@@ -94,3 +103,158 @@ class Camera:
         at = self.rays(column, row)
         step = np.einsum("akn,k->an", self.rotation(*at), np.asarray(omega, float)) * dt
         return (self.pixels(*(at + step)) - self.pixels(*(at - step))) / (2 * dt)
+
+
+#: The data set of an HDF5 file: nine numbers in the order of :data:`~cmfpga.config.camera.NAMES`.
+DATASET = "camera_calibration"
+
+_MODEL = "plumb_bob"
+_NUMBER = Text(parse=float)
+_NUMBERS = re.compile(r"[-+.,eE\d\s]+")
+_LARGEST = 1 << 16  # bytes of a text
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """A camera, and the size of its images where the file tells it: (width, height), px."""
+
+    camera: Camera
+    size: tuple[int, int] | None = None
+
+
+def read_calibration(path):
+    """The :class:`Calibration` of a file.
+
+    - HDF5: the data set ``/camera_calibration``, nine numbers;
+    - a ROS ``camera_info`` YAML (``camera_matrix``, ``distortion_coefficients``, ``distortion_model: plumb_bob``), as
+      ROS's camera calibrator writes it, or the message (``K``, ``D``);
+    - any other text: ``fx fy cx cy k1 k2 p1 p2 k3``; k3, or all distortion, may be left out.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, holds no calibration, or one of another model; one line.
+    """
+    try:
+        if not stat.S_ISREG(os.stat(path).st_mode):
+            raise ConfigError(f"{path}: no readable calibration (not a regular file)")
+        if h5py.is_hdf5(path):
+            with h5py.File(path, "r") as file:
+                found = calibration_of(file, path)
+            if found is None:
+                raise ConfigError(f"{path}: no calibration; the data set /{DATASET} is needed")
+            return found
+        with open(path, encoding="utf-8") as file:
+            text = file.read(_LARGEST + 1)
+    except ConfigError:  # which is a ValueError
+        raise
+    except (OSError, ValueError, RuntimeError) as error:  # ValueError: no UTF-8, or a NUL in the path
+        raise ConfigError(f"{path}: no readable calibration ({getattr(error, 'strerror', None) or error})") from None
+    if len(text) > _LARGEST:
+        raise ConfigError(f"{path}: no calibration: larger than {_LARGEST >> 10} kB")
+    lines = [line.partition("#")[0] for line in text.splitlines()]
+    if not any(":" in line for line in lines):
+        return Calibration(_camera(" ".join(lines), path))
+    with needs("yaml", "", f"{path}, a YAML file"):
+        import yaml
+
+    class Plain(yaml.BaseLoader):
+        """Texts, lists and mappings only; no aliases, of which a few lines fill any memory."""
+
+        def compose_node(self, parent, index):
+            if self.check_event(yaml.AliasEvent):
+                raise yaml.MarkedYAMLError(problem="aliases are not read")
+            return super().compose_node(parent, index)
+
+    try:
+        content = next(yaml.load_all(text, Plain), None)
+    except RecursionError:
+        raise ConfigError(f"{path}: no readable YAML (nested too deeply)") from None
+    except yaml.YAMLError as error:
+        why = " ".join(str(getattr(error, "problem", None) or "no YAML").split())
+        raise ConfigError(f"{path}: no readable YAML ({why})") from None
+    return _of_camera_info(content if isinstance(content, dict) else {}, path)
+
+
+def calibration_of(file, path):
+    """The :class:`Calibration` of an open HDF5 file, None without one. Raises :exc:`ConfigError`."""
+    try:
+        node = file.get(DATASET)
+        if node is None:
+            return None
+        if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "iuf" or node.shape != (len(NAMES),):
+            raise ConfigError(f"{path}: /{DATASET}: {' '.join(NAMES)} is needed, nine numbers")
+        numbers = node[()].astype(float).tolist()
+    except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:  # damaged
+        raise ConfigError(f"{path}: /{DATASET}: not readable: {' '.join(str(error).split())}") from None
+    return Calibration(_camera(" ".join(map(repr, numbers)), path))
+
+
+def camera_fields(camera, source):
+    """The fields of a configuration that undistort for ``camera``.
+
+    Parameters
+    ----------
+    camera : str, Path, Camera, Calibration or sequence of numbers
+        A file, or what is in one. A text of numbers is no file.
+    source : EventSource
+        Its sensor must be of the size that the file tells, if it does.
+
+    Raises
+    ------
+    ConfigError
+        As of :func:`read_calibration`; or the sizes differ.
+    """
+    if isinstance(camera, Calibration):
+        found = camera
+    elif isinstance(camera, Camera):
+        found = Calibration(camera)
+    elif isinstance(camera, os.PathLike) or (isinstance(camera, str) and not _NUMBERS.fullmatch(camera)):
+        found = read_calibration(camera)
+    else:
+        try:
+            text = camera if isinstance(camera, str) else " ".join(repr(float(one)) for one in camera)
+        except (TypeError, ValueError):
+            raise ConfigError(f"camera = {camera!r}: a file, or {' '.join(NAMES)}, is needed") from None
+        found = Calibration(_camera(text, "camera"))
+    sensor = source.width, source.height
+    if found.size and source.width is not None and found.size != sensor:
+        raise ConfigError(
+            f"{camera}: a camera of {found.size[0]}×{found.size[1]} px; the sensor has {sensor[0]}×{sensor[1]} px"
+        )
+    return {"undistortion": "on", "camera": found.camera.text}
+
+
+def _camera(text, path):
+    numbers = parse_camera(text, str(path))
+    if not numbers:
+        raise ConfigError(f"{path}: empty; {' '.join(NAMES)} is needed, a camera_info YAML, or HDF5")
+    return Camera(*numbers)
+
+
+def _of_camera_info(content, path):
+    model = content.get("distortion_model", _MODEL)
+    if model != _MODEL:
+        raise ConfigError(f"{path}: distortion_model {str(model)[:40]!r}: {_MODEL} is needed")
+    matrix = _numbers(content, ("camera_matrix", "K", "k"), (9,), path)
+    if any(matrix[k] for k in (1, 3, 6, 7)) or matrix[8] != 1:
+        raise ConfigError(f"{path}: camera_matrix: fx 0 cx, 0 fy cy, 0 0 1 is needed")
+    distortion = _numbers(content, ("distortion_coefficients", "D", "d"), (0, 4, 5), path)
+    numbers = matrix[0], matrix[4], matrix[2], matrix[5], *distortion
+    sides = [str(content.get(f"image_{side}", content.get(side))) for side in ("width", "height")]
+    whole = all(re.fullmatch(r"[1-9][0-9]{0,5}", side) for side in sides)
+    return Calibration(_camera(" ".join(map(repr, numbers)), path), tuple(map(int, sides)) if whole else None)
+
+
+def _numbers(content, names, counts, path):
+    """The list of numbers under the first of these names that there is; ``data`` of a matrix."""
+    value = next((content[name] for name in names if name in content), None)
+    value = value.get("data") if isinstance(value, dict) else value
+    try:
+        check(value, Many(_NUMBER), names[0])
+        found = [float(one) for one in value]
+    except FormError:
+        found = None
+    if found is None or len(found) not in counts:
+        raise ConfigError(f"{path}: {names[0]}: {' or '.join(map(str, counts))} numbers are needed, as in camera_info")
+    return found
