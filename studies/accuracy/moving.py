@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cmfpga.engines import make_engine
-from cmfpga.engines.base import batches_of
+from cmfpga.engines import batches_of, make_engine
 from cmfpga.events import BatchCutter, Events, MemoryRecording, generate, open_recording
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import confidence, is_sure

@@ -37,7 +37,7 @@ CLEAN = {
         ["cmfpga.rtl.top", "cmfpga.rtl.axi.top", "cmfpga.rtl.uart.top", "cmfpga.verilog.emit"],
         ["torch", "cmfpga.reference", "cmfpga.engines", "cmfpga.events"],
     ),
-    "engines": (["cmfpga.engines", "cmfpga.engines.verilated"], ["torch"]),
+    "engines": (["cmfpga.engines", "cmfpga.engines.rtl"], ["torch"]),
     "driver": (
         ["cmfpga.driver", "cmfpga.driver.uio", "cmfpga.driver.uart", "cmfpga.driver.golden"],  # what a board has
         [

@@ -9,8 +9,7 @@ from studies.crosscheck.compare import check
 
 from cmfpga.config import Config, preset
 from cmfpga.engines import make_engine
-from cmfpga.engines.amaranth_sim import AmaranthEngine
-from cmfpga.engines.verilated import VerilatedEngine
+from cmfpga.engines.rtl import AmaranthEngine, VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import counts_of

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cmfpga.config.schedule import used_events
-from cmfpga.engines.amaranth_sim import nested
+from cmfpga.engines.rtl import nested
 from cmfpga.protocol.confidence import Curvature
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, not_judged

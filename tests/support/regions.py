@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from cmfpga.config import preset
-from cmfpga.engines.amaranth_sim import flat, nested
+from cmfpga.engines.rtl import flat, nested
 from cmfpga.protocol.regions import row_shape, tables
 from cmfpga.protocol.settings import settings_values
 from cmfpga.protocol.shapes import leaves

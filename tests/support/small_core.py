@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cmfpga.engines import Engine
-from cmfpga.engines.verilated import VerilatedEngine
+from cmfpga.engines.rtl import VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.verilog.compiler import find_compiler

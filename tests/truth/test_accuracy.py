@@ -14,7 +14,7 @@ from cmfpga.imaging.camera import Camera
 from cmfpga.protocol.confidence import is_sure
 from cmfpga.protocol.flags import Flag
 from cmfpga.truth import Accuracy, Known
-from cmfpga.truth.signal import Signal
+from cmfpga.truth.pieces import Signal
 
 FAST, SPAN, ROI, GOOD = preset("fast"), 40_000, (80, 60), Flag(0)
 CAMERA = Camera(200.0, 210.0, 120.0, 90.0)

@@ -7,7 +7,7 @@ import pytest
 
 from cmfpga.errors import RecordingError
 from cmfpga.truth import read_known
-from cmfpga.truth.signal import Signal
+from cmfpga.truth.pieces import Signal
 
 
 @pytest.fixture

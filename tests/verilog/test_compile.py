@@ -12,9 +12,8 @@ from amaranth.hdl import Signal
 from filelock import FileLock
 
 from cmfpga.engines import make_engine
-from cmfpga.engines.amaranth_sim import AmaranthEngine
 from cmfpga.engines.model import ModelEngine
-from cmfpga.engines.verilated import VerilatedEngine
+from cmfpga.engines.rtl import AmaranthEngine, VerilatedEngine
 from cmfpga.errors import ConfigError
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import compile as library

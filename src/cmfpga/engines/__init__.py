@@ -1,12 +1,21 @@
-"""Engines: the same batches through the emitted Verilog, the integer model, or the float reference."""
+"""Engines: the same batches through the emitted Verilog, the integer model, or the float reference.
 
+Their contract, :class:`Engine`: a table of regions, events in, results out.
+"""
+
+import dataclasses
+import operator
 import pkgutil
+from abc import ABC, abstractmethod
 
 from ..config import DEFAULT_PRESET, SLIDING_PRESET, preset
 from ..config.defaults import ENGINES
 from ..errors import ConfigError, needs
+from ..protocol.regions import Region
+from ..protocol.results import BatchResult
+from ..protocol.settings import BatchSettings, clamp_roi
+from ..protocol.trace import Trace
 from ..verilog.compiler import CompilerError, cannot_compile
-from .base import Engine, check_roi
 
 #: The accelerator as a board has it, in Verilator: the core with its decoders, registers and packets around it.
 AXI = "axi"
@@ -29,17 +38,175 @@ _SLIDING = ("rtl", "model")
 #: A sensor on which any ROI that a sensor has finds its place, px.
 _LARGEST = {"sensor_width": 1280, "sensor_height": 800}
 
-__all__ = [
-    "AXI",
-    "ENGINES",
-    "SERIAL",
-    "Engine",
-    "check_roi",
-    "engine_name",
-    "make_engine",
-    "open_engine",
-    "usual_preset",
-]
+
+def check_roi(config, roi):
+    """Raise :exc:`ConfigError` unless an ROI with its left column and top row at ``roi`` lies on the sensor."""
+    try:
+        x, y = map(operator.index, roi)
+    except (TypeError, ValueError):
+        raise ConfigError(f"roi = {roi!r}: left column and top row, two whole numbers, are needed") from None
+    if clamp_roi(config, roi)[1]:
+        raise ConfigError(
+            f"ROI at {x},{y}: 0,0 to {config.geometry.roi_x_max},{config.geometry.roi_y_max} is needed for "
+            f"{config.roi_width}×{config.roi_height} px on a sensor of {config.sensor_width}×{config.sensor_height} px"
+        )
+
+
+def check_events(config, events):
+    """Events outside the sensor would be taken for others: the hardware only has the bits that the sensor needs."""
+    for name, values, size in (("x", events.x, config.sensor_width), ("y", events.y, config.sensor_height)):
+        if len(values) and values.max() >= size:
+            raise ConfigError(
+                f"{name} of an event is {values.max()}: 0 to {size - 1} is allowed on a sensor of "
+                f"{config.sensor_width}×{config.sensor_height} px (sensor_width, sensor_height)"
+            )
+
+
+def batches_of(config):
+    """The configuration that takes batches where ``config`` has windows; others as they are."""
+    return config.replace(windows="batches", buffers=2, when_full="thin") if config.slides else config
+
+
+class Engine(ABC):
+    """Runs events, and keeps what the hardware keeps between runs: v and place of each region of its table.
+
+    A core of one ROI has a table of one row. That row is as large as the image, and it moves
+    (:meth:`Region.roi <cmfpga.protocol.regions.Region.roi>`); after a reset it lies at 0, 0.
+
+    Parameters
+    ----------
+    config : Config
+        Shapes the hardware. Run-time values come with each run.
+
+    Attributes
+    ----------
+    name : str
+        As on the command line.
+    note : str
+        What the user should know about how this engine runs; may be empty.
+    regions : list of Region
+        The table.
+    places : list of pair of int
+        Left column and top row, px, with which each region crops the next events.
+    cycles : int or None
+        Clock cycles of the last run, of all its regions; None without a clock, or without events.
+    """
+
+    name = ""
+    note = ""
+    result, traced = BatchResult, True  # kind of the results, and whether they have a trace
+
+    def __init__(self, config):
+        self.config, self.regions, self.cycles, self._batches = config, [], None, None
+        self.forget()
+
+    def forget(self):
+        """Return to the state after a reset: each row where it was written, a core's ROI at 0, 0."""
+        if not self.config.regions:
+            self.regions = [Region.roi(self.config, (0, 0))]
+        self.places = [(row.x, row.y) for row in self.regions]
+        self._last, self._loads, self._begun = [None] * len(self.regions), False, None
+
+    def write(self, regions, anew=()):
+        """Replace the table of regions, between runs.
+
+        A row that changes, or whose number is in ``anew``, forgets what it measured and where it moved to.
+
+        Raises
+        ------
+        ConfigError
+            The hardware cannot hold a row.
+        """
+        regions = list(regions)
+        fresh = {k for k, row in enumerate(regions) if k in anew or self.regions[k : k + 1] != [row]}
+        if self.config.regions:
+            self._write(regions, anew)
+        elif regions and regions == [Region.roi(self.config, place := (regions[0].x, regions[0].y))]:
+            check_roi(self.config, place)
+            self._loads |= bool(fresh)
+        else:
+            raise ConfigError("regions = 0: the table has one row, which is as large as the ROI, and moves")
+        self.places = [(row.x, row.y) if k in fresh else self.places[k] for k, row in enumerate(regions)]
+        self._last += [None] * (len(regions) - len(self._last))
+        self.regions = regions
+
+    def run(self, events, settings):
+        """Process events.
+
+        Parameters
+        ----------
+        events : Events
+            One batch; with ``slices`` one slice; where windows slide any number.
+        settings : BatchSettings
+            Run-time inputs. ``roi`` writes the row of a core of one ROI anew. A table of regions reads neither that
+            nor ``thinning``, ``thin_target`` and ``start_last``. Where windows slide, all are taken over when the row
+            is written anew.
+
+        Returns
+        -------
+        list of BatchResult
+            In the order of their last events, each with an outcome for each region. A batch has one. That of a slice
+            is its window's, of the last so many slices. Where windows slide there is one of each hop that ends with
+            these events; they go on where the last ones ended, unless the row is written anew. An accelerator's
+            results have no trace.
+
+        Raises
+        ------
+        ConfigError
+            There are more events than the hardware counts to, or an event or the ROI lies outside the sensor.
+        """
+        config, limit = self.config, self.config.slice_events
+        if len(events) > limit and not config.slides:
+            raise ConfigError(f"a batch of {len(events)} events: at most {limit} are allowed (max_batch_events)")
+        check_events(config, events)
+        if settings.roi is not None and not config.regions:
+            self.write([Region.roi(config, settings.roi)], {0})
+        self.cycles = None
+        if not len(events):
+            return [] if config.slides else [self._nothing()]
+        if config.slides:
+            settings = self._begun if not self._loads and self._begun else settings
+            self._begun = settings
+        results = self._run(events, dataclasses.replace(settings, roi=self.places[0] if self._loads else None))
+        self._loads = False
+        if not results:
+            return results
+        self._last = list(results[-1].regions)
+        self.places = [one.roi_next for one in self._last]
+        if not config.regions:
+            self.cycles = results[-1].cycles
+        return results
+
+    def trial(self, events, settings):
+        """:meth:`run`, of a batch whose length is tried: where windows slide by hardware that takes batches."""
+        if not self.config.slides:
+            return self.run(events, settings)
+        if self._batches is None:
+            self._batches = type(self)(batches_of(self.config))
+        self._batches.write(self.regions, {0})
+        return self._batches.run(events, BatchSettings.from_config(self._batches.config))
+
+    def _nothing(self):
+        """The result of no events, which never reach the hardware."""
+        rows, still = [], (0.0,) * len(self.config.motion_model.names)
+        for place, last in zip(self.places, self._last, strict=False):
+            path = tuple(last.trace.v[-1].tolist()) if last and last.trace else (0,) * len(still)
+            trace = Trace.without_iterations(self.config, path) if self.traced else None
+            rows.append({"roi": place, "roi_next": place, "v": last.v if last else still, "trace": trace})
+        return self.result.nothing(*rows)
+
+    def _write(self, regions, anew):
+        """Replace the hardware's table; of hardware that has one."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def _run(self, events, settings):
+        """Checked events, at least one; ``settings.roi`` where a core of one ROI loads it."""
+
+    def close(self):
+        """Release what the engine holds."""
+        if self._batches is not None:
+            self._batches.close()
 
 
 def engine_name(text):
@@ -63,10 +230,10 @@ def make_engine(name, config):
 
 def _make_rtl_engine(config):
     """The emitted Verilog compiled by Verilator, or Amaranth's simulator where that or a C++ compiler is missing."""
+    from .rtl import AmaranthEngine, VerilatedEngine
+
     why = cannot_compile()
     if not why or config.regions:
-        from .verilated import VerilatedEngine
-
         try:
             return VerilatedEngine(config)
         except CompilerError as error:
@@ -75,8 +242,6 @@ def _make_rtl_engine(config):
             why = str(error)
     if config.slides:
         raise ConfigError(f"windows = sliding: engine rtl needs a C++ compiler: {why}; engine model needs none")
-    from .amaranth_sim import AmaranthEngine
-
     return AmaranthEngine(config, why)
 
 

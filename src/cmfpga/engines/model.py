@@ -7,7 +7,7 @@ from ..reference.float_core import FloatCore
 from ..reference.integer.core import IntegerCore
 from ..reference.integer.sliding import Sliding
 from ..reference.regions import RegionSequence
-from .base import Engine
+from . import Engine
 
 
 class ModelEngine(Engine):

@@ -19,8 +19,7 @@ from ..errors import RecordingError
 from ..events.textlines import split_line
 from ..events.units import POWER, find_unit
 from .fields import DATASETS, is_field, read_field
-from .pieces import COLUMNS, read_truth, read_truth_csv
-from .signal import Signal
+from .pieces import COLUMNS, Signal, read_truth, read_truth_csv
 
 VELOCITY, GYROSCOPE, POSES, FIELD = "velocity", "gyroscope", "poses", "flow field"
 
