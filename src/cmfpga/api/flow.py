@@ -14,7 +14,7 @@ from ..dense.window import COLUMNS, Run
 from ..engines import open_engine
 from ..errors import ConfigError, naming
 from ..events import Recording, is_live
-from ..events.source import EventSource
+from ..events.arrays import EventSource
 from ..imaging.camera import camera_fields
 from ..imaging.survey import usual_survey, without_hot_pixels
 from ..show.export import export_flow

@@ -1,7 +1,7 @@
 """Events in: recordings, synthetic scenes, and batches cut from them."""
 
-from . import aedat2, aedat3, bags, cameras, hdf5, nmnist, numpy_files, raw, text
-from .arrays import Events
+from . import aedat, bags, cameras, hdf5, numpy_files, raw, text
+from .arrays import Events, EventSource
 from .batches import WAITING, Batch, BatchCutter
 from .columns import MemoryRecording, as_events
 from .feed import Feed
@@ -9,13 +9,12 @@ from .hdf5 import Hdf5Writer, write_hdf5
 from .live import LiveSource, is_live, open_source
 from .motion import Motion
 from .recording import Format, Recording, formats, forms, open_recording, register_format
-from .source import EventSource
 from .synthetic import Scene, Synthetic, generate
 
 # Text is registered first: it matches loosely, so it must be asked last.
 for _format in (
-    *text.FORMATS, *aedat2.FORMATS, aedat3.FORMAT, *cameras.FORMATS, raw.FORMAT, *hdf5.FORMATS, *numpy_files.FORMATS,
-    nmnist.FORMAT, *bags.FORMATS,
+    *text.FORMATS, *aedat.FORMATS, *cameras.FORMATS, raw.FORMAT, *hdf5.FORMATS, *numpy_files.FORMATS, aedat.NMNIST,
+    *bags.FORMATS,
 ):  # fmt: skip
     register_format(_format)
 

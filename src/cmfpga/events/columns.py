@@ -6,8 +6,7 @@ import re
 import numpy as np
 
 from ..errors import RecordingError
-from .arrays import Events
-from .checks import highest_off
+from .arrays import Events, highest_off
 from .recording import Recording, check_sensor
 from .units import SAMPLE_EVENTS, guess_unit, to_us
 

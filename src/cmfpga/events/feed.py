@@ -1,9 +1,8 @@
-"""Events that come while they are tracked: an :class:`~cmfpga.events.source.EventSource`."""
+"""Events that come while they are tracked: an :class:`~cmfpga.events.arrays.EventSource`."""
 
 from collections import deque
 
-from .arrays import Events
-from .checks import EventChecker
+from .arrays import EventChecker, Events
 from .recording import check_sensor
 
 

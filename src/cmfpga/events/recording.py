@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RecordingError, one_of
-from .arrays import Events
-from .checks import EventChecker, polarity_notes
+from .arrays import EventChecker, Events, polarity_notes
 from .units import SAMPLE_EVENTS, parse_unit
 
 CHUNK_EVENTS = 1 << 16
@@ -43,7 +42,7 @@ class Recording(abc.ABC):
     time_unit_source : str
         ``"given"``, ``"file"`` (an attribute, or a format that defines it) or ``"assumed"`` (see ``events.units``).
     seekable : bool
-        True: a recording is an :class:`~cmfpga.events.source.EventSource` that can be read again.
+        True: a recording is an :class:`~cmfpga.events.arrays.EventSource` that can be read again.
     """
 
     seekable = True

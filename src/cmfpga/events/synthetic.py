@@ -20,8 +20,7 @@ import numpy as np
 from ..errors import ConfigError
 from .arrays import Events
 from .columns import MemoryRecording
-from .motion import Motion
-from .turning import Turning
+from .motion import Motion, Turning
 
 TEXTURES = ("lines", "dense")
 MAX_EVENTS = 50_000_000

@@ -24,7 +24,7 @@ from itertools import islice
 import numpy as np
 
 from ..errors import RecordingError
-from .checks import highest_off
+from .arrays import highest_off
 from .columns import guess_order, match_names, order_notes, readable, why
 from .recording import HEAD_BYTES, Format, check_sensor
 from .streamed import StreamedRecording
