@@ -9,7 +9,7 @@ from cmfpga.config import PRESETS, preset
 from cmfpga.fpga import place
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.top import VerilogCore
-from cmfpga.verilog import article
+from cmfpga.verilog import description
 
 
 def elaborated(config):
@@ -26,7 +26,7 @@ def article_cycles(core, **options):
         schedules = (config.schedules.cold, config.schedules.warm)
     else:
         schedules = (config.ascent_rule.plan(BatchSettings.from_config(config), warm=False),)
-    return [(len(one), core.cycles(**article.BATCH, iterations=one, **options)) for one in schedules]
+    return [(len(one), core.cycles(**description.ARTICLE_BATCH, iterations=one, **options)) for one in schedules]
 
 
 def placed_table():
@@ -36,7 +36,7 @@ def placed_table():
     for name, row in stored.items():
         core = elaborated(preset(name))
         waits = [
-            f"{(cycles - article.BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
+            f"{(cycles - description.ARTICLE_BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
             for count, cycles in article_cycles(core, judge=0)
         ]
         seeds, area = ", ".join(map(str, row["seeds"])), (f"{row[kind]:,}" for kind in place.RESOURCES)
@@ -58,7 +58,7 @@ def cycles_table():
         config = config.replace(roi_width=size, roi_height=size) if size else config
         core = elaborated(config)
         shown = " / ".join(f"{cycles:,} (T = {count})" for count, cycles in article_cycles(core))
-        theirs = article.cycles(**article.BATCH, pixels=config.geometry.pixels, iterations=100)
+        theirs = description.article_cycles(**description.ARTICLE_BATCH, pixels=config.geometry.pixels, iterations=100)
         what = f"`{name}`" if size is None else f"`{name}`, other size"
         size = f"{config.roi_width}×{config.roi_height}"
         rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
@@ -66,7 +66,7 @@ def cycles_table():
         "preset",
         "ROI, px",
         "cycles of a batch",
-        "N = {events}, n = {roi_events}".format(**article.BATCH),
+        "N = {events}, n = {roi_events}".format(**description.ARTICLE_BATCH),
         "article's formula, T = 100",
     )
     return table(head, rows, right=(3, 4))

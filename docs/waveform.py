@@ -16,8 +16,7 @@ from cmfpga.config import preset
 from cmfpga.rtl.top import verilog_top
 from cmfpga.verilog.emit import TOP
 from cmfpga.verilog.example import BENCH, EXAMPLE
-from cmfpga.verilog.fields import packed
-from cmfpga.verilog.ports import port_table
+from cmfpga.verilog.ports import packed, port_table
 
 PATH = Path(__file__).parent / "images" / "batch.svg"
 LEFT, TOP_EDGE, CELL, ROW, GAP = 104, 34, 32, 30, 20  # of the drawing, px

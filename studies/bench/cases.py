@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from cmfpga.config import preset
 from cmfpga.config.schedule import parse_schedule
-from cmfpga.verilog import article
+from cmfpga.verilog import description
 
 from .workloads import make_workload
 
@@ -43,7 +43,7 @@ class Case:
 def make_cases(quick=False):
     """The cases, in the order of the table; ``quick`` leaves out all but the article's batch with the presets."""
     paper, quad = preset("paper"), preset("quad")
-    batch = make_workload(ARTICLE, **article.BATCH)
+    batch = make_workload(ARTICLE, **description.ARTICLE_BATCH)
     designs = {"core, preset paper": paper}
     if not quick:
         designs["core, paper in one pass"] = paper.replace(gradient="one_pass")

@@ -10,7 +10,7 @@ from tqdm import tqdm
 
 from cmfpga import __version__, cli
 from cmfpga.errors import ConfigError, MissingPackage, needs, write_text
-from cmfpga.verilog import article
+from cmfpga.verilog import description
 from cmfpga.verilog.compiler import cannot_compile
 
 from .cases import WARM, make_cases
@@ -159,7 +159,7 @@ def _measured(case, programs, before, *, step, **options):
         "iterations": case.iterations,
         "steps": len(case.steps) if case.steps else case.iterations,
         "true_v": list(batch.v),
-        "article_cycles": article.cycles(**size, pixels=pixels, iterations=case.iterations),
+        "article_cycles": description.article_cycles(**size, pixels=pixels, iterations=case.iterations),
         "cores": cores,
         "programs": [asdict(row) for row in time_programs(case, programs, v_start=v_start, step=step, **options)],
     }

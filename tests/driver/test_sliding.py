@@ -18,7 +18,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import track
-from cmfpga.verilog.simulation.uart_top import SimulatedLine
+from cmfpga.verilog.simulation.tops import SimulatedLine
 from support.driving import differences
 from support.hops import CORNER, SMALL, drawn
 

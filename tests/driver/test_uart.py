@@ -18,7 +18,7 @@ from cmfpga.protocol import link
 from cmfpga.protocol.registers import formats_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
-from cmfpga.verilog.simulation.uart_top import SimulatedLine
+from cmfpga.verilog.simulation.tops import SimulatedLine
 from support import region_driving
 from support.designs import SHELL_SIZES as SMALL
 from support.driving import CONFIG, batch, differences, model_run, works

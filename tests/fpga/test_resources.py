@@ -5,7 +5,7 @@ import pytest
 from cmfpga.boards import DEFAULT
 from cmfpga.config import preset
 from cmfpga.fpga import resources, tools
-from cmfpga.verilog import article
+from cmfpga.verilog import description
 from cmfpga.verilog.emit import TOP
 from support import baselines as update
 from support.baselines import BASELINES
@@ -36,7 +36,7 @@ def test_the_fast_core_takes_fewer_registers_and_multipliers_than_the_articles()
     """Same scope as its table: the core without AXI, 64×64 px, and without the confidence, which it has not."""
     config, row = preset("fast"), BASELINES["plain"]["fast, no confidence"]
     assert (config.roi_width, config.roi_height) == (64, 64)
-    assert all(0 < row[kind] < article.RESOURCES[kind] for kind in ("ff", "dsp"))
+    assert all(0 < row[kind] < description.ARTICLE_RESOURCES[kind] for kind in ("ff", "dsp"))
 
 
 def test_the_fast_core_is_like_its_baseline(fast):

@@ -21,7 +21,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import BatchResult, fields_of
 from cmfpga.rtl import payloads
 from cmfpga.rtl.top import flatten, verilog_top
-from cmfpga.verilog import example, fields, packaging
+from cmfpga.verilog import description, example, ports
 from cmfpga.verilog.compiler import find_verilator
 from cmfpga.verilog.emit import TOP
 from cmfpga.verilog.ports import port_table
@@ -48,12 +48,12 @@ def texts(config, core, verilog):
     """``{file: text}`` beside the core."""
     table = port_table(core)
     return {
-        f"{example.FIELDS}.vh": fields.header(table),
+        f"{example.FIELDS}.vh": description.header(table),
         f"{example.EXAMPLE}.v": example.example(config, table),
         f"{example.BENCH}.v": example.bench(config, table, verilog),
         f"{example.EXAMPLE}.mem": example.memory(config, table),
-        f"{TOP}.core": packaging.fusesoc(),
-        "component.xml": packaging.ip_xact(table),
+        f"{TOP}.core": description.fusesoc(),
+        "component.xml": description.ip_xact(table),
     }
 
 
@@ -130,7 +130,7 @@ def test_every_port_is_connected_and_told(name):
     assert re.findall(r"^    \.(\w+)\(", text, re.MULTILINE) == [port.name for port in table]
     for port in table:
         line = re.search(rf"^    \.{port.name}\((.*)\),?  // (.*)$", text, re.MULTILINE)
-        assert line[2].endswith(fields.plain(port.meaning)) and str(port.bits) in line[2]
+        assert line[2].endswith(ports.plain(port.meaning)) and str(port.bits) in line[2]
         assert line[1] or port.direction == "output"
     stub = f"module {TOP}();\nendmodule\n"
     for name, made in texts(config, core, stub).items():
@@ -142,7 +142,7 @@ def test_fields_lie_as_in_the_payloads(name):
     """As Amaranth lays out what the core's streams carry."""
     config = preset(name)
     core = verilog_top(config)
-    text = fields.header(port_table(core))
+    text = description.header(port_table(core))
     found = {key: int(value) for key, value in re.findall(r"(\w+) = (\d+)[,;]", text)}
     layouts = {"event": payloads.event(config), "settings": payloads.settings(config), "result": core.o.payload.shape()}
     for group, layout in layouts.items():
@@ -159,7 +159,7 @@ def test_fields_lie_as_in_the_payloads(name):
 
 def fusesoc(folder, target):
     pytest.importorskip("fusesoc", reason="FuseSoC is not installed: pip install fusesoc")
-    name = f"{packaging.VENDOR}:{packaging.LIBRARY}:{TOP}"
+    name = f"{description.VENDOR}:{description.LIBRARY}:{TOP}"
     command = [sys.executable, "-m", "fusesoc.main", "--cores-root=.", "run", f"--target={target}", name]
     found = find_verilator()
     path = os.pathsep.join([str(Path(found.program).parent), os.environ["PATH"]])
@@ -198,7 +198,7 @@ def test_ip_xact(name):
     (schema,) = Path(package.submodule_search_locations[0]).glob("IPXACT/Schema/ieee-1685-2009/index.xsd")
     validator = etree.XMLSchema(etree.parse(schema))
     table = port_table(verilog_top(preset(name)))
-    tree = etree.fromstring(packaging.ip_xact(table).encode())
+    tree = etree.fromstring(description.ip_xact(table).encode())
     assert validator.validate(tree), validator.error_log
     tree.append(etree.Element("nonsense"))
     assert not validator.validate(tree)
@@ -206,7 +206,7 @@ def test_ip_xact(name):
 
 def test_ip_xact_says_what_the_ports_are():
     table = port_table(verilog_top(preset("fast")))
-    root = ElementTree.fromstring(packaging.ip_xact(table))
+    root = ElementTree.fromstring(description.ip_xact(table))
     space = re.match(r"\{.*\}", root.tag)[0]
 
     def text(node, *names):

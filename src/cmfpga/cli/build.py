@@ -13,7 +13,7 @@ from ..protocol.registers import documents
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import verilog_top
 from ..rtl.uart.top import UartTop, divisor
-from ..verilog import example, fields, packaging
+from ..verilog import description, example
 from ..verilog.description import describe, describe_top, summary
 from ..verilog.emit import TOP, emit_verilog
 from ..verilog.ports import port_table
@@ -39,12 +39,12 @@ def build(config, folder):
         f"{TOP}.v": verilog,
         "build-info.json": json.dumps(info, indent=2, ensure_ascii=False) + "\n",
         "build-info.md": summary(info),
-        f"{example.FIELDS}.vh": fields.header(table),
+        f"{example.FIELDS}.vh": description.header(table),
         f"{example.EXAMPLE}.v": example.example(config, table),
         f"{example.BENCH}.v": example.bench(config, table, verilog),
         f"{example.EXAMPLE}.mem": example.memory(config, table),
-        f"{TOP}.core": packaging.fusesoc(),
-        "component.xml": packaging.ip_xact(table),
+        f"{TOP}.core": description.fusesoc(),
+        "component.xml": description.ip_xact(table),
     }
     for name, text in contents.items():
         write_text(folder / name, text)

@@ -13,7 +13,7 @@ import re
 from collections import Counter
 
 from ..boards import DEFAULT as BOARD
-from ..verilog import article
+from ..verilog import description
 from ..verilog.emit import TOP, sha256
 from .tools import EstimateError, require, yosys
 
@@ -93,7 +93,7 @@ def estimate(verilog, *, report=lambda doing: None):
         "total": total,
         "sum_of_blocks": {kind: sum(row[kind] for row in counted.values()) for kind in KINDS},
         "blocks": {name.removeprefix(f"{TOP}_"): row for name, row in counted.items()},
-        "article": article.RESOURCES,
+        "article": description.ARTICLE_RESOURCES,
         BOARD.name: BOARD.resources,
     }
 
@@ -255,7 +255,7 @@ def rows(estimated):
         *(line(name, row) for name, row in estimated["blocks"].items()),
         line("sum of the blocks", estimated["sum_of_blocks"]),
         line("the core, flattened", total),
-        line("the article's core (Vivado)", article.RESOURCES),
+        line("the article's core (Vivado)", description.ARTICLE_RESOURCES),
         line(f"{BOARD.title} has", BOARD.resources),
         line("the core in % of it", share, "{:.1f}".format),
         *([line(f"{BOARD.top}: the core with AXI", estimated["axi"])] if "axi" in estimated else []),

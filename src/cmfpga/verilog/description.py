@@ -1,13 +1,29 @@
-"""What a user must know of the emitted Verilog: formats, ports, latencies, cycles, registers."""
+"""What a user must know of the emitted Verilog: formats, ports, latencies, cycles, registers; and what tools read.
+
+Files for tools: a Verilog header of where fields lie, FuseSoC's ``.core`` (CAPI 2), and IP-XACT (IEEE 1685-2009). The
+figures that the article has of its own design on the KV260 are here to compare with.
+"""
 
 import importlib.metadata
 from dataclasses import asdict
+from xml.etree import ElementTree
 
 from .. import __version__
 from ..protocol.settings import BatchSettings, by_signs
-from . import article
 from .emit import TOP, sha256
-from .ports import port_table
+from .example import BENCH, EXAMPLE, FIELDS
+from .ports import GROUPS, packed, plain, port_table
+
+#: Events of the batch that the article times, and those of them in its ROI of 64×64 px.
+ARTICLE_BATCH = {"events": 5000, "roi_events": 800}
+
+#: Of its core, 64×64 px, without AXI: Vivado's figures.
+ARTICLE_RESOURCES = {"lut": 3655, "ff": 7857, "carry8": 274, "bram36": 25.5, "uram": 0, "dsp": 151}
+
+
+def article_cycles(*, events, roi_events, pixels, iterations):
+    """C_batch of the article: N + T·(n + L_r + P/4 + L_v) with L_r = 32 and L_v = 35."""
+    return events + iterations * (roi_events + 32 + pixels // 4 + 35)
 
 
 def formats(config):
@@ -72,10 +88,10 @@ def describe(config, core, verilog):
             **({"n_k": "of them used in iteration k"} if config.ascent_rule.strides else {}),
             "T": "iterations",
             "example": {
-                "N": article.BATCH["events"],
-                "n": article.BATCH["roi_events"],
+                "N": ARTICLE_BATCH["events"],
+                "n": ARTICLE_BATCH["roi_events"],
                 "T": len(plan),
-                "cycles": core.cycles(**article.BATCH, iterations=plan),
+                "cycles": core.cycles(**ARTICLE_BATCH, iterations=plan),
             },
         },
         "ports": [asdict(port) for port in port_table(core)],
@@ -144,3 +160,160 @@ def describe_top(board, top, verilog):
             for register in top.shell.registers
         },
     }
+
+
+def header(table):
+    """``cmfpga_core_fields.vh``: of each field its lowest bit and its number of bits, for inclusion in a module."""
+    lines = [
+        f"// Fields of {TOP} in one word: event[EVENT_T_LSB +: EVENT_T_BITS] is the time stamp. Include in a module.",
+        "// SPDX-License-Identifier: BSD-2-Clause",
+        "// verilator lint_off UNUSEDPARAM",
+        "// No module needs all of them.",
+    ]
+    for group in GROUPS:
+        places, bits = packed(table, group)
+        lines += ["", f"localparam {group.upper()}_BITS = {bits};"]
+        for port, lsb in places:
+            name, sign = port.name.upper(), "signed; " if port.signed else ""
+            lines.append(f"localparam {name}_LSB = {lsb}, {name}_BITS = {port.bits};  // {sign}{plain(port.meaning)}")
+    return "\n".join([*lines, "// verilator lint_on UNUSEDPARAM"]) + "\n"
+
+
+VENDOR, LIBRARY = "cmfpga.org", "ip"
+_SPIRIT = "http://www.spiritconsortium.org/XMLSchema/SPIRIT/1685-2009"
+_ABOUT = "Contrast Maximization for event cameras"
+
+
+def fusesoc():
+    """``cmfpga_core.core``: the core for other cores to depend on, and targets that lint and simulate the example."""
+    return f"""\
+CAPI=2:
+# fusesoc --cores-root=. run --target=sim {VENDOR}:{LIBRARY}:{TOP}
+name: {VENDOR}:{LIBRARY}:{TOP}:{__version__}
+description: {_ABOUT}
+
+filesets:
+  core:
+    files: [{TOP}.v]
+    file_type: verilogSource
+  example:
+    files:
+      - {FIELDS}.vh: {{is_include_file: true}}
+      - {EXAMPLE}.v
+    file_type: verilogSource
+  bench:
+    files:
+      - {BENCH}.v: {{file_type: verilogSource}}
+      - {EXAMPLE}.mem: {{file_type: user, copyto: {EXAMPLE}.mem}}
+
+targets:
+  # What a core that depends on this one gets.
+  default:
+    filesets: [core]
+    toplevel: {TOP}
+  # A batch through the example, by Icarus Verilog.
+  sim:
+    default_tool: icarus
+    filesets: [core, example, bench]
+    toplevel: {BENCH}
+  lint:
+    default_tool: verilator
+    filesets: [core, example]
+    toplevel: {EXAMPLE}
+    tools:
+      verilator:
+        mode: lint-only
+        # Operands are extended to the result's width, by Verilog's rules.
+        verilator_options: [-Wno-WIDTHEXPAND]
+"""
+
+
+def _add(parent, name, text=None):
+    made = ElementTree.SubElement(parent, f"{{{_SPIRIT}}}{name}")
+    made.text = text
+    return made
+
+
+def _type(parent, name, vendor, library, type_, version):
+    values = {"vendor": vendor, "library": library, "name": type_, "version": version}
+    made = _add(parent, name)
+    for key, value in values.items():
+        made.set(f"{{{_SPIRIT}}}{key}", value)
+
+
+def _vector(parent, high, low):
+    vector = _add(parent, "vector")
+    _add(vector, "left", str(high))
+    _add(vector, "right", str(low))
+
+
+def _bus(parent, name, kind, mode, maps):
+    """A bus interface; ``maps`` are (logical, its highest and lowest bit or None, physical port)."""
+    library, type_ = kind
+    bus = _add(parent, "busInterface")
+    _add(bus, "name", name)
+    _type(bus, "busType", "xilinx.com", library, type_, "1.0")
+    _type(bus, "abstractionType", "xilinx.com", library, f"{type_}_rtl", "1.0")
+    _add(bus, mode)
+    listed = _add(bus, "portMaps")
+    for logical, bits, physical in maps:
+        pair = _add(listed, "portMap")
+        port = _add(pair, "logicalPort")
+        _add(port, "name", logical)
+        if bits:
+            _vector(port, *bits)
+        _add(_add(pair, "physicalPort"), "name", physical)
+
+
+def _stream(parent, table, group, mode):
+    """An AXI4-Stream whose TDATA has the fields where ``fields.vh`` says, but for ``last``."""
+    places, _ = packed(table, group)
+    maps = [("TVALID", None, f"{group}_valid"), ("TREADY", None, f"{group}_ready")]
+    for port, lsb in places:
+        if port.name == "event_last":  # the highest field
+            maps.append(("TLAST", None, port.name))
+        else:
+            maps.append(("TDATA", (lsb + port.bits - 1, lsb), port.name))
+    _bus(parent, group, ("interface", "axis"), mode, maps)
+
+
+def ip_xact(table):
+    """``component.xml``: clock, reset, the streams of events and results, and all ports.
+
+    Parameters
+    ----------
+    table : list of Port
+        :func:`~cmfpga.verilog.ports.port_table` of the core.
+    """
+    ElementTree.register_namespace("spirit", _SPIRIT)
+    root = ElementTree.Element(f"{{{_SPIRIT}}}component")
+    for name, text in (("vendor", VENDOR), ("library", LIBRARY), ("name", TOP), ("version", __version__)):
+        _add(root, name, text)
+    buses = _add(root, "busInterfaces")
+    _bus(buses, "clk", ("signal", "clock"), "slave", [("CLK", None, "clk")])
+    _bus(buses, "rst", ("signal", "reset"), "slave", [("RST", None, "rst")])
+    _stream(buses, table, "event", "slave")
+    _stream(buses, table, "result", "master")
+    model = _add(root, "model")
+    view = _add(_add(model, "views"), "view")
+    for name, text in (("name", "verilog"), ("envIdentifier", "verilogSource::"), ("language", "verilog")):
+        _add(view, name, text)
+    _add(view, "modelName", TOP)
+    _add(_add(view, "fileSetRef"), "localName", "verilog")
+    ports = _add(model, "ports")
+    for port in table:
+        made = _add(ports, "port")
+        _add(made, "name", port.name)
+        _add(made, "description", plain(port.meaning))
+        wire = _add(made, "wire")
+        _add(wire, "direction", {"input": "in", "output": "out"}[port.direction])
+        if port.bits > 1:
+            _vector(wire, port.bits - 1, 0)
+    files = _add(_add(root, "fileSets"), "fileSet")
+    _add(files, "name", "verilog")
+    file = _add(files, "file")
+    _add(file, "name", f"{TOP}.v")
+    _add(file, "fileType", "verilogSource")
+    _add(root, "description", _ABOUT)
+    ElementTree.indent(root)
+    return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"

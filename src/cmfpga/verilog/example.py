@@ -13,8 +13,7 @@ from ..protocol.regions import Region, RegionTable
 from ..protocol.settings import BatchSettings, schedule_table, settings_values
 from ..protocol.tables import mask_writes
 from .emit import TOP
-from .fields import packed
-from .ports import plain
+from .ports import packed, plain
 
 EXAMPLE = f"{TOP}_example"
 BENCH = f"{EXAMPLE}_tb"

@@ -128,3 +128,24 @@ def port_table(core):
             Port(name, direction, len(port), port.shape().signed, known[key(name)]) for name, port in signals.items()
         ]
     return listed
+
+
+GROUPS = ("event", "settings", "result")
+
+
+def packed(table, group):
+    """``([(port, its lowest bit)], bits)`` of a group's fields, without the handshake.
+
+    Parameters
+    ----------
+    table : list of Port
+        :func:`~cmfpga.verilog.ports.port_table` of the core.
+    group : str
+        One of :data:`GROUPS`.
+    """
+    found, lsb = [], 0
+    for port in table:
+        if port.group == group and port.field not in ("valid", "ready"):
+            found.append((port, lsb))
+            lsb += port.bits
+    return found, lsb

@@ -15,7 +15,7 @@ from studies.bench.workloads import make_workload
 from cmfpga import cli
 from cmfpga.config import preset
 from cmfpga.rtl.core import Core
-from cmfpga.verilog import article
+from cmfpga.verilog import description
 from cmfpga.verilog.compiler import find_compiler
 from studies import bench
 from studies.bench import cases, cycles, table
@@ -26,8 +26,8 @@ def command(*arguments):
 
 
 def test_the_articles_formula():
-    assert article.cycles(**article.BATCH, pixels=64 * 64, iterations=100) == 194_100
-    assert article.cycles(events=5000, roi_events=5000, pixels=240 * 180, iterations=90) == 1_433_030
+    assert description.article_cycles(**description.ARTICLE_BATCH, pixels=64 * 64, iterations=100) == 194_100
+    assert description.article_cycles(events=5000, roi_events=5000, pixels=240 * 180, iterations=90) == 1_433_030
 
 
 @pytest.mark.parametrize("name, ascent", [("paper", cases.CONSTANT), ("fast", cases.COLD), ("fast", cases.WARM)])
@@ -141,7 +141,9 @@ def test_limits_hold(quick):
     assert all(limit["holds"] for limit in limits)
     config = preset("quad")
     core, schedules = Core(config), config.schedules
-    whole, warm = (core.cycles(**article.BATCH, iterations=plan, judge=0) for plan in (schedules.cold, schedules.warm))
+    whole, warm = (
+        core.cycles(**description.ARTICLE_BATCH, iterations=plan, judge=0) for plan in (schedules.cold, schedules.warm)
+    )
     # Back to back, the next 5000 events take longer than the iterations.
     assert [limit["value"] for limit in limits] == [849, warm - 5000, whole, 2 + 5000 + core.drain]
     assert warm - 5000 == 2606
