@@ -20,7 +20,7 @@ from cmfpga.rtl.shell import result_packet
 from cmfpga.rtl.shell import settings as shell_settings
 from cmfpga.verilog import compile
 from cmfpga.verilog.emit import emit_verilog
-from cmfpga.verilog.simulation import tops
+from cmfpga.verilog.simulation import axi_top
 from support.driving import differences
 from support.mutation import break_blocks
 
@@ -145,7 +145,7 @@ def test_a_broken_shell_is_noticed(name, monkeypatch, rng):
     *change, which = MUTANTS[name]
     break_blocks(monkeypatch, *change)
     # Both keep what is sound.
-    monkeypatch.setattr(tops, "_axi_library", tops._axi_library.__wrapped__)
+    monkeypatch.setattr(axi_top, "_library", axi_top._library.__wrapped__)
     monkeypatch.setattr(compile, "kept_verilog", emit_verilog)
     with Accelerator(SimulationBackend(CONFIGS[which])) as made, pytest.raises(AssertionError):
         check(made, rng, 12)

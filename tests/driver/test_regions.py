@@ -22,7 +22,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import follow
-from cmfpga.verilog.simulation.tops import PACKET, SimulatedTop
+from cmfpga.verilog.simulation.axi_top import PACKET, SimulatedTop
 from support.board import uio_tree
 from support.region_driving import CONFIG, TABLE, clouds, events_of, same
 from support.regions import model_of, random_settings, random_window

@@ -18,9 +18,9 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import track
-from cmfpga.verilog.simulation.tops import SimulatedLine
 from support.driving import differences
 from support.hops import CORNER, SMALL, drawn
+from support.serial_line import SimulatedLine
 
 CONFIG = preset("sliding").replace(**SMALL | {"hop_events": 9, "window_us": 4000, "hop_us": 300})
 OTHER = {"window_events": 60, "hop_events": 20, "hop_us": 900, "follow": "", "thinning": 2}

@@ -18,12 +18,12 @@ from cmfpga.protocol import link
 from cmfpga.protocol.registers import formats_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode
-from cmfpga.verilog.simulation.tops import SimulatedLine
 from support import region_driving
 from support.designs import SHELL_SIZES as SMALL
 from support.driving import CONFIG, batch, differences, model_run, works
 from support.genx320 import levels, to_bytes
 from support.regions import model_of
+from support.serial_line import SimulatedLine
 from support.small_core import sets
 
 

