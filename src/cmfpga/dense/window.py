@@ -185,10 +185,7 @@ class Window(Measured):
         field = field.reshape(len(self.tiles.rows), len(self.tiles.columns), 2)
         (i, u), (j, w) = (
             _between(np.asarray(at, np.float64), np.array(places) + (side - 1) / 2)
-            for at, places, side in (
-                (x, self.tiles.columns, self.tiles.width),
-                (y, self.tiles.rows, self.tiles.height),
-            )
+            for at, places, side in ((x, self.tiles.columns, self.tiles.width), (y, self.tiles.rows, self.tiles.height))
         )
         right, below = np.minimum(i + 1, field.shape[1] - 1), np.minimum(j + 1, field.shape[0] - 1)
         u, w = u[:, None], w[:, None]

@@ -128,9 +128,7 @@ class Pads(Elaboratable):
         levels = Attrs(IO_TYPE="LVCMOS33", PULLMODE="DOWN")
         parts = [
             Subsignal(
-                name,
-                Pins(pins, conn=("gpio", 0), dir="i"),
-                *([Clock(board.sensor_clock_hz)] if name == "pclk" else []),
+                name, Pins(pins, conn=("gpio", 0), dir="i"), *([Clock(board.sensor_clock_hz)] if name == "pclk" else [])
             )
             for name, pins in board.sensor_pins.items()
         ]

@@ -255,10 +255,7 @@ def _register(cells, name, like, data, out, drivers):
     name = f"{name}_behind"
     while name in cells:
         name += "_too"
-    cells[name] = found | {
-        "connections": found["connections"] | {"DI": [data], "Q": [out]},
-        "attributes": {},
-    }
+    cells[name] = found | {"connections": found["connections"] | {"DI": [data], "Q": [out]}, "attributes": {}}
     drivers[out] = name
 
 

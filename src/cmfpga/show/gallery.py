@@ -194,11 +194,7 @@ class Gallery:
         top = np.percentile(moved, 99.8)
         for axis, image, title in (
             (axes[0], still, f"{self.config.noun} {index}: IWE at v = 0\ncontrast {still.var():.2f}"),
-            (
-                axes[1],
-                moved,
-                f"IWE at v ={found} px/half {self.config.noun}\ncontrast {moved.var():.2f}",
-            ),
+            (axes[1], moved, f"IWE at v ={found} px/half {self.config.noun}\ncontrast {moved.var():.2f}"),
         ):
             shown = axis.imshow(image, cmap="magma", vmin=0, vmax=max(top, 1), interpolation="nearest")
             axis.set(xlabel="x in ROI [px]", ylabel="y in ROI [px]")
