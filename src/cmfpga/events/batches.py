@@ -141,6 +141,22 @@ class BatchCutter:
             self._broken = error
             return _END
 
+    def _rest(self, leftover):
+        """Events that are in no batch yet, at least one; None at the end, when ``leftover`` are; or :data:`WAITING`."""
+        if self._leftover is not None:
+            return None
+        while self._at == len(self._chunk):
+            chunk = self._pull()
+            if chunk is None:
+                return WAITING
+            if chunk is _END:
+                self._leftover = leftover
+                if self._broken:
+                    raise self._broken
+                return None
+            self._chunk, self._at = chunk, 0
+        return self._chunk[self._at :]
+
     def next(self, roi=None):
         """The next :class:`Batch`, None at the end, or :data:`WAITING`.
 
@@ -150,23 +166,12 @@ class BatchCutter:
             Left column, top row and size of the ROI, px, integers. It counts with ``roi_events`` only, and may be
             another one for each batch. Parts outside the sensor hold no events.
         """
-        if self._leftover is not None:
-            return None
-        if self.mode == "roi_events":
+        if self.mode == "roi_events" and self._leftover is None:
             roi = _checked_roi(roi)
         while True:
-            while self._at == len(self._chunk):
-                chunk = self._pull()
-                if chunk is None:
-                    return WAITING
-                if chunk is _END:
-                    self._leftover = self._count
-                    if self._broken:
-                        raise self._broken
-                    return None
-                self._chunk, self._at = chunk, 0
-            rest, count = self._chunk[self._at :], self._count
-            cut_short = False
+            rest, count, cut_short = self._rest(self._count), self._count, False
+            if rest is None or rest is WAITING:
+                return rest
             if self.mode == "events":
                 take = min(self.size - count, len(rest))
                 complete = count + take == self.size
@@ -191,19 +196,10 @@ class BatchCutter:
         """
 
         def piece():
-            if self._leftover is not None:
-                return None
-            while self._at == len(self._chunk):
-                chunk = self._pull()
-                if chunk is None:
-                    return WAITING
-                if chunk is _END:
-                    self._leftover = 0
-                    if self._broken:
-                        raise self._broken
-                    return None
-                self._chunk, self._at = chunk, 0
-            part = self._chunk[self._at : self._at + PIECE_EVENTS]
+            rest = self._rest(0)
+            if rest is None or rest is WAITING:
+                return rest
+            part = rest[:PIECE_EVENTS]
             self._at += len(part)
             self._position += len(part)
             return part

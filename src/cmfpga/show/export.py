@@ -227,8 +227,8 @@ class _Pixels:
         self.times = arrays["t"][kept]
         self._v, self._trusted = (arrays[name][kept] for name in ("v", "trusted"))
         (width, height), (rows, columns) = arrays["size"], arrays["grid"]
-        row, in_row = _nearest(arrays["y"].reshape(rows, columns)[:, 0], height, self.shape[0])
-        column, in_column = _nearest(arrays["x"].reshape(rows, columns)[0], width, self.shape[1])
+        row, in_row = nearest_tile(arrays["y"].reshape(rows, columns)[:, 0], height, self.shape[0])
+        column, in_column = nearest_tile(arrays["x"].reshape(rows, columns)[0], width, self.shape[1])
         self._tile = row[:, None] * columns + column
         self._covered = in_row[:, None] & in_column
 
@@ -242,7 +242,7 @@ class _Pixels:
         return np.where(there[..., None], moved[self._tile], 0.0), there
 
 
-def _nearest(starts, length, pixels):
+def nearest_tile(starts, length, pixels):
     """Along one axis: the tile whose middle is the nearest to each pixel, and whether the pixel is in it."""
     at = np.arange(pixels)
     index = np.searchsorted((starts[1:] + starts[:-1] + length - 1) / 2, at)

@@ -8,6 +8,7 @@ import numpy as np
 from ..dense.window import TABLE
 from ..errors import naming, write_text
 from ..tracking.kept import BUDGET, FRAME_SIZE
+from .export import nearest_tile
 from .gallery import DPI, check_suffix
 from .page import asset, fill, shown_name
 
@@ -37,11 +38,9 @@ def top_speed(window):
 
 def tile_of_pixels(tiles, width, height):
     """Number of the tile whose middle is nearest to each pixel: int64 [height, width]."""
-    nearest = []
-    for places, side, size in ((tiles.columns, tiles.width, width), (tiles.rows, tiles.height, height)):
-        middles = np.array(places) + (side - 1) / 2
-        nearest.append(np.searchsorted((middles[1:] + middles[:-1]) / 2, np.arange(size)))
-    return nearest[1][:, None] * len(tiles.columns) + nearest[0]
+    column, _ = nearest_tile(np.array(tiles.columns), tiles.width, width)
+    row, _ = nearest_tile(np.array(tiles.rows), tiles.height, height)
+    return row[:, None] * len(tiles.columns) + column
 
 
 def tile_colours(window, most):
