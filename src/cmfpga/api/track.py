@@ -21,25 +21,10 @@ from .track_result import Tracking
 
 
 def track(
-    recording,
-    *,
-    roi=None,
-    preset=None,
-    engine="rtl",
-    batch_events=None,
-    batch_us=None,
-    batch_roi_events=None,
-    start_event=0,
-    batches=None,
-    every=1,
-    sensor=None,
-    time_unit=None,
-    columns=None,
-    dataset=None,
-    form=None,
-    drop=False,
-    **fields,
-):
+    recording, *, roi=None, preset=None, engine="rtl", batch_events=None, batch_us=None, batch_roi_events=None,
+    start_event=0, batches=None, every=1, sensor=None, time_unit=None, columns=None, dataset=None, form=None,
+    drop=False, **fields,
+):  # fmt: skip
     """Follow an object through a recording.
 
     Parameters
