@@ -20,7 +20,7 @@ from ..imaging.survey import Survey, propose, survey_all
 from ..imaging.survey.statistics import pixels_text, shown
 from ..protocol.settings import BatchSettings
 from ..reference.integer.noise_filter import NoiseFilter
-from ..show.survey import draw, frame
+from ..show.gallery import draw_survey, survey_lines
 from ..tracking.loop import track
 from ..tracking.source import likely_sensor
 
@@ -82,7 +82,7 @@ def main(arguments=None):
         noise = noise_shares(recording, survey, config, proposals)
         checked = [check(recording, config, found, options.check) for found in proposals] if options.check else []
         if options.png is not None:
-            draw(options.png, survey, config, proposals)
+            draw_survey(options.png, survey, config, proposals)
     if options.json:
         found = _report(options, recording, survey, config, proposals, checked, noise, camera)
         print(json.dumps(found, indent=2, ensure_ascii=False))
@@ -242,7 +242,7 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
         yield f"{'' if k else 'noise':12}{name} drops {share:.1%} of the events{' more' if k else ''}"
     if not options.no_frame:
         yield ""
-        yield from frame(survey, config, proposals)
+        yield from survey_lines(survey, config, proposals)
     if options.no_proposal:
         return
     yield ""
