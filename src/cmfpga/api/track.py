@@ -45,8 +45,8 @@ def track(
     Parameters
     ----------
     recording : str, Path, EventSource, Synthetic, or events in memory
-        What to track: a file of any known format, a stream (``"-"``, ``"tcp://host:port"``, a named pipe: see
-        :class:`~cmfpga.events.LiveSource`), an opened recording or another
+        What to track: a file of any known format, a stream (``"-"``, ``"tcp://host:port"``, ``"camera:"``, a named
+        pipe: see :class:`~cmfpga.events.LiveSource`), an opened recording or another
         :class:`~cmfpga.events.source.EventSource`; or whatever :func:`~cmfpga.events.as_events` takes, with ``sensor``:
         a structured array, a tuple (t, x, y, p), N×4, …
     roi : (int, int) or "auto", optional

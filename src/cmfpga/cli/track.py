@@ -39,6 +39,7 @@ EXAMPLES = (
     "cmfpga track rec.h5 --roi 100,30 --every 4    # of the results, which overlap, every fourth",
     "cmfpga track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
     "cmfpga track rec.h5 --roi auto --truth imu.txt    # and how right it is: cmfpga accuracy tells that alone",
+    "cmfpga track camera: --roi 600,300    # a camera at this computer, until Ctrl-C",
 )
 
 #: The scene that is tracked without a recording (it turns a corner in the middle), and what suits it: batches in which
@@ -95,7 +96,8 @@ def add_tracking_options(made):
     """What is tracked, and how: of ``track`` and ``accuracy``."""
     cli.files(made.add_argument(
         "recording", nargs="?", metavar="RECORDING",
-        help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, or a named pipe",
+        help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, a named pipe, or a camera: "
+        "camera:, camera:SERIAL",
     ))  # fmt: skip
     made.add_argument(
         "--roi", type=_roi_option, action="append", metavar="[NAME=]X,Y",
@@ -338,6 +340,8 @@ def _track(options, objects, recording, folder, motion):
             if not live or not objects[0].batches:
                 raise
             broken = error  # what came before is worth knowing
+    if live:
+        recording.close()  # what comes while files are written is not counted
     _check(objects)
     for one in objects:
         one.finish()
