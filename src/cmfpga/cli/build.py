@@ -146,6 +146,10 @@ def main(arguments=None):
     board = BOARDS.get(options.top)
     if board:
         registers.check(config)
+    elif config.evt3:
+        raise UserError(
+            f"evt3 = 1: {TOP} takes events, not words; a board's top decodes them: --top {next(iter(BOARDS))}"
+        )
     if options.baud:
         divisor(board.clock_hz, options.baud)
     folder = cli.output_folder(options.out)
