@@ -22,6 +22,7 @@ from ..show.gallery import picture_path
 from ..tracking.fit import batch_cutter
 from ..tracking.loop import follow
 from ..tracking.source import sensor_fields, unit_note, whole_sensor, with_rows
+from ..waiting import waiting
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from .lines import Lines, Truth, print_remarks, print_summary
 from .truth import accuracy_of, add_truth_options, check_times, open_truth, print_accuracy
@@ -314,7 +315,8 @@ def _track(options, objects, recording, folder, motion):
         )
     pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
+        with waiting("Opening the engine"):
+            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
         for one in objects:
@@ -343,8 +345,9 @@ def _track(options, objects, recording, folder, motion):
     if live:
         recording.close()  # what comes while files are written is not counted
     _check(objects)
-    for one in objects:
-        one.finish()
+    with waiting("Writing the files"):
+        for one in objects:
+            one.finish()
     return engine.name, cycles, broken
 
 
