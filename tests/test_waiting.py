@@ -5,6 +5,7 @@ import io
 import time
 
 import pytest
+from tqdm import tqdm
 
 from cmfpga import waiting
 from cmfpga.cli import build, track
@@ -46,7 +47,8 @@ def test_nothing_is_shown_of_short_work_and_on_other_outputs(monkeypatch):
     assert not shown.getvalue().strip()
 
 
-def test_build_and_track(dot, small, tmp_path):
+def test_build_and_track(dot, small, tmp_path, monkeypatch):
+    monkeypatch.setattr(waiting, "tqdm", lambda **options: tqdm(**{**options, "delay": 0}))  # at once
     with output() as shown:
         assert build.main([*TINY_SETS, "--json", "--out", str(tmp_path)]) == 0
         options = ["--engine", "model", "--batch-events", "90", "--batches", "1", "--out", str(tmp_path)]
