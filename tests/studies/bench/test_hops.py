@@ -1,6 +1,4 @@
-"""``bench --hops``: the cycles from a hop's last event to its result are those of the formula, counted in the Verilog."""
-
-import json
+"""``bench --hops``: cycles from a hop's last event to its result, in the Verilog, are those of the formula."""
 
 import numpy as np
 import pytest
@@ -14,6 +12,7 @@ from studies.bench import hops, main
 from support.hops import CORNER, SMALL, drawn
 
 CONFIG = preset("quad").replace(**SMALL)
+ONE = preset("fast").replace(**SMALL | {"tag_bits": 7})  # one evaluator
 
 
 @pytest.fixture
@@ -23,12 +22,14 @@ def moving(rng):
     return Events(np.cumsum(rng.integers(1, 40, len(x))), x, y, np.zeros(len(x)))
 
 
-def test_a_hop_that_followed_takes_the_tail(moving, compiler):
+@pytest.mark.parametrize("config", [CONFIG, ONE], ids=["four evaluators", "one"])
+def test_a_hop_that_followed_takes_the_tail(moving, config, compiler):
     """One cycle more than from the hop's end, which is a cycle behind the event."""
-    found = hops.play("drawn", CONFIG, moving, CORNER, 100)
-    core = SlidingCore(CONFIG)
-    assert len(found.warm) > 20 and set(found.warm) == {core.tail + 1} and found.cold
-    assert max(found.cold) <= core.cycles(roi_events=120, iterations=len(BatchSettings.from_config(CONFIG).cold)) + 1
+    found = hops.play("drawn", config, moving, CORNER, 100)
+    core = SlidingCore(config)
+    turns = 1 << config.geometry.turn_bits
+    assert len(found.warm) > 20 and set(found.warm) == {core.tail + 1 - k for k in range(turns)} and found.cold
+    assert max(found.cold) <= core.cycles(roi_events=120, iterations=len(BatchSettings.from_config(config).cold)) + 1
 
 
 def test_events_that_come_too_fast_are_told(moving, compiler):
