@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from cmfpga.cli import command as tool
+from support.baselines import BASELINES
 from support.board_files import load
 
 ROOT = Path(__file__).parents[2]
@@ -44,6 +45,18 @@ def test_a_change_is_noticed(maker, tables):
     assert row
     changed = text[: row.start()] + "| v | Q9.9 | 19 |" + text[row.end() :]
     assert changed != text == maker.rewritten(changed, tables)
+
+
+def test_resources_in_the_prose_are_the_measured_ones():
+    def row(total):
+        return " / ".join(f"{total[kind]:,.0f}" for kind in ("lut", "ff", "bram36", "dsp"))
+
+    plain, readme = BASELINES["plain"], (ROOT / "README.md").read_text(encoding="utf-8")
+    assert f"(yosys estimates) | {row(plain['sliding'])} | {row(plain['quad'])} |" in readme
+    assert f"`fast`, the default of `build`: {row(BASELINES['presets']['fast']['total'])}, " in readme
+    assert f"it reaches {BASELINES['placed']['fast']['fmax_mhz']:.0f} MHz" in readme
+    sliding = "{} LUT, {} FF, {} BRAM36 and {} DSP".format(*row(plain["sliding"]).split(" / "))
+    assert sliding in (ROOT / "docs" / "sliding.md").read_text(encoding="utf-8")
 
 
 def test_an_unknown_name_is_refused(maker):

@@ -87,13 +87,42 @@ def maker():
         return load("release", ROOT / "docs")
 
 
-def test_the_resources_are_the_baselines(maker):
+def test_the_resources_are_the_baselines(maker, tmp_path):
     stored = json.loads((ROOT / "tests" / "fpga" / "baselines.json").read_text(encoding="utf-8"))
-    rows = [line.strip("| ").split(" | ") for line in maker.resources().splitlines() if line.startswith("| `")]
-    cores = [*stored["presets"], *stored["plain"], *stored["motions"], *stored["regions"], *stored["placed"]]
-    assert [row[0] for row in rows] == [f"`{name}`" for name in cores]
-    assert rows[0][1] == f"{stored['presets'][cores[0]]['total']['lut']:,}"
-    assert rows[-1][-1] == f"{stored['placed'][cores[-1]]['fmax_mhz']:,}"
+    cores = [*stored["presets"], *stored["plain"], *stored["motions"], *stored["regions"]]
+    listed = maker.history(tmp_path / "releases.csv")
+    assert [row[1] for row in listed] == cores and {row[0] for row in listed} == {__version__}
+    rows = [line.strip("| ").split(" | ") for line in maker.resources(listed).splitlines() if line.startswith("| ")]
+    (first,) = (row for row in rows if row[:2] == [__version__, cores[0]])
+    assert first[2] == str(stored["presets"][cores[0]]["total"]["lut"])
+    last = [*stored["placed"]][-1]
+    assert rows[-1][0] == f"`{last}`" and rows[-1][-1] == f"{stored['placed'][last]['fmax_mhz']:,}"
+
+
+def test_each_release_appends_to_the_table(maker, tmp_path):
+    file = tmp_path / "releases.csv"
+    first = maker.history(file, "0.0.1")
+    second = maker.history(file, "0.0.2")
+    assert second[: len(first)] == first and len(second) == 2 * len(first)
+    assert maker.history(file, "0.0.2") == second  # a release that is made again replaces its own rows
+
+
+def test_the_table_of_releases_is_of_this_version(maker, tmp_path):
+    kept = maker.HISTORY.read_text(encoding="utf-8")
+    (tmp_path / "releases.csv").write_text(kept, encoding="utf-8")
+    maker.history(tmp_path / "releases.csv")
+    assert (tmp_path / "releases.csv").read_text(encoding="utf-8") == kept
+
+
+def test_the_self_test(maker, tmp_path, long_tools):
+    maker.self_test(tmp_path)
+    found = json.loads((tmp_path / "self-test.json").read_text(encoding="utf-8"))
+    assert found["counters"] == "1200 events in, 1 result"
+
+
+def test_a_command_that_fails_ends_the_release(maker):
+    with pytest.raises(SystemExit, match="ended with status 2; the release is not complete"):
+        maker.command(lambda arguments: 2)
 
 
 def test_verilog_and_hashes(maker, tmp_path, long_tools):

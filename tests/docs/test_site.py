@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -93,6 +94,20 @@ def test_links_out_of_the_pages(hooks):
 def test_nothing_is_loaded_from_elsewhere(site):
     for page in PAGES:
         assert not re.search(r'<(?:script|link|img)[^>]* (?:src|href)="(?:https?:)?//', html(site, page)), page
+
+
+def test_search_without_a_server(site, browser):
+    """As a reader does who opens the pages from a folder."""
+    browser.get((site / "index.html").as_uri())
+    field = browser.find_element("css selector", "[data-md-component=search-query]")
+    browser.execute_script("document.querySelector('#__search').click(); arguments[0].focus()", field)
+    field.send_keys("undistort")
+    found = "return [...document.querySelectorAll('.md-search-result__item a')].map(link => link.getAttribute('href'))"
+    end = time.monotonic() + 30
+    while not (links := browser.execute_script(found)):
+        assert time.monotonic() < end, browser.get_log("browser")
+        time.sleep(0.1)
+    assert any("/names/cmfpga.config.html" in link for link in links), links
 
 
 def test_a_broken_link_ends_the_build(tmp_path):

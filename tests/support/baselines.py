@@ -20,8 +20,8 @@ from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "fpga" / "baselines.json"
 PRESETS = ("paper", "fast")
-#: Of these only the whole core: four evaluators; without confidence; motions, and what they stand beside.
-PLAIN = {"quad": {}, "fast, no confidence": {"confidence": 0}}
+#: Of these only the whole core: four evaluators; windows that slide; without confidence; motions and their neighbours.
+PLAIN = {"quad": {}, "sliding": {}, "fast, no confidence": {"confidence": 0}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}

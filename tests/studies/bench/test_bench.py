@@ -66,7 +66,7 @@ def test_another_number_of_iterations_is_noticed(compiler):
 
 
 @pytest.fixture(scope="module")
-def quick(tmp_path_factory):
+def quick(tmp_path_factory, long_tools):
     """One quick run: its JSON, its text, and the seconds that this process worked for it."""
     file = tmp_path_factory.mktemp("bench") / "bench.json"
     printed = io.StringIO()
@@ -80,7 +80,6 @@ def quick(tmp_path_factory):
     return json.loads(file.read_text(encoding="utf-8")), printed.getvalue(), seconds
 
 
-@pytest.mark.usefixtures("long_tools")
 def test_quick_is_quick(quick):
     """Of the processor's time, which other work on the machine does not lengthen."""
     assert quick[2] < 30
