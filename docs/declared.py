@@ -15,6 +15,8 @@ from cmfpga.fpga import resources
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.registers.layout import ACCESS
+from cmfpga.protocol.results import fields_of
+from cmfpga.protocol.shapes import leaves
 from cmfpga.tracking.columns import COLUMNS
 
 RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "fpga" / "baselines.json"
@@ -63,31 +65,41 @@ def fields_table():
 
 
 def resources_table():
-    """LUT, FF, block RAM and DSP of each block, of `fast` and of `paper` side by side."""
+    """LUT, FF, block RAM and DSP of the core, alone and with AXI, of `fast` and of `paper` side by side."""
     stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"]
     kinds = [list(resources.KINDS).index(kind) + 1 for kind in ("lut", "ff", "bram36", "dsp")]
     found = [{row[0]: [row[k] for k in kinds] for row in resources.rows(stored[name])} for name in ("fast", "paper")]
-    what = [*dict.fromkeys([*found[0], *found[1]])]
-    last = what.index("sum of the blocks")
-    what = [*what[:last], *[name for name in what if name in stored["paper"]["blocks"] and name not in what[:last]],
-            *[name for name in what[last:] if name not in stored["paper"]["blocks"]]]  # fmt: skip
+    what = [*found[0]]
+    what = what[what.index("sum of the blocks") + 1 :]
     titles = [title for name in ("fast", "paper") for title in (f"`{name}`: LUT", "FF", "BRAM36", "DSP")]
-    rows = [(name, *(value for one in found for value in one.get(name, [""] * 4))) for name in what]
-    made = table(("block", *titles), rows, right=range(1, 9))
+    rows = [(name, *(value for one in found for value in one[name])) for name in what]
+    made = table(("", *titles), rows, right=range(1, 9))
     return f"{made}\nYosys {stored['fast']['yosys']}.\n"
 
 
-def brief(registers):
-    """One line for each register, two halves of a number in one: shorter than what ``build --top`` writes of them."""
-    rows = []
+def brief(registers, ports=None):
+    """One line for each register, two halves of a number in one: shorter than what ``build --top`` writes of them.
+
+    Neighbours of one number that mean what the core's ports of their names do share a line; ``ports``: names by group.
+    """
+    rows, last = [], None
     for register in registers:
         name, kinds = register.name, {f.access for f in register.fields}
         if name.endswith("_HIGH"):
             rows[-1][1] += ", `_HIGH`"
             continue
-        name = f"`{name}`" + f" × {register.count}" * (register.count > 1)
-        parts = [field_in_brief(f, "" if len(kinds) == 1 else f" ({f.access})") for f in register.fields]
-        rows.append([f"`{register.offset:#05x}`", name, kinds.pop() if len(kinds) == 1 else "", "<br>".join(parts)])
+        said = f"`{name}`" + f" × {register.count}" * (register.count > 1)
+        kind = kinds.pop() if len(kinds) == 1 else ""
+        number, known = register.fields[0], (ports or {}).get(register.group, ())
+        same = number.name == "VALUE" and name.removeprefix("RESULT_").lower() in known
+        if same and number.writable and number.reset:
+            said += f" ({number.reset:#x})"
+        if same and last == (kind, register.offset - 4):
+            rows[-1][1] += f", {said}"
+        else:
+            bits = [field_in_brief(f, "" if kind else f" ({f.access})") for f in register.fields]
+            rows.append([f"`{register.offset:#05x}`", said, kind, "" if same else "<br>".join(bits)])
+        last = (kind, register.offset) if same else None
     return table(("offset", "register", "access", "bits"), rows, right=(0,))
 
 
@@ -116,7 +128,10 @@ def registers_table():
     only = [register for register in others if register.name not in shared]
     kinds = table(("access", "meaning"), [item for item in ACCESS.items() if item[0] != "written"])
     constant = "With `ascent=constant` (preset `paper`), instead of `COLD`, `WARM` and `SCHEDULE`:"
-    return f"{brief(shared)}\n{kinds}\n{constant}\n\n{brief(only)}"
+    config = preset("fast")
+    results = {leaf for f in fields_of("batch", "region", config=config) for leaf in leaves(f.name, f.shape(config))}
+    ports = {"Result": results, "Settings": set(shared.linked("Settings"))}
+    return f"{brief(shared, ports)}\n{kinds}\n{constant}\n\n{brief(only)}"
 
 
 DECLARED = {

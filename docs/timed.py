@@ -49,19 +49,16 @@ def placed_table():
 
 
 def cycles_table():
-    """Formula of each preset, and of `paper` in other sizes, beside the article's."""
+    """Formula of each preset of one ROI, beside the article's."""
     rows = []
-    sizes = [("paper", size) for size in (32, 48, 128)]
-    one = [name for name, config in PRESETS.items() if not (config.regions or config.slides)]
-    for name, size in [*((name, None) for name in one), *sizes]:
-        config = preset(name)
-        config = config.replace(roi_width=size, roi_height=size) if size else config
+    for name, config in PRESETS.items():
+        if config.regions or config.slides:
+            continue
         core = elaborated(config)
         shown = " / ".join(f"{cycles:,} (T = {count})" for count, cycles in article_cycles(core))
         theirs = description.article_cycles(**description.ARTICLE_BATCH, pixels=config.geometry.pixels, iterations=100)
-        what = f"`{name}`" if size is None else f"`{name}`, other size"
         size = f"{config.roi_width}×{config.roi_height}"
-        rows.append((what, size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
+        rows.append((f"`{name}`", size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
     head = (
         "preset",
         "ROI, px",

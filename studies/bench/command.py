@@ -24,6 +24,7 @@ EXAMPLES = (
     "python -m studies.bench --quick --json bench.json",
     "python -m studies.bench --clock 150        # MHz that you assume the core to reach",
     "python -m studies.bench --flow             # dense flow: fields a second by the number of units",
+    "python -m studies.bench --hops --data DIR  # windows that slide: cycles after a hop's last event, of recordings",
 )
 
 
@@ -40,6 +41,7 @@ def _parser():
     )
     cli.add_clock_option(made)
     made.add_argument("--flow", action="store_true", help="dense flow instead, of 1, 2, 4 and 8 units (quick: 4)")
+    made.add_argument("--hops", action="store_true", help="windows that slide instead: from a hop's last event on")
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(
         "--data", default=os.environ.get("CMFPGA_DATA"), metavar="DIR",
@@ -57,6 +59,8 @@ def main(arguments=None):
     seconds = 0.003 if options.quick else 0.02
     if options.flow:
         return _flow(options, runs, seconds)
+    if options.hops:
+        return _hops(options)
     started = time.perf_counter()
     programs, missing = make_programs()
     if why := cannot_compile():
@@ -111,6 +115,27 @@ def _flow(options, runs, seconds):
     print("\n".join([*text(report), *(f"not measured: {line}" for line in missing)]))
     if options.json is not None:
         report = {"version": __version__, "missing": missing, **report}
+        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
+        print(f"wrote {options.json}")
+    return 0
+
+
+def _hops(options):
+    from . import hops
+
+    files = sorted(Path(options.data).glob("*.h5")) if options.data else []
+    if not files:
+        raise ConfigError("--hops needs --data DIR, a folder of recordings (*.h5)")
+    if why := cannot_compile():
+        raise ConfigError(f"--hops counts cycles in the simulated Verilog: {why}")
+    window, events = 800, 4000 if options.quick else 20_000
+    rows = [
+        hops.measure(file, window=window, clock=options.clock, events=events).row
+        for file in tqdm(files, unit="recording", disable=None, leave=False)
+    ]
+    print("\n".join(hops.text(rows, options.clock, window)))
+    if options.json is not None:
+        report = {"version": __version__, "clock_mhz_assumed": options.clock, "window_events": window, "hops": rows}
         write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         print(f"wrote {options.json}")
     return 0

@@ -289,6 +289,12 @@ def test_paths_as_json(command, tmp_path):
     assert len(contents(tmp_path / "für €")["cmfpga_core.v"]) > 100_000
 
 
+def test_the_core_takes_no_words(command, tmp_path):
+    done = command(build, "--set", "evt3=1", "--out", tmp_path / "core")
+    assert done.error == "evt3 = 1: cmfpga_core takes events, not words; a board's top decodes them: --top kv260"
+    assert not (tmp_path / "core").exists()
+
+
 def test_the_default_folder(command, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "build").mkdir()

@@ -307,7 +307,9 @@ def test_addresses(follow, address, message):
 
 
 def test_what_is_for_streams_only(follow, command, dot, send):
-    assert follow(dot, "--drop").error.endswith("a file; --drop is for streams: -, tcp://HOST:PORT, a named pipe")
+    assert follow(dot, "--drop").error.endswith(
+        "a file; --drop is for streams: -, tcp://HOST:PORT, a named pipe, camera:"
+    )
     assert follow("tcp://127.0.0.1:1", "--columns", "x,y,t,p").error.endswith(
         "a stream; columns can be told of files only"
     )

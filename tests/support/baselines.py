@@ -20,7 +20,7 @@ from support.verilog_tools import emitted
 
 PATH = Path(__file__).parents[1] / "fpga" / "baselines.json"
 PRESETS = ("paper", "fast")
-#: Of these only the whole core: four evaluators; windows that slide; without confidence; motions, and what they stand beside.
+#: Of these only the whole core: four evaluators; windows that slide; without confidence; motions and their neighbours.
 PLAIN = {"quad": {}, "sliding": {}, "fast, no confidence": {"confidence": 0}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.

@@ -30,9 +30,9 @@ def track(
     Parameters
     ----------
     recording : str, Path, EventSource, Synthetic, or events in memory
-        What to track: a file of any known format, a stream (``"-"``, ``"tcp://host:port"``, a named pipe: see
-        :class:`~cmfpga.events.LiveSource`), an opened recording or another
-        :class:`~cmfpga.events.arrays.EventSource`; or whatever :func:`~cmfpga.events.as_events` takes, with ``sensor``:
+        What to track: a file of any known format, a stream (``"-"``, ``"tcp://host:port"``, ``"camera:"``, a named
+        pipe: see :class:`~cmfpga.events.LiveSource`), an opened recording or another
+        :class:`~cmfpga.events.EventSource`; or whatever :func:`~cmfpga.events.as_events` takes, with ``sensor``:
         a structured array, a tuple (t, x, y, p), N×4, …
     roi : (int, int) or "auto", optional
         Left column and top row of the first batch's ROI, px; or where something moves clearly, in batches that suit it

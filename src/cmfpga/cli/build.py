@@ -17,6 +17,7 @@ from ..verilog import description, example
 from ..verilog.description import describe, describe_top, summary
 from ..verilog.emit import TOP, emit_verilog
 from ..verilog.ports import port_table
+from ..waiting import waiting
 
 EXAMPLES = (
     "cmfpga build                                     # preset fast, into ./build",
@@ -33,7 +34,8 @@ EXAMPLES = (
 def build(config, folder):
     """Write ``cmfpga_core.v``, what describes it, and an example of its use into ``folder``; returns their paths."""
     core = verilog_top(config)
-    verilog = emit_verilog(core)
+    with waiting("Emitting the Verilog"):
+        verilog = emit_verilog(core)
     info, table = describe(config, core, verilog), port_table(core)
     contents = {
         f"{TOP}.v": verilog,
@@ -62,14 +64,16 @@ def build_top(config, board, folder, baud=None):
         top = UartTop(config, clock_hz=board.clock_hz, baud=baud or board.baud)
     else:
         top = AxiTop(config)
-    verilog = emit_verilog(top, board.top)
+    with waiting(f"Emitting {board.top}"):
+        verilog = emit_verilog(top, board.top)
     paths = [folder / f"{board.top}.v", folder / f"{board.name}-info.json"]
     info = describe_top(board, top, verilog)
     write_text(paths[0], verilog)
     write_text(paths[1], json.dumps(info, indent=2, ensure_ascii=False) + "\n")
     title = f"Registers of {board.top}, cmfpga {__version__}, configuration {config.hardware_hash[:16]}."
     settings = setting_writes(config)
-    paths += documents.write_documents(top.shell.registers, title, folder, settings)
+    with waiting("Writing the registers' documents"):
+        paths += documents.write_documents(top.shell.registers, title, folder, settings)
     if not isinstance(board, SerialBoard):
         bench = importlib.resources.files("cmfpga.driver").joinpath("cocotb_bench.py").read_text(encoding="utf-8")
         for name, text in ((f"test_{board.top}.py", bench), (f"{board.top}_batch.json", batch_file(config, board.top))):
@@ -146,6 +150,10 @@ def main(arguments=None):
     board = BOARDS.get(options.top)
     if board:
         registers.check(config)
+    elif config.evt3:
+        raise UserError(
+            f"evt3 = 1: {TOP} takes events, not words; a board's top decodes them: --top {next(iter(BOARDS))}"
+        )
     if options.baud:
         divisor(board.clock_hz, options.baud)
     folder = cli.output_folder(options.out)

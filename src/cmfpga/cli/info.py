@@ -80,7 +80,8 @@ def main(arguments=None):
                 )
         camera = camera_of(options.recording)
         noise = noise_shares(recording, survey, config, proposals)
-        checked = [check(recording, config, found, options.check) for found in proposals] if options.check else []
+        shown = tqdm(proposals if options.check else [], unit="place", desc="check", disable=None, leave=False)
+        checked = [check(recording, config, found, options.check) for found in shown]
         if options.png is not None:
             draw_survey(options.png, survey, config, proposals)
     if options.json:

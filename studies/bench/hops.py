@@ -1,0 +1,107 @@
+"""From the event that closes a hop to its result: every hop of recordings, at their own time stamps, in the Verilog."""
+
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from cmfpga.config import preset
+from cmfpga.events import open_recording
+from cmfpga.protocol.flags import Flag
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.verilog.simulation.core import VerilatedCore
+
+#: A longer pause, in clock cycles, changes nothing for warm hops: the round has caught up, and the one after has ended.
+LONGEST_PAUSE = 1500
+
+
+@dataclass(frozen=True)
+class Hops:
+    """Of a recording: clock cycles from the closing event to the result, of warm hops and of cold ones."""
+
+    name: str
+    events: int
+    warm: list
+    cold: list
+    degenerate: int
+
+    @property
+    def row(self):
+        """JSON-ready: how many, and the cycles."""
+        low, mid, high = (int(x) for x in np.percentile(self.warm, (0, 50, 100))) if self.warm else (None,) * 3
+        return {
+            "recording": self.name, "events": self.events, "warm": len(self.warm), "fewest": low, "median": mid,
+            "most": high, "within_130": sum(one <= 130 for one in self.warm), "cold": len(self.cold),
+            "cold_most": max(self.cold, default=None), "degenerate": self.degenerate,
+        }  # fmt: skip
+
+
+def measure(path, *, window, clock, events):
+    """:class:`Hops` of the first ``events`` of a file, the ROI at first where most of them are; ``clock`` in MHz."""
+    with open_recording(path) as recording:
+        width, height = recording.width, recording.height
+        found = next(recording.chunks(0, events))
+    config = preset("sliding").replace(
+        sensor_width=width, sensor_height=height, window_events=window, hop_events=window // 16, window_us=0, hop_us=0
+    )
+    return play(Path(path).stem, config, found, _densest(found, config), clock)
+
+
+def play(name, config, events, corner, clock):
+    """:class:`Hops` of ``events``, offered at their own times; hops close by their number of events."""
+    settings = BatchSettings.from_config(config, roi=corner)
+    t = np.asarray(events.t, np.int64)
+    gaps = np.clip(np.diff(t) * clock - 1, 0, LONGEST_PAUSE).astype(np.int64)
+    with contextlib.closing(VerilatedCore(config)) as core:
+        # The first event waits until the banks are cleared, so it goes ahead; no other is held up where hops follow.
+        results = core.slide(t[:1], events.x[:1], events.y[:1], settings)
+        results += core.slide(t[1:], events.x[1:], events.y[1:], settings, gaps=gaps)
+        offered, finished = core.offered[0] + np.cumsum(gaps + 1) - gaps[0] - 1, core.finished
+    closed, warm, cold, degenerate = np.cumsum([one.events for one in results]), [], [], 0
+    for result, last, cycle in zip(results, closed - 1, finished, strict=True):
+        if Flag.DEGENERATE in result.flags:
+            degenerate += 1
+            continue
+        # Of a warm hop that did not follow, the round began when the hop had ended.
+        kind = warm if result.iterations == len(settings.follow) else cold
+        kind.append(int(cycle - offered[last - 1] - 1))
+    return Hops(name, len(t), warm, cold, degenerate)
+
+
+def _densest(events, config):
+    """Corner of the ROI, in steps of its quarter, that holds the most events."""
+    step_x, step_y = config.roi_width // 4, config.roi_height // 4
+    most = config.sensor_width - config.roi_width, config.sensor_height - config.roi_height
+    corners = [(x, y) for x in range(0, most[0] + 1, step_x) for y in range(0, most[1] + 1, step_y)]
+    x, y = (np.asarray(axis, np.int64) for axis in (events.x, events.y))
+
+    def inside(corner):
+        dx, dy = x - corner[0], y - corner[1]
+        return np.count_nonzero((dx >= 0) & (dx < config.roi_width) & (dy >= 0) & (dy < config.roi_height))
+
+    return max(corners, key=inside)
+
+
+def text(rows, clock, window):
+    """Lines for people, of the rows of :class:`Hops`."""
+    lines = [
+        f"cycles after the event that closes a hop, to its result; windows of {window} events; at {clock:g} MHz "
+        "(assumed) the events come at their own times",
+        f"{'recording':40} {'events':>8} {'warm':>6} {'fewest':>7} {'median':>7} {'most':>7} {'≤ 130':>6} {'cold':>5} "
+        f"{'most':>7}",
+    ]
+    for row in rows:
+        numbers = (
+            ("warm", 6),
+            ("fewest", 7),
+            ("median", 7),
+            ("most", 7),
+            ("within_130", 6),
+            ("cold", 5),
+            ("cold_most", 7),
+        )
+        shown = (f"{'-' if row[name] is None else row[name]:>{width}}" for name, width in numbers)
+        lines.append(f"{row['recording']:40} {row['events']:8,} {' '.join(shown)}")
+    warm, within = (sum(row[name] for row in rows) for name in ("warm", "within_130"))
+    return [*lines, f"{within:,} of {warm:,} warm hops within 130 cycles"]

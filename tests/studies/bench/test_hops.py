@@ -1,0 +1,47 @@
+"""``bench --hops``: cycles from a hop's last event to its result, in the Verilog, are those of the formula."""
+
+import numpy as np
+import pytest
+
+from cmfpga import cli
+from cmfpga.config import preset
+from cmfpga.events import Events
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.rtl.sliding.core import SlidingCore
+from studies.bench import hops, main
+from support.hops import CORNER, SMALL, drawn
+
+CONFIG = preset("quad").replace(**SMALL)
+ONE = preset("fast").replace(**SMALL | {"tag_bits": 7})  # one evaluator
+
+
+@pytest.fixture
+def moving(rng):
+    """Without the steps back."""
+    _, x, y = drawn(rng, 2000)
+    return Events(np.cumsum(rng.integers(1, 40, len(x))), x, y, np.zeros(len(x)))
+
+
+@pytest.mark.parametrize("config", [CONFIG, ONE], ids=["four evaluators", "one"])
+def test_a_hop_that_followed_takes_the_tail(moving, config, compiler):
+    """One cycle more than from the hop's end, which is a cycle behind the event."""
+    found = hops.play("drawn", config, moving, CORNER, 100)
+    core = SlidingCore(config)
+    turns = 1 << config.geometry.turn_bits
+    assert len(found.warm) > 20 and set(found.warm) == {core.tail + 1 - k for k in range(turns)} and found.cold
+    assert max(found.cold) <= core.cycles(roi_events=120, iterations=len(BatchSettings.from_config(config).cold)) + 1
+
+
+def test_events_that_come_too_fast_are_told(moving, compiler):
+    found = hops.play("drawn", CONFIG, moving, CORNER, 0)
+    row = found.row
+    assert row["most"] > 130 and row["within_130"] < row["warm"]
+    assert f"{row['within_130']} of {row['warm']} warm hops within 130 cycles" in hops.text([row], 100, 120)[-1]
+
+
+@pytest.mark.parametrize("arguments", [[], ["--data", "."]])
+def test_without_recordings_it_says_what_it_needs(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+    assert cli.run(main, ["--hops", *arguments]) == 2
+    assert "--hops needs --data DIR" in capsys.readouterr().err
