@@ -36,8 +36,8 @@ class Hops:
         low, mid, high = (int(x) for x in np.percentile(self.warm, (0, 50, 100))) if self.warm else (None,) * 3
         return {
             "recording": self.name, "events": self.events, "held": self.held, "warm": len(self.warm),
-            "fewest": low, "median": mid, "most": high, "within_130": sum(one <= 130 for one in self.warm), "cold": len(self.cold),
-            "cold_most": max(self.cold, default=None), "degenerate": self.degenerate,
+            "fewest": low, "median": mid, "most": high, "within_130": sum(one <= 130 for one in self.warm),
+            "cold": len(self.cold), "cold_most": max(self.cold, default=None), "degenerate": self.degenerate,
         }  # fmt: skip
 
 
