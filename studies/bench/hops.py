@@ -18,10 +18,14 @@ LONGEST_PAUSE = 1500
 
 @dataclass(frozen=True)
 class Hops:
-    """Of a recording: clock cycles from the closing event to the result, of warm hops and of cold ones."""
+    """Of a recording: clock cycles from the closing event to the result, of warm hops and of cold ones.
+
+    ``held`` are the events that the core did not take when they were offered; those behind them come later by as much.
+    """
 
     name: str
     events: int
+    held: int
     warm: list
     cold: list
     degenerate: int
@@ -31,9 +35,9 @@ class Hops:
         """JSON-ready: how many, and the cycles."""
         low, mid, high = (int(x) for x in np.percentile(self.warm, (0, 50, 100))) if self.warm else (None,) * 3
         return {
-            "recording": self.name, "events": self.events, "warm": len(self.warm), "fewest": low, "median": mid,
-            "most": high, "within_130": sum(one <= 130 for one in self.warm), "cold": len(self.cold),
-            "cold_most": max(self.cold, default=None), "degenerate": self.degenerate,
+            "recording": self.name, "events": self.events, "held": self.held, "warm": len(self.warm),
+            "fewest": low, "median": mid, "most": high, "within_130": sum(one <= 130 for one in self.warm),
+            "cold": len(self.cold), "cold_most": max(self.cold, default=None), "degenerate": self.degenerate,
         }  # fmt: skip
 
 
@@ -52,12 +56,11 @@ def play(name, config, events, corner, clock):
     """:class:`Hops` of ``events``, offered at their own times; hops close by their number of events."""
     settings = BatchSettings.from_config(config, roi=corner)
     t = np.asarray(events.t, np.int64)
-    gaps = np.clip(np.diff(t) * clock - 1, 0, LONGEST_PAUSE).astype(np.int64)
+    gaps = np.clip(np.diff(t, prepend=t[:1]) * clock - 1, 0, LONGEST_PAUSE).astype(np.int64)
     with contextlib.closing(VerilatedCore(config)) as core:
-        # The first event waits until the banks are cleared, so it goes ahead; no other is held up where hops follow.
-        results = core.slide(t[:1], events.x[:1], events.y[:1], settings)
-        results += core.slide(t[1:], events.x[1:], events.y[1:], settings, gaps=gaps)
-        offered, finished = core.offered[0] + np.cumsum(gaps + 1) - gaps[0] - 1, core.finished
+        results = core.slide(t, events.x, events.y, settings, gaps=gaps, each=True)
+        offered, finished = np.array(core.offered), core.finished
+    held = np.count_nonzero(np.diff(offered)[1:] - 1 > gaps[2:])  # the first one waits until the banks are cleared
     closed, warm, cold, degenerate = np.cumsum([one.events for one in results]), [], [], 0
     for result, last, cycle in zip(results, closed - 1, finished, strict=True):
         if Flag.DEGENERATE in result.flags:
@@ -65,8 +68,8 @@ def play(name, config, events, corner, clock):
             continue
         # Of a warm hop that did not follow, the round began when the hop had ended.
         kind = warm if result.iterations == len(settings.follow) else cold
-        kind.append(int(cycle - offered[last - 1] - 1))
-    return Hops(name, len(t), warm, cold, degenerate)
+        kind.append(int(cycle - offered[last] - 1))
+    return Hops(name, len(t), int(held), warm, cold, degenerate)
 
 
 def _densest(events, config):
@@ -88,8 +91,8 @@ def text(rows, clock, window):
     lines = [
         f"cycles after the event that closes a hop, to its result; windows of {window} events; at {clock:g} MHz "
         "(assumed) the events come at their own times",
-        f"{'recording':40} {'events':>8} {'warm':>6} {'fewest':>7} {'median':>7} {'most':>7} {'≤ 130':>6} {'cold':>5} "
-        f"{'most':>7}",
+        f"{'recording':40} {'events':>8} {'held':>6} {'warm':>6} {'fewest':>7} {'median':>7} {'most':>7} {'≤ 130':>6} "
+        f"{'cold':>5} {'most':>7}",
     ]
     for row in rows:
         numbers = (

@@ -237,22 +237,25 @@ class VerilatedCore:
             steps = {k: np.delete(trace[trace[:, which] == k], which, 1) for k in range(count)}
         return [self._result(rows[at : at + count], steps) for at in range(0, len(rows), count)]
 
-    def slide(self, t, x, y, settings, *, gaps=None, stalls=None):
+    def slide(self, t, x, y, settings, *, gaps=None, stalls=None, each=False):
         """Events into a core whose windows slide, which goes on where it was: a :class:`BatchResult` of each hop.
 
-        See :meth:`results` for the parameters, and ``valid`` of the attribute :attr:`finished`.
+        See :meth:`results` for the parameters, and ``valid`` of the attribute :attr:`finished`. With ``each``,
+        :attr:`offered` has the clock cycle in which each event was offered first, else that of the first one.
         """
         config = self.config
         self.write_tables(settings)
         plans = [len(getattr(settings, name)) for name in PLANS]
         turns = config.ascent_rule.evaluations << config.geometry.turn_bits
         most = 2 * len(t) + 1
+        events = [(t[k : k + 1], x[k : k + 1], y[k : k + 1]) for k in range(len(t))] if each else [(t, x, y)]
         stalls = np.resize([0] if stalls is None else stalls, most)
         limit = self._patience(gaps, stalls) + len(t)
         limit += most * (sum(plans) * (turns * config.buffer_events + 200) + config.buffer_events + 1000)
         rows, trace, _, self.offered = self._drive(
-            [(t, x, y)], [settings_values(config, settings)], gaps, stalls, most * max(plans), limit
-        )
+            events, [settings_values(config, settings)] * len(events), gaps, stalls, most * max(plans), limit,
+            open_end=each,
+        )  # fmt: skip
         self.finished, steps = [row["valid"] for row in rows], {0: trace}
         return [self._result([row], steps) for row in rows]
 
