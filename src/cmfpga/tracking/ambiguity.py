@@ -30,7 +30,7 @@ ALIKE = 0.1
 
 #: Where each block of the ROI takes a velocity of its own, out of nine this far apart, the contrast grows by so much in
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
-TWO_MOTIONS, STEP_PX, BLOCKS = 0.42, 1.0, 8
+TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
 
 #: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all.
 SHARP = 0.045
