@@ -1,4 +1,4 @@
-"""Studies: the article's ascent, the objective's own peak, other edges, schedules, word widths, confidence and bias."""
+"""Studies: plain ascent, the objective's own peak, other edges, schedules, widths, confidence, bias, ambiguity."""
 
 import numpy as np
 
@@ -6,6 +6,7 @@ from cmfpga.config import preset
 from cmfpga.config.schedule import MEASURED
 from cmfpga.errors import ConfigError
 
+from .ambiguous import study_ambiguous
 from .bias import study_bias
 from .judged import study_confidence
 from .real import real_cases
@@ -135,6 +136,7 @@ STUDIES = {
     "widths": _study_widths,
     "confidence": study_confidence,
     "bias": study_bias,
+    "ambiguous": study_ambiguous,
 }
 
 #: Those that use the real batches.

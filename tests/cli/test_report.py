@@ -105,7 +105,7 @@ def test_damaged_files(kept, tmp_path, command):
     assert "damaged" in command(report, tmp_path).error
     head = json.loads(str(data["head"]))
     for change, message in (
-        ({"version": 99}, "version 99: 3 is needed"),
+        ({"version": 99}, "version 99: 4 is needed"),
         ({"config": {"roi_width": -1}}, "roi_width = -1"),
     ):
         np.savez(path, **{**data, "head": np.array(json.dumps({**head, **change}))})

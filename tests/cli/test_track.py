@@ -133,7 +133,7 @@ def test_a_summary_as_json(follow, tmp_path):
         "batches_with_warnings": summary["batches_with_warnings"], "cycles": None,
         "files": [str(tmp_path / "track.csv"), str(tmp_path / "track.png")],
         "trusted_batches": None, "lost_batches": [], "short_batches": None,
-        "standard_deviation": {"vx_px_per_s": None, "vy_px_per_s": None},
+        "ambiguous_batches": None, "standard_deviation": {"vx_px_per_s": None, "vy_px_per_s": None},
         **{name: summary[name] for name in ("vx_px_per_s", "vy_px_per_s", "px_per_s", "median_px_per_half_batch")},
     }  # fmt: skip
     assert 2300 < summary["vx_px_per_s"] < 2900 and set(summary["px_per_s"]) == {"lowest", "median", "highest"}

@@ -18,7 +18,7 @@ from support.small_core import options
 
 HEADER = (
     "batch,t_ref_us,events,roi_events,roi_x,roi_y,vx,vy,vx_px_per_s,vy_px_per_s,vx_px_per_s_sd,vy_px_per_s_sd,"
-    "iterations,cycles,contrast,confidence,trusted,flags"
+    "iterations,cycles,contrast,confidence,trusted,flags,ambiguity"
 )
 
 

@@ -26,7 +26,7 @@ def batch(index, **changes):
         "batch": index, "t_ref_us": 10.5, "events": 100, "roi_events": 40, "roi_x": 3, "roi_y": 4, "vx": 1.0, "vy": 0.5,
         "vx_px_per_s": 10.0, "vy_px_per_s": 5.0, "vx_px_per_s_sd": None, "vy_px_per_s_sd": None,
         "iterations": 8, "cycles": 1000, "contrast": 2.0, "confidence": None,
-        "flags": "", "gain": 2.0, "true_vx": 1.0, "true_vy": 0.0, "error_px": 0.5,
+        "flags": "", "ambiguity": 0, "gain": 2.0, "true_vx": 1.0, "true_vy": 0.0, "error_px": 0.5,
     }  # fmt: skip
     values |= changes
     trusted = values["confidence"] is not None and not {"doubtful", "degenerate"} & {*values["flags"].split("|")}

@@ -115,14 +115,14 @@ def test_an_empty_window_keeps_the_roi_waiting_for_events():
     assert [batch.result.roi for batch in batches] == [(4, 5), *[(6, 6)] * 5, *[(8, 7)] * 3]
     assert [settings.roi for _, settings in engine.asked] == [(4, 5), None]
     assert batches[1].row()[:6] == ("1", "", "0", "0", "6", "6")
-    assert batches[1].row()[8:] == ("", "", "", "", "0", "", "0.000000", "", "0", "degenerate")
+    assert batches[1].row()[8:] == ("", "", "", "", "0", "", "0.000000", "", "0", "degenerate", "0")
 
 
 def test_a_batch_that_was_cut_short_says_so():
     batches = tracked(Recorder(flags=Flag.SATURATED), duration_us=500, max_events=30)
     assert [batch.flags for batch in batches] == [Flag.SATURATED | Flag.CUT, Flag.SATURATED, Flag.SATURATED | Flag.CUT]
     assert [len(batch.events) for batch in batches] == [30, 20, 30]
-    assert batches[0].row()[-1] == "cut|saturated"
+    assert batches[0].row()[-2] == "cut|saturated"
 
 
 class List(list):
@@ -172,7 +172,7 @@ def test_a_row():
         "batch": "0", "t_ref_us": "1100.0", "events": "101", "roi_events": "3", "roi_x": "4", "roi_y": "5",
         "vx": "1.5", "vy": "-0.25", "vx_px_per_s": "15000.000", "vy_px_per_s": "-2500.000",
         "vx_px_per_s_sd": "", "vy_px_per_s_sd": "", "iterations": "5", "trusted": "0",
-        "cycles": "4711", "contrast": f"{expected:.6f}", "confidence": "", "flags": "",
+        "cycles": "4711", "contrast": f"{expected:.6f}", "confidence": "", "flags": "", "ambiguity": "0",
     }  # fmt: skip
 
 
@@ -205,7 +205,7 @@ def test_half_a_microsecond_of_a_unix_time_is_kept():
 def test_rows_are_plain_csv():
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(batch.row() for batch in tracked(Recorder(), events=30))
-    assert '"' not in text.getvalue() and text.getvalue().count(",") == 3 * 17
+    assert '"' not in text.getvalue() and text.getvalue().count(",") == 3 * 18
 
 
 # ---------------------------------------------------------------- with an engine

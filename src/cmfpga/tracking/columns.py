@@ -146,6 +146,8 @@ COLUMNS = declared(
            doc="1: to be trusted; 0 also where that was not measured"),
     Column(name="flags", dtype=str, title="flags", value=lambda b: b.flags.text,
            doc="names of the flags that are set, joined by `|`; empty where nothing was unusual"),
+    Column(name="ambiguity", dtype=int, title="what is open", value=lambda b: int(b.ambiguity),
+           doc="sum of 1: few time stamps, 2: stripes, 4: edges of one direction, 8: two motions; then not trusted"),
 )  # fmt: skip
 
 

@@ -21,7 +21,7 @@ from .columns import columns
 FILE = "track.npz"
 
 #: Of the file's layout; another one is refused.
-VERSION = 3
+VERSION = 4
 
 #: Compressed bytes of details. Base64 makes them 4/3 as many, and plotly.js has 4.8 MB: the page stays below 10 MB.
 BUDGET = 3_500_000

@@ -19,6 +19,7 @@ from ..protocol.regions import Region
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings
 from ..reference.integer.noise_filter import NoiseFilter
+from .ambiguity import ambiguity
 from .columns import columns, csv_writer, row
 from .course import Course
 from .fit import FittedCutter
@@ -176,10 +177,15 @@ class TrackedBatch(Measured):
         """That of v, px²: (xx, yy, xy), as :func:`cmfpga.protocol.confidence.covariance` gives it, or None."""
         return covariance(self.config, self.result)
 
+    @functools.cached_property
+    def ambiguity(self):
+        """What the events leave open, an :class:`~cmfpga.tracking.ambiguity.Ambiguity`."""
+        return ambiguity(self.config, self.seen, self.result, **self.which)
+
     @property
     def trusted(self):
         """Whether v is to be trusted; False where that was not measured."""
-        return is_trustworthy(self.config, self.result)
+        return is_trustworthy(self.config, self.result) and not self.ambiguity
 
     @functools.cached_property
     def deviations(self):

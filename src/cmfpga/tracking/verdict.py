@@ -9,6 +9,7 @@ import numpy as np
 from ..imaging.camera import RATES
 from ..protocol.confidence import OVERESTIMATED, SHORT_PX
 from ..protocol.flags import Flag
+from .ambiguity import WORDS, Ambiguity
 from .columns import DEVIATIONS, columns
 from .fit import LOST_BATCHES
 
@@ -31,8 +32,8 @@ _RUNS = 3  # that are told one by one
 def judged_columns(motion, slides):
     """Names of the columns that a verdict needs, beside the flags."""
     spreads = (f"{name}_sd" for name in DEVIATIONS[motion])
-    names = ("confidence", "trusted", "vx_px_per_s", "vy_px_per_s", "vx", "vy", "t_ref_us", *spreads, *RATES[motion])
-    return (*names, "window_us") if slides else names
+    names = ("confidence", "trusted", "ambiguity", "vx_px_per_s", "vy_px_per_s", "vx", "vy", "t_ref_us")
+    return (*names, *spreads, *RATES[motion], *["window_us"] * slides)
 
 
 class Verdict:
@@ -58,6 +59,8 @@ class Verdict:
         (vx, vy) in px/s.
     px : float or None
         |v|, px per half batch, in the median.
+    ambiguous : dict
+        ``{Ambiguity: number of batches}`` whose events leave that open.
     short : bool [batches]
         Which were judged and move so little that v is found too large.
     spreads : dict
@@ -66,8 +69,8 @@ class Verdict:
         The motion of these batches in physical units beside it, ``{name: float64 [used]}`` of
         :func:`cmfpga.imaging.camera.rates`; NaN where there is none.
     lost : list of (int, int)
-        First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, none of them to be
-        trusted; of windows that overlap, of so many of their lengths. Empty where the confidence was not measured.
+        First and last batch of each stretch of :data:`~cmfpga.tracking.fit.LOST_BATCHES` or more, all of them
+        doubtful; of windows that overlap, of so many of their lengths. Empty where the confidence was not measured.
     """
 
     def __init__(self, numbers, flags, motion="translation", stays=1, slides=False):
@@ -75,6 +78,10 @@ class Verdict:
         self.judged = ~np.isnan(numbers("confidence"))
         measured = ~np.isnan(numbers("vx_px_per_s"))
         self.trusted = numbers("trusted") > 0
+        found = numbers("ambiguity").astype(np.int64)
+        self.ambiguous = {one: int(np.count_nonzero(found & one)) for one in Ambiguity}
+        # These were not lost: no batch started cold because of them.
+        self._held = self.trusted | [bool(k) and Flag.DOUBTFUL not in one for k, one in zip(found, flags, strict=True)]
         size = np.hypot(numbers("vx"), numbers("vy"))
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
@@ -111,8 +118,8 @@ class Verdict:
         return f"{value:{form}}" if math.isnan(spread) else f"{value:{form}} ± {spread:.2g}"
 
     def _lost(self):
-        runs = itertools.groupby(range(len(self.trusted)), key=lambda k: bool(self.trusted[k]))
-        found = [[*run] for trusted, run in runs if not trusted]
+        runs = itertools.groupby(range(len(self._held)), key=lambda k: bool(self._held[k]))
+        found = [[*run] for held, run in runs if not held]
         return [(run[0], run[-1]) for run in found if len(run) >= LOST_BATCHES and self._is_long(run)]
 
     def _is_long(self, run):
@@ -134,7 +141,8 @@ class Verdict:
         """How many batches are to be trusted, in words; empty where that was not measured."""
         if not self.judged.any():
             return ""
-        return f"{self.trusted.sum()} of {len(self.trusted)} {self.many} are to be trusted"
+        left = ", ".join(f"{count} {WORDS[one]}" for one, count in self.ambiguous.items() if count)
+        return f"{self.trusted.sum()} of {len(self.trusted)} {self.many} are to be trusted" + f" ({left})" * bool(left)
 
     @property
     def velocity(self):
@@ -236,6 +244,9 @@ class Verdict:
             "trusted_batches": int(self.trusted.sum()) if self.judged.any() else None,
             "lost_batches": [list(run) for run in self.lost],
             "short_batches": int(self.short.sum()) if self.judged.any() else None,
+            "ambiguous_batches": {one.name.lower(): count for one, count in self.ambiguous.items()}
+            if self.judged.any()
+            else None,
             "median_px_per_half_batch": self.px,
             "vx_px_per_s": vx,
             "vy_px_per_s": vy,

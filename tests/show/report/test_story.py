@@ -117,10 +117,11 @@ def test_of_a_synthetic_track(turning):
     assert 40 < int(found[1]) < 56 and 28 < int(found[2]) < 45
     assert " px up and to the right within 0.48 s, at about 1" in story.lead
     assert "keep up" in story.lead and "not keep up" not in story.lead
-    assert story.notes[0] == f"{len(turning.rows)} of {len(turning.rows)} batches are to be trusted."
+    count = len(turning.rows)  # of which one has the turn in it
+    assert story.notes[0] == f"{count - 1} of {count} batches are to be trusted (1 two motions)."
     assert story.notes[1].startswith("Velocity 1") and " px/s in the median, " in story.notes[1]
     assert story.notes[2].endswith("the velocities fit.") and "px/s off in the median" in story.notes[3]
-    assert story.notes[4] == f"None of the {len(turning.rows)} batches has a warning: nothing unusual happened."
+    assert story.notes[4] == f"None of the {count} batches has a warning: nothing unusual happened."
 
 
 def test_cycles_by_the_formula(turning):

@@ -1,0 +1,173 @@
+"""What a window's events leave open although the contrast has a sharp peak: looked for after it was measured.
+
+Each of :data:`PARTS` stretches of the window's time has an image. Its spectrum, times a phase, is that of the image
+moved, so one transform serves all velocities that are asked for. Figures: ``studies/accuracy/ambiguous.py``.
+"""
+
+import enum
+import functools
+from math import hypot
+
+import numpy as np
+
+from ..imaging.iwe import scaled_roi_events
+from ..protocol.confidence import FLOOR, confidence, covariance, is_judged, is_sure
+
+PARTS = 12
+
+#: Fewer time stamps say no velocity; of so many, times in a window are told apart.
+FEWEST_STAMPS, STAMPS = 5.5, 64
+
+#: Structure across the main direction of the edges, as a share of that along it. Below the first there is an aperture
+#: problem; below the second where an event also says less than so much about v, 1/px².
+ONE_DIRECTION, NEARLY, LITTLE = 0.08, 0.15, 0.03
+
+#: Autocorrelation of the image at another place: the image repeats; edges of one direction do so below that.
+REPEATS, REPEATS_ALONG = 0.7, 0.4
+
+#: Correlation of the images of every other event, and of the others: of less, the image is no edge's.
+ALIKE = 0.1
+
+#: Where each block of the ROI takes a velocity of its own, out of nine this far apart, the contrast grows by so much in
+#: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
+TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
+
+#: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all.
+SHARP = 0.045
+
+#: Structure of this wavelength and longer is left out, px; places nearer than this are the same edge's, px.
+_LONGEST, _NEAR = 25.6, 3
+_BLUR = 1.2  # rad/px
+
+
+class Ambiguity(enum.IntFlag):
+    """What is open about a window; 0: nothing."""
+
+    FEW_STAMPS = 1
+    STRIPES = 2
+    ONE_DIRECTION = 4
+    TWO_MOTIONS = 8
+
+
+#: In words.
+WORDS = {
+    Ambiguity.FEW_STAMPS: "few time stamps",
+    Ambiguity.STRIPES: "stripes: may repeat",
+    Ambiguity.ONE_DIRECTION: "one direction only",
+    Ambiguity.TWO_MOTIONS: "two motions",
+}
+
+
+def ambiguity(config, events, result, **which):
+    """The :class:`Ambiguity` of a window. A doubtful one is asked for time stamps and directions alone.
+
+    Parameters
+    ----------
+    config : Config
+    events : Events
+        Where ROI and v have them.
+    result : BatchResult
+    which
+        As of :func:`~cmfpga.imaging.iwe.scaled_roi_events`.
+    """
+    found, size = Ambiguity(0), (config.roi_height, config.roi_width)
+    if not is_judged(result) or min(size) < 2 * BLOCKS:
+        return found
+    x, y, dt = scaled_roi_events(config, events, result.roi, **which)
+    times = np.bincount(np.rint((dt + 1) * (STAMPS / 2)).astype(np.int64))
+    if len(dt) ** 2 < FEWEST_STAMPS * (times**2).sum():
+        return Ambiguity.FEW_STAMPS
+    if config.motion != "translation":
+        return found
+    halves = [_spectra(x[k::2], y[k::2], dt[k::2], size) for k in (0, 1)]
+    moved = np.stack([_moved(half, result.v, size) for half in halves])
+    parts, middle = sum(halves), moved[:, 4].sum(0)
+    brief = parts[PARTS // 2 - 2 : PARTS // 2 + 2].sum(0)
+    across = min(_across(one, size) for one in (middle, parts.sum(0), brief))
+    an_event = confidence(config, result) / result.roi_events
+    if across < ONE_DIRECTION or (across < NEARLY and an_event < LITTLE):
+        found |= Ambiguity.ONE_DIRECTION
+    if not is_sure(result):
+        return found
+    images = np.fft.irfft2(moved, [2 * (side // 4) for side in size])
+    alike = (images[0, 4] * images[1, 4]).sum() / max((images[:, 4] ** 2).sum() / 2, 1e-12)
+    if alike < ALIKE or _repeats(middle, size) > (REPEATS_ALONG if found else REPEATS):
+        return found | Ambiguity.STRIPES
+    if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * an_event:
+        found |= Ambiguity.TWO_MOTIONS
+    return found
+
+
+@functools.lru_cache(maxsize=8)
+def _kept(size):
+    """Which rows and columns of a spectrum are kept, half of all; their frequencies, rad/px; the weights."""
+    rows, columns = np.r_[: size[0] // 4, size[0] - size[0] // 4 : size[0]], size[1] // 4 + 1
+    down, right = 2 * np.pi * np.fft.fftfreq(size[0])[rows, None], 2 * np.pi * np.fft.rfftfreq(size[1])[:columns]
+    radius = np.hypot(down, right)
+    return rows, columns, down, right, (radius > 2 * np.pi / _LONGEST) * np.exp(-0.5 * (radius / _BLUR) ** 2)
+
+
+def _spectra(x, y, dt, size):
+    """Spectra of the images of each part of the time: complex [PARTS, rows, columns]."""
+    (height, width), (rows, columns, _, _, weights) = size, _kept(size)
+    part = np.minimum(((dt + 1) * (PARTS / 2)).astype(np.int64), PARTS - 1)
+    x, y = (np.clip(np.rint(at).astype(np.int64), 0, most - 1) for at, most in ((x, width), (y, height)))
+    images = np.bincount((part * height + y) * width + x, minlength=PARTS * height * width)
+    return np.fft.rfft2(images.reshape(PARTS, height, width))[:, rows, :columns] * weights
+
+
+def _moved(parts, v, size):
+    """Spectra of the images of warped events at v, number 4, and a step beside it on all sides: [9, rows, columns]."""
+    _, _, down, right, _ = _kept(size)
+    times, steps = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1, np.array([-STEP_PX, 0, STEP_PX])
+    phases = (
+        np.exp(1j * np.multiply.outer(np.multiply.outer(v[k] + steps, times), f))
+        for k, f in ((0, right), (1, down[:, 0]))
+    )
+    across, along = phases
+    return np.concatenate([np.einsum("bkl,gbl->gkl", parts * one[..., None], across) for one in along])
+
+
+def _across(spectrum, size):
+    """The smaller eigenvalue of the structure tensor as a share of the larger one."""
+    _, _, down, right, _ = _kept(size)
+    power = np.abs(spectrum) ** 2
+    power[:, 0] /= 2  # the others stand for two each
+    xx, yy, xy = (power * right * right).sum(), (power * down * down).sum(), (power * down * right).sum()
+    middle, spread = (xx + yy) / 2, hypot((xx - yy) / 2, xy)
+    return (middle - spread) / (middle + spread) if middle else 1.0
+
+
+def _repeats(spectrum, size):
+    """The highest peak of the autocorrelation away from the middle."""
+    rows, columns = (2 * (side // 4) for side in size)
+    same = np.fft.fftshift(np.fft.irfft2(np.abs(spectrum) ** 2, (rows, columns)))
+    inner, place = same[1:-1, 1:-1], np.indices((rows, columns))[:, 1:-1, 1:-1]
+    far = 2 * np.hypot(place[0] - rows // 2, place[1] - columns // 2) >= _NEAR
+    shifts = [(j, i) for j in range(3) for i in range(3) if (j, i) != (1, 1)]
+    peak = np.all([inner >= same[j : rows - 2 + j, i : columns - 2 + i] for j, i in shifts], axis=0)
+    return inner[far & peak].max(initial=0) / max(same.max(), 1e-12)
+
+
+def _best(config, result):
+    """What an event says about v along the direction that is known best, 1/px²."""
+    if (found := covariance(config, result)) is None:
+        return 0.0
+    xx, yy, xy = found
+    least = (xx + yy) / 2 - hypot((xx - yy) / 2, xy) - FLOOR**2
+    return 1 / (max(least, 1e-9) * result.roi_events)
+
+
+def _by_blocks(images):
+    """By which share the contrast grows where each block takes the best of the velocities.
+
+    Of products of the two halves' images, [2, 9, rows, columns], in which noise cancels; the least of four tilings, for
+    edges between two blocks move from one to the other.
+    """
+    rows, columns = (side // BLOCKS for side in images.shape[2:])
+    both, grown = images[0] * images[1], []
+    for shift in ((0, 0), (rows // 2, 0), (0, columns // 2), (rows // 2, columns // 2)):
+        tiles = np.roll(both, shift, (1, 2))[:, : rows * BLOCKS, : columns * BLOCKS]
+        tiles = tiles.reshape(len(both), BLOCKS, rows, BLOCKS, columns).sum((2, 4))
+        grown.append((tiles.max(0) - tiles[4]).sum() / max(tiles[4].sum(), 1e-12))
+    return min(grown)

@@ -1,0 +1,73 @@
+"""What a window's events leave open: told, not trusted, and not told of single motions."""
+
+from contextlib import closing
+
+import numpy as np
+import pytest
+
+import cmfpga
+from cmfpga.config import preset
+from cmfpga.engines import make_engine
+from cmfpga.events import Events, generate
+from cmfpga.protocol.flags import Flag
+from cmfpga.tracking.ambiguity import Ambiguity
+from cmfpga.tracking.columns import columns
+from cmfpga.tracking.fit import LOST_BATCHES
+from cmfpga.tracking.verdict import Verdict
+from studies.accuracy import ambiguous
+
+COUNT = 24
+
+
+@pytest.fixture(scope="module")
+def found():
+    config = preset("fast").replace(buffer_events=8191)
+    with closing(make_engine("model", config)) as engine:
+        scenes = ambiguous.SCENES.items()
+        return {name: ambiguous.counts(ambiguous.judged(engine, scene, COUNT)) for name, scene in scenes}
+
+
+def total(found, words, what):
+    return sum(one[what] for name, one in found.items() if words in name)
+
+
+@pytest.mark.parametrize("words, least, most", [("gratings", 0.05, 0.02), ("two", 0.1, 0.05)])
+def test_what_is_wrong_is_not_trusted(found, words, least, most):
+    whole = total(found, words, "batches")
+    assert total(found, words, "wrong_before") > least * whole
+    assert total(found, words, "wrong") <= most * whole
+
+
+def test_what_is_open_has_its_name(found):
+    for words, name in (("gratings", "stripes"), ("gratings", "one_direction"), ("two", "two_motions")):
+        assert total(found, words, name) > 0.3 * total(found, words, "trusted_before")
+    assert found["straight edges"]["wrong"] == 0
+
+
+def test_single_motions_stay_trusted(found):
+    one = found["single motion"]
+    assert one["wrong_before"] == 0 and one["trusted"] > 0.9 * one["trusted_before"] > 0.8 * COUNT
+
+
+@pytest.mark.parametrize("step, told", [(1000, 0), (15_000, Ambiguity.FEW_STAMPS)])
+def test_few_time_stamps(step, told):
+    scene = generate(seed=3, velocity=(120.0, -40.0), duration_us=150_000)
+    at = scene.events
+    events = Events(at.t // step * step, at.x, at.y, at.p)
+    where = {"roi": scene.roi_start(64, 64), "sensor": (240, 180)}
+    tracking = cmfpga.track(events, preset="fast", engine="model", batch_us=45_000, **where)
+    assert tracking.ambiguity.tolist() == [told] * len(tracking) and len(tracking) >= 2
+    assert tracking.trusted.any() == (not told) and len(tracking.verdict.speeds) == tracking.trusted.sum()
+
+
+def test_the_verdict_says_it():
+    left = np.array([0, 8, 8, 8, 2, 0]).astype(float)
+    values = {name: np.ones(6) for name in columns("translation")}
+    values |= {"confidence": np.full(6, 99.0), "trusted": (left == 0).astype(float), "ambiguity": left}
+    verdict = Verdict(values.get, [Flag(0)] * 6)
+    assert verdict.share == "2 of 6 batches are to be trusted (1 stripes: may repeat, 3 two motions)"
+    assert str(verdict).startswith("2 of 6 batches are to be trusted (1 stripes: may repeat, 3 two motions). Velocity ")
+    told = verdict.summary()
+    assert told["trusted_batches"] == 2
+    assert told["ambiguous_batches"] == {"few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 3}
+    assert verdict.lost == [] and len(left) - 2 > LOST_BATCHES, "sure of a sharp peak: no batch started cold"
