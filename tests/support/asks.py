@@ -65,8 +65,9 @@ FIXTURES = {
     "process": "process",
     "long_tools": "long tools",
 }
-#: One of each kind that ``make test`` runs nevertheless. None of the solver's and of Yosys's estimates: what they start
-#: is translated for a minute where it was never used before.
+#: Of these none is quick: what they start is translated for a minute where it was never used before.
+SLOW_TO_START = {"solver", "Yosys"}
+#: One of each other kind, which ``make test`` runs nevertheless.
 SMOKE = {
     "boards/test_bit2bin.py::test_fields_as_json",
     "studies/bench/test_programs.py::test_few_events[gather-5]",

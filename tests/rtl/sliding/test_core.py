@@ -81,3 +81,14 @@ def test_hops_equal_the_model(name, cores, rng):
         degenerate += sum(Flag.DEGENERATE in one.flags for one in wanted)
         assert len(wanted) > 20 and any(one.late for one in wanted) == bool(given.follow)
     assert degenerate > 2
+
+
+def test_an_undistorted_event_on_the_sensors_last_column(cores, rng):
+    """Where the sensor's side is a power of two, half a pixel and the dither take it behind the last place."""
+    config = CASES["all that may stand in front"].replace(sensor_width=16, background=0, hot_pixels=0)
+    t, _, y = drawn(rng, 700)
+    x = np.where(rng.random(len(t)) < 0.5, 15, rng.integers(0, 16, len(t)))
+    given = BatchSettings.from_config(config, roi=(0, 5))
+    wanted = list(Sliding(config, given).run(t, x, y))
+    assert len(wanted) > 20
+    compare(wanted, played(cores(config), given, (t, x, y), rng, waits=False))

@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...config.dither import DITHER_BITS, FACTORS
-from ...fixed import Q
+from ...fixed import Q, bits_for
 from .. import payloads
 from ..arithmetic import delay
 from .ring import ring_event
@@ -17,13 +17,22 @@ def placed_event(config):
     It lies outside of the image where the object came from, or goes to. Where the hardware undistorts, it has still
     half a pixel more than it is, as of :func:`payloads.dithered_event`.
     """
-    frac = config.formats.dithered_frac
-    places = {axis: payloads.Fixed(Q(bits, frac)) for axis, bits in _whole_bits(config).items()}
+    frac, bits = config.formats.dithered_frac, _whole_bits(config)
+    if config.formats.event_frac and config.dither_frac:
+        # With that half, and the dither's, an event of the sensor's last pixel may reach the one behind it.
+        sides = {"x": config.sensor_width, "y": config.sensor_height}
+        bits = {axis: max(own, bits_for(sides[axis])) if _is_all(config, axis) else own for axis, own in bits.items()}
+    places = {axis: payloads.Fixed(Q(own, frac)) for axis, own in bits.items()}
     return payloads.layout(t=signed(config.span_bits + 1), **places, last=1)
 
 
+def _is_all(config, axis):
+    """Whether the ring keeps all bits of a place; else the lowest, which tell a difference of less than half."""
+    return _whole_bits(config)[axis] == getattr(config.geometry, f"{axis}_bits")
+
+
 def _whole_bits(config):
-    """Integer bits of a difference of two places, by axis; a dither makes it no wider."""
+    """Integer bits of a difference of two places, by axis."""
     event = ring_event(config)
     return {axis: event[axis].width - config.formats.event_frac for axis in "xy"}
 
@@ -74,10 +83,8 @@ class Placer(wiring.Component):
         for axis, factor in zip("xy", FACTORS, strict=True):
             bits = _whole_bits(config)[axis] + frac
             difference = event[axis] - Cat(Const(0, frac), self.corner[axis])
-            # Lowest bits alone are a difference of less than half of what they count to; all bits are the difference.
-            whole = bits - frac == getattr(config.geometry, f"{axis}_bits")
             at_s1 = Signal(signed(bits + 1), name=f"{axis}_s1", reset_less=True)
-            m.d.sync += at_s1.eq(difference if whole else difference[:bits].as_signed())
+            m.d.sync += at_s1.eq(difference if _is_all(config, axis) else difference[:bits].as_signed())
             place = at_s1 << (wide - frac)
             if dithered:
                 phase = Signal(DITHER_BITS, name=f"phase_{axis}_s1")
