@@ -31,8 +31,8 @@ CONTRAST = (0.7, 4.0)
 PERIOD, ANGLE = (5.0, 20.0), math.radians(70)  # of gratings, px
 LATE_US = (200.0, 1500.0)  # standard deviation of time errors
 HEADS = (
-    "scene", "batches", "trusted before, %", "trusted and wrong before, %", "trusted, %", "trusted and wrong, %",
-    "right ones that stay trusted, %", "told",
+    "scene", "batches", "trusted before, %", "trusted and wrong before, %", "trusted, nothing told, %",
+    "of all, wrong, %", "right ones of which nothing is told, %", "told",
 )  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def judged(engine, scene, count, seed=1):
 def counts(values):
     """The values as numbers of batches."""
     before, wrong, left = values[:, 0] > 0, values[:, 1] > WRONG, values[:, 2].astype(int)
-    trusted = before & (left == 0)
+    trusted = before & (left == 0)  # and nothing is told, two motions neither
     return {
         "batches": len(values),
         "trusted_before": int(before.sum()),
@@ -177,7 +177,7 @@ def study_ambiguous(config, engine, cases, real, report, *, count, seeds, **_):
         for name, scene in SCENES.items():
             values = np.concatenate([judged(opened, scene, count, seed) for seed in seeds])
             rows.append(_row(name, report.keep(f"ambiguous, {name}", values, counts(values))))
-    report.table("What is trusted before and after it was asked what is open, px per half batch", HEADS, rows)
+    report.table("What is trusted, and of what nothing is told when asked what is open, px per half batch", HEADS, rows)
 
 
 def _row(name, found):

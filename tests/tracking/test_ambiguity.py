@@ -12,7 +12,6 @@ from cmfpga.events import Events, generate
 from cmfpga.protocol.flags import Flag
 from cmfpga.tracking.ambiguity import Ambiguity
 from cmfpga.tracking.columns import columns
-from cmfpga.tracking.fit import LOST_BATCHES
 from cmfpga.tracking.verdict import Verdict
 from studies.accuracy import ambiguous
 
@@ -63,11 +62,14 @@ def test_few_time_stamps(step, told):
 def test_the_verdict_says_it():
     left = np.array([0, 8, 8, 8, 2, 0]).astype(float)
     values = {name: np.ones(6) for name in columns("translation")}
-    values |= {"confidence": np.full(6, 99.0), "trusted": (left == 0).astype(float), "ambiguity": left}
+    values |= {"confidence": np.full(6, 99.0), "trusted": (left != 2).astype(float), "ambiguity": left}
     verdict = Verdict(values.get, [Flag(0)] * 6)
-    assert verdict.share == "2 of 6 batches are to be trusted (1 stripes: may repeat, 3 two motions)"
-    assert str(verdict).startswith("2 of 6 batches are to be trusted (1 stripes: may repeat, 3 two motions). Velocity ")
+    assert verdict.share == "5 of 6 batches are to be trusted (1 stripes: may repeat)"
+    assert str(verdict).startswith("5 of 6 batches are to be trusted (1 stripes: may repeat). Velocity ")
+    assert any(text.startswith("3 of 6 batches look as if two motions") for text in verdict.notes(fitted=True))
     told = verdict.summary()
-    assert told["trusted_batches"] == 2
+    assert told["trusted_batches"] == 5
     assert told["ambiguous_batches"] == {"few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 3}
-    assert verdict.lost == [] and len(left) - 2 > LOST_BATCHES, "sure of a sharp peak: no batch started cold"
+    values |= {"trusted": np.zeros(6), "ambiguity": np.full(6, 2.0)}
+    assert Verdict(values.get, [Flag(0)] * 6).lost == [], "sure of a sharp peak: no batch started cold"
+    assert Verdict(values.get, [Flag.DOUBTFUL] * 6).lost

@@ -49,6 +49,10 @@ class Ambiguity(enum.IntFlag):
     TWO_MOTIONS = 8
 
 
+#: With these a window is not trusted. Two motions are only told: they are found in many windows of one motion, too,
+#: where its texture is dense (docs/is-it-right.md).
+UNTRUSTED = Ambiguity.FEW_STAMPS | Ambiguity.STRIPES | Ambiguity.ONE_DIRECTION
+
 #: In words.
 WORDS = {
     Ambiguity.FEW_STAMPS: "few time stamps",

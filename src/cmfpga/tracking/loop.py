@@ -19,7 +19,7 @@ from ..protocol.regions import Region
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings
 from ..reference.integer.noise_filter import NoiseFilter
-from .ambiguity import ambiguity
+from .ambiguity import UNTRUSTED, ambiguity
 from .columns import columns, csv_writer, row
 from .course import Course
 from .fit import FittedCutter
@@ -185,7 +185,7 @@ class TrackedBatch(Measured):
     @property
     def trusted(self):
         """Whether v is to be trusted; False where that was not measured."""
-        return is_trustworthy(self.config, self.result) and not self.ambiguity
+        return is_trustworthy(self.config, self.result) and not self.ambiguity & UNTRUSTED
 
     @functools.cached_property
     def deviations(self):

@@ -9,7 +9,7 @@ import numpy as np
 from ..imaging.camera import RATES
 from ..protocol.confidence import OVERESTIMATED, SHORT_PX
 from ..protocol.flags import Flag
-from .ambiguity import WORDS, Ambiguity
+from .ambiguity import UNTRUSTED, WORDS, Ambiguity
 from .columns import DEVIATIONS, columns
 from .fit import LOST_BATCHES
 
@@ -81,7 +81,8 @@ class Verdict:
         found = numbers("ambiguity").astype(np.int64)
         self.ambiguous = {one: int(np.count_nonzero(found & one)) for one in Ambiguity}
         # These were not lost: no batch started cold because of them.
-        self._held = self.trusted | [bool(k) and Flag.DOUBTFUL not in one for k, one in zip(found, flags, strict=True)]
+        sharp = np.array([Flag.DOUBTFUL not in one for one in flags], bool)
+        self._held = self.trusted | (((found & UNTRUSTED) > 0) & sharp)
         size = np.hypot(numbers("vx"), numbers("vy"))
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
@@ -141,7 +142,8 @@ class Verdict:
         """How many batches are to be trusted, in words; empty where that was not measured."""
         if not self.judged.any():
             return ""
-        left = ", ".join(f"{count} {WORDS[one]}" for one, count in self.ambiguous.items() if count)
+        open_ = {one: count for one, count in self.ambiguous.items() if count and one in UNTRUSTED}
+        left = ", ".join(f"{count} {WORDS[one]}" for one, count in open_.items())
         return f"{self.trusted.sum()} of {len(self.trusted)} {self.many} are to be trusted" + f" ({left})" * bool(left)
 
     @property
@@ -227,6 +229,11 @@ class Verdict:
             return found
         if self.short.any():
             found.append(self._short_text)
+        if doubled := self.ambiguous[Ambiguity.TWO_MOTIONS]:
+            found.append(
+                f"{doubled} of {len(self.trusted)} {self.many} look as if two motions were in the ROI, or a turn or "
+                "dense texture: v may be neither's"
+            )
         if self.px is not None and self.px < STILL_PX:
             found.append(
                 f"what moves by less than {STILL_PX:g} px stands still, or it is hot pixels that are seen to stand "

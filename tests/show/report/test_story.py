@@ -117,11 +117,12 @@ def test_of_a_synthetic_track(turning):
     assert 40 < int(found[1]) < 56 and 28 < int(found[2]) < 45
     assert " px up and to the right within 0.48 s, at about 1" in story.lead
     assert "keep up" in story.lead and "not keep up" not in story.lead
-    count = len(turning.rows)  # of which one has the turn in it
-    assert story.notes[0] == f"{count - 1} of {count} batches are to be trusted (1 two motions)."
+    count = len(turning.rows)
+    assert story.notes[0] == f"{count} of {count} batches are to be trusted."
     assert story.notes[1].startswith("Velocity 1") and " px/s in the median, " in story.notes[1]
-    assert story.notes[2].endswith("the velocities fit.") and "px/s off in the median" in story.notes[3]
-    assert story.notes[4] == f"None of the {count} batches has a warning: nothing unusual happened."
+    assert story.notes[2].startswith(f"1 of {count} batches look as if two motions"), "the turn"
+    assert story.notes[3].endswith("the velocities fit.") and "px/s off in the median" in story.notes[4]
+    assert story.notes[5] == f"None of the {count} batches has a warning: nothing unusual happened."
 
 
 def test_cycles_by_the_formula(turning):
@@ -145,7 +146,7 @@ def test_velocities_that_do_not_fit(turning):
     wrong.__dict__.update(turning.__dict__)
     wrong.details = [dataclasses.replace(detail, v=-detail.v) for detail in turning.details]
     story = Story(wrong, 210.0)
-    assert "do not trust the velocities" in story.notes[2]
+    assert "do not trust the velocities" in story.notes[3]
     assert story.lead.startswith("Doubtful, see the remarks: the object in the orange frame moved")
 
 
