@@ -89,4 +89,4 @@ def test_one_test_of_each_kind_and_of_each_room_is_quick(request):
     quick = {name for name, why in found.items() if not why or name in asks.SMOKE}
     kinds = {kind for why in found.values() for kind in why}
     assert kinds - asks.SLOW_TO_START == {kind for name in quick for kind in found[name]}
-    assert rooms(found) == rooms(quick)
+    assert rooms(found) - {"formal"} == rooms(quick)  # which is the solver's alone
