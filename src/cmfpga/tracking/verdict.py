@@ -229,7 +229,8 @@ class Verdict:
             return found
         if self.short.any():
             found.append(self._short_text)
-        if doubled := self.ambiguous[Ambiguity.TWO_MOTIONS]:
+        # Some windows of one motion look like that, too.
+        if 2 * (doubled := self.ambiguous[Ambiguity.TWO_MOTIONS]) > len(self.trusted):
             found.append(
                 f"{doubled} of {len(self.trusted)} {self.many} look as if two motions were in the ROI, or a turn or "
                 "dense texture: v may be neither's"
