@@ -227,7 +227,7 @@ def test_a_scheduler_whose_worker_comes_late_and_then_the_scheduler_goes(recordi
 
 CRASH = """
 import os
-from cmfpga.sweep import workers
+from cmfpga.sweep import task
 
 def job(number):
     return os._exit(1) if number == 1 else {"status": "ok", "number": number}
@@ -249,7 +249,7 @@ def test_a_task_that_kills_its_worker_each_time(tmp_path):
 
 
 BESIDE = """
-from cmfpga.sweep import workers
+from cmfpga.sweep import task
 
 if __name__ == "__main__":
     with task.pool(1):
