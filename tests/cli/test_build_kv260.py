@@ -91,6 +91,7 @@ def test_lint(made):
     check_lint(made[0], KV260.top)
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_without_peakrdl(command, tmp_path, monkeypatch):
     monkeypatch.setattr("cmfpga.protocol.registers.documents.has_peakrdl", lambda: False)
     done = command(build, "--top", "kv260", *TINY_SETS, "--out", tmp_path)

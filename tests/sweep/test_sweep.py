@@ -282,6 +282,7 @@ def test_processors():
 # ---------------------------------------------------------------- resources
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_resources_once_per_hardware(recordings, tmp_path, monkeypatch):
     from cmfpga.fpga import resources
 

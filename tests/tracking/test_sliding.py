@@ -75,7 +75,7 @@ def test_rows_tell_the_events_of_their_windows(scene):
 
 
 def test_nothing_is_said_to_stay_where_the_roi_follows_every_v(scene):
-    lost = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=341.0, window_events=300)
+    lost = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=341.0, window_events=300, batches=120)
     (warning,) = [text for text in lost.verdict.warnings() if "lost" in text]
     assert "stayed" not in warning and "cold" not in warning, warning
 

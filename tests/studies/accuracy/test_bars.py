@@ -160,6 +160,7 @@ def test_the_objectives_peak_is_the_limit(synthetic):
     assert found["below_0.6_px"] >= peaks["below_0.6_px"] - 0.01
 
 
+@pytest.mark.usefixtures("long_tools")
 def test_rtl_finds_the_same(synthetic):
     def find(engine):
         return [run_case(engine, case, warm=warm).v for case in synthetic[:30] for warm in (False, True)]
