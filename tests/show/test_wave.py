@@ -22,7 +22,8 @@ CONFIGS = pytest.mark.parametrize("config", [PAPER, FAST], ids=["paper", "fast"]
 MODEL = ["--engine", "model", "--no-picture"]
 
 
-pytestmark = pytest.mark.usefixtures("compiler")
+# A core with further outputs is a design of its own, which no other test compiles.
+pytestmark = pytest.mark.usefixtures("compiler", "long_tools")
 
 
 class Vcd:
