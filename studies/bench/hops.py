@@ -66,7 +66,6 @@ def play(name, config, events, corner, clock):
         if Flag.DEGENERATE in result.flags:
             degenerate += 1
             continue
-        # Of a warm hop that did not follow, the round began when the hop had ended.
         kind = warm if result.iterations == len(settings.follow) else cold
         kind.append(int(cycle - offered[last] - 1))
     return Hops(name, len(t), int(held), warm, cold, degenerate)

@@ -21,7 +21,7 @@ def placed_event(config):
     if config.formats.event_frac and config.dither_frac:
         # With that half, and the dither's, an event of the sensor's last pixel may reach the one behind it.
         sides = {"x": config.sensor_width, "y": config.sensor_height}
-        bits = {axis: max(own, bits_for(sides[axis])) if _is_all(config, axis) else own for axis, own in bits.items()}
+        bits = {axis: bits_for(sides[axis]) if _is_all(config, axis) else own for axis, own in bits.items()}
     places = {axis: payloads.Fixed(Q(own, frac)) for axis, own in bits.items()}
     return payloads.layout(t=signed(config.span_bits + 1), **places, last=1)
 
