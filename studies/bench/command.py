@@ -15,7 +15,7 @@ from cmfpga.verilog.compiler import cannot_compile
 
 from .cases import WARM, make_cases
 from .cycles import measure
-from .opponents import make_programs
+from .opponents import Unavailable, make_programs
 from .programs import processor, time_foreign, time_programs
 from .table import ASCENTS, table
 
@@ -60,7 +60,7 @@ def main(arguments=None):
     if options.flow:
         return _flow(options, runs, seconds)
     if options.hops:
-        return _hops(options)
+        return _hops(options, runs, seconds)
     started = time.perf_counter()
     programs, missing = make_programs()
     if why := cannot_compile():
@@ -120,8 +120,9 @@ def _flow(options, runs, seconds):
     return 0
 
 
-def _hops(options):
+def _hops(options, runs, seconds):
     from . import hops
+    from .opponents.hop_program import HopProgram
 
     files = sorted(Path(options.data).glob("*.h5")) if options.data else []
     if not files:
@@ -129,13 +130,22 @@ def _hops(options):
     if why := cannot_compile():
         raise ConfigError(f"--hops counts cycles in the simulated Verilog: {why}")
     window, events = 800, 4000 if options.quick else 20_000
-    rows = [
-        hops.measure(file, window=window, clock=options.clock, events=events).row
-        for file in tqdm(files, unit="recording", disable=None, leave=False)
-    ]
-    print("\n".join(hops.text(rows, options.clock, window)))
+    rows, timed, missing, program = [], [], [], None
+    try:
+        program = HopProgram()
+    except Unavailable as reason:
+        missing.append(str(reason))
+    for file in tqdm(files, unit="recording", disable=None, leave=False):
+        rows.append(hops.measure(file, window=window, clock=options.clock, events=events).row)
+        if program:
+            timed += hops.programs(file, program, events=events, runs=runs, seconds=seconds)
+    lines = hops.text(rows, options.clock, window)
+    if timed:
+        lines += hops.text_of_programs(timed, options.clock, program.how, processor())
+    print("\n".join([*lines, *(f"not measured: {line}" for line in missing)]))
     if options.json is not None:
         report = {"version": __version__, "clock_mhz_assumed": options.clock, "window_events": window, "hops": rows}
+        report |= {"programs": timed, "processor": processor(), "missing": missing}
         write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         print(f"wrote {options.json}")
     return 0

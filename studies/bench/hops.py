@@ -1,4 +1,5 @@
-"""From the event that closes a hop to its result: every hop of recordings, at their own time stamps, in the Verilog."""
+"""From the event that closes a hop to its result: every hop of recordings, at their own time stamps, in the Verilog;
+and what a program takes for such a hop."""
 
 import contextlib
 from dataclasses import dataclass
@@ -8,12 +9,19 @@ import numpy as np
 
 from cmfpga.config import preset
 from cmfpga.events import open_recording
+from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.rtl.sliding.core import SlidingCore
 from cmfpga.verilog.simulation.core import VerilatedCore
+
+from .opponents import Job
+from .opponents.timing import side_by_side
 
 #: A longer pause, in clock cycles, changes nothing for warm hops: the round has caught up, and the one after has ended.
 LONGEST_PAUSE = 1500
+#: Lengths of a window that programs are timed for, events.
+WINDOWS = 400, 800, 2000
 
 
 @dataclass(frozen=True)
@@ -41,15 +49,43 @@ class Hops:
         }  # fmt: skip
 
 
-def measure(path, *, window, clock, events):
-    """:class:`Hops` of the first ``events`` of a file, the ROI at first where most of them are; ``clock`` in MHz."""
+def load(path, window, count):
+    """``(configuration, events, corner)`` of the first ``count`` events of a file, the ROI where most of them are."""
     with open_recording(path) as recording:
         width, height = recording.width, recording.height
-        found = next(recording.chunks(0, events))
+        found = next(recording.chunks(0, count))
     config = preset("sliding").replace(
         sensor_width=width, sensor_height=height, window_events=window, hop_events=window // 16, window_us=0, hop_us=0
     )
-    return play(Path(path).stem, config, found, _densest(found, config), clock)
+    return config, found, _densest(found, config)
+
+
+def measure(path, *, window, clock, events):
+    """:class:`Hops` of the first ``events`` of a file; ``clock`` in MHz."""
+    return play(Path(path).stem, *load(path, window, events), clock)
+
+
+def programs(path, program, *, events, **options):
+    """What a program takes for the last window of a file's first ``events``, a row for each of :data:`WINDOWS`.
+
+    Seconds, medians: ``round`` from the hop's end on, where nothing followed; ``follow`` for the whole window, event by
+    event; ``tail`` from the closing event on, where that was done before.
+    """
+    rows = []
+    for window in WINDOWS:
+        config, found, corner = load(path, window, events)
+        inside = found[events_in_roi(found, corner, config.roi_width, config.roi_height)[0]][-window:]
+        if len(inside) < window:
+            continue
+        job = Job(
+            events=inside, roi=corner, width=config.roi_width, height=config.roi_height, iterations=0, schedule=(),
+            dither=True,
+        )  # fmt: skip
+        with contextlib.closing(program.load(job)) as loaded:
+            times = side_by_side([loaded.round, loaded.follow, loaded.tail], **options)
+        taken = {what: each.median for what, each in zip(("round", "follow", "tail"), times, strict=True)}
+        rows.append({"recording": Path(path).stem, "window": window, **taken})
+    return rows
 
 
 def play(name, config, events, corner, clock):
@@ -107,3 +143,21 @@ def text(rows, clock, window):
         lines.append(f"{row['recording']:40} {row['events']:8,} {' '.join(shown)}")
     warm, within = (sum(row[name] for row in rows) for name in ("warm", "within_130"))
     return [*lines, f"{within:,} of {warm:,} warm hops within 130 cycles"]
+
+
+def text_of_programs(rows, clock, how, processor):
+    """The same of :func:`programs`: medians over recordings, and how many times as fast the core's tail is."""
+    core = SlidingCore(preset("sliding")).tail + 1
+    lines = [
+        f"C on one thread ({processor}; {how}), median of recordings, µs, and how many times as long as the core's "
+        f"{core} cycles at {clock:g} MHz:",
+    ]
+    for window in sorted({row["window"] for row in rows}):
+        those = [row for row in rows if row["window"] == window]
+        after, tail, all_of_it = (np.median([row[what] for row in those]) for what in ("round", "tail", "follow"))
+        times = [f"{each * 1e6:.2f} ({each * 1e6 * clock / core:.2g} ×)" for each in (after, tail)]
+        lines.append(
+            f"  {window:5,} events, {len(those)} recordings: after the hop {times[0]}; following {times[1]}, "
+            f"and {all_of_it / window * 1e9:.0f} ns an event"
+        )
+    return lines
