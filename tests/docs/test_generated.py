@@ -52,8 +52,8 @@ def test_resources_in_the_prose_are_the_measured_ones():
         return " / ".join(f"{total[kind]:,.0f}" for kind in ("lut", "ff", "bram36", "dsp"))
 
     plain, readme = BASELINES["plain"], (ROOT / "README.md").read_text(encoding="utf-8")
-    assert f"(yosys estimates) | {row(plain['sliding'])} | {row(plain['quad'])} |" in readme
-    assert f"`fast`, the default of `build`: {row(BASELINES['presets']['fast']['total'])}, " in readme
+    assert f"(Yosys estimates, KV260) | {row(plain['sliding'])} | {row(plain['quad'])} |" in readme
+    assert f"`fast`, the default of `build`: {row(BASELINES['presets']['fast']['total'])}; " in readme
     assert f"it reaches {BASELINES['placed']['fast']['fmax_mhz']:.0f} MHz" in readme
     sliding = "{} LUT, {} FF, {} BRAM36 and {} DSP".format(*row(plain["sliding"]).split(" / "))
     assert sliding in (ROOT / "docs" / "sliding.md").read_text(encoding="utf-8")

@@ -107,6 +107,13 @@ def test_waveforms_on_demand(tmp_path):
     assert all(f" {name} " in text for name in ("event_in_valid", "event_ready", "loaded", "result_valid"))
 
 
+@pytest.mark.parametrize("name, idle", [("fast", {"iterations", "eta"}), ("paper", set())])
+def test_settings_that_the_core_does_not_read_are_told(name, idle):
+    config = CONFIGS[name]
+    text = example.example(config, port_table(emitted(config)[0]))
+    assert set(re.findall(r"\.settings_(\w+)\(.*; not read$", text, re.MULTILINE)) == idle
+
+
 @pytest.mark.parametrize("name", [*PRESETS, *CONFIGS])
 def test_no_warning_of_verilator(name, sim_dir, tmp_path):
     """Beside those of the core, whose waivers are for its file alone here."""
@@ -130,7 +137,7 @@ def test_every_port_is_connected_and_told(name):
     assert re.findall(r"^    \.(\w+)\(", text, re.MULTILINE) == [port.name for port in table]
     for port in table:
         line = re.search(rf"^    \.{port.name}\((.*)\),?  // (.*)$", text, re.MULTILINE)
-        assert line[2].endswith(ports.plain(port.meaning)) and str(port.bits) in line[2]
+        assert line[2].removesuffix("; not read").endswith(ports.plain(port.meaning)) and str(port.bits) in line[2]
         assert line[1] or port.direction == "output"
     stub = f"module {TOP}();\nendmodule\n"
     for name, made in texts(config, core, stub).items():

@@ -6,6 +6,7 @@ All follows from :func:`cmfpga.verilog.ports.port_table` and the configuration's
 import math
 import re
 
+from ..config.config import unread
 from ..config.windows import window_events
 from ..fixed import bits_for
 from ..imaging.camera import node_writes
@@ -174,8 +175,9 @@ def _fifo():
 """.splitlines()
 
 
-def _instance(tied, table):
+def _instance(config, tied, table):
     """Lines of the core's instance: what each port is connected to, and what it is for."""
+    idle = unread(vars(config))
     before = table[0]
     for number, port in enumerate(table):
         if port.field and port.group != before.group:
@@ -185,7 +187,8 @@ def _instance(tied, table):
         before = port
         comma = "," if number < len(table) - 1 else ""
         kind = f"{port.direction} {port.bits}{' signed' * port.signed}"
-        yield f"    .{port.name}({tied[port.name]}){comma}  // {kind}; {plain(port.meaning)}"
+        meaning = plain(port.meaning) + "; not read" * (port.group == "settings" and port.field in idle)
+        yield f"    .{port.name}({tied[port.name]}){comma}  // {kind}; {meaning}"
 
 
 def example(config, table):
@@ -252,18 +255,19 @@ def example(config, table):
         "  output [RESULT_BITS-1:0] result;",
         "",
         *loader,
+        "  wire event_valid, event_ready;  // between the FIFO and the core",
+        "",
         *_fifo(),
         "",
         "  // ---------------------------------------------------------------- the core",
         "",
         *placing,
-        f"  wire event_valid = !empty{' && loaded' if rows else ''};",
-        "  wire event_ready;",
+        f"  assign event_valid = !empty{' && loaded' if rows else ''};",
         "",
         "  // verilator lint_off PINCONNECTEMPTY",
         "  // Outputs that the example has no use for stay open.",
         f"  {TOP} core (",
-        *_instance(tied, table),
+        *_instance(config, tied, table),
         "  );",
         "  // verilator lint_on PINCONNECTEMPTY",
         "endmodule",
