@@ -60,13 +60,14 @@ def test_every_time_of_every_short_span():
         check(config, list(range(span + 1)), span, [0] * (span + 1))
 
 
-@pytest.mark.parametrize("name", ["quad", "short", "wide"])
+@pytest.mark.parametrize("name", ["quad", "short", "wide", "coarse"])
 def test_in_a_window_that_slides_times_are_limited(name, rng):
     """To its end; and to −2, for the last reference time, which comes as one more event."""
     config = {
         "quad": preset("quad"),
         "short": Config(span_bits=5, time_bits=8, reciprocal_bits=8, dt_frac=4),
         "wide": Config(span_bits=20, reciprocal_bits=17, dt_frac=12),
+        "coarse": Config(span_bits=16, reciprocal_bits=7, dt_frac=12),  # -2 times its reciprocal is less than 2
     }[name]
     place = payloads.Fixed(Q(9, config.formats.dithered_frac))
     block = TimeScaler(config, payloads.layout(t=signed(config.span_bits + 1), x=place, y=place, last=1))

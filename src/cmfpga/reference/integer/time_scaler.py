@@ -16,9 +16,10 @@ def time_scaler(config, t, *, span):
     """Raw ``config.formats.dt`` of events at ``t`` µs after t_1: (2t − span)/span, −1 … 1 (Eqs. t_ref and dt).
 
     In windows that slide ``span`` is known before the events are: later ones count as at its end. Times before t_1,
-    such as the last window's t_ref, are limited to −2.
+    such as the last window's t_ref, are limited to −2, from −2 itself on, which a floored mantissa would not reach.
     """
     shift, mantissa = reciprocal(config, span)
     numerator = (2 * t - span) << shift
     scaled = round_half_up(numerator * mantissa, config.span_bits - 1 + config.reciprocal_bits - config.dt_frac)
-    return saturate(scaled, config.formats.dt.min, 1 << config.dt_frac)
+    beyond = (2 * t <= -span) * (4 << config.dt_frac)
+    return saturate(scaled - beyond, config.formats.dt.min, 1 << config.dt_frac)
