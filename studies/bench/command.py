@@ -9,6 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from cmfpga import __version__, cli
+from cmfpga.config.schedule import AUTO
 from cmfpga.errors import ConfigError, MissingPackage, needs, write_text
 from cmfpga.verilog import description
 from cmfpga.verilog.compiler import cannot_compile
@@ -139,13 +140,15 @@ def _hops(options, runs, seconds):
         rows.append(hops.measure(file, window=window, clock=options.clock, events=events).row)
         if program:
             timed += hops.programs(file, program, events=events, runs=runs, seconds=seconds)
-    lines = hops.text(rows, options.clock, window)
+    plans = {"search and judging round": AUTO, "search alone": ""}
+    rates = {plan: {n: hops.rate(n, after) for n in hops.WINDOWS} for plan, after in plans.items()}
+    lines = hops.text(rows, rates, options.clock, window)
     if timed:
         lines += hops.text_of_programs(timed, options.clock, program.how, processor())
     print("\n".join([*lines, *(f"not measured: {line}" for line in missing)]))
     if options.json is not None:
         report = {"version": __version__, "clock_mhz_assumed": options.clock, "window_events": window, "hops": rows}
-        report |= {"programs": timed, "processor": processor(), "missing": missing}
+        report |= {"programs": timed, "rates": rates, "processor": processor(), "missing": missing}
         write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
         print(f"wrote {options.json}")
     return 0

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cmfpga.config import preset
+from cmfpga.config.schedule import AUTO
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
@@ -17,6 +18,7 @@ from cmfpga.verilog.simulation.core import VerilatedCore
 
 from .opponents import Job
 from .opponents.timing import side_by_side
+from .workloads import make_workload
 
 #: A longer pause, in clock cycles, changes nothing for warm hops: the round has caught up, and the one after has ended.
 LONGEST_PAUSE = 1500
@@ -107,6 +109,19 @@ def play(name, config, events, corner, clock):
     return Hops(name, len(t), int(held), warm, cold, degenerate)
 
 
+def rate(window, after=AUTO):
+    """Clock cycles from result to result where events never pause, in windows of so many events.
+
+    ``after=""`` leaves out the round that judges.
+    """
+    lengths = {"window_events": window, "hop_events": window // 16, "window_us": 0, "hop_us": 0}
+    config = preset("sliding").replace(**lengths, after=after)
+    made = make_workload("", events=3 * window, roi_events=3 * window)
+    with contextlib.closing(VerilatedCore(config)) as core:
+        core.slide(made.events.t, made.events.x, made.events.y, BatchSettings.from_config(config, roi=made.roi))
+        return int(np.median(np.diff(core.finished[-20:])))
+
+
 def _densest(events, config):
     """Corner of the ROI, in steps of its quarter, that holds the most events."""
     step_x, step_y = config.roi_width // 4, config.roi_height // 4
@@ -121,8 +136,8 @@ def _densest(events, config):
     return max(corners, key=inside)
 
 
-def text(rows, clock, window):
-    """Lines for people, of the rows of :class:`Hops`."""
+def text(rows, rates, clock, window):
+    """Lines for people, of the rows of :class:`Hops`, and of cycles by :func:`rate`, ``{plan: {window: cycles}}``."""
     lines = [
         f"cycles after the event that closes a hop, to its result; windows of {window} events; at {clock:g} MHz "
         "(assumed) the events come at their own times",
@@ -142,7 +157,13 @@ def text(rows, clock, window):
         shown = (f"{'-' if row[name] is None else row[name]:>{width}}" for name, width in numbers)
         lines.append(f"{row['recording']:40} {row['events']:8,} {' '.join(shown)}")
     warm, within = (sum(row[name] for row in rows) for name in ("warm", "within_130"))
-    return [*lines, f"{within:,} of {warm:,} warm hops within 130 cycles"]
+    lines.append(f"{within:,} of {warm:,} warm hops within 130 cycles")
+    for plan, found in rates.items():
+        of_each = ", ".join(
+            f"n = {n:,}: {clock * 1e6 / cycles:,.0f} ({cycles:,} cycles)" for n, cycles in found.items()
+        )
+        lines.append(f"results a second, {plan}, an event a cycle: {of_each}")
+    return lines
 
 
 def text_of_programs(rows, clock, how, processor):

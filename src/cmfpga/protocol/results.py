@@ -221,12 +221,12 @@ RESULTS = (
 def packet_beats(config):
     """64-bit words of a result packet: it has room for all fields, and for the parts of them that there are.
 
-    For those of windows that slide only where they do.
+    Where windows slide only for the fields that are there, and for theirs only there.
     """
     return 1 + max(
         place.word // 2
         for f in RESULTS
-        if f.when is not with_windows or config.slides
+        if (f.when(config) if config.slides else f.when is not with_windows)
         for place in f.places
         if not f.when(config) or f.name + place.part in leaves(f.name, f.shape(config))
     )

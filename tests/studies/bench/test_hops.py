@@ -36,7 +36,15 @@ def test_events_that_come_too_fast_are_told(moving, compiler):
     found = hops.play("drawn", CONFIG, moving, CORNER, 0)
     row = found.row
     assert row["most"] > 130 and row["within_130"] < row["warm"]
-    assert f"{row['within_130']} of {row['warm']} warm hops within 130 cycles" in hops.text([row], 100, 120)[-1]
+    assert f"{row['within_130']} of {row['warm']} warm hops within 130 cycles" in hops.text([row], {}, 100, 120)[-1]
+
+
+def test_results_a_second_follow_from_the_cycles_between_them(compiler):
+    """Of a round that follows, and of two: each replays all events, and the second begins after the result."""
+    one, both = hops.rate(400, after=""), hops.rate(400)
+    assert 400 < one < 600 and 800 < both < 1100
+    rates = {"search alone": {400: one}}
+    assert f"n = 400: {1e8 / one:,.0f} ({one} cycles)" in hops.text([], rates, 100, 800)[-1]
 
 
 @pytest.mark.parametrize("arguments", [[], ["--data", "."]])

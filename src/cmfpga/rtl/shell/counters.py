@@ -72,7 +72,8 @@ class Counters(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        assert len(BY_PULSE) < TURNS and self.walk < TURNS
+        if len(BY_PULSE) >= TURNS or self.walk >= TURNS:
+            raise NotImplementedError(f"a total of a late word: a result is added up in {TURNS} cycles")
         super().__init__(
             {
                 **dict.fromkeys(("clear", "begun", "held", *(("last",) if config.regions else ())), In(1)),
