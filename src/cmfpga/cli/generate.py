@@ -8,7 +8,7 @@ import numpy as np
 from tqdm import tqdm
 
 from .. import cli
-from ..config.camera import parse_camera
+from ..config.checks import parse_camera
 from ..errors import ConfigError
 from ..events import Events, Hdf5Writer, generate, open_recording
 from ..events.synthetic import TEXTURES

@@ -4,7 +4,7 @@ import argparse
 import json
 
 from .. import cli
-from ..config.camera import parse_camera
+from ..config.checks import parse_camera
 from ..errors import ConfigError
 from ..imaging.camera import Camera
 from ..tracking.source import own_camera

@@ -1,8 +1,12 @@
-"""Checks of single fields of a configuration; each raises :exc:`ConfigError`, which says what is allowed."""
+"""Checks of a configuration's fields, and what their texts say; each raises :exc:`ConfigError`: what is allowed."""
 
+import math
 import numbers
 
 from ..errors import ConfigError
+
+#: Focal lengths and principal point, px; radial (k) and tangential (p) distortion, the model "plumb_bob".
+CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
 
 
 def check_field(config, field, value):
@@ -47,3 +51,58 @@ def check_real(config, name, fmt):
         raise ConfigError(f"{name} = {value!r}: {low:g} to {high:g} is needed ({fmt})")
     if value and not fmt.raw(value):
         raise ConfigError(f"{name} = {value!r}: smaller than the step {fmt.step:g} of its format {fmt}")
+
+
+def check_confidence(config):
+    """Raise :exc:`ConfigError` unless the last iteration's sums can be compared with those beside v."""
+    for name in ("cold", "warm"):
+        if (stride := getattr(config.schedules, name)[-1].stride) > 1:
+            raise ConfigError(
+                f"confidence = 1: the last iteration of {name} has stride {stride}: it needs all events, as the probes"
+            )
+
+
+def check_beside(config):
+    """Raise :exc:`ConfigError` unless velocities ¾ px beside v can be written."""
+    if config.v_frac < 2:
+        raise ConfigError(
+            f"ascent = {config.ascent}: v_frac = {config.v_frac}: 2 or more is needed for what lies ¾ px beside v"
+        )
+
+
+def parse_pixels(text, config):
+    """The pixels of ``x,y;x,y;…``: tuple of (column, row), sorted, each once.
+
+    Raises :exc:`ConfigError` where the text is malformed, or a pixel lies outside the sensor.
+    """
+    found = set()
+    for word in filter(None, text.replace(" ", "").split(";")):
+        column, comma, row = word.partition(",")
+        if not (comma and column.isdecimal() and row.isdecimal() and len(word) < 20):
+            raise ConfigError(f"hot_mask: {word[:40]!r}: X,Y of a pixel is needed, pixels separated by ';'")
+        pixel = int(column), int(row)
+        if pixel[0] >= config.sensor_width or pixel[1] >= config.sensor_height:
+            raise ConfigError(
+                f"hot_mask: pixel {word}: 0,0 to {config.sensor_width - 1},{config.sensor_height - 1} is needed"
+            )
+        found.add(pixel)
+    return tuple(sorted(found))
+
+
+def parse_camera(text, what="camera"):
+    """The nine numbers of ``fx,fy,cx,cy,k1,k2,p1,p2,k3``, or of the same with spaces; () of an empty text.
+
+    Distortion, or k3 alone, may be left out: it is 0. Raises :exc:`ConfigError`, which names ``what``.
+    """
+    words = text.replace(",", " ").split()
+    if not words:
+        return ()
+    try:
+        numbers = tuple(map(float, words))
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (4, 8, 9) or not all(map(math.isfinite, numbers)):
+        raise ConfigError(f"{what}: {' '.join(words)[:60]!r}: {' '.join(CAMERA_NAMES)} is needed, nine numbers")
+    if min(numbers[:2]) <= 0:
+        raise ConfigError(f"{what}: fx = {numbers[0]:g}, fy = {numbers[1]:g}: focal lengths above 0 px are needed")
+    return numbers + (0.0,) * (len(CAMERA_NAMES) - len(numbers))

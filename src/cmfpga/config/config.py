@@ -15,15 +15,10 @@ from functools import cached_property
 
 from ..errors import ConfigError, one_of
 from .ascent import ASCENTS
-from .camera import parse_camera
-from .checks import check_field, check_real, check_size
+from .checks import check_beside, check_confidence, check_field, check_real, check_size, parse_camera, parse_pixels
 from .choices import CHOICES, GRADIENTS, UNDISTORTION, WINDOWS
-from .confidence import check_beside, check_confidence
-from .formats import Formats
-from .geometry import Geometry
+from .derived import Formats, Geometry, OnePass
 from .motion import MOTIONS, check_motion, motion_model
-from .noise import parse_pixels
-from .one_pass import OnePass
 from .regions import Regions, check_regions
 from .schedule import AUTO, Schedules
 from .widths import Widths
@@ -351,7 +346,7 @@ class Config:
 
     @cached_property
     def lens(self):
-        """The nine numbers of ``camera``, in the order of :data:`cmfpga.config.camera.NAMES`; () without one."""
+        """The nine numbers of ``camera``, in the order of :data:`cmfpga.config.checks.CAMERA_NAMES`; () without one."""
         return parse_camera(self.camera)
 
     @property

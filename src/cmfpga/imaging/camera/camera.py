@@ -11,7 +11,7 @@ from dataclasses import astuple, dataclass
 import h5py
 import numpy as np
 
-from ...config.camera import NAMES, parse_camera
+from ...config.checks import CAMERA_NAMES, parse_camera
 from ...errors import ConfigError, needs
 from ...forms import FormError, Many, Text, check
 
@@ -105,7 +105,7 @@ class Camera:
         return (self.pixels(*(at + step)) - self.pixels(*(at - step))) / (2 * dt)
 
 
-#: The data set of an HDF5 file: nine numbers in the order of :data:`~cmfpga.config.camera.NAMES`.
+#: The data set of an HDF5 file: nine numbers in the order of :data:`~cmfpga.config.checks.CAMERA_NAMES`.
 DATASET = "camera_calibration"
 
 _MODEL = "plumb_bob"
@@ -182,8 +182,8 @@ def calibration_of(file, path):
         node = file.get(DATASET)
         if node is None:
             return None
-        if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "iuf" or node.shape != (len(NAMES),):
-            raise ConfigError(f"{path}: /{DATASET}: {' '.join(NAMES)} is needed, nine numbers")
+        if not isinstance(node, h5py.Dataset) or node.dtype.kind not in "iuf" or node.shape != (len(CAMERA_NAMES),):
+            raise ConfigError(f"{path}: /{DATASET}: {' '.join(CAMERA_NAMES)} is needed, nine numbers")
         numbers = node[()].astype(float).tolist()
     except (OSError, RuntimeError, KeyError, TypeError, MemoryError) as error:  # damaged
         raise ConfigError(f"{path}: /{DATASET}: not readable: {' '.join(str(error).split())}") from None
@@ -215,7 +215,7 @@ def camera_fields(camera, source):
         try:
             text = camera if isinstance(camera, str) else " ".join(repr(float(one)) for one in camera)
         except (TypeError, ValueError):
-            raise ConfigError(f"camera = {camera!r}: a file, or {' '.join(NAMES)}, is needed") from None
+            raise ConfigError(f"camera = {camera!r}: a file, or {' '.join(CAMERA_NAMES)}, is needed") from None
         found = Calibration(_camera(text, "camera"))
     sensor = source.width, source.height
     if found.size and source.width is not None and found.size != sensor:
@@ -228,7 +228,7 @@ def camera_fields(camera, source):
 def _camera(text, path):
     numbers = parse_camera(text, str(path))
     if not numbers:
-        raise ConfigError(f"{path}: empty; {' '.join(NAMES)} is needed, a camera_info YAML, or HDF5")
+        raise ConfigError(f"{path}: empty; {' '.join(CAMERA_NAMES)} is needed, a camera_info YAML, or HDF5")
     return Camera(*numbers)
 
 
