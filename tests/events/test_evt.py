@@ -160,7 +160,7 @@ def time_words(version, high, others):
 def judged(version, data, sizes):
     """What is left of the bytes, given in pieces, and how many words of time were left out."""
     times, file = TimeWords(version), io.BytesIO(data)
-    return b"".join([*(times(file.read(size)) for size in sizes), times.end()]), times.wrong
+    return b"".join([*(times(file.read(size)) for size in sizes), times(b"", last=True)]), times.wrong
 
 
 @pytest.mark.parametrize("version", WORD_BYTES)
@@ -174,8 +174,8 @@ def test_wrong_words_of_time_are_left_out(rng, version):
             assert judged(version, data, cuts(rng, len(data), pieces)) == (data, 0)
     high, others = 5000 + np.cumsum(rng.integers(0, 2, 400)), rng.integers(0, 4, 400)
     clean, wrong, behind = time_words(version, high, others), high.copy(), others.copy()
-    at = np.array([0, 9, 10, 30, 200, 202, 390])
-    far = [1000, 1000, -900, 500, -500, 777, 1500]
+    at = np.array([0, 9, 10, 11, 12, 30, 200, 202, 205, 390, 399])
+    far = [1000, 1000, -900, 400, 1400, 500, -500, 777, 900, 1500, 700]
     # A wrong word, and the right one's others behind it.
     wrong, behind = np.insert(high, at, high[at] + far), np.insert(others, at, 0)
     data = time_words(version, wrong, behind)

@@ -11,7 +11,7 @@ from ..protocol.word_format import COLUMN_BITS, EVENT_TYPES, HIGH_BITS, LOW_BITS
 
 #: Words of time so close, µs, are never left out; how many of the next ones judge others, and how close to the last
 #: one these are, µs; words that wait for them.
-_NEAR_US, _JUDGES, _GOES_ON_US, _MOST_HELD = 4096, 5, 1_000_000, 1 << 18
+_NEAR_US, _JUDGES, _GOES_ON_US, _MOST_HELD = 4096, 7, 1_000_000, 1 << 18
 
 #: Bytes of a word of each version; the legacy order of EVT 2.1 has the upper half of a word first.
 WORD_BYTES = {"2.0": 4, "2.1": 8, "2.1 legacy": 8, "3.0": 2}
@@ -144,7 +144,7 @@ class EvtDecoder:
 class TimeWords:
     """Leaves out words of time that those around them contradict; a stream's go on as if they had never come.
 
-    A word that is further than :data:`_NEAR_US` from the last one is left out where most of the next :data:`_JUDGES`
+    A word that is further than :data:`_NEAR_US` from the last one is left out where two of the next :data:`_JUDGES`
     go on from the last one, and are nearer to that than to it: no time that rises has such words. What follows it waits
     for them.
 
@@ -165,46 +165,42 @@ class TimeWords:
         half = 1 << self._bits - 1
         return (other - one + half & 2 * half - 1) - half
 
-    def __call__(self, data):
-        """What can be told of the bytes so far; ``end`` has the others."""
+    def __call__(self, data, last=False):
+        """What is left of the bytes so far, without those that wait; with the ``last`` bytes, of all."""
         data = self._rest + data
         whole = len(data) // self._bytes * self._bytes
         words = np.frombuffer(data[:whole], f"<u{min(self._bytes, 4)}").reshape(-1, self._bytes // 4 or 1)
         heads, shift = words[:, self._upper % words.shape[1]], 12 if self._bytes == 2 else 28
         at = np.flatnonzero(heads >> shift == TIME_HIGH)
         high = (heads[at] & (1 << shift) - 1).astype(np.int64)
-        until, out = self._judge(high)
+        until, out = self._judge(high, last)
         hold = int(at[until]) if until < len(at) and len(words) - at[until] < _MOST_HELD else len(words)
-        self._rest, self.wrong = data[hold * self._bytes :], self.wrong + len(out)
-        return np.delete(words[:hold], at[out], axis=0).tobytes()
+        rest, self.wrong = data[hold * self._bytes :], self.wrong + len(out)
+        self._rest = b"" if last else rest
+        return np.delete(words[:hold], at[out], axis=0).tobytes() + rest * last
 
-    def _judge(self, high):
+    def _judge(self, high, ended):
         """Of high parts how many are judged, and the numbers of those that are left out."""
         far = np.flatnonzero(abs(self._apart(high[:-1], high[1:])) > self._near) + 1
         k, out = 0, []
         while k < len(high):
             word, after, last = int(high[k]), high[k + 1 : k + 1 + _JUDGES].tolist(), self._last
             if last is None:  # of the first word, which the second one may be ahead of
-                if not after:
+                if not (after or ended):
                     break
-                last = after[0] if self._apart(word, after[0]) < 0 else word
+                last = after[0] if after and self._apart(word, after[0]) < 0 else word
             if abs(self._apart(last, word)) > self._near:
                 apart = [(abs(self._apart(last, other)), abs(self._apart(word, other))) for other in after]
                 against = [here < min(there, self._goes_on) for here, there in apart]
-                if against.count(True) > _JUDGES // 2:
+                if against.count(True) > (not ended):
                     out.append(k)
                     k += 1
                     continue
-                if against.count(False) <= _JUDGES // 2:
+                if against.count(False) < _JUDGES - 1 and not ended:
                     break
             k = int(next(iter(far[np.searchsorted(far, k, "right") :]), len(high)))
             self._last = int(high[k - 1])
         return k, out
-
-    def end(self):
-        """The bytes that wait."""
-        rest, self._rest = self._rest, b""
-        return rest
 
 
 def _bits(vectors, form):

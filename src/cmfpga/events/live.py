@@ -163,7 +163,7 @@ class LiveSource(Feed):
                     data = self._read()
             finally:
                 if self._times:
-                    self._take(self._times.end())
+                    self._take(self._times(b"", last=True))
             if self._decoder.rest and not self._closed:
                 raise RecordingError(
                     f"{self.name}: cut off: {len(self._decoder.rest)} of {self._decoder.word_bytes} bytes of the last "
