@@ -247,6 +247,28 @@ def test_sigterm_ends_a_stream(send, follow, dot_events):
     assert "6 batches tracked (model engine)" in done.out and "60 events were not tracked any more" in done.out
 
 
+def test_sigterm_before_the_first_answer(send, command, tmp_path, rng):
+    """What came is tracked as if the stream had ended."""
+    events, options = make_events(rng, 3000, step=40), ["--engine", "model", "--no-picture", "--out", tmp_path]
+    timer = threading.Timer(0.6, os.kill, [os.getpid(), signal.SIGTERM])
+    timer.start()
+    place = ["--format", "evt2", "--sensor", "240,180", "--roi", "100,60"]
+    done = command(track, send(evt2(events), 5), *place, "--json", *options)
+    assert done.status == 0 and "note: interrupted; this is the end of the stream" in done.err
+    *lines, last = map(json.loads, done.out.splitlines())
+    assert sum(line["events"] for line in lines) + last["summary"]["not_tracked"] == 3000 and lines
+
+
+def test_a_sender_slower_than_its_own_times(send, command, tmp_path, rng, monkeypatch):
+    """10,000 events/s of a recording with 500,000, which then waits: the answer does not wait for more of its times."""
+    events, answered = make_events(rng, 6000, step=8), []
+    monkeypatch.setattr("cmfpga.cli.track.Lines.add", lambda self, batch: answered.append(time.monotonic()))
+    pieces = [part for k in range(0, 6000, 100) for part in (evt2(events[k : k + 100]), 0.01)]
+    begin, place = time.monotonic(), ["--format", "evt2", "--sensor", "240,180", "--roi", "100,60"]
+    command(track, send(*pieces, 2), *place, "--engine", "model", "--no-picture", "--out", tmp_path)
+    assert answered[0] - begin < 2.3 < 2.6 < time.monotonic() - begin
+
+
 def test_an_empty_roi_does_not_end_the_others(send, command, dot_events, tmp_path):
     small = [word for name, value in FAST.items() if name != "preset" for word in ("--set", f"{name}={value}")]
     options = ["--engine", "model", "--batch-events", 90, *small, "--no-picture", "--out", tmp_path]

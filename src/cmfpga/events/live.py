@@ -67,6 +67,10 @@ class LiveSource(Feed):
         Events that came, how many of them were dropped, and how many lie outside the sensor and were left out.
     held_s : float
         Time that reading was held up by a full buffer, s.
+    answer_by : float or None
+        From then on, by ``time.monotonic()``, :meth:`chunks` gives None where nothing waits. None: never.
+    stopped : bool
+        Whether :meth:`stop` was called.
 
     Raises
     ------
@@ -78,6 +82,7 @@ class LiveSource(Feed):
 
     def __init__(self, path, *, sensor=None, form=None, drop=False, quiet=None, buffer_events=BUFFER_EVENTS):
         self.received, self.lost, self.outside, self.held_s = 0, 0, 0, 0.0
+        self.answer_by, self.stopped = None, False
         self._drop, self._most, self._quiet = drop, buffer_events, quiet or (lambda seconds: None)
         self._waiting, self._closed, self._error = 0, False, None
         self._changed = threading.Condition()
@@ -202,10 +207,17 @@ class LiveSource(Feed):
         """As of any source; waits for what comes. Raises :exc:`RecordingError` where the stream broke off."""
         taken = 0
         for events in super().chunks():
+            if self.stopped:
+                return
             with self._changed:
                 if events is None:
-                    self._changed.wait_for(lambda: self._pieces or self._ended)
-                    continue
+                    left = None if self.answer_by is None else max(0, self.answer_by - time.monotonic())
+                    here = self._changed.wait_for(lambda: self._pieces or self._ended or self.stopped, left)
+            if events is None:
+                if not here:
+                    yield None
+                continue
+            with self._changed:
                 self._waiting -= len(events)
                 self._changed.notify_all()
             taken += len(events)
@@ -247,6 +259,12 @@ class LiveSource(Feed):
         if self._camera:
             counts |= {"driver_backlog": self._camera.backlog, "driver_dropped": self._camera.dropped}
         return counts
+
+    def stop(self):
+        """What was not taken yet is left, as if the stream had ended; a handler of signals may call it."""
+        with self._changed:
+            self.stopped = True
+            self._changed.notify_all()
 
     def close(self):
         """Stop reading. May be called more than once."""
