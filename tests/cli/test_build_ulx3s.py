@@ -30,8 +30,7 @@ def test_ports(made):
 
 
 def test_lint(made):
-    # The sensor port's reset holds its own registers in step with its clock, and those behind the FIFO at once.
-    check_lint(made, ULX3S.top, "SYNCASYNCNET")
+    check_lint(made, ULX3S.top)
 
 
 def test_pads():

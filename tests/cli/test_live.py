@@ -166,23 +166,30 @@ def test_the_end_of_a_stream_by_ctrl_c(send, follow, dot_events, monkeypatch):
     assert done.out.startswith("3 batches tracked (model engine), ")
 
 
-@pytest.mark.parametrize("form", ["evt2", "evt21"])
+@pytest.mark.parametrize("form", HEADS)
 def test_wrong_words_among_them(send, follow, expected, dot_events, tmp_path, rng, form):
-    """One in a hundred lies outside the sensor, or is of a type that nobody knows: the rest gives what it gave."""
-    data, size = ENCODE[form](dot_events), 4 if form == "evt2" else 8
+    """One in a hundred lies outside the sensor, is of a type that nobody knows, or a time: the rest gives what it gave.
+
+    Whatever low part of the time stands in those outside.
+    """
+    data, size = ENCODE[form](dot_events), {"evt2": 4, "evt21": 8, "evt3": 2}[form]
     words = [data[k : k + size] for k in range(0, len(data), size)]
     count = -(-len(words) // 100)
-    for k in rng.integers(1, len(words), count):
-        wrong = (
-            int(rng.choice([0x1, 0x0, 0x5, 0xC])) << 28 | int(rng.integers(32, 2048)) << 11 | int(rng.integers(2048))
-        )
-        words.insert(k, wrong.to_bytes(4, "little") + b"\x01\0\0\0" * (size == 8))
+    for number, k in enumerate(sorted(rng.choice(np.arange(4, len(words) - 9, 9), count, replace=False))[::-1]):
+        kind = [0x8, 0x5, 0x2, 0x1, 0xC][number % 5]
+        if form == "evt3":
+            kind = {0x5: 0xD, 0x1: 0x2}.get(kind, kind)
+            wrong = kind << 12 | int(rng.integers(32, 2048)) * (1 + (kind == 0x8))
+        else:
+            place = int(rng.integers(64)) << 22 | int(rng.integers(32, 2048)) << 11 | int(rng.integers(2048))
+            wrong = kind << 28 | (int(rng.integers(1 << 28)) if kind == 0x8 else place)
+        words.insert(k, wrong.to_bytes(min(size, 4), "little") + b"\x01\0\0\0" * (size == 8))
     done = follow(send(HEADS[form] + b"".join(words)), "--json")
     assert (done.status, done.err) == (0, "")
     assert (tmp_path / "live" / "track.csv").read_bytes() == expected
     summary = json.loads(done.out.splitlines()[-1])["summary"]
-    assert summary["received"] - summary["out_of_sensor"] == 600 and summary["out_of_sensor"] <= count
-    assert summary["not_tracked"] == summary["events_left_over"] == 60
+    assert summary["received"] - summary["out_of_sensor"] == 600 and 0 < summary["out_of_sensor"] <= count
+    assert summary["not_tracked"] == summary["events_left_over"] == 60 and summary["wrong_times"] == -(-count // 5)
 
 
 def test_too_many_wrong_words(send, follow, dot_events):
@@ -238,6 +245,28 @@ def test_sigterm_ends_a_stream(send, follow, dot_events):
     assert (done.status, done.err) == (0, "note: interrupted; this is the end of the stream\n")
     assert signal.getsignal(signal.SIGTERM) == before
     assert "6 batches tracked (model engine)" in done.out and "60 events were not tracked any more" in done.out
+
+
+def test_sigterm_before_the_first_answer(send, command, tmp_path, rng):
+    """What came is tracked as if the stream had ended."""
+    events, options = make_events(rng, 3000, step=40), ["--engine", "model", "--no-picture", "--out", tmp_path]
+    timer = threading.Timer(0.6, os.kill, [os.getpid(), signal.SIGTERM])
+    timer.start()
+    place = ["--format", "evt2", "--sensor", "240,180", "--roi", "100,60"]
+    done = command(track, send(evt2(events), 5), *place, "--json", *options)
+    assert done.status == 0 and "note: interrupted; this is the end of the stream" in done.err
+    *lines, last = map(json.loads, done.out.splitlines())
+    assert sum(line["events"] for line in lines) + last["summary"]["not_tracked"] == 3000 and lines
+
+
+def test_a_sender_slower_than_its_own_times(send, command, tmp_path, rng, monkeypatch):
+    """10,000 events/s of a recording with 500,000, which then waits: the answer does not wait for more of its times."""
+    events, answered = make_events(rng, 6000, step=8), []
+    monkeypatch.setattr("cmfpga.cli.track.Lines.add", lambda self, batch: answered.append(time.monotonic()))
+    pieces = [part for k in range(0, 6000, 100) for part in (evt2(events[k : k + 100]), 0.01)]
+    begin, place = time.monotonic(), ["--format", "evt2", "--sensor", "240,180", "--roi", "100,60"]
+    command(track, send(*pieces, 2), *place, "--engine", "model", "--no-picture", "--out", tmp_path)
+    assert answered[0] - begin < 2.3 < 2.6 < time.monotonic() - begin
 
 
 def test_an_empty_roi_does_not_end_the_others(send, command, dot_events, tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from cmfpga.config import preset
 from cmfpga.errors import RecordingError
 from cmfpga.events import Events, open_recording
-from cmfpga.events.evt import EvtDecoder
+from cmfpga.events.evt import WORD_BYTES, EvtDecoder, TimeWords
 from cmfpga.events.raw import FORMS
 from cmfpga.reference.wire import decode, to_beats
 from support.recordings import (
@@ -145,6 +145,42 @@ def test_any_words_of_evt3_as_the_hardware_decodes_them(rng):
         assert found.t.max() > 1 << 28 and (found.t % (1 << 32) == t).all() and (found.y == y).all()
         assert (np.minimum(found.x, 4096) == np.minimum(x, 4096)).all() and 20 < (x >= 2048).sum() < len(x)
     assert counts["time_high_back"] > 40 and counts["other_words"] > 800 and counts["format_errors"] > 800
+
+
+def time_words(version, high, others):
+    """Words of these high parts, each with so many others behind it."""
+    size, shift, content = WORD_BYTES[version], 12 if version == "3.0" else 28, b""
+    for one, count in zip(high.tolist(), others.tolist(), strict=True):
+        for word in (0x8 << shift | one & (1 << shift) - 1, *[0x2 << shift | 77] * count):
+            word, vector = word.to_bytes(min(size, 4), "little"), b"\x01\0\0\0" * (size == 8)
+            content += word + vector if version == "2.1 legacy" else vector + word
+    return content
+
+
+def judged(version, data, sizes):
+    """What is left of the bytes, given in pieces, and how many words of time were left out."""
+    times, file = TimeWords(version), io.BytesIO(data)
+    return b"".join([*(times(file.read(size)) for size in sizes), times(b"", last=True)]), times.wrong
+
+
+@pytest.mark.parametrize("version", WORD_BYTES)
+def test_wrong_words_of_time_are_left_out(rng, version):
+    """Those that rise never are, whatever the gaps, nor those that step back a little; in pieces of any size."""
+    most = 700 if version == "3.0" else 45_000_000
+    for gaps in ([0, 0, 1], [0, 1, 3, 700], [0, 1, most], [-1, 0, 1, 1, 300]):
+        high = 5000 + np.cumsum(rng.choice(gaps, 400))
+        data = time_words(version, high, rng.integers(0, 4, 400))
+        for pieces in (3, 50, 50_000):
+            assert judged(version, data, cuts(rng, len(data), pieces)) == (data, 0)
+    high, others = 5000 + np.cumsum(rng.integers(0, 2, 400)), rng.integers(0, 4, 400)
+    clean, wrong, behind = time_words(version, high, others), high.copy(), others.copy()
+    at = np.array([0, 9, 10, 11, 12, 30, 200, 202, 205, 390, 399])
+    far = [1000, 1000, -900, 400, 1400, 500, -500, 777, 900, 1500, 700]
+    # A wrong word, and the right one's others behind it.
+    wrong, behind = np.insert(high, at, high[at] + far), np.insert(others, at, 0)
+    data = time_words(version, wrong, behind)
+    for pieces in (3, 50, 50_000):
+        assert judged(version, data, cuts(rng, len(data), pieces)) == (clean, len(at))
 
 
 EARLY = {

@@ -119,7 +119,11 @@ def test_sensor_attributes(h5, rng, attrs):
         assert (recording.width, recording.height) == (300, 200)
 
 
-@pytest.mark.parametrize("attrs", [dict(width=0, height=180), dict(width="wide", height=3), dict(sensor_resolution=5)])
+@pytest.mark.parametrize("attrs", [
+    dict(width=0, height=180), dict(width="wide", height=3), dict(sensor_resolution=5),
+    dict(width=np.inf, height=1e300), dict(sensor_resolution=np.nan),
+])  # fmt: skip
+@pytest.mark.filterwarnings("error")
 def test_odd_sensor_attributes(h5, rng, attrs):
     path = h5(columns(make_events(rng), "txyp"), **attrs)
     assert "attribute" in refusal(path)
@@ -142,6 +146,17 @@ def test_unit_attribute(h5, rng, holder, text, factor):
 def test_unknown_unit_attribute(h5, rng):
     path = h5(columns(make_events(rng), "txyp"), time_unit="ticks")
     assert "time_unit of /: time unit 'ticks' is not known" in refusal(path)
+
+
+def test_an_attribute_of_a_damaged_type(h5, rng):
+    """One bit makes a text a sequence of variable length, whose addresses lie anywhere: HDF5 would end the process."""
+    path = h5(columns(make_events(rng), "txyp"), time_unit="us")
+    text, sequence = b"\x19\x01\x01\0\x10\0\0\0", b"\x19\0\x01\0\x10\0\0\0"
+    assert path.read_bytes().count(text) == 1
+    path.write_bytes(path.read_bytes().replace(text, sequence))
+    script = f"from cmfpga.events import open_recording; open_recording({str(path)!r})"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stderr.endswith(f"{path}: attribute time_unit of /: text or numbers are needed\n")
 
 
 # -------------------------------------------------------------------- bad content

@@ -107,6 +107,8 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
                 print(f"{counts[name]} events {what}")
         if counts["before_time"]:
             print(f"{counts['before_time']} events came before the first time word and were left out")
+        if counts["wrong_times"]:
+            print(f"{counts['wrong_times']} time words were wrong and were left out")
     for name, one in zip(names, objects, strict=True):
         for line in accuracy_lines(one.accuracy) if one.accuracy else ():
             print(f"{name}{line}")

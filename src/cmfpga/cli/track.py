@@ -214,6 +214,23 @@ def _terminated():
         signal.signal(signal.SIGTERM, before)
 
 
+@contextlib.contextmanager
+def _stopped(recording):
+    """Ctrl-C or SIGTERM ends a stream after what was taken of it; a second one at once."""
+
+    def stop(*_):
+        for number in before:
+            signal.signal(number, signal.default_int_handler)
+        recording.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
 def _quiet(name, seconds):
     print(f"note: {name}: nothing has come for {seconds} s", file=sys.stderr, flush=True)
 
@@ -331,19 +348,22 @@ def _track(options, objects, recording, folder, motion):
         live = isinstance(recording, LiveSource)
         count = cli.expected(recording, cutter, options.start_event, options.batches)
         try:
-            for window in tqdm(running, total=count, unit=config.noun, disable=live or None):
-                if window and engine.cycles is not None:
-                    cycles.append(engine.cycles)
+            with _stopped(recording) if live else contextlib.nullcontext():
+                for window in tqdm(running, total=count, unit=config.noun, disable=live or None):
+                    if window and engine.cycles is not None:
+                        cycles.append(engine.cycles)
         except KeyboardInterrupt:
             if not live:
                 raise
-            print("note: interrupted; this is the end of the stream", file=sys.stderr)
+            recording.stop()
         except RecordingError as error:
             if not live or not objects[0].batches:
                 raise
             broken = error  # what came before is worth knowing
     if live:
         recording.close()  # what comes while files are written is not counted
+        if recording.stopped:
+            print("note: interrupted; this is the end of the stream", file=sys.stderr)
     _check(objects)
     with waiting("Writing the files"):
         for one in objects:

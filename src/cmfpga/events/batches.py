@@ -115,6 +115,11 @@ class BatchCutter:
         left = f"({self._position - self._start + self.leftover} left)"
         return ConfigError(f"{self._source.name}: too few events for one batch after event {self._start} {left}")
 
+    @property
+    def waiting(self):
+        """The events that :meth:`peek` has seen and nothing has cut."""
+        return self._chunk[self._at :]
+
     def peek(self, count, until=None):
         """The next ``count`` events, which stay; or :data:`WAITING`.
 

@@ -96,7 +96,14 @@ def as_events(data, time_unit=None):
         t = table[:, 0]
         if table.dtype.kind == "f" and time_unit is None and not np.any(t[np.isfinite(t)] % 1):
             time_unit = "us"  # whole numbers, which are floats for another column's sake
-        return Events(*table.T, time_unit=time_unit)
+        events = Events(*table.T, time_unit=time_unit)
+        if (odd := np.isin(table[:, 3], range(3, 16))).any():  # codes that files have; here another column more likely
+            k = int(odd.argmax())
+            raise RecordingError(
+                f"events: polarity of event {k} is {table[k, 3]}; 0 and 1, -1 and 1, or 1 and 2 are needed in the last "
+                "column of N×4"
+            )
+        return events
     shape = getattr(data, "shape", ())
     raise RecordingError(
         f"events: {type(data).__name__}{' of ' * bool(shape)}{'×'.join(map(str, shape))}; (t, x, y, p), a structured "

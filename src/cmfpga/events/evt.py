@@ -7,9 +7,11 @@ ahead of the first word of time's high part have no time: they are left out, and
 
 import numpy as np
 
-from ..protocol.word_format import EVENT_TYPES, HIGH_BITS, LOW_BITS, TIME_HIGH, VECTORS, Evt3
+from ..protocol.word_format import COLUMN_BITS, EVENT_TYPES, HIGH_BITS, LOW_BITS, TIME_BITS, TIME_HIGH, VECTORS, Evt3
 
-_EVT2_TRIGGER = 0xA  # type of words
+#: Words of time so close, µs, are never left out; how many of the next ones judge others, and how close to the last
+#: one these are, µs; words that wait for them.
+_NEAR_US, _JUDGES, _GOES_ON_US, _MOST_HELD = 4096, 7, 1_000_000, 1 << 18
 
 #: Bytes of a word of each version; the legacy order of EVT 2.1 has the upper half of a word first.
 WORD_BYTES = {"2.0": 4, "2.1": 8, "2.1 legacy": 8, "3.0": 2}
@@ -22,6 +24,8 @@ class EvtDecoder:
     ----------
     version : str
         Key of :data:`WORD_BYTES`.
+    sensor : (int, int), optional
+        Width and height, px: the time of an event outside counts for no other, as in the hardware.
 
     Members
     -------
@@ -31,8 +35,8 @@ class EvtDecoder:
         Events that came ahead of the first word of time.
     """
 
-    def __init__(self, version):
-        self.word_bytes = WORD_BYTES[version]
+    def __init__(self, version, sensor=None):
+        self.word_bytes, self._sensor = WORD_BYTES[version], sensor or (1 << COLUMN_BITS, 1 << COLUMN_BITS)
         self._decode = {"2.0": self._evt20, "3.0": self._evt3}.get(version, self._evt21)
         self._upper = int(version == "2.1")  # which half of a word of EVT 2.1 holds its type
         self.rest, self.early = b"", 0
@@ -96,10 +100,11 @@ class EvtDecoder:
         kind = fields >> 28
         event = kind <= max(EVENT_TYPES)
         high = _last(kind == TIME_HIGH, fields & (1 << HIGH_BITS) - 1, self._high)
-        # The low part stands in each event, and in each trigger.
-        low = np.where(event | (kind == _EVT2_TRIGGER), fields >> 22 & (1 << LOW_BITS) - 1, 0)
+        x, y = fields >> COLUMN_BITS & (1 << COLUMN_BITS) - 1, fields & (1 << COLUMN_BITS) - 1
+        inside = event & (x < self._sensor[0]) & (y < self._sensor[1])
+        low = np.where(inside, fields >> 22 & (1 << LOW_BITS) - 1, 0)
         t, at = self._times(high, low, HIGH_BITS, LOW_BITS), np.flatnonzero(event)
-        return at, t[at], fields[at] >> 11 & 0x7FF, fields[at] & 0x7FF, kind[at]
+        return at, t[at], x[at], y[at], kind[at]
 
     def _evt20(self, words):
         return self._evt2(words[:, 0])[1:]
@@ -134,6 +139,68 @@ class EvtDecoder:
             self._state = [int(low[-1]), int(y[-1]), int(base[-1]), int(column[-1] + step[-1])]
         at = at[word]
         return t[at], column[at] + bit, y[at] & 0x7FF, base[at] >> 11
+
+
+class TimeWords:
+    """Leaves out words of time that those around them contradict; a stream's go on as if they had never come.
+
+    A word that is further than :data:`_NEAR_US` from the last one is left out where two of the next :data:`_JUDGES`
+    go on from the last one, and are nearer to that than to it: no time that rises has such words. What follows it waits
+    for them.
+
+    Members
+    -------
+    wrong : int
+        Words that were left out.
+    """
+
+    def __init__(self, version):
+        self.wrong, self._bytes, self._rest, self._last = 0, WORD_BYTES[version], b"", None
+        self._upper = int(version == "2.1")
+        self._bits, low_bits = (TIME_BITS, TIME_BITS) if version == "3.0" else (HIGH_BITS, LOW_BITS)
+        self._near, self._goes_on = _NEAR_US >> low_bits, _GOES_ON_US >> low_bits
+
+    def _apart(self, one, other):
+        """How far two high parts, which wrap, are from each other; positive where the other is later."""
+        half = 1 << self._bits - 1
+        return (other - one + half & 2 * half - 1) - half
+
+    def __call__(self, data, last=False):
+        """What is left of the bytes so far, without those that wait; with the ``last`` bytes, of all."""
+        data = self._rest + data
+        whole = len(data) // self._bytes * self._bytes
+        words = np.frombuffer(data[:whole], f"<u{min(self._bytes, 4)}").reshape(-1, self._bytes // 4 or 1)
+        heads, shift = words[:, self._upper % words.shape[1]], 12 if self._bytes == 2 else 28
+        at = np.flatnonzero(heads >> shift == TIME_HIGH)
+        high = (heads[at] & (1 << shift) - 1).astype(np.int64)
+        until, out = self._judge(high, last)
+        hold = int(at[until]) if until < len(at) and len(words) - at[until] < _MOST_HELD else len(words)
+        rest, self.wrong = data[hold * self._bytes :], self.wrong + len(out)
+        self._rest = b"" if last else rest
+        return np.delete(words[:hold], at[out], axis=0).tobytes() + rest * last
+
+    def _judge(self, high, ended):
+        """Of high parts how many are judged, and the numbers of those that are left out."""
+        far = np.flatnonzero(abs(self._apart(high[:-1], high[1:])) > self._near) + 1
+        k, out = 0, []
+        while k < len(high):
+            word, after, last = int(high[k]), high[k + 1 : k + 1 + _JUDGES].tolist(), self._last
+            if last is None:  # of the first word, which the second one may be ahead of
+                if not (after or ended):
+                    break
+                last = after[0] if after and self._apart(word, after[0]) < 0 else word
+            if abs(self._apart(last, word)) > self._near:
+                apart = [(abs(self._apart(last, other)), abs(self._apart(word, other))) for other in after]
+                against = [here < min(there, self._goes_on) for here, there in apart]
+                if against.count(True) > (not ended):
+                    out.append(k)
+                    k += 1
+                    continue
+                if against.count(False) < _JUDGES - 1 and not ended:
+                    break
+            k = int(next(iter(far[np.searchsorted(far, k, "right") :]), len(high)))
+            self._last = int(high[k - 1])
+        return k, out
 
 
 def _bits(vectors, form):

@@ -37,6 +37,8 @@ _FILTERS = {
     307: "bzip2", 32000: "LZF", 32001: "Blosc", 32004: "LZ4", 32008: "Bitshuffle", 32013: "ZFP", 32015: "Zstandard",
     32026: "Blosc2",
 }  # fmt: skip
+# Classes of types of attributes that are read.
+_PLAIN = (h5py.h5t.INTEGER, h5py.h5t.FLOAT, h5py.h5t.STRING, h5py.h5t.ENUM)
 # Data sets that a message names.
 _SHOWN = 8
 _DSEC_SENSOR = (640, 480)
@@ -183,26 +185,37 @@ def _events_at(node, file, path):
     return source, None, (source["t"], node, file)
 
 
+def _attribute(holder, name, path):
+    """An attribute's value. Raises :exc:`RecordingError` where it is neither text nor numbers.
+
+    Of a type of variable length HDF5 would follow damaged addresses out of the memory, and end the process.
+    """
+    if holder.attrs.get_id(name).get_type().get_class() not in _PLAIN:
+        raise RecordingError(f"{path}: attribute {name} of {holder.name}: text or numbers are needed")
+    return holder.attrs[name]
+
+
 def _unit(holders, path):
     """Unit that the attributes name, or None."""
     for k, holder in enumerate(holders):
         for name in ("time_unit", "unit", "units") if k == 0 else ("time_unit",):
             if name in holder.attrs:
-                return parse_unit(holder.attrs[name], f"{path}: attribute {name} of {holder.name}")
+                where = f"{path}: attribute {name} of {holder.name}"
+                return parse_unit(_attribute(holder, name, path), where)
     return None
 
 
 def _sensor(holders, path):
     """(width, height) that the attributes name, or None."""
     for holder in holders:
-        attrs = holder.attrs
         for pair in (("sensor_width", "sensor_height"), ("width", "height")):
-            if all(name in attrs for name in pair):
-                return check_sensor([_scalar(attrs[name]) for name in pair], f"{path}: attributes {' and '.join(pair)}")
-        if "sensor_resolution" in attrs:
-            height_width = np.ravel(attrs["sensor_resolution"])[:2]
+            if all(name in holder.attrs for name in pair):
+                sizes = [_scalar(_attribute(holder, name, path)) for name in pair]
+                return check_sensor(sizes, f"{path}: attributes {' and '.join(pair)}")
+        if "sensor_resolution" in holder.attrs:
+            height_width = np.ravel(_attribute(holder, "sensor_resolution", path))[:2]
             return check_sensor(list(map(_scalar, height_width))[::-1], f"{path}: attribute sensor_resolution")
-        geometry = attrs.get("geometry")
+        geometry = _attribute(holder, "geometry", path) if "geometry" in holder.attrs else None
         geometry = geometry.decode("latin-1") if isinstance(geometry, bytes) else geometry
         if isinstance(geometry, str) and (size := re.fullmatch(r"(\d+)x(\d+)", geometry)):
             return check_sensor(map(int, size.groups()), f"{path}: attribute geometry")
@@ -212,7 +225,7 @@ def _sensor(holders, path):
 def _scalar(value):
     """An attribute's number: whole floats and arrays of one element (as MATLAB writes them) are integers too."""
     value = np.ravel(value)
-    if value.dtype.kind == "f" and (value == np.floor(value)).all():
+    if value.dtype.kind == "f" and (value == np.floor(value)).all() and (abs(value) < 1 << 53).all():
         value = value.astype(np.int64)
     return value[0] if len(value) == 1 else value
 

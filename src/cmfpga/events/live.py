@@ -18,7 +18,7 @@ from pathlib import Path
 
 from ..errors import RecordingError
 from .arrays import Events
-from .evt import EvtDecoder
+from .evt import EvtDecoder, TimeWords
 from .feed import Feed
 from .raw import FORMS, HEADER_BYTES, evt_version, prophesee_header, raw_sensor
 from .usb import Camera
@@ -67,6 +67,10 @@ class LiveSource(Feed):
         Events that came, how many of them were dropped, and how many lie outside the sensor and were left out.
     held_s : float
         Time that reading was held up by a full buffer, s.
+    answer_by : float or None
+        From then on, by ``time.monotonic()``, :meth:`chunks` gives None where nothing waits. None: never.
+    stopped : bool
+        Whether :meth:`stop` was called.
 
     Raises
     ------
@@ -78,11 +82,12 @@ class LiveSource(Feed):
 
     def __init__(self, path, *, sensor=None, form=None, drop=False, quiet=None, buffer_events=BUFFER_EVENTS):
         self.received, self.lost, self.outside, self.held_s = 0, 0, 0, 0.0
+        self.answer_by, self.stopped = None, False
         self._drop, self._most, self._quiet = drop, buffer_events, quiet or (lambda seconds: None)
         self._waiting, self._closed, self._error = 0, False, None
         self._changed = threading.Condition()
         name = os.fspath(path)
-        self._fd, self._socket, self._camera = None, None, None
+        self._fd, self._socket, self._camera, self._times = None, None, None, None
         try:
             if name.startswith("camera:"):
                 self._camera, first = Camera(name), b""
@@ -92,8 +97,9 @@ class LiveSource(Feed):
                 self._open(name)
                 fields, first = self._header(name)
                 version = evt_version(fields, form, name, first)
-                self.format, self._decoder = f"stream of EVT {version}", EvtDecoder(version)
-                size = raw_sensor(fields)
+                size = sensor or raw_sensor(fields)
+                self.format, self._decoder = f"stream of EVT {version}", EvtDecoder(version, size)
+                self._times = TimeWords(version)
         except OSError as error:
             self.close()
             raise RecordingError(f"{name}: {error.strerror or error}") from None
@@ -153,11 +159,16 @@ class LiveSource(Feed):
     def _run(self, data):
         """The thread: reads, decodes, and puts what it has into the buffer."""
         try:
-            data = data or self._read()  # where the header came by itself
-            while data and not self._closed:
-                for at in range(0, len(data), _READ_BYTES):  # a camera may give megabytes
-                    self._take(data[at : at + _READ_BYTES])
-                data = self._read()
+            try:
+                data = data or self._read()  # where the header came by itself
+                while data and not self._closed:
+                    for at in range(0, len(data), _READ_BYTES):  # a camera may give megabytes
+                        piece = data[at : at + _READ_BYTES]
+                        self._take(self._times(piece) if self._times else piece)
+                    data = self._read()
+            finally:
+                if self._times:
+                    self._take(self._times(b"", last=True))
             if self._decoder.rest and not self._closed:
                 raise RecordingError(
                     f"{self.name}: cut off: {len(self._decoder.rest)} of {self._decoder.word_bytes} bytes of the last "
@@ -196,10 +207,17 @@ class LiveSource(Feed):
         """As of any source; waits for what comes. Raises :exc:`RecordingError` where the stream broke off."""
         taken = 0
         for events in super().chunks():
+            if self.stopped:
+                return
             with self._changed:
                 if events is None:
-                    self._changed.wait_for(lambda: self._pieces or self._ended)
-                    continue
+                    left = None if self.answer_by is None else max(0, self.answer_by - time.monotonic())
+                    here = self._changed.wait_for(lambda: self._pieces or self._ended or self.stopped, left)
+            if events is None:
+                if not here:
+                    yield None
+                continue
+            with self._changed:
                 self._waiting -= len(events)
                 self._changed.notify_all()
             taken += len(events)
@@ -232,14 +250,21 @@ class LiveSource(Feed):
     def counts(self):
         """What was received and lost, JSON-ready; ``before_time``: left out ahead of the first word of time.
 
+        ``wrong_times`` are words, as :class:`.evt.TimeWords` leaves them out.
         Of a camera ``driver_backlog`` and ``driver_dropped`` are packets, as :class:`.usb.Camera` has them.
         """
         held, early = round(self.held_s, 3), self._decoder.early
         counts = {"received": self.received, "lost": self.lost, "out_of_sensor": self.outside}
-        counts |= {"held_up_s": held, "before_time": early}
+        counts |= {"held_up_s": held, "before_time": early, "wrong_times": self._times.wrong if self._times else 0}
         if self._camera:
             counts |= {"driver_backlog": self._camera.backlog, "driver_dropped": self._camera.dropped}
         return counts
+
+    def stop(self):
+        """What was not taken yet is left, as if the stream had ended; a handler of signals may call it."""
+        with self._changed:
+            self.stopped = True
+            self._changed.notify_all()
 
     def close(self):
         """Stop reading. May be called more than once."""

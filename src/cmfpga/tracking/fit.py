@@ -7,6 +7,7 @@ that share it, the fastest to be trusted. Equal events and results give equal le
 
 import functools
 import math
+import time
 
 from ..config.defaults import BATCH_EVENTS
 from ..events import WAITING, BatchCutter, LiveSource
@@ -22,6 +23,7 @@ TARGET_PX, ALLOWED_PX = 4.0, (3.0, 5.0)
 LOST_BATCHES = 3
 
 _SURVEY_US = 500_000  # of events, at most, so that a camera's first answer comes soon
+_SURVEY_S = 0.7  # that a survey waits for the events of a stream that comes more slowly than it was recorded
 _FIRST_ROI_EVENTS = 150  # of the survey's first window
 _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
@@ -87,6 +89,7 @@ class FittedCutter(BatchCutter):
         self._config, self._surveyed = config, first is not None and not config.motion_model.basis
         self._shortest = self._sure = self.size
         self._doubtful = 0  # batches in a row
+        self._answer_by = None  # of a stream
 
     def survey(self, trial, *rois):
         """Choose the first length by batches on trial; their events stay, and are cut afterwards.
@@ -171,14 +174,20 @@ class FittedCutter(BatchCutter):
             self.size = max(len((yield from self.ahead(length))), 1)
 
     def ahead(self, count):
-        """:meth:`peek`, once the events are there; of a stream none that come later than :data:`_SURVEY_US`."""
+        """:meth:`peek`, once the events are there.
+
+        Of a stream none that come later than :data:`_SURVEY_US`, or :data:`_SURVEY_S` from now.
+        """
         while (first := self.peek(1)) is WAITING:
             yield None
-        live = isinstance(self._source, LiveSource) and len(first)
-        until = int(first.t[0]) + _SURVEY_US if live else None
-        while (ahead := self.peek(count, until)) is WAITING:
-            yield None
-        return ahead
+        if not (isinstance(self._source, LiveSource) and len(first)):
+            while (ahead := self.peek(count)) is WAITING:
+                yield None
+            return ahead
+        self._source.answer_by = self._answer_by = self._answer_by or time.monotonic() + _SURVEY_S
+        ahead = self.peek(count, int(first.t[0]) + _SURVEY_US)
+        self._source.answer_by = None
+        return self.waiting if ahead is WAITING else ahead
 
     def _agree(self, *windows):
         """Whether two windows, one after the other, one of them to be trusted, saw the same motion."""

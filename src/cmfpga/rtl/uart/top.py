@@ -66,7 +66,8 @@ class UartTop(Elaboratable):
     def elaborate(self, platform):
         m = Module()
         ports = self.inputs | self.outputs
-        sync, cpi = ClockDomain("sync", local=True), ClockDomain("cpi", local=True)
+        # Without PCLK too, and so that the FIFO between the clocks has one kind of reset.
+        sync, cpi = ClockDomain("sync", local=True), ClockDomain("cpi", local=True, async_reset=True)
         sync.clk, sync.rst, cpi.clk = ports["clk"], ports["rst"], ports["cpi_pclk"]
         m.domains += [sync, cpi]
         held = Signal(init=1, reset_less=True)  # a register, because it resets without a clock there
