@@ -14,7 +14,7 @@ from ..api.objects import TrackedObject
 from ..config import DEFAULT_PRESET, SLIDING_PRESET
 from ..config.defaults import BATCH_EVENTS
 from ..config.windows import needs_batches
-from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine, usual_preset
+from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine, preload, usual_preset
 from ..errors import ConfigError, RecordingError
 from ..events import LiveSource, generate, is_live, open_source
 from ..show.export import TRACK, checked_path
@@ -160,6 +160,7 @@ def run(options, known=None):
     with contextlib.ExitStack() as stack:
         if options.recording is not None and is_live(options.recording):
             stack.enter_context(_terminated())
+            preload(options.engine)
         truth, recording = _open(options)
         stack.enter_context(recording)
         known = known or open_truth(options)

@@ -3,6 +3,7 @@
 Their contract, :class:`Engine`: a table of regions, events in, results out.
 """
 
+import contextlib
 import dataclasses
 import operator
 import pkgutil
@@ -226,6 +227,12 @@ def make_engine(name, config):
     """
     kind, _, port = engine_name(name).partition(":")
     return pkgutil.resolve_name(_MAKERS[kind])(config, *([port] if port else []))
+
+
+def preload(name):
+    """Import what an engine needs, before events wait for it; says nothing where that is missing."""
+    with contextlib.suppress(ImportError):
+        pkgutil.resolve_name(_MAKERS[engine_name(name).partition(":")[0]])
 
 
 def _make_rtl_engine(config):

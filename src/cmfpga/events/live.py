@@ -67,6 +67,8 @@ class LiveSource(Feed):
         Events that came, how many of them were dropped, and how many lie outside the sensor and were left out.
     held_s : float
         Time that reading was held up by a full buffer, s.
+    came : float or None
+        When the first events came, by ``time.monotonic()``.
     answer_by : float or None
         From then on, by ``time.monotonic()``, :meth:`chunks` gives None where nothing waits. None: never.
     stopped : bool
@@ -82,7 +84,7 @@ class LiveSource(Feed):
 
     def __init__(self, path, *, sensor=None, form=None, drop=False, quiet=None, buffer_events=BUFFER_EVENTS):
         self.received, self.lost, self.outside, self.held_s = 0, 0, 0, 0.0
-        self.answer_by, self.stopped = None, False
+        self.came, self.answer_by, self.stopped = None, None, False
         self._drop, self._most, self._quiet = drop, buffer_events, quiet or (lambda seconds: None)
         self._waiting, self._closed, self._error = 0, False, None
         self._changed = threading.Condition()
@@ -194,6 +196,7 @@ class LiveSource(Feed):
 
     def _put(self, events):
         self.received += len(events)
+        self.came = self.came or time.monotonic()
         with self._changed:
             if self._waiting >= self._most:
                 begin = time.monotonic()

@@ -7,7 +7,6 @@ that share it, the fastest to be trusted. Equal events and results give equal le
 
 import functools
 import math
-import time
 
 from ..config.defaults import BATCH_EVENTS
 from ..events import WAITING, BatchCutter, LiveSource
@@ -23,7 +22,9 @@ TARGET_PX, ALLOWED_PX = 4.0, (3.0, 5.0)
 LOST_BATCHES = 3
 
 _SURVEY_US = 500_000  # of events, at most, so that a camera's first answer comes soon
-_SURVEY_S = 0.7  # that a survey waits for the events of a stream that comes more slowly than it was recorded
+_SURVEY_S = (
+    0.7  # after the first event a survey waits no longer for a stream that comes more slowly than it was recorded
+)
 _FIRST_ROI_EVENTS = 150  # of the survey's first window
 _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
@@ -176,7 +177,7 @@ class FittedCutter(BatchCutter):
     def ahead(self, count):
         """:meth:`peek`, once the events are there.
 
-        Of a stream none that come later than :data:`_SURVEY_US`, or :data:`_SURVEY_S` from now.
+        Of a stream none that come later than :data:`_SURVEY_US`, or :data:`_SURVEY_S` after the first came.
         """
         while (first := self.peek(1)) is WAITING:
             yield None
@@ -184,7 +185,7 @@ class FittedCutter(BatchCutter):
             while (ahead := self.peek(count)) is WAITING:
                 yield None
             return ahead
-        self._source.answer_by = self._answer_by = self._answer_by or time.monotonic() + _SURVEY_S
+        self._source.answer_by = self._answer_by = self._answer_by or self._source.came + _SURVEY_S
         ahead = self.peek(count, int(first.t[0]) + _SURVEY_US)
         self._source.answer_by = None
         return self.waiting if ahead is WAITING else ahead
