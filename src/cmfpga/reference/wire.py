@@ -1,9 +1,13 @@
-"""Models of :mod:`cmfpga.rtl.shell.decoder` and ``sensor_gate``."""
+"""Models of what stands between the AXI4-Stream input and the core: :mod:`cmfpga.rtl.shell.decoder`, ``sensor_gate``
+and ``batch_end``."""
 
 from collections import Counter
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from ...protocol.word_format import (
+import numpy as np
+
+from ..protocol.word_format import (
     EVENT_TYPES,
     HIGH_BITS,
     LAST_COLUMN,
@@ -193,3 +197,60 @@ def sensor_gate(config, tokens):
         if event or token.end:
             passed.append(token._replace(event=event))
     return passed, counts
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchEnds:
+    """Where batches end; see the registers ``BATCH_EVENTS``, ``BATCH_DURATION`` and ``BATCH_TLAST``."""
+
+    events: int = 0
+    duration: int = 0
+    by_tlast: bool = True
+
+
+def split_batches(config, tokens, ends):
+    """Tokens to batches.
+
+    Parameters
+    ----------
+    config : Config
+    tokens : iterable of Token
+        As :func:`sensor_gate` passes them.
+    ends : BatchEnds
+
+    Returns
+    -------
+    batches : list of (t, x, y, cut)
+        int64 arrays; ``cut`` where the batch, or slice, became as long as one may be.
+    rest : list of (t, x, y)
+        Events behind the last end.
+    empty_ends : int
+        Ends of packets without an event in the batch.
+    """
+    wrap, half = 1 << config.time_bits, 1 << (config.time_bits - 1)
+    batches, batch, empty = [], [], 0
+    completed = False  # the last token completed the number: an end that follows at once is that batch's
+
+    def close(cut=False):
+        columns = np.array(batch, np.int64).reshape(-1, 3).T
+        batches.append((*columns, cut))
+        batch.clear()
+
+    for token in tokens:
+        if token.event:
+            if batch and ends.duration:
+                since = (token.t - batch[0][0] + half) % wrap - half
+                if not -ends.duration <= since < ends.duration:
+                    close()
+            batch.append((token.t, token.x, token.y))
+            marked = token.end and ends.by_tlast
+            completed = not marked and len(batch) in (ends.events, config.slice_events)
+            if marked or completed:
+                close(cut=not marked and len(batch) != ends.events)
+        elif token.end and ends.by_tlast:
+            if batch:
+                close()
+            else:
+                empty += not completed
+            completed = False
+    return batches, batch, empty
