@@ -7,6 +7,7 @@ import pytest
 
 from cmfpga.fpga import families, levels, place, tools
 from support import baselines
+from support.verilog_tools import yosys
 
 ROOT = Path(__file__).parents[2]
 
@@ -59,6 +60,39 @@ def test_each_family(device, multiplied):
     assert found["fmax_mhz"] > 50 and found["paths"]
     bound = "only a bound" in place.text(found)
     assert bound == (device != "LIFCL-40") and found["speed"] == families.FAMILIES[device].devices[device][1][0]
+
+
+#: Registers that others read as well as a multiplier.
+SHARED = """
+module shared(input clk, input [4:0] i, j, output reg [9:0] o = 0, output reg [5:0] p = 0, output [4:0] q);
+  reg [4:0] h = 0, g = 0;
+  assign q = h;
+  always @(posedge clk) begin h <= i; g <= j; o <= h * g; p <= h + g + p; end
+endmodule
+"""
+
+PROOF = """read_verilog shared.v
+{synthesis}
+write_verilog -noattr mapped.v
+design -reset
+read_verilog mapped.v +/lattice/cells_sim_nexus.v
+hierarchy -top shared
+rename shared mapped
+read_verilog shared.v
+proc
+flatten mapped
+opt_clean
+miter -equiv -flatten shared mapped m
+hierarchy -top m
+async2sync
+sat -verify -seq 1 -set-init-zero -tempinduct -prove trigger 0 -maxsteps 6 m
+"""
+
+
+def test_a_netlist_for_nexus_is_proved_to_be_its_source(tmp_path):
+    """By induction; of what ``synth_nexus`` of Yosys 0.70 makes by itself it would find a counterexample."""
+    (tmp_path / "shared.v").write_text(SHARED)
+    yosys(tmp_path, PROOF.format(synthesis=families.NEXUS.synthesis.format(top="shared")))
 
 
 def test_the_table_of_families():
