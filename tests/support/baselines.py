@@ -14,6 +14,7 @@ from pathlib import Path
 from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
 from cmfpga.fpga import place, resources
+from cmfpga.fpga.families import FAMILIES
 from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.verilog.emit import TOP, emit_verilog, sha256
 from support.emitted_hashes import axi_top, body
@@ -29,7 +30,7 @@ REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow":
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "quad", "paper"), 5
 #: Presets that other families' devices hold.
-FAMILIES = {"LIFCL-40": ("fast", "paper"), "GW2A-18": ("paper",)}
+ELSEWHERE = {"LIFCL-40": ("fast", "paper"), "GW2A-18": ("paper",)}
 BASELINES = {"fingerprints": {}, "placed": {}, "families": {}, "plain": {}, "motions": {}, "regions": {}} | json.loads(
     PATH.read_text(encoding="utf-8")
 )
@@ -38,6 +39,9 @@ BASELINES = {"fingerprints": {}, "placed": {}, "families": {}, "plain": {}, "mot
 def fingerprint(text, row, module=resources):
     """Of a row and of all that its measurement depends on: the Verilog, Yosys and what is counted."""
     counted = Path(module.__file__).read_text(encoding="utf-8")
+    if "device" in row:
+        family = FAMILIES[row["device"]]
+        counted += f"{family.synthesis} {family.options}"
     return sha256(json.dumps([body(text), resources.require_yosys(), counted, row], sort_keys=True))
 
 
@@ -98,7 +102,7 @@ def placed_of(name, seeds=SEEDS, device="LFE5U-85F", kind="placed"):
 def main(what=None):
     """What has been measured is kept at once: a run that was broken off goes on where it was."""
     if what in ("placed", "families"):
-        devices = {"LFE5U-85F": PLACED} if what == "placed" else FAMILIES
+        devices = {"LFE5U-85F": PLACED} if what == "placed" else ELSEWHERE
         for device, name in ((device, name) for device, names in devices.items() for name in names):
             name += f", {device}" * (what == "families")
             BASELINES[what][name], text = placed_of(name, device=device, kind=what)
