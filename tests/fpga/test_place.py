@@ -233,6 +233,14 @@ def test_a_broken_report(report, monkeypatch):
         place.place(SMALL)
 
 
+def test_what_does_not_fit_is_said():
+    large = EACH.replace("[0:1023]", "[0:65535]").replace("[9:0]", "[15:0]")
+    with pytest.raises(
+        tools.EstimateError, match="nextpnr-ecp5 stopped with .*: ERROR: .*DP16KD"
+    ):
+        place.place(large, device="LFE5U-12F", top="each")
+
+
 def test_nextpnr_fails(monkeypatch):
     monkeypatch.setattr(place, "yosys", lambda *_: [EMPTY])
     monkeypatch.setitem(families.ECP5.devices, "LFE5U-85F", ("--none", (8,)))

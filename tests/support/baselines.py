@@ -30,7 +30,7 @@ REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow":
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "quad", "paper"), 5
 #: Presets that other families' devices hold.
-ELSEWHERE = {"LIFCL-40": ("fast", "paper"), "GW2A-18": ("paper",)}
+ELSEWHERE = {"LIFCL-40": ("fast",), "GW2A-18": ("paper",)}
 BASELINES = {"fingerprints": {}, "placed": {}, "families": {}, "plain": {}, "motions": {}, "regions": {}} | json.loads(
     PATH.read_text(encoding="utf-8")
 )

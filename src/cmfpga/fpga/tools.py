@@ -59,8 +59,9 @@ def run(tool, arguments, folder, steps, made, report):
                 process.kill()
                 raise
     if process.returncode:
-        lines = (folder / "said").read_text(encoding="utf-8", errors="replace").split("\n")
-        why = next((line.strip() for line in reversed(lines) if line.strip()), "it did not say why")
+        said = [line.strip() for line in (folder / "said").read_text(encoding="utf-8", errors="replace").split("\n")]
+        errors = [line for line in said if line.startswith("ERROR")]  # behind which nextpnr counts them
+        why = [*filter(None, ["it did not say why", *said]), *errors][-1]
         raise EstimateError(f"{steps[done]}: {tool} stopped with status {process.returncode}: {why}")
 
 
