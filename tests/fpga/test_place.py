@@ -235,9 +235,7 @@ def test_a_broken_report(report, monkeypatch):
 
 def test_what_does_not_fit_is_said():
     large = EACH.replace("[0:1023]", "[0:65535]").replace("[9:0]", "[15:0]")
-    with pytest.raises(
-        tools.EstimateError, match="nextpnr-ecp5 stopped with .*: ERROR: .*DP16KD"
-    ):
+    with pytest.raises(tools.EstimateError, match=r"nextpnr-ecp5 stopped with .*: ERROR: .*DP16KD"):
         place.place(large, device="LFE5U-12F", top="each")
 
 
