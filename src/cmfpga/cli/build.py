@@ -8,6 +8,7 @@ from .. import __version__, cli
 from ..boards import BOARDS, SerialBoard
 from ..errors import UserError, write_text
 from ..fpga import bitstream, levels, place, resources
+from ..fpga.families import FAMILIES
 from ..protocol import registers
 from ..protocol.registers import documents
 from ..rtl.axi.top import AxiTop
@@ -115,8 +116,8 @@ def parser():
     )
     made.add_argument("--levels", action="store_true", help="count the LUTs in a row between registers, by Yosys")
     placed = made.add_argument_group("place and route by Yosys and nextpnr, of what --top says (minutes)")
-    placed.add_argument("--place", choices=tuple(place.DEVICES), metavar="DEVICE", help=", ".join(place.DEVICES))
-    placed.add_argument("--speed", type=int, choices=place.SPEEDS, help="speed grade (default: 8, the fastest)")
+    placed.add_argument("--place", choices=tuple(FAMILIES), metavar="DEVICE", help=", ".join(FAMILIES))
+    placed.add_argument("--speed", type=cli.positive, metavar="N", help="speed grade (default: the fastest)")
     placed.add_argument("--seeds", type=cli.positive, metavar="N", help="placements, of which the median counts (1)")
     placed.add_argument(
         "--target", type=cli.clock, metavar="MHZ", help=f"fail below this clock (without: aim for {place.AIM_MHZ})"
@@ -143,7 +144,9 @@ def main(arguments=None):
         resources.require_yosys()  # before anything is written
     if (options.bitstream or options.baud) and options.top not in _serial_boards():
         raise UserError(f"--bitstream and --baud are for a board without a processor: --top {_serial_boards()[0]}")
-    if options.place or options.bitstream:
+    if options.place:
+        place.require_tools(options.place, options.speed, options.target)
+    if options.bitstream:
         place.require_tools()
     if not options.place and (options.speed or options.target or (options.seeds and not options.bitstream)):
         raise UserError("--speed, --seeds and --target say how to --place: name a device with that")

@@ -14,8 +14,9 @@ from amaranth.lib.cdc import ResetSynchronizer
 from amaranth_boards.ulx3s import ULX3S_85F_Platform
 
 from ..verilog.emit import sha256
+from .families import ECP5, TIMING
 from .packing import pack_registers
-from .place import DEVICES, PLACER, RESOURCES, require_tools
+from .place import listed, require_tools
 from .tools import EstimateError, read_json, run, yosys
 
 #: By the board's name.
@@ -72,12 +73,8 @@ def bitstream(verilog, board, path, *, seeds=SEEDS, report=lambda doing: None):
 
 def text(found):
     """For a terminal."""
-    used = ", ".join(
-        f"{found['resources'][name]['used']:,} of {found['resources'][name]['available']:,} {kind}"
-        for name, (_, kind) in RESOURCES.items()
-    )
     return f"{found['top']} on {found['device']} (Yosys {found['yosys']}, nextpnr {found['nextpnr']}): " + (
-        f"{_text_of(found['seeds'])}\n{used}"
+        f"{_text_of(found['seeds'])}\n{listed(found['resources'], ECP5)}"
     )
 
 
@@ -91,9 +88,10 @@ def _text_of(tried):
 
 def _placed(folder, board, seed, doing, report):
     """``{clock: fmax and what is wanted}`` and resources of one placement, which leaves ``pads.config``."""
-    arguments = [DEVICES[board.device], "--package", board.package, "--speed", board.speed, "--seed", str(seed)]
+    device = ECP5.devices[board.device][0].format(speed=board.speed).split()
+    arguments = [*device, "--package", board.package, "--seed", str(seed)]
     arguments += ["--json", "pads.json", "--lpf", "pads.lpf", "--textcfg", "pads.config", "--report", "report.json"]
-    run("nextpnr-ecp5", [*arguments, *PLACER, "--timing-allow-fail", "-q"], folder, [doing], [], report)
+    run("nextpnr-ecp5", [*arguments, *TIMING, "--timing-allow-fail", "-q"], folder, [doing], [], report)
     found = read_json(folder / "report.json", "nextpnr", "report")
     try:
         fmax = {("sensor" if "cpi" in name else "clock"): clock for name, clock in found["fmax"].items()}
@@ -103,7 +101,7 @@ def _placed(folder, board, seed, doing, report):
         }
         if set(clocks) != {"clock", "sensor"} or clocks["clock"]["wanted_mhz"] * 1e6 != board.clock_hz:
             raise LookupError
-        return clocks, {name: found["utilization"][cell] for name, (cell, _) in RESOURCES.items()}
+        return clocks, {name: found["utilization"][cell] for name, (cell, _) in ECP5.resources.items()}
     except (AttributeError, LookupError, TypeError, ValueError):
         raise EstimateError("the report of nextpnr has not the design's two clocks and the resources") from None
 

@@ -13,7 +13,9 @@ _WIRE = re.compile(rf"\(INTERCONNECT (\S+) (\S+) {_LATEST}")
 _ARC = re.compile(rf"\(IOPATH (\S+) (\S+) {_LATEST}")
 _CHECK = re.compile(rf"\(SETUPHOLD \(posedge (\S+)\) \(posedge (\S+)\) {_LATEST}")
 # What Yosys appends to a register's name to call the cells around it.
-_GROWN = re.compile(r"_(?:TRELLIS_\w+?|CCU2C|LUT4|PFUMX|L6MUX21|MULT18X18D|DP16KD)_.*")
+_GROWN = re.compile(
+    r"_(?:TRELLIS_\w+?|CCU2C?|LUT\d|PFUMX|L6MUX21|MULT\w*?|DP16KD|FD1P3..|WIDEFN9|PDPSC16K|DFF\w*?|ALU|CC_\w+?)_.*"
+)
 
 
 def worst_paths(sdf, aim_mhz):

