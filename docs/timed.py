@@ -8,6 +8,7 @@ from declared import RESOURCES, table
 from cmfpga.config import PRESETS, preset
 from cmfpga.fpga.families import ECP5, FAMILIES
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.rtl.sliding.core import SlidingCore
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import description
 
@@ -34,11 +35,15 @@ def placed_table():
     stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["placed"]
     rows = []
     for name, row in stored.items():
-        core = elaborated(preset(name))
-        waits = [
-            f"{(cycles - description.ARTICLE_BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
-            for count, cycles in article_cycles(core, judge=0)
-        ]
+        if preset(name).slides:
+            core = SlidingCore(preset(name))
+            Fragment.get(core, None)
+            waits = [f"{(core.tail + 1) / row['fmax_mhz']:.2f} (a hop)"]
+        else:
+            waits = [
+                f"{(cycles - description.ARTICLE_BATCH['events']) / row['fmax_mhz']:.1f} (T = {count})"
+                for count, cycles in article_cycles(elaborated(preset(name)), judge=0)
+            ]
         seeds, area = ", ".join(map(str, row["seeds"])), (f"{row[kind]:,}" for kind in ECP5.resources)
         rows.append((f"`{name}`", row["fmax_mhz"], seeds, " / ".join(waits), *area))
     titles = (title for _, title in ECP5.resources.values())

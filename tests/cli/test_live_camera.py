@@ -15,7 +15,7 @@ import pytest
 import cmfpga
 from cmfpga.cli import track
 from cmfpga.errors import RecordingError
-from cmfpga.events import LiveSource
+from cmfpga.events import LiveSource, usb
 from cmfpga.events.evt import EvtDecoder
 from support.designs import PAPER
 from support.fake_camera import Busy, Driver, Name, listed
@@ -26,10 +26,14 @@ MODEL = ["--engine", "model", "--roi", "8,9", "--batch-events", 90, "--no-pictur
 
 @pytest.fixture
 def plug(monkeypatch):
-    """``plug(packets, camera, …)``: the :class:`Driver` that is found from now on; packets, or a callable."""
+    """``plug(packets, camera, …)``: the :class:`Driver` that is found from now on; packets, or a callable.
+
+    Nobody waits for a camera that is gone, unless it comes ``again``.
+    """
 
     def plug(packets, *cameras, **options):
         sent = packets if callable(packets) else [*packets].__iter__
+        monkeypatch.setattr(usb, "_AWAIT_S", 10.0 if "again" in options else 0.0)
         driver = Driver(sent, *cameras, **options)
         monkeypatch.setitem(sys.modules, "neuromorphic_drivers", driver)
         return driver
@@ -43,6 +47,13 @@ def packets(data, *sizes):
         yield data[:size], 3, 0
         data = data[size:]
     yield data, 1, 2
+
+
+def silent():
+    """Packets of a camera that sees nothing."""
+    while True:
+        time.sleep(0.01)
+        yield None, 0, 0
 
 
 @pytest.fixture
@@ -68,6 +79,29 @@ def test_until_it_is_unplugged(plug, follow, dot, dot_events, tmp_path):
     assert told in done.out.splitlines() and "60 events were not tracked any more" in done.out
 
 
+def test_it_is_unplugged_and_comes_again(plug, follow, dot_events, tmp_path):
+    """Its times begin anew, in the middle of a word; the track's go on, later by as long as it was gone."""
+    data = evt3(dot_events)
+    plug([*packets(data, 1200), (b"\x08", 0, 5)], again=[*packets(data, 600)].__iter__)
+    begin = time.monotonic()
+    with LiveSource("camera:") as source:
+        chunks, came = source.chunks(), []
+        while sum(map(len, came)) < 1200:
+            came.append(next(chunks))
+        took = time.monotonic() - begin
+    t, x = (np.concatenate([getattr(one, name) for one in came]) for name in ("t", "x"))
+    assert source.counts() | {"received": 1200, "reconnected": 1, "driver_dropped": 7} == source.counts()
+    assert x[600:].tolist() == x[:600].tolist() == dot_events.x.tolist()
+    assert np.diff(t[:600]).tolist() == np.diff(t[600:]).tolist() == np.diff(dot_events.t).tolist()
+    assert 0.4e6 <= t[600] - t[599] <= took * 1e6
+
+
+def test_the_summary_tells_that_it_came_again(plug, follow, dot_events):
+    driver = plug(packets(evt3(dot_events), 1200), again=[*packets(evt3(dot_events))].__iter__)
+    done = follow("camera:", "--batches", 8)
+    assert done.status == 0 and "were dropped there; it was gone once" in done.out and len(driver.opened) == 2
+
+
 def test_the_summary_as_json(plug, follow, dot_events):
     plug(packets(evt3(dot_events), 1200))
     *_, last = map(json.loads, follow("camera:00050001", "--json").out.splitlines())
@@ -88,7 +122,7 @@ def test_events_of_another_make(plug, follow, dot, dot_events, tmp_path):
 
 
 def test_one_is_chosen_by_its_serial_number(plug):
-    driver = plug([], listed(None, error="Access denied"), listed("A1"), listed("B2"))
+    driver = plug(silent, listed(None, error="Access denied"), listed("A1"), listed("B2"))
     for address, serial in (("camera:", "A1"), ("camera:B2", "B2")):
         with LiveSource(address) as source:
             assert (source.name, source.width, source.height) == (f"camera:{serial}", 32, 24)
@@ -133,6 +167,7 @@ def test_from_python(plug, dot_events):
     options = {"roi": (8, 9), "batch_events": 90, "engine": "model", **PAPER}
     plug(packets(evt3(dot_events), 1200))
     tracking = cmfpga.track("camera:", batches=6, **options)
+    plug(packets(evt3(dot_events), 1200))
     with LiveSource("camera:") as source, cmfpga.Tracker(sensor=(32, 24), **options) as tracker:
         with pytest.raises(RecordingError, match="NoDevice"):
             for events in source.chunks():

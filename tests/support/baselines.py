@@ -28,7 +28,7 @@ MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similari
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
 #: Presets that fit the device, and seeds of each.
-PLACED, SEEDS = ("fast", "quad", "paper"), 5
+PLACED, SEEDS = ("fast", "paper", "quad", "sliding"), 5
 #: Presets that other families' devices hold.
 ELSEWHERE = {"LIFCL-40": ("fast",), "GW2A-18": ("paper",)}
 BASELINES = {"fingerprints": {}, "placed": {}, "families": {}, "plain": {}, "motions": {}, "regions": {}} | json.loads(

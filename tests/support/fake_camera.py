@@ -25,15 +25,22 @@ def listed(serial="00050001", name=Name.EVK4, error=None):
 class Driver(types.ModuleType):
     """``cameras``: a list of :func:`listed`; ``packets``: callable, an iterator of ``(packet, backlog, dropped)``.
 
-    A packet None is a time in which nothing came. At their end the camera is unplugged.
+    A packet None is a time in which nothing came. At their end the camera is unplugged; it is there again at the second
+    look, with the packets ``again``, if there are any.
     """
 
-    def __init__(self, packets, *cameras, size=(32, 24)):
+    def __init__(self, packets, *cameras, size=(32, 24), again=None):
         super().__init__("neuromorphic_drivers")
         self._packets, self._cameras, self._size = packets, cameras or (listed(),), size
+        self._again, self.looks = again, None  # since it was unplugged
         self.opened, self.closed = [], 0
 
     def list_devices(self):
+        if self.looks is not None:
+            self.looks += 1
+            if self.looks < 2 or self._again is None:
+                return []
+            self._packets, self._again, self.looks = self._again, None, None
         return [*self._cameras]
 
     def open(self, configuration=None, iterator_timeout=None, raw=False, serial=None):
@@ -56,6 +63,7 @@ class Device:
     def __next__(self):
         packet, backlog, dropped = next(self._packets, (b"", 0, 0))
         if packet == b"":
+            self._driver.looks = 0
             raise RuntimeError("Usb(Rusb(NoDevice))")
         ring = None if packet is None else types.SimpleNamespace(backlog=backlog, dropped_packets=dropped)
         return types.SimpleNamespace(system_time=time.time(), ring=ring), packet

@@ -98,7 +98,8 @@ def print_summary(objects, *, engine, cycles, clock, as_json, counts):
     if counts:
         if "driver_dropped" in counts:
             ring = f"{counts['driver_backlog']} packets waited in the driver at most, {counts['driver_dropped']}"
-            waited = f"{ring} were dropped there"
+            times = {0: "", 1: "; it was gone once"}.get(n := counts["reconnected"], f"; it was gone {n} times")
+            waited = f"{ring} were dropped there{times}"
         else:
             waited = f"the sender was held up for {counts['held_up_s']:g} s"
         print(f"{counts['received']} events came, {counts['lost']} were dropped; {waited}")

@@ -254,13 +254,15 @@ class LiveSource(Feed):
         """What was received and lost, JSON-ready; ``before_time``: left out ahead of the first word of time.
 
         ``wrong_times`` are words, as :class:`.evt.TimeWords` leaves them out.
-        Of a camera ``driver_backlog`` and ``driver_dropped`` are packets, as :class:`.usb.Camera` has them.
+        Of a camera ``driver_backlog`` and ``driver_dropped`` are packets, as :class:`.usb.Camera` has them with
+        ``reconnected``.
         """
         held, early = round(self.held_s, 3), self._decoder.early
         counts = {"received": self.received, "lost": self.lost, "out_of_sensor": self.outside}
         counts |= {"held_up_s": held, "before_time": early, "wrong_times": self._times.wrong if self._times else 0}
         if self._camera:
             counts |= {"driver_backlog": self._camera.backlog, "driver_dropped": self._camera.dropped}
+            counts |= {"reconnected": self._camera.reconnected}
         return counts
 
     def stop(self):

@@ -4,11 +4,14 @@ Prophesee's sensors give raw words of EVT 3.0, which our own decoder reads. iniV
 of other formats. The driver fills a ring of packets by itself; where that is full it drops packets, and counts them.
 """
 
+import time
+
 from ..errors import RecordingError, needs
 from .arrays import Events
 from .evt import EvtDecoder
 
 _POLL_S = 0.2  # how long one reading waits
+_AWAIT_S = 10.0  # a camera that is gone is awaited for so long
 
 
 class Camera:
@@ -26,7 +29,9 @@ class Camera:
     sensor : (int, int)
         Width and height, px.
     decoder : callable
-        Of what :meth:`read` gives, as :class:`EvtDecoder`.
+        Of what :meth:`read` gives, as :class:`EvtDecoder`; times go on where the camera was gone.
+    reconnected : int
+        How often the camera was gone, and came again.
     backlog, dropped : int
         Packets that waited in the driver's ring at most, and that it dropped because the ring was full.
 
@@ -37,7 +42,7 @@ class Camera:
     """
 
     def __init__(self, address):
-        serial = address.removeprefix("camera:")
+        self._serial = address.removeprefix("camera:")
         with needs("neuromorphic_drivers", "cameras", "a camera"):
             try:
                 import neuromorphic_drivers as driver
@@ -45,6 +50,13 @@ class Camera:
                 raise
             except ImportError as error:  # such as of a system for which it was not built
                 raise RecordingError(f"a camera: neuromorphic_drivers cannot be loaded here: {error}") from None
+        self._driver, self._gone = driver, None
+        self.backlog = self.dropped = self.reconnected = 0
+        self._open()
+        self.decoder = _Joined(lambda: EvtDecoder("3.0") if self._words else _Decoded())
+
+    def _open(self):
+        driver, serial = self._driver, self._serial
         try:
             listed = driver.list_devices()
         except RuntimeError as error:
@@ -58,7 +70,7 @@ class Camera:
         self.name = f"camera:{chosen.serial or serial}".rstrip(":")
         model = chosen.name.value
         self.note = f"{self.name}: {model}, {chosen.connection.value}"
-        words = not model.startswith("iniVation")
+        self._words = words = not model.startswith("iniVation")
         self.format = model if words else f"{model}, events"
         try:
             if chosen.error is not None:
@@ -69,27 +81,85 @@ class Camera:
                 f"{self.name}: {model}: {error}; on Linux neuromorphic-drivers-install-udev-rules gives access"
             ) from None
         properties = self._device.properties()
-        self.sensor = properties.width, properties.height
-        self.decoder = EvtDecoder("3.0") if words else _Decoded()
-        self.backlog = self.dropped = 0
+        self.sensor, self._serial = (properties.width, properties.height), chosen.serial or serial
+        self._lost = 0  # packets, of this connection
 
     def read(self):
-        """What came next; None where nothing did. Raises :exc:`OSError` where the camera is gone."""
+        """What came next; None where nothing did. Raises :exc:`OSError` where the camera has been gone for too long."""
+        if self._gone and not self._again():
+            return None
         try:
             status, packet = next(self._device)
         except Exception as error:  # of a foreign program, in a thread whose end the track waits for
-            raise OSError(str(error) or type(error).__name__) from None
+            self._gone = time.monotonic(), str(error) or type(error).__name__
+            self._device.close()
+            return None
         if status.ring is not None:
             self.backlog = max(self.backlog, status.ring.backlog)
-            self.dropped = status.ring.dropped_packets
-        if isinstance(self.decoder, EvtDecoder) or packet is None:
+            self.dropped += status.ring.dropped_packets - self._lost
+            self._lost = status.ring.dropped_packets
+        if self._words or packet is None:
             return packet
         events = packet.polarity_events
         return None if events is None else Events(events["t"], events["x"], events["y"], events["on"])
 
+    def _again(self):
+        """Whether it is there again, and open."""
+        begin, why = self._gone
+        if time.monotonic() - begin >= _AWAIT_S:
+            raise OSError(why)
+        time.sleep(_POLL_S)
+        try:
+            self._open()
+        except RecordingError:
+            return False
+        self._gone = None
+        self.reconnected += 1
+        self.decoder.renew(int((time.monotonic() - begin) * 1e6))
+        return True
+
     def close(self):
         """Stop it. May be called more than once."""
-        self._device.close()
+        if not self._gone:
+            self._device.close()
+
+
+class _Joined:
+    """A decoder of each connection, one after the other; its times go on where those of the last one ended."""
+
+    def __init__(self, make):
+        self._make, self._decoder, self._early = make, make(), 0
+        self._offset, self._last, self._begin = 0, None, None
+
+    def renew(self, gone):
+        """The next connection begins, so many µs later."""
+        self._early += self._decoder.early
+        self._decoder = self._make()
+        self._begin = None if self._last is None else self._last + gone
+
+    def __call__(self, data):
+        t, x, y, p = self._decoder(data)
+        if len(t):
+            if self._begin is not None:
+                self._offset, self._begin = self._begin - int(t[0]), None
+            t = t + self._offset if self._offset else t
+            self._last = int(t[-1])
+        return t, x, y, p
+
+    def skip(self, data):
+        return self._decoder.skip(data)
+
+    @property
+    def early(self):
+        return self._early + self._decoder.early
+
+    @property
+    def rest(self):
+        return self._decoder.rest
+
+    @property
+    def word_bytes(self):
+        return self._decoder.word_bytes
 
 
 class _Decoded:
