@@ -35,7 +35,9 @@ def courses():
 def main():
     """Draw it."""
     times, truth, place, start, found = courses()
-    figure, (speed, off) = plt.subplots(2, 1, figsize=(9, 5.5), sharex=True, height_ratios=(3, 2), layout="constrained")
+    figure, (speed, off) = plt.subplots(
+        2, 1, figsize=(10.5, 5.5), sharex=True, height_ratios=(3, 2), layout="constrained"
+    )
     speed.plot(times / 1e3, truth, "k--", label="truth")
     for (who, course), color in zip(found.items(), ("tab:orange", "tab:blue"), strict=True):
         at = np.searchsorted(course.t, times, side="right")
@@ -48,7 +50,7 @@ def main():
     off.set(xlabel="time [ms]", ylabel="ROI off the object [px]")
     for axes in (speed, off):
         axes.grid(alpha=0.3)
-    speed.legend(loc="upper right")
+    speed.legend(loc="upper left", bbox_to_anchor=(1, 1))
     figure.savefig(PATH, dpi=110)
     print(f"wrote {PATH}")
 

@@ -24,7 +24,9 @@ SUFFIXES = (".png", ".pdf", ".svg", ".gif")
 _KEPT = 64
 _GIF_FPS = 6
 _COLOURS = {"OFF (darker)": (0.36, 0.55, 0.94), "ON (brighter)": (1.0, 1.0, 1.0)}
-_ROI, _TRAIL = "tab:red", "tab:cyan"
+_ROI, _TRAIL, _V = "tab:red", "tab:cyan", "gold"
+_REACH = 0.7  # of the ROI's size, that the longest arrow of v has at most
+_SURE = 5.991  # squared distance, in standard deviations, within which 95 % of a plane's normal distribution lie
 _LINES = ("tab:blue", "tab:orange", "tab:green")
 
 #: Charts over time by the motion: title, label, and names of what is drawn.
@@ -43,7 +45,10 @@ CHARTS = {
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """What is drawn of one batch: time in µs, pixels that are mostly OFF, and ON, as packed bits; image at v."""
+    """What is drawn of one batch: time in µs, pixels that are mostly OFF, and ON, as packed bits; image at v.
+
+    v in px/s with its covariance, None where it is not sure.
+    """
 
     noun: str
     index: int
@@ -51,6 +56,8 @@ class _Frame:
     roi: tuple
     packed: np.ndarray
     moved: np.ndarray
+    v: tuple | None
+    spread: np.ndarray | None
 
     def rgb(self, width):
         """The frame in colour, [rows, columns, 3]."""
@@ -112,7 +119,12 @@ class Gallery:
         there[at] = True
         events = np.stack([there & (signs < 0), there & (signs >= 0)])
         moved = self._image(batch, batch.result.v).astype(np.float32)
-        return _Frame(self.config.noun, batch.index, batch.t_ref, batch.result.roi, np.packbits(events, axis=2), moved)
+        v, spread = None if Flag.DOUBTFUL in batch.flags else batch.v_px_per_s, batch.covariance
+        if spread is not None:
+            xx, yy, xy = spread
+            spread = np.array([[xx, xy], [xy, yy]]) / batch.half_s**2
+        drawn = np.packbits(events, axis=2), moved, v, spread
+        return _Frame(self.config.noun, batch.index, batch.t_ref, batch.result.roi, *drawn)
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
@@ -141,7 +153,7 @@ class Gallery:
             raise ConfigError(f"picture {path}: no batch has events")
         figure = Figure(figsize=(10, 4.6), layout="constrained", dpi=80)
         left, right = figure.subplots(1, 2, width_ratios=(1.4, 1))
-        figure.legend(handles=self._handles(trail=True), loc="outside lower center", ncols=4)
+        figure.legend(handles=self._handles(trail=True), loc="outside lower center", ncols=5)
         most = np.median([frame.moved.max() for frame in self._frames])
         writer = PillowWriter(fps=_GIF_FPS)
         with writer.saving(figure, str(path), 80):
@@ -163,7 +175,7 @@ class Gallery:
         for axis, k in zip(np.atleast_1d(top.subplots(1, max(1, len(chosen)))), chosen, strict=False):
             self._draw_frame(axis, self._frames[k])
         moves = len(chosen) and len(set(self._corners[: self._frames[chosen[-1]].index + 1])) > 1
-        figure.legend(handles=self._handles(trail=moves), loc="outside lower center", ncols=4)
+        figure.legend(handles=self._handles(trail=moves), loc="outside lower center", ncols=5)
         left, right = bottom.subfigures(1, 2, width_ratios=(1.15, 1))
         if self._sharpest:
             self._draw_images(left, *self._sharpest[1:])
@@ -179,7 +191,34 @@ class Gallery:
 
         events = [Patch(facecolor=colour, edgecolor="gray", label=name) for name, colour in _COLOURS.items()]
         roi = Patch(fill=False, edgecolor=_ROI, linewidth=1.5, label="ROI")
-        return [*events, roi, *[Line2D([], [], color=_TRAIL, linewidth=2, label="trail of its centre")] * bool(trail)]
+        lines = [Line2D([], [], color=_TRAIL, linewidth=2, label="trail of its centre")] * bool(trail)
+        if seconds := self._arrow_s:
+            named = f"v: the way in {seconds:g} s, and where it ends with 95 %"
+            lines.append(Line2D([], [], color=_V, marker=">", markevery=[-1], label=named))
+        return [*events, roi, *lines]
+
+    @property
+    def _arrow_s(self):
+        """Time of the arrows' way: 1, 2 or 5 times a power of ten, s; None without an arrow."""
+        speeds = [np.hypot(*frame.v) for frame in self._frames if frame.v is not None]
+        if not speeds or not max(speeds):
+            return None
+        most = _REACH * min(self.config.roi_width, self.config.roi_height) / max(speeds)
+        power = 10.0 ** np.floor(np.log10(most))
+        return power * next(k for k in (5, 2, 1) if k * power <= most or k == 1)
+
+    def _draw_v(self, axis, frame, centre):
+        """The arrow of v, and at its tip the ellipse of its covariance."""
+        from matplotlib.patches import Ellipse
+
+        tip = np.add(centre, np.multiply(frame.v, self._arrow_s))
+        shape = {"arrowstyle": "-|>", "color": _V, "linewidth": 1.5, "shrinkA": 0, "shrinkB": 0}
+        axis.annotate("", tip, centre, arrowprops=shape)
+        if frame.spread is not None:
+            sizes, axes = np.linalg.eigh(frame.spread)
+            across = 2 * self._arrow_s * np.sqrt(_SURE * sizes)
+            angle = np.degrees(np.arctan2(axes[1, 0], axes[0, 0]))
+            axis.add_patch(Ellipse(tip, *across, angle=angle, fill=False, edgecolor=_V, linewidth=1))
 
     def _draw_frame(self, axis, frame):
         from matplotlib.patches import Rectangle
@@ -189,6 +228,8 @@ class Gallery:
         axis.plot(*np.add(self._corners[: frame.index + 1], centre).T, color=_TRAIL, linewidth=2)
         size = (self.config.roi_width, self.config.roi_height)
         axis.add_patch(Rectangle(np.subtract(frame.roi, 0.5), *size, fill=False, edgecolor=_ROI, linewidth=1.5))
+        if frame.v is not None and self._arrow_s:
+            self._draw_v(axis, frame, np.add(frame.roi, centre))
         axis.set(title=frame.title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
 
     def _draw_images(self, figure, index, v, still, moved):
@@ -210,8 +251,9 @@ class Gallery:
         for axis, (title, label, lines) in zip(figure.subplots(len(charts), squeeze=False)[:, 0], charts, strict=True):
             self._draw_chart(axis, lines)
             doubtful = " (hollow: doubtful)" * any(self._doubtful)
-            axis.set(title=title + doubtful, xlabel="recording's clock [s]", ylabel=label)
-            axis.legend()
+            axis.set(xlabel="recording's clock [s]", ylabel=label)
+            axis.set_title(title + doubtful, loc="left")
+            axis.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, frameon=False)  # beside the title
             axis.grid(alpha=0.3)
 
     def _draw_chart(self, axis, lines):
