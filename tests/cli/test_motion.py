@@ -107,7 +107,7 @@ def test_python_finds_the_same(turn, tmp_path):
     found.report(tmp_path / "page.html")
     assert "<h2>Angular velocity of the camera</h2>" in (tmp_path / "page.html").read_text(encoding="utf-8")
     assert found.wy_rad_per_s.dtype == np.float64 and set(RATES["rotation"]) <= set(found.to_arrays())
-    assert [axis.get_title() for axis in found.plot().axes][-2:].count("angular velocity of the camera") == 1
+    assert [axis.get_title("left") for axis in found.plot().axes][-2:].count("angular velocity of the camera") == 1
     trace = found.trace(0)
     assert trace[len(trace) - 1].raw["v_next"].shape == (3,)
 
