@@ -92,7 +92,7 @@ def tools(monkeypatch):
             return
         fmax = {"$glbnet$clk": {"achieved": clocks.pop(0), "constraint": 75.0}}
         fmax["cpi_0__pclk__io$TRELLIS_IO_IN"] = {"achieved": 200.0, "constraint": 75.0}
-        used_up = {cell: {"used": 1, "available": 2} for cell, _ in bitstream.RESOURCES.values()}
+        used_up = {cell: {"used": 1, "available": 2} for cell, _ in bitstream.ECP5.resources.values()}
         (folder / "report.json").write_text(json.dumps({"fmax": fmax, "utilization": used_up}))
 
     monkeypatch.setattr(bitstream, "run", run)

@@ -96,6 +96,21 @@ def test_nothing_is_loaded_from_elsewhere(site):
         assert not re.search(r'<(?:script|link|img)[^>]* (?:src|href)="(?:https?:)?//', html(site, page)), page
 
 
+def test_no_table_is_wider_than_the_page(site, browser):
+    """In a window of 1280 px no table has to be scrolled."""
+    size = {"width": 1280, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    wide = """return [...document.querySelectorAll('article table')].filter(table =>
+        [table, table.parentElement, table.parentElement.parentElement].some(one => one.scrollWidth > one.clientWidth)
+    ).map(table => table.innerText.slice(0, 60))"""
+    counted, found = 0, {}
+    for page in PAGES:
+        browser.get((site / page).with_suffix(".html").as_uri())
+        counted += browser.execute_script("return document.querySelectorAll('article table').length")
+        found |= {page: tables} if (tables := browser.execute_script(wide)) else {}
+    assert counted > 50 and not found
+
+
 def test_search_without_a_server(site, browser):
     """As a reader does who opens the pages from a folder."""
     browser.get((site / "index.html").as_uri())
