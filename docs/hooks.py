@@ -2,6 +2,7 @@
 
 - Links from a page to a file that the site does not hold become the file's path in the repository.
 - The boards' pages, which lie in the folders of their boards.
+- Long names in tables, which may be broken behind a dot and the like: no table is wider than the page.
 - One page per package with all its public names, made from the docstrings without importing the package.
 """
 
@@ -16,6 +17,7 @@ PACKAGE = ROOT / "src" / "cmfpga"
 DOCS = "docs/"
 # Pages that lie outside docs/, and their names in the site.
 ELSEWHERE = {f"{name}.md": f"boards/{name}/README.md" for name in ("kv260", "ulx3s")}
+SIGNS = re.compile(r"(?<=[._/,=|:\])-])(?=[^\s])")
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#:]+)(#[^)\s]*)?\)")
 
 
@@ -73,3 +75,12 @@ def on_files(files, config):
 def on_page_markdown(markdown, page, **_):
     name = page.file.src_uri
     return markdown if name.startswith("names/") else inside(markdown, ELSEWHERE.get(name, DOCS + name))
+
+
+def on_page_content(html, **_):
+    return re.sub(r"<t([dh])[^>]*>.*?</t\1>", lambda cell: breakable(cell[0]), html, flags=re.DOTALL)
+
+
+def breakable(cell):
+    """A table's cell, in whose code a line may end behind these signs."""
+    return re.sub(r"<code>([^<]*)</code>", lambda code: f"<code>{SIGNS.sub('<wbr>', code[1])}</code>", cell)
