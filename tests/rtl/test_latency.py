@@ -94,7 +94,7 @@ BLOCKS = {
     "reciprocal": Timing(
         Reciprocal(span_bits=24, reciprocal_bits=16), 41, out="done", item=lambda k: {"start": 1, "span": 7}, every=41
     ),
-    "dither": Timing(Dither(FAST), 1),
+    "dither": Timing(Dither(FAST), 2),
     "time scaler": Timing(TimeScaler(DEFAULT), 6),
     "warp": Timing(Warp(DEFAULT), 3),
     "warp with levels": Timing(Warp(FAST), 4),
@@ -107,7 +107,7 @@ BLOCKS = {
         every=ODD.geometry.bank_words, late=ODD.geometry.bank_words - 1,
     ),
     "tagged accumulator": Timing(
-        TaggedAccumulator(QUAD), 4, out="o", item=lambda k: {"i.valid": 1, "i.payload": VOTES}
+        TaggedAccumulator(QUAD), 5, out="o", item=lambda k: {"i.valid": 1, "i.payload": VOTES}
     ),
     "one-pass gradient": Timing(
         OnePassGradient(QUAD, accumulator_latency=4), 8, item=lambda k: {"votes.valid": 1, "votes.payload": VOTES}
@@ -121,13 +121,13 @@ BLOCKS = {
     ),
     "constant ascent": Timing(ConstantAscent(DEFAULT), 5, out="run.updated", every=2),
     "sign ascent": Timing(SignAscent(SIMILAR), 2, out="run.updated", every=3),
-    "newton ascent": Timing(NewtonAscent(FAST), 31, out="run.updated", every=35, row=4, late=3),
+    "newton ascent": Timing(NewtonAscent(FAST), 34, out="run.updated", every=38, row=4, late=3),
     # The last of its cycles is the velocity's.
     "probe": Timing(Probe(SIMILAR), 3, item=lambda k: {"begin": 1}, late=-1),
     "judge": Timing(
         LeastJudge(SIMILAR), 17, out="done", item=lambda k: {"i.valid": 1}, every=25, row=4, late=3
     ),
-    "verdict": Timing(Verdict(FAST), 31, out="done", item=lambda k: {"begin": 1}, every=33),
+    "verdict": Timing(Verdict(FAST), 34, out="done", item=lambda k: {"begin": 1}, every=36),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
     ),

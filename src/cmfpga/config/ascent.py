@@ -77,7 +77,7 @@ class NewtonAscent(SignAscent):
     needs = (("gradient", ("one_pass",)), ("border", ("whole",)), ("motion", ("translation",)))
 
     def latency(self, config):
-        return len(config.widths.round_shifts) + config.v_frac + 17
+        return len(config.widths.round_shifts) + config.v_frac + 20
 
 
 ASCENTS = {"constant": ConstantAscent(), "newton": NewtonAscent(), "sign": SignAscent()}

@@ -122,8 +122,8 @@ MUTANTS = {  # evaluators, module, old, new
     "other distances": (4, evaluators, "three << (quarters // 3).bit_length() - 1", "three"),
     "above and below": (4, evaluators, '("_below", ""), ("_above", "")', '("_above", ""), ("_below", "")'),
     "x for y": (4, evaluators, '("", "_below"), ("", "_above")', '("_below", ""), ("", "_above")'),
-    "signs in turn": (1, evaluators, "Mux(number[0], -beside, beside))", "Mux(number[0], beside, -beside))"),
-    "turns of y": (1, evaluators, "Mux(number[1], Mux(number[0], -beside, beside), 0)", "beside"),
+    "signs in turn": (1, evaluators, "Mux(below, -beside_s2, beside_s2)", "Mux(below, beside_s2, -beside_s2)"),
+    "turns of y": (1, evaluators, "Mux(own, signed_s2, 0)", "signed_s2"),
     "an event does not stay": (1, evaluators, "0b1111", "0b0111"),
     "one image for all": (1, evaluators, "Cat(number_s1, vote.address)", "vote.address << 2"),
     "last too early": (1, evaluators, "last & ~left[1]", "last"),
@@ -146,4 +146,4 @@ def test_what_is_broken_is_noticed(name, monkeypatch, rng):
     count, *change = MUTANTS[name]
     break_blocks(monkeypatch, *change)
     with pytest.raises(AssertionError):
-        check(ROUNDS["fast odd"].replace(evaluators=count), rng)
+        check(ROUNDS["fast odd"].replace(evaluators=count, roi_width=39, roi_height=29), rng)

@@ -1,6 +1,9 @@
 """The Newton ascent: a step M⁻¹·g of the four gradients of a round."""
 
-from amaranth.hdl import Cat, Mux, Signal, signed
+from functools import reduce
+from operator import or_
+
+from amaranth.hdl import Cat, Const, Mux, Signal, signed
 from amaranth.lib.wiring import Out
 
 from ...config.schedule import DISTANCES
@@ -18,7 +21,7 @@ class NewtonAscent(ScheduledAscent):
     multipliers take turns; both axes divide side by side, a bit a cycle. ``k`` is the step in which the sums are
     normalised::
 
-        step    0 ......... 1 .... 2 … k ............ k + 8 ...... k + 9 … .......... + 3
+        step    0 ......... 1 .... 2 … k ............ k + 8 ...... k + 9 … .......... + 4
                 G₃ (1) ───► load ► normalise (2) ──► multiply ──► load ► divide ────► scale, limit ► move
                                                      (3, 4, 5)           (6)          (7)
 
@@ -41,20 +44,21 @@ class NewtonAscent(ScheduledAscent):
         # v and the largest limit: one bit more than either.
         super().__init__(config, target_bits=config.formats.v.width + 1, members=members)
         self._shifts = config.widths.round_shifts
-        self._kept = 2 + len(self._shifts)
+        self._kept = 4 + len(self._shifts)
         self._divided = self._kept + 9 + config.v_frac + 2
-        self.latency = self._divided + 4
+        self.latency = self._divided + 5
 
     def elaborate(self, platform):
         config = self.config
         m = self.scheduled()
         m.d.comb += self.distance.eq(self.schedule.distance)
         last, sums = self._sum(m)
-        step = Signal(range(self.latency))
-        with m.If(last):
-            m.d.sync += step.eq(1)
-        with m.Elif(step != 0):
-            m.d.sync += step.eq(Mux(step == self.latency - 1, 0, step + 1))
+        step, busy, ends = Signal(range(self.latency)), Signal(), Signal()
+        m.d.sync += [
+            busy.eq(last | (busy & ~ends)),
+            step.eq(Mux(last | ends, last, step + busy)),
+            ends.eq(step == self.latency - 2),
+        ]
         kept = self._normalise(m, step, sums)
         peak, det, over = self._solve(m, step, kept)
         ratios = {axis: self._divide(m, step, axis, over[axis], det) for axis in "xy"}
@@ -68,7 +72,7 @@ class NewtonAscent(ScheduledAscent):
             lesser = delay(m, (sizes[axis] << 1) < sizes[other], 1, name=f"lesser_{axis}")
             none = lesser | (kept[axis] == 0)
             negative = delay(m, Mux(peak, over[axis][-1], kept[axis][-1]), 1, name=f"negative_{axis}")
-            # 7, in three stages.
+            # 7, in four stages.
             ratio_s1 = delay(m, ratios[axis], 1, name=f"ratio_{axis}")
             three_s1 = delay(m, ratios[axis] + (ratios[axis] << 1), 1, name=f"three_{axis}")
             scaled = select(self.distance, [_quarters(each, ratio_s1, three_s1) for each in DISTANCES])
@@ -77,14 +81,17 @@ class NewtonAscent(ScheduledAscent):
             size_s3 = Signal(len(limit), name=f"step_{axis}", reset_less=True)
             m.d.sync += size_s3.eq(Mux(peak, Mux(scaled_s2 > limit, limit, scaled_s2), flat))
             v = self.v[axis]
-            m.d.comb += self.velocity.target[axis].eq(Mux(negative, v - size_s3, v + size_s3))
-        m.d.comb += self.velocity.move.eq(step == self.latency - 1)
+            target = delay(m, Mux(negative, v - size_s3, v + size_s3), 1, name=f"target_{axis}")
+            m.d.comb += self.velocity.target[axis].eq(target)
+        m.d.comb += self.velocity.move.eq(ends)
         return m
 
     def _sum(self, m):
         """1: ``(the last gradient comes, the five sums)``, those a cycle later."""
         zeros, bits = self.config.widths.g_zeros, self.config.widths.round_bits
         turn, valid = Signal(2), self.i.valid
+        # The fourth comes three cycles after the first, whose delay is known without waiting for it.
+        last = delay(m, valid & (turn == 0), 3, name="first", valid=True)
         x, y = (self.i.payload[axis][zeros:].as_signed() for axis in "xy")
         m.d.sync += turn.eq(turn + valid)
         # Of xx, yy and cross the second and the fourth gradient count negative.
@@ -100,23 +107,29 @@ class NewtonAscent(ScheduledAscent):
                 m.d.sync += sums[name].eq(Mux(begin, 0, sums[name]) + addend + carry)
         if self.config.confidence:
             m.d.comb += [self.curvature[name].eq(sums[name] << zeros) for name in ("xx", "yy", "cross")]
-        return valid & turn.all(), sums
+        return last, sums
 
     def _normalise(self, m, step, sums):
-        """2: from step ``_kept`` on."""
+        """2: from step ``_kept`` on. Which bits tell of a size is known first; these decide, a cycle ahead."""
         wide = {name: Signal.like(value, name=f"wide_{name}", reset_less=True) for name, value in sums.items()}
+        telling = Signal(self.config.widths.round_bits - 1, reset_less=True)
         with m.Switch(step):
             with m.Case(1):
                 m.d.sync += [wide[name].eq(value) for name, value in sums.items()]
-            for number, by in enumerate(self._shifts):
-                with m.Case(2 + number):
-                    full = Cat((value[-1 - by : -1] ^ value[-1].replicate(by)).any() for value in wide.values()).any()
-                    with m.If(~full):
-                        m.d.sync += [value.eq(value << by) for value in wide.values()]
+            with m.Case(2):
+                m.d.sync += telling.eq(reduce(or_, map(_size, wide.values())))
+        for by in sorted(set(self._shifts)):
+            fits, due, shift = ~telling[-by:].any(), Signal(name=f"due_{by}"), Signal(name=f"shift_{by}")
+            m.d.comb += due.eq(Cat(step == 3 + n for n, each in enumerate(self._shifts) if each == by).any())
+            m.d.sync += shift.eq(due & fits)
+            with m.If(due & fits):
+                m.d.sync += telling.eq(telling << by)
+            with m.If(shift):
+                m.d.sync += [value.eq(value << by) for value in wide.values()]
         return {name: value[-self.config.widths.kept_bits :].as_signed() for name, value in wide.items()}
 
     def _solve(self, m, step, kept):
-        """3 to 5: ``(peak, det, numerators)``, the first from step k + 6, the others from k + 5 and k + 8 on."""
+        """3 to 5: ``(peak, det, numerators)``, the first from step k + 7, the others from k + 5 and k + 8 on."""
         bits, k = self.config.widths.kept_bits, self._kept
         x, y, xx, yy, cross = (kept[name] for name in SUMS)
 
@@ -133,18 +146,25 @@ class NewtonAscent(ScheduledAscent):
             k + 2: ((trace, trace), (cross, x)),
             k + 5: ((damped_yy, x), (damped_xx, y)),
         }
-        products = []
+        products, which = [], Signal(range(len(program)))
+        for number, when in enumerate(program):  # known a cycle ahead
+            with m.If(step == when - 1):
+                m.d.sync += which.eq(number)
         for number in range(2):
             one, other = (register(bits + 1, f"factor_{number}_{n}") for n in range(2))
-            with m.Switch(step):
-                for when, factors in program.items():
-                    with m.Case(when):
-                        m.d.sync += [one.eq(factors[number][0]), other.eq(factors[number][1])]
+            m.d.sync += [
+                factor.eq(select(which, [factors[number][n] for factors in program.values()]))
+                for n, factor in enumerate((one, other))
+            ]
             products.append(delay(m, one * other, 1, name=f"product_{number}"))
         first, second = products
         cross_y, cross_x = delay(m, second, 1, name="cross_y"), register(2 * bits + 2, "cross_x")
         kept_y = register(2 * bits + 2, "kept_y")
         m.d.sync += trace.eq(xx + yy)
+        # From step k + 7 on, in two stages: it is not asked for before the division has ended. Without a trace there is
+        # no positive determinant.
+        some = delay(m, Cat(det[low : low + 8].any() for low in range(0, len(det), 8)), 1, name="some")
+        m.d.sync += peak.eq(some.any() & ~det[-1] & ~trace[-1])
         with m.Switch(step):
             with m.Case(k + 2):
                 m.d.sync += det_before.eq((first << 2) - second)
@@ -157,8 +177,6 @@ class NewtonAscent(ScheduledAscent):
                     damped_xx.eq(xx + Mux(damps, trace >> 3, 0)),
                     damped_yy.eq(yy + Mux(damps, trace >> 3, 0)),
                 ]
-            with m.Case(k + 5):
-                m.d.sync += peak.eq((trace > 0) & (det > 0))
             with m.Case(k + 7):
                 m.d.sync += [over["x"].eq((first << 1) - kept_y), over["y"].eq((second << 1) - cross_x)]
         return peak, det, over
@@ -166,15 +184,16 @@ class NewtonAscent(ScheduledAscent):
     def _divide(self, m, step, axis, over, det):
         """6: the ratio, from step ``_divided`` on."""
         bits = self.config.v_frac + 2  # the first says that it is limited
-        rest = Signal(len(det) + 2, name=f"rest_{axis}", reset_less=True)
+        rest = Signal(signed(len(det) + 3), name=f"rest_{axis}", reset_less=True)
         quotient = Signal(bits, name=f"quotient_{axis}", reset_less=True)
-        trial = Signal(signed(len(rest) + 1), name=f"trial_{axis}")
-        m.d.comb += trial.eq(rest - (det << 1))
-        fits = ~trial[-1]
+        # Not restored where it does not fit, but added to: then no choice follows the adder. Its lowest bit carries.
+        down = ~rest[-1]
+        by = (det << 1) ^ down.replicate(len(rest)).as_signed()
+        trial = (Cat(Const(1, 1), rest).as_signed() + Cat(down, by).as_signed())[1 : 1 + len(rest)]
         with m.If(step == self._kept + 8):
             m.d.sync += rest.eq(_size(over))
         with m.Elif(step != self._divided):
-            m.d.sync += [rest.eq(Mux(fits, trial, rest) << 1), quotient.eq(Cat(fits, quotient))]
+            m.d.sync += [rest.eq(trial << 1), quotient.eq(Cat(~trial[-1], quotient))]
         return quotient[:-1] | quotient[-1].replicate(bits - 1)
 
 

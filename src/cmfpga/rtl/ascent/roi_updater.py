@@ -58,7 +58,7 @@ class RoiUpdater(wiring.Component):
 
     def __init__(self, config):
         self.config = config
-        self.latency = config.formats.roi_gain.width + 3
+        self.latency = config.formats.roi_gain.width + 3 + (config.buffers == 2)
         self.settle = self.latency + 2
         super().__init__(
             {
@@ -79,7 +79,7 @@ class RoiUpdater(wiring.Component):
         m.d.sync += [gain.eq(Mux(self.move, self.roi_gain, gain << 1)), running.eq((running << 1) | self.move)]
         with m.If(self.move & self.still):
             m.d.sync += gain.eq(0)
-        move_s2 = delay(m, running[-1], 2, name="move", valid=True)
+        move = delay(m, running[-1], 1 + config.buffers, name="move", valid=True)
         still = dict.fromkeys(("x", "y"), Const(0, signed(config.formats.v.width)))
         v = still | {parameter.moves_roi: self.v[parameter.name] for parameter in config.motion_model.parameters}
         out_of_range, moved_out = [], []
@@ -98,17 +98,17 @@ class RoiUpdater(wiring.Component):
                 m.d.sync += step_s1.eq((step_s1 << 1) + Mux(gain[-1], v[axis], 0))  # stage 1, a cycle a bit
             m.d.sync += target_s2.eq(position + step_s1)  # stage 2
             m.d.comb += limited.eq(saturate(target_s2, 0, largest))
-            with m.If(load):
-                m.d.sync += position.eq(saturate(wanted, 0, limit) << fmt.f)
-            with m.Elif(move_s2):  # stage 3
-                m.d.sync += position.eq(limited)
             out_of_range.append(wanted > limit)
             moved_out.append((target_s2 < 0) | (target_s2 > largest))
 
-            ahead = position
+            ahead, moved = position, limited
             if config.buffers == 2:  # the last step is still there: two cycles later the target is the next one
-                ahead = Signal(fmt.width, name=f"ahead_{axis}")
+                ahead = moved = Signal(fmt.width, name=f"ahead_{axis}")
                 m.d.sync += ahead.eq(limited)
+            with m.If(load):
+                m.d.sync += position.eq(saturate(wanted, 0, limit) << fmt.f)
+            with m.Elif(move):  # stage 3, or 4
+                m.d.sync += position.eq(moved)
             m.d.comb += corner.roi_next[axis].eq(round_half_up(ahead, fmt.f))
             if config.buffers == 2:
                 with m.If(self.new_batch):
@@ -122,6 +122,6 @@ class RoiUpdater(wiring.Component):
         else:
             with m.If(self.new_batch):
                 m.d.sync += corner.clamped.eq(self.load & (out_of_range[0] | out_of_range[1]))
-            with m.Elif(move_s2 & (moved_out[0] | moved_out[1])):
+            with m.Elif(move & (moved_out[0] | moved_out[1])):
                 m.d.sync += corner.clamped.eq(1)
         return m

@@ -1,12 +1,12 @@
 """Verdict: whether the contrast's peak is sharp enough for v to be trusted."""
 
-from amaranth.hdl import Cat, Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import PIECE
+from ..arithmetic import PIECE, delay, select
 
 #: What a product is added to: nothing, the sum so far, or that with all its bits moved up by a piece.
 NOTHING, SUM, SHIFTED = range(3)
@@ -63,11 +63,11 @@ class Verdict(wiring.Component):
         drop = widths.curvature_bits - widths.kept_bits
         self._fours = drop // 4
         self._shifts = self._fours + min(drop, 3)
-        # The cycles in which each part of the program begins; a product is added up three cycles after it is asked for.
-        self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 2
+        # The cycles in which each part of the program begins; a product is added up four cycles after it is asked for.
+        self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 3
         self._scale = self._contrast + 1 + self._shifts
-        self._compare = self._scale + 7
-        self.latency = self._compare + 10
+        self._compare = self._scale + 8
+        self.latency = self._compare + 11
 
     def elaborate(self, platform):
         config, widths = self.config, self.config.widths
@@ -94,6 +94,7 @@ class Verdict(wiring.Component):
             program |= {begin + k: line for k, line in enumerate(lines)}
         total = self._multiply(m, step, program)
 
+        m.d.sync += self.done.eq(step == self.latency - 1)
         with m.If(self.begin):
             m.d.sync += step.eq(1)
         with m.Elif(step != 0):
@@ -102,14 +103,13 @@ class Verdict(wiring.Component):
             with m.Case(self._contrast):
                 m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
                 m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - total)
-            with m.Case(self._scale + 4):
+            with m.Case(self._scale + 5):
                 m.d.sync += a.eq(total)
-            with m.Case(self._scale + 6):
-                m.d.sync += c.eq(total << 2)
             with m.Case(self._scale + 7):
+                m.d.sync += c.eq(total << 2)
+            with m.Case(self._scale + 8):
                 m.d.sync += b.eq(total)
             with m.Case(self.latency):
-                m.d.comb += self.done.eq(1)
                 m.d.sync += self.doubtful.eq((a <= 0) | (total <= 0))
             for number in range(self._shifts):
                 with m.Case(self._contrast + 1 + number):
@@ -120,24 +120,33 @@ class Verdict(wiring.Component):
         return m
 
     def _multiply(self, m, step, program):
-        """What the products of the program add up to: factors, product and sum have a register each."""
+        """What the products of the program add up to: factors, product, its sign and sum have a register each."""
         factors = [[line[k] for line in program.values()] for k in range(2)]
         x, y = (
             Signal(signed(max(len(value) + (not value.shape().signed) for value in values)), name=name, reset_less=True)
             for name, values in zip("xy", factors, strict=True)
         )
-        product = Signal(signed(len(x) + len(y)), reset_less=True)
+        product = delay(m, x * y, 1, name="product")
         total = Signal(signed(2 * self.config.widths.judge_bits + 3), reset_less=True)
-        base, minus = Signal.like(total), Signal()
-        m.d.sync += [product.eq(x * y), total.eq(Mux(minus, base - product, base + product))]
-        with m.Switch(step):
-            for number, (one, other, *_) in program.items():
-                with m.Case(number):
-                    m.d.sync += [x.eq(one), y.eq(other)]
-        with m.Switch(step):
-            for number, (*_, negative, to) in program.items():
-                with m.Case(number + 2):
-                    m.d.comb += [minus.eq(negative), base.eq({NOTHING: 0, SUM: total, SHIFTED: total << PIECE}[to])]
+        minus, to = Signal(), Signal(range(3))
+        base = select(to, [Const(0), total, total << PIECE])[: len(total)].as_signed()
+        m.d.sync += total.eq(base + delay(m, Mux(minus, -product, product), 1, name="signed"))
+        # Which factors come next is known a cycle ahead.
+        for number, factor in enumerate((x, y)):
+            values = list({id(line[number]): line[number] for line in program.values()}.values())
+            which = Signal(range(len(values)), name=f"which_{factor.name}")
+            m.d.sync += [which.eq(0), factor.eq(select(which, values))]
+            with m.Switch(step):
+                for k, line in program.items():
+                    if k:
+                        with m.Case(k - 1):
+                            with m.If(self.begin | (k > 1)):
+                                m.d.sync += which.eq([one is line[number] for one in values].index(True))
+        for later, target in ((1, minus), (2, to)):
+            with m.Switch(step):
+                for k, line in program.items():
+                    with m.Case(k + later):
+                        m.d.sync += target.eq(line[1 + later])
         return total
 
 

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...config.dither import DITHER_BITS, FACTORS
 from ...config.schedule import STRIDES
 from .. import payloads
-from ..arithmetic import select
+from ..arithmetic import delay, select
 
 
 class Dither(wiring.Component):
@@ -33,7 +33,7 @@ class Dither(wiring.Component):
         a schedule, the next one begins behind the last event.
     """
 
-    latency = 1
+    latency = 2
 
     def __init__(self, config):
         self.config = config
@@ -53,10 +53,15 @@ class Dither(wiring.Component):
         event = self.i.payload
         for axis, factor in zip(("x", "y"), FACTORS, strict=True):
             phase = self._sequence(m, axis, factor)
-            place, offset = event[axis] << (wide - formats.event_frac), phase[-frac:]
+            # Stage 1: the buffer's output. Stage 2: add.
+            event_s1 = delay(m, event[axis], 1, name=axis)
+            place, offset = event_s1 << (wide - formats.event_frac), delay(m, phase[-frac:], 1, name=f"offset_{axis}")
             offset = Cat(Const(0, wide - frac), offset) if wide > frac else offset
             m.d.sync += self.o.payload[axis].eq(place + offset - (1 << (wide - 1)))
-        m.d.sync += [self.o.valid.eq(self.i.valid), self.o.payload.t.eq(event.t), self.o.payload.last.eq(event.last)]
+        m.d.sync += [
+            self.o.valid.eq(delay(m, self.i.valid, 1, name="valid", valid=True)),
+            *(self.o.payload[name].eq(delay(m, event[name], 1, name=name)) for name in ("t", "last")),
+        ]
         return m
 
     def _sequence(self, m, axis, factor):

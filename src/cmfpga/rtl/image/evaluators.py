@@ -24,10 +24,11 @@ class Evaluators(wiring.Component):
                                  dt·h ──────────►
 
     With four ``evaluators`` there are four voters, and an event in every cycle. With one, an event stays for four
-    cycles, in which the four evaluations go through the same adders and one voter; it comes in the first of them.
+    cycles, in which the four evaluations go through the same adders and one voter; it comes in the first of them. A
+    cycle more chooses between them.
 
     Latency :attr:`latency` cycles. ``centre`` is used in the cycle in which an event enters, ``distance`` in the next
-    one, and ``level`` from the third on.
+    one, and ``level`` from the third on, or the fourth.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ class Evaluators(wiring.Component):
     def __init__(self, config, event=None):
         self.config = config
         self.voters = [BilinearVoter(config) for _ in range(config.evaluators)]
-        self._moving = 5 if config.max_level else 4
+        self._moving = (5 if config.max_level else 4) + (config.evaluators == 1)
         self.latency = self._moving + BilinearVoter.latency
         super().__init__(
             {
@@ -143,13 +144,15 @@ class Evaluators(wiring.Component):
         return delay(m, value << self.config.v_frac - 2, 1, name=name)
 
     def _in_turn(self, m, centres, beside, number):
-        """Stage 3 of one evaluator: ``{axis: (name, position)}`` of the evaluation whose turn it is."""
-        signs = {"x": Mux(number[1], 0, Mux(number[0], -beside, beside))}
-        signs["y"] = Mux(number[1], Mux(number[0], -beside, beside), 0)
-        return {
-            axis: (axis, delay(m, centre + self._beside(m, signs[axis], f"beside_{axis}"), 1, name=f"place_{axis}"))
-            for axis, centre in centres.items()
-        }
+        """Stages 3, 4 of one evaluator: ``{axis: (name, position)}`` of the evaluation whose turn it is."""
+        beside_s2, below, along_y = self._beside(m, beside, "beside"), *delay(m, number, 1, name="turn")
+        signed_s2 = Mux(below, -beside_s2, beside_s2)
+        places = {}
+        for axis, own in (("x", ~along_y), ("y", along_y)):
+            signed_s3 = delay(m, Mux(own, signed_s2, 0), 1, name=f"beside_{axis}")
+            centre_s3 = delay(m, centres[axis], 1, name=f"centre_{axis}")
+            places[axis] = axis, delay(m, centre_s3 + signed_s3, 1, name=f"place_{axis}")
+        return places
 
     def _side_by_side(self, m, centres, beside):
         """Stage 3 of four: the same of each."""

@@ -161,7 +161,8 @@ class TaggedAccumulator(wiring.Component):
     number is used again, no word may carry it: in cycles without an event between iterations, a sweep writes tag 0,
     which no iteration has, one address after the other, through the same pipeline as the votes.
 
-    One event per cycle; ``o`` follows by :attr:`latency` cycles.
+    One event per cycle; ``o`` follows by :attr:`latency` cycles, of which the first is for whose turn it is, a vote's or
+    the sweep's.
 
     Members
     -------
@@ -176,7 +177,7 @@ class TaggedAccumulator(wiring.Component):
         The sweep leaves the last address: after a reset, every word has been written.
     """
 
-    latency = TaggedBank.latency
+    latency = 1 + TaggedBank.latency
 
     def __init__(self, config):
         self.config = config
@@ -205,7 +206,7 @@ class TaggedAccumulator(wiring.Component):
             with m.If(self.i.valid):
                 m.d.sync += inside.eq(~self.i.payload.last)
             sweeps &= ~inside
-        m.d.comb += self.swept.eq(sweeps & last)
+        m.d.sync += self.swept.eq(sweeps & last)
         with m.If(sweeps if config.slides else ~self.i.valid):
             m.d.sync += address.eq(Mux(last, 0, address + 1))
 
@@ -214,11 +215,13 @@ class TaggedAccumulator(wiring.Component):
         for number, bank in enumerate(self.banks):
             m.submodules[f"bank_{number}"] = bank
             vote = self.i.payload.banks[number]
-            operation = bank.i.payload
+            valid_s1, operation_s1 = Signal(name=f"valid_{number}_s1"), Signal(bank.i.payload.shape(), reset_less=True)
+            m.d.comb += [bank.i.valid.eq(valid_s1), bank.i.payload.eq(operation_s1)]
             with m.If(self.i.valid):
-                m.d.comb += [bank.i.valid.eq(vote.valid), operation.address.eq(vote.address), operation.tag.eq(tag)]
-                m.d.comb += [operation.add[name].eq(vote[name]) for name in payloads.pixel(config).members]
+                m.d.sync += [valid_s1.eq(vote.valid), operation_s1.address.eq(vote.address), operation_s1.tag.eq(tag)]
+                m.d.sync += [operation_s1.add[name].eq(vote[name]) for name in payloads.pixel(config).members]
             with m.Else():
-                m.d.comb += [bank.i.valid.eq(sweeps if config.slides else 1), operation.address.eq(address)]
+                m.d.sync += [operation_s1.eq(0), operation_s1.address.eq(address)]
+                m.d.sync += valid_s1.eq(sweeps if config.slides else 1)
             m.d.comb += [self.o[number].eq(bank.o.payload), self.o[number].valid.eq(bank.o.valid & voted[-1])]
         return m
