@@ -127,7 +127,7 @@ BLOCKS = {
     "judge": Timing(
         LeastJudge(SIMILAR), 17, out="done", item=lambda k: {"i.valid": 1}, every=25, row=4, late=3
     ),
-    "verdict": Timing(Verdict(FAST), 34, out="done", item=lambda k: {"begin": 1}, every=36),
+    "verdict": Timing(Verdict(FAST), 36, out="done", item=lambda k: {"begin": 1}, every=38),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
     ),

@@ -99,9 +99,9 @@ class OnePass(Derived):
         warp, voter = 4 if self._c.max_level else 3, 3
         gradient = 4 if self._c.geometry.pixels & (self._c.geometry.pixels - 1) else 1
         sums = 5 + 4
-        if self._c.ascent_rule.evaluations > 1:  # four sums, one after the other
+        if self._c.ascent_rule.evaluations > 1:  # four sums, one after the other, of four images a cycle later
             warp += 1 + (self._c.evaluators == 1)
-            gradient, sums = gradient - 1, sums + self._c.geometry.images - 1
+            gradient, sums = gradient - 1, sums + self._c.geometry.images - (self._c.evaluators == 1)
         feed = 10 + 2 * (self._c.dither_frac > 0)
         if self._c.motion_model.basis:
             warp, gradient, sums = warp + 2, 0, sums + 2

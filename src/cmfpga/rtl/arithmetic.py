@@ -1,6 +1,6 @@
 """The few arithmetic and pipelining idioms that several blocks share."""
 
-from amaranth.hdl import Cat, Mux, Signal
+from amaranth.hdl import Cat, Const, Mux, Signal
 
 from ..protocol.confidence import SHORT_PX
 
@@ -11,14 +11,16 @@ PIECE = 17
 def saturate(value, low, high):
     """``value`` limited to ``low … high`` (integers); the hardware twin of :func:`cmfpga.fixed.saturate`.
 
-    The two comparisons stand side by side. Where the limits are those of a signed word, the bits above it tell.
+    The two comparisons stand side by side, of the bits that can tell. Where the limits are those of a signed word, the
+    bits above it tell.
     """
     signed, width = value.shape().signed, high.bit_length()
     if signed and len(value) > width and high == (1 << width) - 1 and low == -1 - high:
         beyond = value[width:]
         return Mux(beyond.all() | ~beyond.any(), value, Mux(value[-1], low, high))
-    limited = Mux(value > high, high, value)
-    return Mux(value < low, low, limited) if signed or low > 0 else limited
+    above, below = ((limit & -limit).bit_length() - 1 if limit else 0 for limit in (high + 1, low))
+    limited = Mux((value >> above) > (high >> above), high, value)
+    return Mux((value >> below) < (low >> below), low, limited) if signed or low > 0 else limited
 
 
 def delay(m, value, cycles, *, name, valid=False):
@@ -35,11 +37,28 @@ def delay(m, value, cycles, *, name, valid=False):
 
 
 def small_product(value, factor):
-    """``value · factor`` (``factor`` unsigned, a few bits) in LUTs, where a DSP would be wasted: a tree of adders."""
-    terms = partial_products(value, factor)
+    """``value · factor`` (``factor`` unsigned, a few bits) in LUTs, where a DSP would be wasted: a tree of adders.
+
+    Of few bits, two bits of the factor choose a multiple, which takes no adder.
+    """
+    if value.shape().signed or len(value) > 4:
+        terms = partial_products(value, factor)
+    else:
+        multiples = [Const(0, 1), value, value << 1, _tripled(value)]
+        digits = [factor[low : low + 2] for low in range(0, len(factor), 2)]
+        terms = [select(digit, multiples[: 1 << len(digit)]) << 2 * k for k, digit in enumerate(digits)]
     while len(terms) > 1:
         terms = [sum(terms[k + 1 : k + 2], terms[k]) for k in range(0, len(terms), 2)]
     return terms[0][: len(value) + len(factor)].as_signed() if value.shape().signed else terms[0]
+
+
+def _tripled(value):
+    """3·``value``, unsigned, by logic: no bit depends on more than ``value`` has."""
+    bits, carry = [], Const(0, 1)
+    for one, other in zip([*value, Const(0, 1), Const(0, 1)], [Const(0, 1), *value, Const(0, 1)], strict=True):
+        bits.append(one ^ other ^ carry)
+        carry = (one & other) | (carry & (one | other))
+    return Cat(bits)
 
 
 def ones(value):

@@ -188,7 +188,7 @@ class NewtonAscent(ScheduledAscent):
         quotient = Signal(bits, name=f"quotient_{axis}", reset_less=True)
         # Not restored where it does not fit, but added to: then no choice follows the adder. Its lowest bit carries.
         down = ~rest[-1]
-        by = (det << 1) ^ down.replicate(len(rest)).as_signed()
+        by = (delay(m, det, 1, name=f"det_{axis}") << 1) ^ down.replicate(len(rest)).as_signed()
         trial = (Cat(Const(1, 1), rest).as_signed() + Cat(down, by).as_signed())[1 : 1 + len(rest)]
         with m.If(step == self._kept + 8):
             m.d.sync += rest.eq(_size(over))

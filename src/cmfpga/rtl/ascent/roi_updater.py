@@ -97,7 +97,9 @@ class RoiUpdater(wiring.Component):
             with m.Elif(running.any()):
                 m.d.sync += step_s1.eq((step_s1 << 1) + Mux(gain[-1], v[axis], 0))  # stage 1, a cycle a bit
             m.d.sync += target_s2.eq(position + step_s1)  # stage 2
-            m.d.comb += limited.eq(saturate(target_s2, 0, largest))
+            # What lies in the last whole pixel, but on it, is beyond: no fraction need be compared.
+            beyond = (target_s2 >> fmt.f) >= limit
+            m.d.comb += limited.eq(Mux(target_s2[-1], 0, Mux(beyond, largest, target_s2)))
             out_of_range.append(wanted > limit)
             moved_out.append((target_s2 < 0) | (target_s2 > largest))
 

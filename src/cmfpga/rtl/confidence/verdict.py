@@ -45,6 +45,8 @@ class Verdict(wiring.Component):
     done, doubtful : ``Out(1)``
     """
 
+    _first = 2
+
     def __init__(self, config):
         self.config = config
         widths = config.widths
@@ -63,8 +65,8 @@ class Verdict(wiring.Component):
         drop = widths.curvature_bits - widths.kept_bits
         self._fours = drop // 4
         self._shifts = self._fours + min(drop, 3)
-        # The cycles in which each part of the program begins; a product is added up four cycles after it is asked for.
-        self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 3
+        # The cycles in which each part of the program begins, two after its number; a product is added up four cycles after it is asked for.
+        self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 3 + self._first
         self._scale = self._contrast + 1 + self._shifts
         self._compare = self._scale + 8
         self.latency = self._compare + 11
@@ -85,7 +87,7 @@ class Verdict(wiring.Component):
         )
         program = {}  # by step: two factors, whether their product counts negative, and what it is added to
         for begin, lines in (
-            (0, _square_of(self.sum_i)),
+            (self._first, _square_of(self.sum_i)),
             (self._scale, [(kept["xx"], by_n, 0, NOTHING), (kept["contrast"], by_limit, 1, SUM)]),
             (self._scale + 2, [(kept["yy"], by_n, 0, NOTHING), (kept["contrast"], by_limit, 1, SUM)]),
             (self._scale + 4, [(kept["cross"], by_n, 0, NOTHING)]),
@@ -131,22 +133,25 @@ class Verdict(wiring.Component):
         minus, to = Signal(), Signal(range(3))
         base = select(to, [Const(0), total, total << PIECE])[: len(total)].as_signed()
         m.d.sync += total.eq(base + delay(m, Mux(minus, -product, product), 1, name="signed"))
-        # Which factors come next is known a cycle ahead.
+        # Which line comes next is known two cycles ahead, and which factors it has, one.
+        line = Signal(range(len(program)))
+        m.d.sync += line.eq(line + 1)
+        with m.Switch(step):
+            for number, k in enumerate(program):
+                if k - 1 not in program:
+                    with m.Case(k - 2):
+                        m.d.sync += line.eq(number)
         for number, factor in enumerate((x, y)):
-            values = list({id(line[number]): line[number] for line in program.values()}.values())
+            values = list({id(one[number]): one[number] for one in program.values()}.values())
+            places = {id(value): place for place, value in enumerate(values)}
             which = Signal(range(len(values)), name=f"which_{factor.name}")
-            m.d.sync += [which.eq(0), factor.eq(select(which, values))]
-            with m.Switch(step):
-                for k, line in program.items():
-                    if k:
-                        with m.Case(k - 1):
-                            with m.If(self.begin | (k > 1)):
-                                m.d.sync += which.eq([one is line[number] for one in values].index(True))
+            m.d.sync += which.eq(select(line, [Const(places[id(one[number])], len(which)) for one in program.values()]))
+            m.d.sync += factor.eq(select(which, values))
         for later, target in ((1, minus), (2, to)):
             with m.Switch(step):
-                for k, line in program.items():
+                for k, one in program.items():
                     with m.Case(k + later):
-                        m.d.sync += target.eq(line[1 + later])
+                        m.d.sync += target.eq(one[1 + later])
         return total
 
 

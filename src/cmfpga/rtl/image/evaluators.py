@@ -69,6 +69,7 @@ class Evaluators(wiring.Component):
         m = Module()
         for number, voter in enumerate(self.voters):
             m.submodules[f"voter_{number}"] = voter
+        level = delay(m, self.level, 1, name="level")
         # Stage 1: multiply. It stays until the next event comes.
         dt_s1 = Signal.like(event.dt, name="dt_s1", reset_less=True)
         three_s1 = Signal(signed(len(event.dt) + 2), reset_less=True)
@@ -91,13 +92,13 @@ class Evaluators(wiring.Component):
             for axis, (name, position) in place.items():
                 if name not in placed:
                     placed[name] = Signal(warped[axis].shape(), name=name, reset_less=True)
-                    m.d.sync += placed[name].eq(of_level(m, config, position, axis, self.level, name=name))
+                    m.d.sync += placed[name].eq(of_level(m, config, position, axis, level, name=name))
                 m.d.comb += warped[axis].eq(placed[name])
             m.d.comb += [
                 voter.i.valid.eq(valid),
                 warped.dt.eq(dt),
                 warped.last.eq(last),
-                voter.level.eq(self.level),
+                voter.level.eq(level),
             ]
         for voter, o in zip(self.voters, self.o, strict=True):
             connect(m, voter.o, wiring.flipped(o))

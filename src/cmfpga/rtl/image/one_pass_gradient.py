@@ -40,8 +40,8 @@ class OnePassGradient(wiring.Component):
     votes : ``In``, flow of :func:`payloads.votes`
         As they enter the accumulator. Valid ones are opposite: banks 0 and 1, 2 and 3 in dx, 0 and 2, 1 and 3 in dy.
     steps : ``In``, array of four :func:`payloads.tagged_step`
-        From the accumulator, ``accumulator_latency`` cycles later. Beside a valid step, one that is not has ``i`` = 0,
-        and what it did not add is opposite, too.
+        From the accumulator, ``accumulator_latency`` cycles later. A step that is not valid has ``add.i`` = 0; beside a
+        valid one it has ``i`` = 0, and the derivatives that it did not add are opposite, too.
     o : ``Out``, flow of :func:`payloads.sums`
         One item per evaluation.
     squares : ``Out``, :func:`payloads.squares`
@@ -154,9 +154,8 @@ class OnePassGradient(wiring.Component):
         products = []
         for n in (a, b):
             step = self.steps[n]
-            w = Mux(step.valid, step.add.i, 0)
-            both_s1 = delay(m, 2 * step.i + w, 1, name=f"both_{n}")  # I before and after
-            w_s1 = delay(m, w, 1, name=f"w_{n}")
+            both_s1 = delay(m, 2 * step.i + step.add.i, 1, name=f"both_{n}")  # I before and after
+            w_s1 = delay(m, step.add.i, 1, name=f"w_{n}")
             products.append(delay(m, both_s1 * w_s1, 1, name=f"square_{n}"))
         return delay(m, products[0] + products[1], 1, name=f"squares_{a}")
 
@@ -177,7 +176,7 @@ class OnePassGradient(wiring.Component):
             valid = first.valid | second.valid
             d_s1 = delay(m, Mux(valid, first.add[f"d{axis}"], 0), 1, name=f"far_d_{number}")
             products_s1 = [
-                delay(m, Mux(step.valid, step.total[f"d{axis}"] * step.add.i, 0), 1, name=f"far_{number}_{n}")
+                delay(m, step.total[f"d{axis}"] * step.add.i, 1, name=f"far_{number}_{n}")
                 for n, step in enumerate((first, second))
             ]
             odd_s1 = delay(m, odd[own], 1, name=f"far_odd_{number}")
@@ -192,7 +191,7 @@ class OnePassGradient(wiring.Component):
 
         # Stage 1: w·(D + d), and the difference of I.
         products_s1 = [
-            delay(m, Mux(step.valid, step.total[f"d{axis}"] * step.add.i, 0), 1, name=f"product_{axis}_{n}")
+            delay(m, step.total[f"d{axis}"] * step.add.i, 1, name=f"product_{axis}_{n}")
             for n, step in ((a, first), (b, second))
         ]
         difference_s1 = delay(m, first.i - second.i, 1, name=f"difference_{axis}_{a}")

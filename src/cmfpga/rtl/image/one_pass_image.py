@@ -63,7 +63,7 @@ class FourImages(ImageSums):
 
     def __init__(self, config, *, in_flight):
         self.images = [OnePassImage(config, in_flight=in_flight) for _ in range(config.geometry.images)]
-        self.latency, self.lead = self.images[0].latency + len(self.images) - 1, self.images[0].lead
+        self.latency, self.lead = self.images[0].latency + len(self.images), self.images[0].lead
         super().__init__(config, in_flight=in_flight, images=len(self.images))
 
     @property
@@ -83,13 +83,11 @@ class FourImages(ImageSums):
         turn = Signal(range(len(self.images)))
         valid = first.sums.valid | (turn != 0)
         m.d.sync += turn.eq(turn + valid)
-        m.d.comb += [
-            self.room.eq(1),
-            self.complete.eq(first.complete),
-            self.cleared.eq(first.cleared),
+        m.d.comb += [self.room.eq(1), self.complete.eq(first.complete), self.cleared.eq(first.cleared)]
+        m.d.sync += [
             self.sums.valid.eq(valid),
             self.sums.payload.eq(select(turn, [image.sums.payload.as_value() for image in self.images])),
         ]
         if self.config.confidence:
-            m.d.comb += self.squares.eq(select(turn, [image.squares for image in self.images]))
+            m.d.sync += self.squares.eq(select(turn, [image.squares for image in self.images]))
         return m

@@ -109,8 +109,8 @@ class TaggedBank(wiring.Component):
         for name in pixel.members:
             m.d.comb += write.data[name].eq(total[4][name])
             m.d.sync += total[4][name].eq(add[3][name] + base[name])
-        with m.If(~valid[3]):  # for who adds up I·d of all banks
-            m.d.sync += self.o.payload.i.eq(0)
+        with m.If(~valid[3]):  # for who adds up what all banks tell
+            m.d.sync += [self.o.payload.i.eq(0), self.o.payload.add.i.eq(0)]
         return m
 
     def _base(self, m, word, tag, known, total):
@@ -172,7 +172,7 @@ class TaggedAccumulator(wiring.Component):
         An iteration is over. At least one cycle after its last event.
     o : ``Out``, array of four :func:`payloads.tagged_step`
         What each bank did for a vote; never valid for the sweep. A bank without a vote, beside one that has one, tells
-        of ``i`` = 0.
+        of ``i`` = 0; whatever is not valid tells of ``add.i`` = 0.
     swept : ``Out(1)``
         The sweep leaves the last address: after a reset, every word has been written.
     """

@@ -124,7 +124,7 @@ class BilinearVoter(wiring.Component):
             bank = self.o.payload.banks[number]
             right, column, column_inside = column_s2[number & 1]
             down, row, row_inside = row_s2[number >> 1]
-            dx, dy = (Mux(counted, Mux(far, slope[1], slope[0]), 0) for far, slope in ((down, dx_s2), (right, dy_s2)))
+            dx, dy = (Mux(far, slope[1], slope[0]) for far, slope in ((down, dx_s2), (right, dy_s2)))
             m.d.sync += [
                 bank.valid.eq(valid_s2 & column_inside & row_inside),
                 bank.address.eq((row << config.geometry.bank_column_bits) | column[: config.geometry.bank_column_bits]),
@@ -132,6 +132,8 @@ class BilinearVoter(wiring.Component):
                 bank.dx.eq(Mux(right, -dx, dx)),
                 bank.dy.eq(Mux(down, -dy, dy)),
             ]
+            with m.If(~counted):  # a reset, which takes no LUT
+                m.d.sync += [bank.dx.eq(0), bank.dy.eq(0)]
         if config.motion_model.of_pixels:
             self._locate(m, self.o.payload.cell)
         elif config.motion_model.basis:
