@@ -208,7 +208,7 @@ def test_what_rounds_need(changes, message):
     ({**WINDOWS, "after": "0:1:1*2"}, "after: 2 iterations: at most one is allowed"),
     ({**WINDOWS, "cold": "0:1:1*28"}, "cold and warm and follow and after: 28 + 3 + 1 + 1 iterations; at most 32 "),
     ({"window_events": 5}, "window_events = 5: windows = sliding is needed; windows = batches ignores it"),
-    ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 19 idle cycles an iteration = 589, "),
+    ({"gradient": "one_pass", "tag_bits": 5}, "tag_bits = 5: (2^tag_bits − 1) · 20 idle cycles an iteration = 620, "),
     ({**ROUNDS, "max_iterations": 30, "cold": "0:1:1*30"}, "cold and warm: 30 + 3 iterations; at most 32 are "),
     ({"buffer_events": 1 << 17}, "G = P·S − ΣI·ΣD needs 64 bits, more than the 63 that the exact integer model"),
     ({"gradient_int": 20, "gradient_frac": 32}, "gradient · gain needs 78 bits, more than the 63 "),

@@ -28,7 +28,7 @@ _FAST = Config(
 PRESETS = {
     "paper": Config(),
     # An image four times as deep, in slices that fill block RAMs.
-    "fast": _FAST,
+    "fast": _FAST.replace(ram_style="block"),
     # An event in every cycle, for four.
     "quad": _FAST.replace(evaluators=4),
     # The newest events, again after every few of them.

@@ -129,7 +129,7 @@ MUTANTS = {  # old, new
     "kept y": ("kept_y.eq(cross_y)", "kept_y.eq(second)"),
     "numerators": ("(second << 1) - cross_x", "(second << 1)"),
     "size": ("rest.eq(_size(over))", "rest.eq(over)"),
-    "trial": ("by = (det << 1)", "by = det"),
+    "trial": ('name=f"det_{axis}") << 1)', 'name=f"det_{axis}"))'),
     "always down": ("down = ~rest[-1]", "down = Const(1, 1)"),
     "carry of the divider": ("Cat(Const(1, 1), rest)", "Cat(Const(0, 1), rest)"),
     "limited ratio": ("quotient[-1].replicate(bits - 1)", "0"),

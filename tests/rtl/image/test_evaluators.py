@@ -123,7 +123,7 @@ MUTANTS = {  # evaluators, module, old, new
     "above and below": (4, evaluators, '("_below", ""), ("_above", "")', '("_above", ""), ("_below", "")'),
     "x for y": (4, evaluators, '("", "_below"), ("", "_above")', '("_below", ""), ("", "_above")'),
     "signs in turn": (1, evaluators, "Mux(below, -beside_s2, beside_s2)", "Mux(below, beside_s2, -beside_s2)"),
-    "turns of y": (1, evaluators, "Mux(own, signed_s2, 0)", "signed_s2"),
+    "turns of y": (1, evaluators, "m.If(~own)", "m.If(0)"),
     "an event does not stay": (1, evaluators, "0b1111", "0b0111"),
     "one image for all": (1, evaluators, "Cat(number_s1, vote.address)", "vote.address << 2"),
     "last too early": (1, evaluators, "last & ~left[1]", "last"),

@@ -119,6 +119,7 @@ def windows(hops, events, crops, rng, *, busy=(0, 40), gap=0.93, stall=0.3, **mo
                     ctx.set(control.free, 0)
                 waited += 1
                 assert waited < 4000, f"hop {len(found)}: {len(out)} events, closed: {closed}"
+            await ctx.tick()  # it is told a cycle after what else is told of a hop
             found.append((begin, ended, now, ctx.get(control.stale), first, phases, out))
             for _ in range(int(rng.integers(*busy))):
                 await ctx.tick()
@@ -219,13 +220,13 @@ MUTANTS = {  # argument, module, old, new
     "times of the hop before": ("control", hop_control, "self.now.eq(now),", "self.now.eq(self.now),"),
     "the ROI moves at once": ("control", hop_control, "frac), roi[axis])", "frac), self.corner[axis])"),
     "a hop closes while one is evaluated": ("control", hop_control, "& self.free & ~self.closed", "& ~self.closed"),
-    "no pause is too long": ("control", hop_control, "self.stale.eq(step > longest)", "self.stale.eq(0)"),
+    "no pause is too long": ("control", hop_control, "self.stale.eq(step_s1 > longest)", "self.stale.eq(0)"),
     "an event too many stays": ("walk", walker, "held > most", "held > most + 1"),
     "events as old as they may be go": ("walk", walker, "> oldest", ">= oldest"),
     "a hop closes a µs late": ("control", hop_control, ">= lengths.hop_us)", "> lengths.hop_us)"),
     "a dither of its own for each window": ("walk", walker, "phase.eq(phase + factor)", "phase.eq(factor // 2)"),
     "the dither goes on in an empty window": ("walk", walker, "phase.eq(factor // 2)", "phase.eq(phase)"),
-    "time of the event before": ("walk", walker, "self.t_first.eq(self.t)", "self.t_first.eq(self.t_first)"),
+    "time of the event before": ("walk", walker, "self.t_first.eq(t_s2)", "self.t_first.eq(self.t_first)"),
     "the last one is not waited for": ("store", ring, "last_s1.eq(self.closed & ", "last_s1.eq(1 & "),
     "an event is read before it is written": ("store", ring, "(address_s1 != self.written) & ", ""),
     "written over": ("store", ring, "write.addr.eq(write.addr + write.en)", "write.addr.eq(write.addr + 0)"),

@@ -120,7 +120,7 @@ class NewtonAscent(ScheduledAscent):
                 m.d.sync += telling.eq(reduce(or_, map(_size, wide.values())))
         for by in sorted(set(self._shifts)):
             fits, due, shift = ~telling[-by:].any(), Signal(name=f"due_{by}"), Signal(name=f"shift_{by}")
-            m.d.comb += due.eq(Cat(step == 3 + n for n, each in enumerate(self._shifts) if each == by).any())
+            m.d.sync += due.eq(Cat(step == 2 + n for n, each in enumerate(self._shifts) if each == by).any())
             m.d.sync += shift.eq(due & fits)
             with m.If(due & fits):
                 m.d.sync += telling.eq(telling << by)

@@ -65,7 +65,7 @@ class Verdict(wiring.Component):
         drop = widths.curvature_bits - widths.kept_bits
         self._fours = drop // 4
         self._shifts = self._fours + min(drop, 3)
-        # The cycles in which each part of the program begins, two after its number; a product is added up four cycles after it is asked for.
+        # The cycles in which each part of the program begins. A product is added up four cycles after it is asked for.
         self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 3 + self._first
         self._scale = self._contrast + 1 + self._shifts
         self._compare = self._scale + 8
@@ -145,8 +145,8 @@ class Verdict(wiring.Component):
             values = list({id(one[number]): one[number] for one in program.values()}.values())
             places = {id(value): place for place, value in enumerate(values)}
             which = Signal(range(len(values)), name=f"which_{factor.name}")
-            m.d.sync += which.eq(select(line, [Const(places[id(one[number])], len(which)) for one in program.values()]))
-            m.d.sync += factor.eq(select(which, values))
+            found = [Const(places[id(one[number])], len(which)) for one in program.values()]
+            m.d.sync += [which.eq(select(line, found)), factor.eq(select(which, values))]
         for later, target in ((1, minus), (2, to)):
             with m.Switch(step):
                 for k, one in program.items():

@@ -150,7 +150,9 @@ class Evaluators(wiring.Component):
         signed_s2 = Mux(below, -beside_s2, beside_s2)
         places = {}
         for axis, own in (("x", ~along_y), ("y", along_y)):
-            signed_s3 = delay(m, Mux(own, signed_s2, 0), 1, name=f"beside_{axis}")
+            signed_s3 = delay(m, signed_s2, 1, name=f"beside_{axis}")
+            with m.If(~own):  # a reset, which takes no LUT
+                m.d.sync += signed_s3.eq(0)
             centre_s3 = delay(m, centres[axis], 1, name=f"centre_{axis}")
             places[axis] = axis, delay(m, centre_s3 + signed_s3, 1, name=f"place_{axis}")
         return places

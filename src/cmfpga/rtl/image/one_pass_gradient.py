@@ -8,7 +8,7 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from .. import payloads
-from ..arithmetic import delay
+from ..arithmetic import PIECE, delay
 from .moments import Moments
 
 
@@ -150,14 +150,23 @@ class OnePassGradient(wiring.Component):
             self._total(m, total, growth[0] + growth[1], begin, name)
 
     def _growth_of_squares(self, m, a, b):
-        """What two banks add to Σ I²: w·(2·I + w) each; three cycles."""
-        products = []
+        """What two banks add to Σ I²: w·(2·I + w) each; three cycles.
+
+        Where that factor is too wide for a multiplier, 2·w·(I + ⌊w/2⌋), and w where it is odd.
+        """
+        halves = len(self.steps[a].i) + 1 > PIECE
+        products, odd = [], []
         for n in (a, b):
             step = self.steps[n]
-            both_s1 = delay(m, 2 * step.i + step.add.i, 1, name=f"both_{n}")  # I before and after
-            w_s1 = delay(m, step.add.i, 1, name=f"w_{n}")
-            products.append(delay(m, both_s1 * w_s1, 1, name=f"square_{n}"))
-        return delay(m, products[0] + products[1], 1, name=f"squares_{a}")
+            i, w = step.i, step.add.i
+            both = (i + (w >> 1))[: len(i)] if halves else 2 * i + w  # I before and after
+            w_s1 = delay(m, w, 1, name=f"w_{n}")
+            products.append(delay(m, delay(m, both, 1, name=f"both_{n}") * w_s1, 1, name=f"square_{n}"))
+            odd.append(Mux(w_s1[0], w_s1, 0))
+        growth = products[0] + products[1]
+        if halves:
+            growth = (growth << 1) + delay(m, odd[0] + odd[1], 1, name=f"odd_{a}")
+        return delay(m, growth, 1, name=f"squares_{a}")
 
     def _far(self, m, axis, pairs, growth):
         """What the right (``p``) and the lower (``q``) pixels of a cell add to Σ I·D along ``axis``; three cycles."""

@@ -5,15 +5,16 @@ from amaranth.lib import memory, wiring
 from amaranth.lib.wiring import Out
 from amaranth.utils import ceil_log2
 
-#: Bits of each word in one memory of up to 4,096 words: so many are a block RAM of 16 kibit, whatever the vendor.
-BITS = 4
+#: Bits of each word in one memory of up to 4,096 words: so many are a block RAM of 16 kibit, whatever the vendor. Where
+#: ``ram_style`` asks for block RAMs, by the name that UltraScale has for them, one of its 36 kbit.
+BITS, BLOCK_BITS = 4, 9
 #: Of so few words a block RAM holds more bits than that.
 SHALLOW = 2048
 
 
-def slices(bits, depth):
+def slices(bits, depth, style="auto"):
     """``{name: (low, high)}``: the memories of a word of so many bits, and which bits they hold, ``high`` excluded."""
-    width = max(1, BITS >> max(0, ceil_log2(depth) - 12))
+    width = max(1, (BLOCK_BITS if style == "block" else BITS) >> max(0, ceil_log2(depth) - 12))
     return {f"ram_{low}": (low, min(low + width, bits)) for low in range(0, bits, width)}
 
 
@@ -48,7 +49,7 @@ class SlicedMemory(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         found, given = Value.cast(self.read.data), Value.cast(self.write.data)
-        for name, (low, high) in slices(len(found), self._depth).items():
+        for name, (low, high) in slices(len(found), self._depth, self._attrs.get("ram_style")).items():
             ram = memory.Memory(shape=high - low, depth=self._depth, init=[], attrs=self._attrs)
             m.submodules[name] = ram
             read, write = ram.read_port(), ram.write_port()

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...config.widths import Widths
 from ...fixed import bits_for
 from .. import payloads
+from ..arithmetic import delay
 from .ring import address_bits, ring_event
 from .walker import lengths
 
@@ -54,8 +55,9 @@ class HopControl(wiring.Component):
         Place in the ring after its last event; when it closed, µs.
     step, stale : ``Out``
         How long that was after the one before, lowest bits, and whether more than ``window_us``; from the cycle after
-        ``closed`` on.
+        ``closed`` on, and the one after that.
     counts : ``Out``, :func:`hop_counts`
+        From the cycle after ``closed`` on.
     waits : ``Out(1)``
         An event has been taken that is not judged yet.
     """
@@ -103,8 +105,11 @@ class HopControl(wiring.Component):
             Signal(name=name) for name in ("back", "marked", "inside", "stays", "due", "last", "closes", "full")
         )
         counts = Signal(hop_counts(config))
+        taken = Signal.like(counts.events, name="taken")
         longest = Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us)
-        m.d.sync += [self.step.eq(step), self.stale.eq(step > longest)]
+        step_s1 = delay(m, step, 1, name="step")
+        m.d.comb += self.step.eq(step_s1)
+        m.d.sync += self.stale.eq(step_s1 > longest)
         sides = []
         for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
             at = event_s1[axis] - Cat(Const(0, frac), roi[axis])
@@ -121,7 +126,7 @@ class HopControl(wiring.Component):
             due.eq(
                 begun & ~back & (lengths.hop_us != 0) & ((event_s1.t - self.now)[: config.time_bits] >= lengths.hop_us)
             ),
-            last.eq((stays & (left == 1)) | (counts.events == config.max_batch_events - 1)),
+            last.eq((stays & (left == 1)) | (taken == config.max_batch_events - 1)),
             closes.eq(valid_s1 & (due | (last & ~full)) & self.free & ~self.closed),
             full.eq(stays & ((place + 1)[: len(place)] == self.oldest)),
             goes.eq(~due & ~full & Mux(last, closes, 1)),
@@ -134,9 +139,16 @@ class HopControl(wiring.Component):
         ]
         lost = {"events": 1, "fresh": stays, "outside": ~inside & ~back & ~marked, "thinned": inside & ~stays}
         lost |= {"time_back": back} | marks
-        grown = Signal(hop_counts(config), name="grown")
-        m.d.comb += [grown[name].eq(counts[name] + (gone & which)) for name, which in lost.items()]
-        m.d.sync += counts.eq(Mux(closes, 0, grown.as_value()))
+        grown = Signal(hop_counts(config), name="grown")  # a cycle later
+        for name, which in lost.items():
+            m.d.comb += grown[name].eq(counts[name] + delay(m, gone & which, 1, name=f"grows_{name}", valid=True))
+        m.d.sync += counts.eq(Mux(self.closed, 0, grown.as_value()))
+        with m.If(self.closed):
+            m.d.sync += self.counts.eq(grown)
+        with m.If(closes):
+            m.d.sync += taken.eq(0)
+        with m.Elif(gone):
+            m.d.sync += taken.eq(taken + 1)
         with m.If(gone):
             m.d.sync += latest.eq(now)
         with m.If(gone & inside):
@@ -148,7 +160,6 @@ class HopControl(wiring.Component):
                 self.end.eq(place + (gone & stays)),
                 self.now.eq(now),
                 before.eq(self.now),
-                self.counts.eq(grown),
                 roi.eq(self.corner),
                 left.eq(lengths.hop_events),
             ]

@@ -132,8 +132,13 @@ class HopEvaluation(wiring.Component):
         span, age = self._judge(m, decided, enough, followed)
         ahead = Signal(config.span_bits + 2)
         last_step = Signal.like(hop.step)
+        gap, walks = Signal(config.span_bits), Signal()
+        m.d.sync += [
+            gap.eq(Mux(hop.empty, 0, (hop.now - hop.t_first)[: config.span_bits])),
+            ahead.eq(last_step + gap),
+            self.walk.eq(walks),
+        ]
         m.d.comb += [
-            ahead.eq(last_step + Mux(hop.empty, 0, (hop.now - hop.t_first)[: config.span_bits])),
             self.cold.eq(run.plan == COLD),
             self.kept.eq(held & ~self.cold),
             self.wants_verdict.eq(judges & ((run.plan == AFTER) | ~self.kept)),
@@ -217,12 +222,12 @@ class HopEvaluation(wiring.Component):
                 m.d.sync += [self.cycles.eq(self.cycles), timer.eq(4)]
                 with m.If(self.taken):
                     m.d.sync += [followed.eq(~self.degenerate), last_step.eq(hop.step), self.age.eq(age)]
-                    m.d.comb += self.walk.eq(1)
+                    m.d.comb += walks.eq(1)
                     m.next = "WALK"
                     with m.If(~self.degenerate):
                         m.d.sync += [held.eq(0), half.eq(self.unit >> 1), first.eq(hop.t_first)]
                         with m.If(judges & (settings.after.count != 0)):
-                            m.d.comb += self.walk.eq(0)
+                            m.d.comb += walks.eq(0)
                             m.d.sync += run.plan.eq(AFTER)
                             m.next = "AFTER"
             with m.State("AFTER"):
@@ -236,11 +241,16 @@ class HopEvaluation(wiring.Component):
                 done = Signal()
                 m.d.sync += done.eq(done | run.updated)
                 with m.If((done | run.updated) & self.judged):
-                    m.d.comb += [self.keep.eq(1), self.walk.eq(1)]
+                    m.d.comb += [self.keep.eq(1), walks.eq(1)]
                     m.d.sync += [held.eq(1), done.eq(0)]
                     m.next = "WALK"
             with m.State("WALK"):
+                m.d.sync += timer.eq(1)
                 with m.If(self.walked):
+                    m.next = "MEASURE"
+            with m.State("MEASURE"):  # how far ahead the next window's end will be
+                m.d.sync += timer.eq(timer - 1)
+                with m.If(timer == 0):
                     m.next = "AHEAD"
         m.d.comb += closing.eq(Cat(map(machine.ongoing, ("AHEAD", "WAIT", "TAKE", "DIVIDE", "ROUNDS"))).any())
         m.d.comb += run.degenerate.eq(self.degenerate)

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...fixed import bits_for
 from .. import payloads
 from ..arithmetic import delay
+from ..image.sliced_memory import SHALLOW, SlicedMemory
 
 
 def ring_event(config):
@@ -83,10 +84,13 @@ class Ring(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.events = events = memory.Memory(
-            shape=ring_event(self.config), depth=1 << address_bits(self.config), init=[]
-        )
-        write, read = events.write_port(), events.read_port()
+        event, depth = ring_event(self.config), 1 << address_bits(self.config)
+        if depth > SHALLOW:
+            m.submodules.events = events = SlicedMemory(event, depth, {})
+            write, read = events.write, events.read
+        else:
+            m.submodules.events = events = memory.Memory(shape=event, depth=depth, init=[])
+            write, read = events.write_port(), events.read_port()
 
         # Written a cycle after it came.
         m.d.sync += [write.en.eq(self.i.valid), write.data.eq(self.i.payload)]

@@ -6,6 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...config.dither import DITHER_BITS, FACTORS
 from ...fixed import bits_for
+from ..arithmetic import delay
 from .ring import Ring, address_bits
 
 
@@ -45,7 +46,7 @@ class Walker(wiring.Component):
         Its dither: (k + ½)·α.
     """
 
-    latency = Ring.latency + 1
+    latency = Ring.latency + 3
 
     def __init__(self, config):
         self.config = config
@@ -76,9 +77,11 @@ class Walker(wiring.Component):
         now, oldest, stale = Signal.like(self.now), Signal(config.span_bits), Signal()
         # A place is looked at in each cycle; what is there comes back in the same order.
         walking = Signal()
-        arrived = Signal(Ring.latency)
+        arrived = Signal(Ring.latency + 2)
         drops = Signal()
-        m.d.comb += drops.eq((held != 0) & (stale | (held > most) | ((now - self.t)[: config.span_bits] > oldest)))
+        age_s1 = delay(m, (now - self.t)[: config.span_bits], 1, name="age")
+        old_s2, t_s2 = delay(m, age_s1 > oldest, 1, name="old"), delay(m, self.t, 2, name="t")
+        m.d.comb += drops.eq((held != 0) & (stale | (held > most) | old_s2))
         m.d.sync += [self.done.eq(0), arrived.eq((arrived << 1) | walking), self.look.eq(self.look + 1)]
         with m.If(self.go):
             m.d.sync += [
@@ -96,7 +99,7 @@ class Walker(wiring.Component):
                 m.d.sync += [self.begin.eq(self.begin + 1), held.eq(held - 1)]
                 m.d.sync += [phase.eq(phase + factor) for phase, factor in zip(phases, FACTORS, strict=True)]
             with m.Else():
-                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(self.t), self.empty.eq(held == 0)]
+                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(t_s2), self.empty.eq(held == 0)]
                 with m.If(held == 0):
                     m.d.sync += [phase.eq(factor // 2) for phase, factor in zip(phases, FACTORS, strict=True)]
         return m
