@@ -129,7 +129,7 @@ def test_a_row_is_measured_again_where_it_is_asked_for(monkeypatch):
     assert measured == [(row, "GW2A-18", False)]  # nothing is kept of the last measurement
     update.main("families")
     assert (row, "GW2A-18", True) in measured[1:] and len(measured) == 3
-    with pytest.raises(SystemExit, match="^error: paper: no row; the rows are fast, LIFCL-40; paper, GW2A-18$"):
+    with pytest.raises(SystemExit, match=r"^error: paper: no row; the rows are fast, LIFCL-40; paper, GW2A-18$"):
         update.main("families", "paper")
 
 
