@@ -9,6 +9,7 @@ import contextlib
 import csv
 import hashlib
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -20,7 +21,8 @@ from cmfpga.cli import build as build_command
 from cmfpga.cli import driver as driver_command
 from cmfpga.cli.build import build
 from cmfpga.config import PRESETS, preset
-from cmfpga.errors import write_text
+from cmfpga.errors import UserError, write_text
+from cmfpga.fpga.place import require_tools
 
 ROOT = Path(__file__).resolve().parents[1]
 SUMS = "SHA256SUMS"
@@ -112,18 +114,23 @@ def sums(folder):
 
 
 def main(folder):
-    """Write all of it."""
+    """Write all of it; the folder has its name once it is complete."""
     folder = Path(folder).absolute()
     if folder.exists():
         sys.exit(f"error: {folder}: an empty place is needed, for its hashes are of all that is there")
-    packages(folder)
-    verilog(folder)
-    write_text(folder / "resources.md", resources(history()))
-    self_test(folder)
-    bitstream(folder)
-    sums(folder)
+    require_tools()  # of the bitstream, which comes last
+    unfinished = folder.with_name(f"{folder.name}.unfinished")
+    shutil.rmtree(unfinished, ignore_errors=True)
+    for part in (packages, verilog, self_test, bitstream):
+        part(unfinished)
+    write_text(unfinished / "resources.md", resources(history()))
+    sums(unfinished)
+    unfinished.rename(folder)
     print(f"wrote {folder}")
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    try:
+        main(*sys.argv[1:])
+    except UserError as error:
+        sys.exit(f"error: {error}")

