@@ -79,7 +79,7 @@ def ascend(x, y, dt, *, v_start, eta, iterations, **size):
 
 def newton_step(gradients, distance, limit):
     """M⁻¹·g, a list of two, of the gradients (G_x, G_y) at four velocities ``distance`` beside v: see
-    :mod:`.integer.newton`."""
+    :mod:`.integer.ascent`."""
     x, y = (sum(axis) / 4 for axis in zip(*gradients, strict=True))
     xx, yy, cross = (one / (2 * distance) for one in curvature(*gradients))
     det, trace = xx * yy - cross * cross / 4, xx + yy

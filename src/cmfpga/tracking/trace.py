@@ -13,10 +13,10 @@ from ..reference import floating
 from ..reference.float_ascent import newton_step
 from ..reference.float_core import FloatCore
 from ..reference.ingest import take_in
+from ..reference.integer.ascent import newton
 from ..reference.integer.core import IntegerCore, IntegerIteration
 from ..reference.integer.dither import dither
 from ..reference.integer.motion import basis, flow
-from ..reference.integer.newton import newton
 from ..reference.integer.time_scaler import time_scaler
 from ..reference.integer.warp import warp
 

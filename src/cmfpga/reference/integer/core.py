@@ -10,13 +10,11 @@ from ...protocol.flags import Flag
 from ...protocol.trace import Trace
 from ..sequence import Sequence
 from .accumulator import Images, accumulator
+from .ascent import gain, lesser, newton, sign_updater, updater
 from .confidence import confidence
-from .constant import gain, updater
 from .dither import dither
 from .gradient import Sums, gradient, gradient_reader
 from .motion import basis, flow, moments
-from .newton import newton
-from .sign import lesser, sign_updater
 from .time_scaler import time_scaler
 from .voter import voter
 from .warp import warp
