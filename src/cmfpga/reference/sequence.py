@@ -7,7 +7,7 @@ from ..protocol.flags import Flag
 from ..protocol.results import BatchResult, not_judged
 from ..protocol.trace import Trace
 from .ingest import take_in
-from .integer.noise_filter import NoiseFilter
+from .integer.filters import NoiseFilter
 from .roi_follower import RoiFollower
 
 
