@@ -15,9 +15,8 @@ from ..reference.float_core import FloatCore
 from ..reference.ingest import take_in
 from ..reference.integer.ascent import newton
 from ..reference.integer.core import IntegerCore, IntegerIteration
-from ..reference.integer.dither import dither
+from ..reference.integer.event_path import dither, time_scaler
 from ..reference.integer.motion import basis, flow
-from ..reference.integer.time_scaler import time_scaler
 from ..reference.integer.warp import warp
 
 

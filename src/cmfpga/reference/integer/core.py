@@ -12,10 +12,9 @@ from ..sequence import Sequence
 from .accumulator import Images, accumulator
 from .ascent import gain, lesser, newton, sign_updater, updater
 from .confidence import confidence
-from .dither import dither
+from .event_path import dither, time_scaler
 from .gradient import Sums, gradient, gradient_reader
 from .motion import basis, flow, moments
-from .time_scaler import time_scaler
 from .voter import voter
 from .warp import warp
 
