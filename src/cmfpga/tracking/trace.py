@@ -10,8 +10,7 @@ from ..errors import ConfigError, RecordingError
 from ..protocol.confidence import beside
 from ..protocol.settings import BatchSettings
 from ..reference import floating
-from ..reference.float_ascent import newton_step
-from ..reference.float_core import FloatCore
+from ..reference.float_core import FloatCore, newton_step
 from ..reference.ingest import take_in
 from ..reference.integer.ascent import newton
 from ..reference.integer.core import IntegerCore, IntegerIteration

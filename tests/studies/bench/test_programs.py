@@ -15,7 +15,7 @@ from cmfpga.events import Events
 from studies.bench import opponents, programs
 
 pytest.importorskip("torch")
-from cmfpga.reference import float_ascent, floating
+from cmfpga.reference import float_core, floating
 from support import steps
 
 #: Of a gradient, relative to the largest: float32 sums of some thousand terms; positions in 1/256 px.
@@ -53,7 +53,7 @@ def scaled(job):
 def right_v(job):
     options = {"width": job.width, "height": job.height, "v_start": job.v_start}
     if job.schedule is None:
-        found = float_ascent.ascend(*scaled(job), **options, eta=job.eta, iterations=job.iterations)
+        found = float_core.ascend(*scaled(job), **options, eta=job.eta, iterations=job.iterations)
     else:
         return tuple(steps.ascend(*scaled(job), **options, schedule=job.schedule)[-1].tolist())
     return tuple(found.v[-1].tolist())
