@@ -12,7 +12,7 @@ from ..protocol.trace import Trace
 from .ingest import TakenIn, thinned_to_room
 from .integer.filters import NoiseFilter
 from .integer.roi_filter import roi_filter
-from .roi_follower import move_within
+from .sequence import move_within
 
 
 @dataclass
