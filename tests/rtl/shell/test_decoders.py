@@ -280,7 +280,7 @@ def breaks(monkeypatch, form, target, name, value, rng):
 @pytest.mark.parametrize("form", ["EVT21", "EVT20"])
 def test_mutants(form, monkeypatch, rng):
     from cmfpga.rtl.shell import decoder
-    from cmfpga.rtl.shell.time_high import TimeHigh
+    from cmfpga.rtl.shell.decoder import TimeHigh
 
     for name, value in (("EVENT_TYPES", (0,)), ("OTHER_TYPES", (0xA, 0xE)), ("TIME_HIGH", 9)):
         with monkeypatch.context() as patched:
