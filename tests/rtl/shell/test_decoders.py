@@ -11,8 +11,7 @@ from cmfpga.protocol.words import encode, read_raw
 from cmfpga.reference.wire import Beat, Token, decode, sensor_gate, to_beats
 from cmfpga.rtl.shell.decoder import Decoder
 from cmfpga.rtl.shell.evt3_decoder import Evt3Decoder
-from cmfpga.rtl.shell.sensor_gate import SensorGate
-from cmfpga.rtl.shell.vector_splitter import VectorSplitter
+from cmfpga.rtl.shell.input_path import SensorGate, VectorSplitter
 from support.axi_streams import FLOWS, pass_through
 
 CONFIG = Config()

@@ -1,4 +1,4 @@
-"""Frames of the serial link (:mod:`cmfpga.protocol.link`) from bytes, and bytes of frames; and the buffer of their events."""
+"""Frames of the serial link (:mod:`cmfpga.protocol.link`) from bytes, bytes of frames, and a buffer for their words."""
 
 from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import data, memory, stream, wiring
