@@ -11,7 +11,7 @@ from . import payloads
 from .arithmetic import is_short
 from .ascent.roi_updater import RoiUpdater
 from .cycle_formula import CycleFormula
-from .ingest.front import WRITES, connect_front, make_front
+from .ingest import WRITES, connect_front, make_front
 from .ingest.ingest_control import IngestControl
 from .ingest.reciprocal import Reciprocal
 from .ingest.roi_filter import RoiFilter
