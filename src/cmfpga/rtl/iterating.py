@@ -8,9 +8,8 @@ from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
 from .confidence.least_judge import LeastJudge
-from .confidence.means import Means
 from .confidence.probe import Probe
-from .confidence.verdict import Verdict
+from .confidence.verdict import Means, Verdict
 from .image import image_of
 from .image.event_path import EventPath
 from .ingest.event_buffer import EventBuffer
