@@ -84,7 +84,7 @@ class Unit(Iterating, wiring.Component):
     def cycles(self, *, roi_events, iterations, judge=None):
         """Clock cycles from the hand-over of a region to its outcome, unless it is degenerate.
 
-        Parameters are those of :meth:`cmfpga.rtl.cycle_formula.CycleFormula.cycles`.
+        Parameters are those of :meth:`cmfpga.rtl.core.Core.cycles`.
         """
         return self.iterated_cycles(roi_events, iterations, judge) + self.region_latency
 
