@@ -84,7 +84,7 @@ class Iterating:
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def iterated_cycles(self, roi_events, iterations, judge=None):
-        """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`cmfpga.rtl.core.Core.cycles`."""
+        """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`.core.Core.cycles`."""
         judged = self.config.confidence and (self.config.judge if judge is None else judge)
         every = ScheduleEntry(0, None)
         plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)
