@@ -98,7 +98,7 @@ def _back_to_back(core, settings, case):
 @cache
 def simulated(config):
     """The simulator of a configuration's core, made once."""
-    from cmfpga.verilog.simulation.core import VerilatedCore
+    from cmfpga.verilog.simulation import VerilatedCore
 
     return VerilatedCore(config)
 

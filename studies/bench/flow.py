@@ -81,7 +81,7 @@ def _recorded(data):
 
 
 def _hardware(config, tiles, settings, events, clock):
-    from cmfpga.verilog.simulation.core import VerilatedCore
+    from cmfpga.verilog.simulation import VerilatedCore
 
     simulated = VerilatedCore(config)
     simulated.write(tiles.regions)

@@ -14,7 +14,7 @@ from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.sliding.core import SlidingCore
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 
 from .opponents import Job
 from .opponents.timing import side_by_side
