@@ -123,7 +123,7 @@ def _flow(options, runs, seconds):
 
 def _hops(options, runs, seconds):
     from . import hops
-    from .opponents.hop_program import HopProgram
+    from .opponents.c_program import HopProgram
 
     files = sorted(Path(options.data).glob("*.h5")) if options.data else []
     if not files:

@@ -19,8 +19,7 @@ from cmfpga.protocol.settings import BatchSettings
 
 from ..accuracy.dense import WINDOWS as RECORDINGS
 from .cases import COLD, STEPS, parse_steps
-from .opponents.c_program import Unavailable
-from .opponents.flow_program import FlowProgram
+from .opponents.c_program import FlowProgram, Unavailable
 from .opponents.timing import Times, side_by_side
 from .programs import processor
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies.bench.opponents import Job, Unavailable
-from studies.bench.opponents.hop_program import HopProgram
+from studies.bench.opponents.c_program import HopProgram
 from studies.bench.workloads import MOTION_PX, make_workload
 
 from cmfpga.events import Events
