@@ -20,8 +20,7 @@ from cmfpga.protocol.settings import BatchSettings
 from ..accuracy.dense import WINDOWS as RECORDINGS
 from .cases import COLD, STEPS, parse_steps
 from .opponents.c_program import FlowProgram, Unavailable
-from .opponents.timing import Times, side_by_side
-from .programs import processor
+from .programs import Times, processor, side_by_side
 
 EVENTS = 30_000
 #: Windows back to back; the time from the first one's end to the last one's counts.
@@ -39,7 +38,7 @@ def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what
     units : sequence of int
         Each is simulated; none where Verilator or a C++ compiler is missing.
     runs, seconds : int, float
-        As of :func:`~.opponents.timing.side_by_side`.
+        As of :func:`~.programs.side_by_side`.
     clock : float
         Assumed for the hardware, MHz.
     missing : list of str

@@ -16,9 +16,9 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.sliding.core import SlidingCore
 from cmfpga.verilog.simulation import VerilatedCore
 
+from .cases import make_workload
 from .opponents import Job
-from .opponents.timing import side_by_side
-from .workloads import make_workload
+from .programs import side_by_side
 
 #: A longer pause, in clock cycles, changes nothing for warm hops: the round has caught up, and the one after has ended.
 LONGEST_PAUSE = 1500

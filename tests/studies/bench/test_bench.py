@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 import pytest
+from studies.bench.cases import make_workload
 from studies.bench.opponents import c_program
-from studies.bench.workloads import make_workload
 
 from cmfpga import cli
 from cmfpga.config import preset

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.bench.cases import MOTION_PX, make_workload
 from studies.bench.opponents import Job, Unavailable
 from studies.bench.opponents.c_program import HopProgram
-from studies.bench.workloads import MOTION_PX, make_workload
 
 from cmfpga.events import Events
 from cmfpga.protocol.confidence import beside

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.bench.cases import COLD, STEPS, WARM, parse_steps
+from studies.bench.cases import COLD, MOTION_PX, STEPS, WARM, make_workload, parse_steps
 from studies.bench.opponents import CProgram, Job, Unavailable, c_program, make_programs
-from studies.bench.workloads import MOTION_PX, make_workload
 
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
