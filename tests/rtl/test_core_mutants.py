@@ -4,7 +4,7 @@ import pytest
 
 from cmfpga.rtl import iterating, iteration_control
 from cmfpga.rtl.ascent import sign
-from cmfpga.rtl.confidence import least_judge, probe, verdict
+from cmfpga.rtl.confidence import probe, verdict
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, voter, warp
 from cmfpga.rtl.ingest import event_buffer, ingest_control
@@ -53,8 +53,8 @@ MUTANTS = {  # module, old, new, configuration
     "the steepest steps by half": (sign, "- sizes[other])[-1]", "- sizes[other])[-1] | 1", "similarity"),
     "probed away from 0": (probe, "Mux(v[-1], distance, -distance)", "Mux(v[-1], -distance, distance)", "similarity"),
     "one parameter probed": (probe, "Mux(turn[k],", "Mux(turn[0],", "rotation"),
-    "fallen from the last probe": (least_judge, 'self.last[f"s{name}"]', 'self.last[f"sx"]', "rotation"),
-    "any doubt is none": (least_judge, "difference <= 0", "difference < difference", "similarity"),
+    "fallen from the last probe": (probe, 'self.last[f"s{name}"]', 'self.last[f"sx"]', "rotation"),
+    "any doubt is none": (probe, "difference <= 0", "difference < difference", "similarity"),
     "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),

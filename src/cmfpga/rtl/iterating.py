@@ -7,8 +7,7 @@ from ..config.schedule import ScheduleEntry, used_events
 from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
-from .confidence.least_judge import LeastJudge
-from .confidence.probe import Probe
+from .confidence.probe import LeastJudge, Probe
 from .confidence.verdict import Means, Verdict
 from .image import image_of
 from .image.event_path import EventPath
