@@ -3,7 +3,6 @@
 import json
 import os
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 from tqdm import tqdm
@@ -176,7 +175,7 @@ def _measured(case, programs, before, *, step, **options):
     batch, cores = case.workload, []
     size = {"events": len(batch.events), "roi_events": batch.roi_events}
     for name in case.designs:
-        cores.append(asdict(measure(case, name)))
+        cores.append(measure(case, name))
         step()
     # A warm batch starts where the cold one before it ended, as it does in the core.
     v_start = (0.0, 0.0)
