@@ -17,10 +17,6 @@ class Probe(wiring.Component):
     The first probe's velocity is there :attr:`latency` cycles after ``begin``, and each other as many after
     ``complete``, v itself after the last.
 
-    Parameters
-    ----------
-    config : Config
-
     Attributes
     ----------
     count : int

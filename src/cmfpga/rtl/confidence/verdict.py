@@ -12,10 +12,6 @@ from ..arithmetic import PIECE, delay, select
 class Means(wiring.Component):
     """ΣI, S and Σ I², added up over the four evaluations of a round, then divided by four, rounded down. ΣD is 0.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     new_batch : ``In(1)``
@@ -81,10 +77,6 @@ class Verdict(wiring.Component):
     A shift too many, of small numbers, changes nothing: it makes all of them larger alike.
 
     ``done`` is high :attr:`latency` cycles after ``begin``, and ``doubtful`` right from the cycle after that on.
-
-    Parameters
-    ----------
-    config : Config
 
     Members
     -------

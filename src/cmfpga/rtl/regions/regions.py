@@ -33,10 +33,6 @@ class Regions(wiring.Component):
 
     One event per cycle at ingest, while the batch before is measured.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     i : ``In``, stream of :func:`~cmfpga.rtl.payloads.event`

@@ -18,10 +18,6 @@ class Unit(Iterating, wiring.Component):
     An event per cycle in, and an event per cycle in every iteration, which takes :attr:`iteration_latency` cycles more.
     From the hand-over of a region to its outcome it takes exactly :meth:`cycles` clock cycles.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     ready : ``Out(1)``
