@@ -34,7 +34,7 @@ BOXES = {
     "Schedule": ("-schedule.py", 2, 4.4),
     "Ascent, Velocity": ("newton.py, constant.py", 3, 4.4),
     "Gradient": ("gradient.py", 4, 4.4),
-    "Means, Verdict": ("-means.py, verdict.py", 5, 4.4),
+    "Means, Verdict": ("-verdict.py", 5, 4.4),
 }
 PILLS = {"event stream": (0, 0), "settings": (0, 0.55), "result stream": (0, 4.4)}
 #: title: (first column, last column, row)

@@ -23,11 +23,8 @@ def courses():
     made, config = SCENE.made(SEED), preset("sliding")
     count, span_us = moving.usual(made)
     start, mean = made.roi_start(moving.ROI, moving.ROI), made.motion.mean_velocity
-    windows = moving.windows_of(config, count, span_us, moving.BUILT)
-    found = {
-        "batches": moving.batches(moving.batches_of(config), made.events, start, count, mean),
-        "windows that slide": moving.slide(windows, made.events, start, mean),
-    }
+    parts = moving.courses(config, [moving.BUILT], made.events, start, count, span_us, mean)
+    found = dict(zip(("batches", "windows that slide"), parts.values(), strict=True))
     times = np.arange(0, moving.PIECE_US * SCENE.pieces, moving.STEP_US)
     return times, made.motion.velocity(times)[:, 0], made.motion.position(times), start, found
 

@@ -8,7 +8,7 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.fpga import levels
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support import asks, designs
 
 #: Hardware that no other test makes: what was made before is kept, and no longer asked for.
@@ -67,7 +67,7 @@ def test_what_is_not_asked_for_is_refused(request, monkeypatch):
     assert not request.node.get_closest_marker("long")
     monkeypatch.setattr(asks._running, "strict", True)
     run = vars(importlib.import_module("sub" + "process"))["run"]
-    make = vars(importlib.import_module("cmfpga.verilog.simulation.core"))["Verilated" + "Core"]
+    make = vars(importlib.import_module("cmfpga.verilog.simulation"))["Verilated" + "Core"]
     with pytest.raises(pytest.fail.Exception, match=r"^true: not in a quick test"):
         run(["/bin/true"])
     with pytest.raises(pytest.fail.Exception, match=r"^cmfpga_core of other hardware than"):

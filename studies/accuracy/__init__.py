@@ -2,9 +2,8 @@
 
 Rules that look at events, never at results, choose the batches. docs/accuracy.md tells what they show.
 
-- :mod:`~.synthetic` and :mod:`~.real` make batches (:mod:`~.case`), :mod:`~.checkerboard` tracks a recording;
-- :mod:`~.yardstick` searches the best contrast of a batch, :mod:`~.scores` measures an engine;
-- :mod:`~.suites` and :mod:`~.studies` print the tables (:mod:`~.table`).
+- :mod:`~.synthetic` and :mod:`~.real` make batches, of which :mod:`~.yardstick` searches the best contrast;
+- :mod:`~.table` measures an engine; :mod:`~.suites` and :mod:`~.studies` print the tables.
 """
 
 from .command import EXAMPLES, main

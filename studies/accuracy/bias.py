@@ -11,9 +11,8 @@ import numpy as np
 
 from cmfpga.events import Events, generate
 
-from .case import Case
-from .scores import measure, run_case
-from .yardstick import ROI
+from .table import measure, run_case
+from .yardstick import ROI, Case
 
 SPEEDS = (0.5, 0.75, 1.1, 1.5, 2.2, 4.0)  # px per half batch
 BATCHES = 12  # of each speed

@@ -12,13 +12,11 @@ from cmfpga.events import Events
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import confidence, covariance, is_trustworthy
 
-from .case import Case
 from .default_use import WRONG
 from .known import recordings
-from .scores import measure, run_case
 from .synthetic import WARM_RADIUS
-from .table import percent
-from .yardstick import ROI
+from .table import measure, percent, run_case
+from .yardstick import ROI, Case
 
 FIT = 4.0  # px per half batch
 FEWEST = 30  # ROI events

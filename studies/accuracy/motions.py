@@ -16,7 +16,7 @@ from time import perf_counter
 import h5py
 import numpy as np
 
-from cmfpga.config.defaults import CLOCK_MHZ
+from cmfpga.config.presets import CLOCK_MHZ
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, open_recording

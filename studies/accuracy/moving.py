@@ -176,6 +176,12 @@ def _course(rows, judged):
     return Course(table[:, 0], table[:, 1:3], table[:, 3:], np.array(judged, float).reshape(-1, 3))
 
 
+def courses(config, plans, events, roi, count, span_us, truth):
+    """``{who: Course}``: batches of ``count`` events, and windows by each plan, which usually take ``span_us``."""
+    found = {"batches": batches(batches_of(config), events, roi, count, truth)}
+    return found | {plan: slide(windows_of(config, count, span_us, plan), events, roi, truth) for plan in plans}
+
+
 def usual(made):
     """How many events of the ROI around the object a window has, and how long it takes, µs."""
     t, motion = made.events.t, made.motion
@@ -193,13 +199,9 @@ def follow_scene(scene, seed, config, plans):
     count = min(count, config.buffer_events)
     end = PIECE_US * scene.pieces
     times = np.arange(FIRST_US, end, STEP_US)
-    arguments = config, made.events, made.roi_start(ROI, ROI)
-    courses = {"batches": batches(batches_of(config), *arguments[1:], count, made.motion.mean_velocity)}
-    for plan in plans:
-        courses[plan] = slide(windows_of(config, count, span_us, plan), *arguments[1:], made.motion.mean_velocity)
-    found = {}
-    for who, course in courses.items():
-        corner = np.vstack([arguments[2], course.corner])[np.searchsorted(course.t, times, side="right")]
+    roi, found = made.roi_start(ROI, ROI), {}
+    for who, course in courses(config, plans, made.events, roi, count, span_us, made.motion.mean_velocity).items():
+        corner = np.vstack([roi, course.corner])[np.searchsorted(course.t, times, side="right")]
         off = np.hypot(*(corner + (ROI - 1) / 2 - made.motion.position(times)).T)
         found[who] = course.rms(times, made.motion.velocity(times)), float(off[-1]), float(off.max()), course.judged
     return found
@@ -225,10 +227,8 @@ def follow_real(folder, config, plans):
 
     times = np.arange(begin, end, STEP_US)
     span_us = 2 * FEWEST_US / 3
-    courses = {"batches": batches(batches_of(config), events, REAL_ROI, REAL_EVENTS, mean)}
-    for plan in plans:
-        courses[plan] = slide(windows_of(config, REAL_EVENTS, span_us, plan), events, REAL_ROI, mean)
-    return {who: (course.rms(times, velocity(times)), None, None, course.judged) for who, course in courses.items()}
+    found = courses(config, plans, events, REAL_ROI, REAL_EVENTS, span_us, mean)
+    return {who: (course.rms(times, velocity(times)), None, None, course.judged) for who, course in found.items()}
 
 
 def follow_known(known, config, plans):
@@ -248,9 +248,8 @@ def follow_known(known, config, plans):
         count = len(events_in_roi(ahead, roi, ROI, ROI)[0])
         if count >= KNOWN_FEWEST:
             count = min(count, config.buffer_events)
-            found["batches"].append(batches(batches_of(config), events, roi, count, truth).judged)
-            for plan in plans:
-                found[plan].append(slide(windows_of(config, count, span_us, plan), events, roi, truth).judged[::4])
+            for who, course in courses(config, plans, events, roi, count, span_us, truth).items():
+                found[who].append(course.judged[:: 1 if who == "batches" else 4])
     return {who: np.concatenate(parts) for who, parts in found.items()}
 
 

@@ -10,9 +10,8 @@ from .ambiguous import study_ambiguous
 from .bias import study_bias
 from .judged import study_confidence
 from .real import real_cases
-from .scores import contrast_shares, error_scores, errors, measure
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
-from .table import ERROR_HEADS, SHARE_HEADS, error_cells
+from .table import ERROR_HEADS, SHARE_HEADS, contrast_shares, error_cells, error_scores, errors, measure
 from .yardstick import peak_error
 
 #: Cold schedules to compare.

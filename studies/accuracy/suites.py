@@ -7,13 +7,21 @@ import numpy as np
 from cmfpga.config import preset
 from cmfpga.engines import ENGINES
 
-from .checkerboard import TRACK_BOUNDS, track_checkerboard, track_config, track_scores
 from .default_use import run_known
 from .foreign import FOREIGN, find
-from .real import real_cases
-from .scores import contrast_shares, error_scores, errors, measure, share_scores
+from .real import TRACK_BOUNDS, real_cases, track_checkerboard, track_config, track_scores
 from .synthetic import BATCHES, synthetic_cases
-from .table import ERROR_HEADS, SHARE_HEADS, binned, percent
+from .table import (
+    ERROR_HEADS,
+    SHARE_HEADS,
+    binned,
+    contrast_shares,
+    error_scores,
+    errors,
+    measure,
+    percent,
+    share_scores,
+)
 from .yardstick import ROI
 
 STARTS = (("cold", False), ("warm", True))

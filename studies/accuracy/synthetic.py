@@ -14,8 +14,7 @@ import numpy as np
 
 from cmfpga.events import generate
 
-from .case import Case
-from .yardstick import ROI
+from .yardstick import ROI, Case
 
 SEEDS = (1,)
 BATCHES = 300

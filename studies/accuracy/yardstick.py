@@ -1,4 +1,4 @@
-"""The yardstick of a batch: its best contrast, found by a fine search, and where its peak lies.
+"""A batch, what is known about it, and its yardstick: its best contrast, by a fine search, and where its peak lies.
 
 The article's contrast is no fair yardstick. Events lie on whole pixels, so the image is sharper wherever vx or vy is
 zero, whatever the motion is. Where events are spread, each votes from everywhere in its pixel, as it may have come from
@@ -6,10 +6,14 @@ anywhere in it. The image is then the mean over all dithers, and no dither is fa
 """
 
 import math
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from cmfpga.imaging.iwe import dithered, image_of_votes, votes_along
+from cmfpga.config import preset
+from cmfpga.events import Events
+from cmfpga.imaging.iwe import dithered, image_of_votes, scaled_roi_events, votes_along
 
 ROI = 64  # columns and rows of the ROI of all suites, px
 
@@ -53,3 +57,43 @@ def peak_error(case, radius=1.5):
     x, y, dt = case.scaled
     found, _ = best_contrast(*dithered(x, y), dt, centre=case.truth, radius=radius, step=0.25, spread=False)
     return math.dist(found, case.truth)
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A batch, and what is known about it.
+
+    Parameters
+    ----------
+    events : Events
+        All events of the batch.
+    roi : pair of int
+        Left column and top row, px.
+    truth : (float, float) or None
+        True velocity, px per half batch.
+    start : (float, float) or None
+        Where the warm suite starts, px per half batch.
+    facts : dict
+        What the batch is made of, by name.
+    """
+
+    events: Events
+    roi: tuple[int, int]
+    truth: tuple[float, float] | None
+    start: tuple[float, float] | None
+    facts: dict
+
+    @cached_property
+    def scaled(self):
+        """Columns and rows in the ROI, and dt, of all of the ROI's events: no buffer drops any."""
+        return scaled_roi_events(preset("paper").replace(buffer_events=1 << 14), self.events, self.roi)
+
+    @cached_property
+    def best(self):
+        """``(v, contrast)`` that a fine search finds, with events spread over their pixels."""
+        return best_contrast(*self.scaled)
+
+    @cached_property
+    def best_unspread(self):
+        """The same by the article's contrast."""
+        return best_contrast(*self.scaled, spread=False)

@@ -3,7 +3,6 @@
 import json
 import os
 import time
-from dataclasses import asdict
 from pathlib import Path
 
 from tqdm import tqdm
@@ -58,12 +57,22 @@ def main(arguments=None):
         raise ConfigError(f"--json {options.json}: its folder does not exist")
     runs = options.runs or (5 if options.quick else 15)
     seconds = 0.003 if options.quick else 0.02
-    if options.flow:
-        return _flow(options, runs, seconds)
-    if options.hops:
-        return _hops(options, runs, seconds)
+    run = _flow if options.flow else _hops if options.hops else _batches
+    missing = []
+    lines, report = run(options, missing, runs=runs, seconds=seconds)
+    print("\n".join(lines))
+    if options.json is not None:
+        report = {"version": __version__, "missing": missing, **report}
+        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
+        print(f"wrote {options.json}")
+    return 0
+
+
+def _batches(options, missing, *, runs, seconds):
+    """``(lines of text, what ``--json`` writes)``; ``missing`` gets a line on each thing that is not measured."""
     started = time.perf_counter()
-    programs, missing = make_programs()
+    programs, lines = make_programs()
+    missing += lines
     if why := cannot_compile():
         missing.append(f"{why}: the core's cycles are computed by its formula, not measured")
     cases = make_cases(options.quick)
@@ -77,7 +86,6 @@ def main(arguments=None):
             measured.append(_measured(case, programs, before, runs=runs, seconds=seconds, step=bar.update))
     scores, foreign = _accuracy(options, missing), _foreign(cases[0], missing, runs=runs, seconds=seconds)
     report = {
-        "version": __version__,
         "clock_mhz_assumed": options.clock,
         "processor": processor(),
         "runs": runs,
@@ -90,17 +98,13 @@ def main(arguments=None):
         "accuracy": scores,
     }
     lines, report["limits"], report["speed_ups"] = table(report)
-    print("\n".join(lines))
-    if options.json is not None:
-        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
-        print(f"wrote {options.json}")
-    return 0
+    return lines, report
 
 
-def _flow(options, runs, seconds):
+def _flow(options, missing, *, runs, seconds):
     from .flow import measure, text
 
-    missing, units = [], (4,) if options.quick else (1, 2, 4, 8)
+    units = (4,) if options.quick else (1, 2, 4, 8)
     if why := cannot_compile():
         missing.append(f"{why}: the hardware's cycles are not measured")
         units = ()
@@ -113,17 +117,12 @@ def _flow(options, runs, seconds):
         report = measure(
             units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, data=options.data, step=step
         )  # fmt: skip
-    print("\n".join([*text(report), *(f"not measured: {line}" for line in missing)]))
-    if options.json is not None:
-        report = {"version": __version__, "missing": missing, **report}
-        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
-        print(f"wrote {options.json}")
-    return 0
+    return [*text(report), *(f"not measured: {line}" for line in missing)], report
 
 
-def _hops(options, runs, seconds):
+def _hops(options, missing, *, runs, seconds):
     from . import hops
-    from .opponents.hop_program import HopProgram
+    from .opponents.c_program import HopProgram
 
     files = sorted(Path(options.data).glob("*.h5")) if options.data else []
     if not files:
@@ -131,7 +130,7 @@ def _hops(options, runs, seconds):
     if why := cannot_compile():
         raise ConfigError(f"--hops counts cycles in the simulated Verilog: {why}")
     window, events = 800, 4000 if options.quick else 20_000
-    rows, timed, missing, program = [], [], [], None
+    rows, timed, program = [], [], None
     try:
         program = HopProgram()
     except Unavailable as reason:
@@ -145,13 +144,9 @@ def _hops(options, runs, seconds):
     lines = hops.text(rows, rates, options.clock, window)
     if timed:
         lines += hops.text_of_programs(timed, options.clock, program.how, processor())
-    print("\n".join([*lines, *(f"not measured: {line}" for line in missing)]))
-    if options.json is not None:
-        report = {"version": __version__, "clock_mhz_assumed": options.clock, "window_events": window, "hops": rows}
-        report |= {"programs": timed, "rates": rates, "processor": processor(), "missing": missing}
-        write_text(options.json, json.dumps(report, indent=2, ensure_ascii=False) + "\n")
-        print(f"wrote {options.json}")
-    return 0
+    report = {"clock_mhz_assumed": options.clock, "window_events": window, "hops": rows, "programs": timed}
+    lines += [f"not measured: {line}" for line in missing]
+    return lines, report | {"rates": rates, "processor": processor()}
 
 
 def _accuracy(options, missing):
@@ -180,7 +175,7 @@ def _measured(case, programs, before, *, step, **options):
     batch, cores = case.workload, []
     size = {"events": len(batch.events), "roi_events": batch.roi_events}
     for name in case.designs:
-        cores.append(asdict(measure(case, name)))
+        cores.append(measure(case, name))
         step()
     # A warm batch starts where the cold one before it ended, as it does in the core.
     v_start = (0.0, 0.0)
@@ -199,5 +194,5 @@ def _measured(case, programs, before, *, step, **options):
         "true_v": list(batch.v),
         "article_cycles": description.article_cycles(**size, pixels=pixels, iterations=case.iterations),
         "cores": cores,
-        "programs": [asdict(row) for row in time_programs(case, programs, v_start=v_start, step=step, **options)],
+        "programs": time_programs(case, programs, v_start=v_start, step=step, **options),
     }

@@ -1,6 +1,6 @@
 """What the core takes, in clock cycles counted in the simulated Verilog."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
@@ -9,53 +9,25 @@ from cmfpga.verilog.compiler import cannot_compile
 from .cases import WARM
 
 
-@dataclass(frozen=True, kw_only=True)
-class CoreRow:
-    """What a core takes for a case, in clock cycles.
-
-    Parameters
-    ----------
-    measured : bool
-        Counted in the simulated Verilog; otherwise computed by ``Core.cycles``, for want of a tool.
-    cycles : int
-        From the offer of the batch's first event to its result.
-    formula : int
-        ``Core.cycles`` for the same batch.
-    per_iteration : int
-        What one iteration more takes.
-    after_last : int
-        From the last event's being taken to the result. Events are taken in N cycles after the first is offered.
-    back_to_back : int or None
-        From one result to the next where batches are offered without a pause: with two buffers, one is taken in while
-        the one before is optimised. None if it was not simulated.
-    v : (float, float) or None
-        Result, px per half batch.
-    """
-
-    name: str
-    measured: bool
-    iterations: int
-    cycles: int
-    formula: int
-    per_iteration: int
-    after_last: int
-    back_to_back: int | None
-    v: tuple | None
-
-
 def measure(case, name):
-    """The :class:`CoreRow` of one of the case's cores, from the simulated Verilog where it can be compiled."""
+    """What one of the case's cores takes, in clock cycles, JSON-ready; measured if the Verilog can be compiled.
+
+    ``cycles`` count from the offer of the batch's first event to its result, ``after_last`` from the last event's being
+    taken, ``per_iteration`` what one more takes, and ``back_to_back`` from one result to the next where batches are
+    offered without a pause. That, and ``v`` in px per half batch, are None where nothing was simulated; ``formula`` is
+    ``Core.cycles`` for the same batch.
+    """
     config, iterations = case.designs[name], case.iterations
     size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events, "judge": config.judge}
     found = {} if cannot_compile() else _simulate(case, config)
     core = simulated(config).core if found else _unsimulated(config)
     formula, shorter = (core.cycles(**size, iterations=case.plan(count)) for count in (iterations, iterations - 1))
     cycles = found.pop("cycles", formula)
-    return CoreRow(
-        name=name, measured=bool(found), iterations=iterations, cycles=cycles, formula=formula,
-        after_last=cycles - size["events"],
-        **found or {"per_iteration": formula - shorter, "back_to_back": None, "v": None},
-    )  # fmt: skip
+    return {
+        "name": name, "measured": bool(found), "iterations": iterations, "cycles": cycles, "formula": formula,
+        "after_last": cycles - size["events"],
+        **(found or {"per_iteration": formula - shorter, "back_to_back": None, "v": None}),
+    }  # fmt: skip
 
 
 def _simulate(case, config):
@@ -98,7 +70,7 @@ def _back_to_back(core, settings, case):
 @cache
 def simulated(config):
     """The simulator of a configuration's core, made once."""
-    from cmfpga.verilog.simulation.core import VerilatedCore
+    from cmfpga.verilog.simulation import VerilatedCore
 
     return VerilatedCore(config)
 

@@ -19,10 +19,8 @@ from cmfpga.protocol.settings import BatchSettings
 
 from ..accuracy.dense import WINDOWS as RECORDINGS
 from .cases import COLD, STEPS, parse_steps
-from .opponents.c_program import Unavailable
-from .opponents.flow_program import FlowProgram
-from .opponents.timing import Times, side_by_side
-from .programs import processor
+from .opponents.c_program import FlowProgram, Unavailable
+from .programs import Times, processor, side_by_side
 
 EVENTS = 30_000
 #: Windows back to back; the time from the first one's end to the last one's counts.
@@ -40,7 +38,7 @@ def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what
     units : sequence of int
         Each is simulated; none where Verilator or a C++ compiler is missing.
     runs, seconds : int, float
-        As of :func:`~.opponents.timing.side_by_side`.
+        As of :func:`~.programs.side_by_side`.
     clock : float
         Assumed for the hardware, MHz.
     missing : list of str
@@ -81,7 +79,7 @@ def _recorded(data):
 
 
 def _hardware(config, tiles, settings, events, clock):
-    from cmfpga.verilog.simulation.core import VerilatedCore
+    from cmfpga.verilog.simulation import VerilatedCore
 
     simulated = VerilatedCore(config)
     simulated.write(tiles.regions)

@@ -14,11 +14,11 @@ from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.sliding.core import SlidingCore
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 
+from .cases import make_workload
 from .opponents import Job
-from .opponents.timing import side_by_side
-from .workloads import make_workload
+from .programs import side_by_side
 
 #: A longer pause, in clock cycles, changes nothing for warm hops: the round has caught up, and the one after has ended.
 LONGEST_PAUSE = 1500
@@ -144,17 +144,9 @@ def text(rows, rates, clock, window):
         f"{'recording':40} {'events':>8} {'held':>6} {'warm':>6} {'fewest':>7} {'median':>7} {'most':>7} {'≤ 130':>6} "
         f"{'cold':>5} {'most':>7}",
     ]
+    widths = {"warm": 6, "fewest": 7, "median": 7, "most": 7, "within_130": 6, "cold": 5, "cold_most": 7}
     for row in rows:
-        numbers = (
-            ("warm", 6),
-            ("fewest", 7),
-            ("median", 7),
-            ("most", 7),
-            ("within_130", 6),
-            ("cold", 5),
-            ("cold_most", 7),
-        )
-        shown = (f"{'-' if row[name] is None else row[name]:>{width}}" for name, width in numbers)
+        shown = (f"{'-' if row[name] is None else row[name]:>{width}}" for name, width in widths.items())
         lines.append(f"{row['recording']:40} {row['events']:8,} {' '.join(shown)}")
     warm, within = (sum(row[name] for row in rows) for name in ("warm", "within_130"))
     lines.append(f"{within:,} of {warm:,} warm hops within 130 cycles")

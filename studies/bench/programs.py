@@ -1,40 +1,78 @@
-"""What the programs take, in seconds."""
+"""What the programs take, in seconds, side by side."""
 
 import contextlib
 import platform
+import statistics
 import time
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from .opponents import Job
-from .opponents.timing import Times, side_by_side
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProgramRow:
-    """What a program takes for a case.
+class Times:
+    """Seconds of one run: median, and the range of all runs."""
+
+    median: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, seconds):
+        """Of a list of runs."""
+        return cls(median=statistics.median(seconds), low=min(seconds), high=max(seconds))
+
+
+def side_by_side(actions, *, runs, seconds, clock=time.thread_time, step=lambda: None):
+    """Time ``actions``, functions of a count of repetitions, in turn, so that a slow moment of the machine hits all.
 
     Parameters
     ----------
-    batch, ascent : Times
-        Of the whole batch; of what is left when the last event has arrived.
-    confidence : bool
-        With the probes of the confidence.
-    v : (float, float)
-        Result, px per half batch.
-    """
+    actions : list of callables
+        Each does its work ``count`` times. Called once before, so that nothing is compiled or paged in while timed.
+    runs : int
+        How often each is timed.
+    seconds : float
+        A run repeats an action until it lasts about this long; short work could not be timed otherwise.
+    clock : callable
+        By default the time that the processor gave to this thread, which other work on the machine does not lengthen.
+    step : callable
+        Called after every run, for a progress bar.
 
-    name: str
-    how: str
-    batch: Times
-    ascent: Times
-    confidence: bool
-    v: tuple
+    Returns
+    -------
+    list of Times, per repetition
+    """
+    counts = [_count(action, clock, seconds) for action in actions]
+    taken = [[] for _ in actions]
+    for _ in range(runs):
+        for action, count, into in zip(actions, counts, taken, strict=True):
+            start = clock()
+            action(count)
+            into.append((clock() - start) / count)
+            step()
+    return [Times.of(into) for into in taken]
+
+
+def _count(action, clock, seconds):
+    action(1)
+    count = 1
+    while True:
+        start = clock()
+        action(count)
+        took = clock() - start
+        if took >= seconds / 4 or count >= 1 << 20:
+            return max(1, round(count * seconds / took)) if took > 0 else count
+        count *= 4
 
 
 def time_programs(case, programs, *, v_start, **options):
-    """A :class:`ProgramRow` of each program; and one with the confidence, which the article's ascent has not."""
+    """A row, JSON-ready, of each program; and one with the confidence, which the article's ascent has not.
+
+    ``batch`` is the time of the whole batch, ``ascent`` of what is left when the last event has arrived.
+    """
     batch, signs = case.workload, case.steps is not None
     rows = [(program, probes) for probes in (False, True)[: 1 + signs] for program in programs]
     with contextlib.ExitStack() as stack:
@@ -50,13 +88,12 @@ def time_programs(case, programs, *, v_start, **options):
         batches, ascents = (
             side_by_side([getattr(each, what) for each in loaded], **options) for what in ("batch", "ascent")
         )
+    names = ({"name": program.name + ", confidence" * probes, "how": program.how, "confidence": probes}
+             for program, probes in rows)  # fmt: skip
     return [
-        ProgramRow(
-            name=program.name + ", confidence" * probes, how=program.how, batch=batch, ascent=ascent,
-            confidence=probes, v=at,
-        )
-        for (program, probes), batch, ascent, at in zip(rows, batches, ascents, v, strict=True)
-    ]  # fmt: skip
+        {**name, "batch": asdict(batch), "ascent": asdict(ascent), "v": at}
+        for name, batch, ascent, at in zip(names, batches, ascents, v, strict=True)
+    ]
 
 
 def time_foreign(case, *, runs, seconds):

@@ -1,6 +1,6 @@
 """The table of ``python -m studies.bench``, from the numbers that its ``--json`` writes."""
 
-from cmfpga.config.defaults import CLOCK_MHZ
+from cmfpga.config.presets import CLOCK_MHZ
 
 from .cases import ARTICLE, KIM
 

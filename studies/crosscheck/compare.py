@@ -14,7 +14,7 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.reference.regions import RegionSequence
 from cmfpga.verilog.compiler import cannot_compile
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 
 from .batches import (
     PATTERNS,

@@ -231,7 +231,7 @@ def test_every_intermediate_is_that_of_the_model(dot, engine, config):
 def test_images_are_those_that_the_verilog_sweeps(dot):
     """The emitted Verilog's own memories, word by word."""
     tracking = follow(dot, "rtl")
-    from cmfpga.verilog.simulation.core import VerilatedCore
+    from cmfpga.verilog.simulation import VerilatedCore
 
     core = VerilatedCore(tracking.config)
     start = (8, 9)

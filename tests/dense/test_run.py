@@ -8,7 +8,7 @@ from cmfpga.errors import ConfigError
 from cmfpga.events import Events, MemoryRecording, generate
 from cmfpga.protocol.regions import Region, RegionTable
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support.flowing import FIELDS, measured
 
 

@@ -149,7 +149,7 @@ def test_packages(maker, tmp_path, long_tools):
     assert wheel.name.startswith(f"cmfpga-{__version__}-") and sdist.name == f"cmfpga-{__version__}.tar.gz"
     with zipfile.ZipFile(wheel) as packed:
         names = packed.namelist()
-        assert "cmfpga/verilog/simulation/harness.cpp" in names and not [n for n in names if n.startswith("tests")]
+        assert "cmfpga/verilog/harness.cpp" in names and not [n for n in names if n.startswith("tests")]
         assert any(name.endswith("licenses/LICENSE") for name in names)
     with tarfile.open(sdist) as packed:
         names = {name.partition("/")[2] for name in packed.getnames()}

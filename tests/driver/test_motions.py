@@ -7,7 +7,7 @@ import pytest
 from studies.crosscheck.batches import random_events, random_settings
 
 from cmfpga.config import preset
-from cmfpga.driver import Accelerator, WrongHardware
+from cmfpga.driver import Accelerator, WrongHardware, simulation
 from cmfpga.driver.simulation import SimulationBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.errors import ConfigError
@@ -20,7 +20,6 @@ from cmfpga.rtl.shell import result_packet
 from cmfpga.rtl.shell import settings as shell_settings
 from cmfpga.verilog import compile
 from cmfpga.verilog.emit import emit_verilog
-from cmfpga.verilog.simulation import axi_top
 from support.driving import differences
 from support.mutation import break_blocks
 
@@ -145,7 +144,7 @@ def test_a_broken_shell_is_noticed(name, monkeypatch, rng):
     *change, which = MUTANTS[name]
     break_blocks(monkeypatch, *change)
     # Both keep what is sound.
-    monkeypatch.setattr(axi_top, "_library", axi_top._library.__wrapped__)
+    monkeypatch.setattr(simulation, "_library", simulation._library.__wrapped__)
     monkeypatch.setattr(compile, "kept_verilog", emit_verilog)
     with Accelerator(SimulationBackend(CONFIGS[which])) as made, pytest.raises(AssertionError):
         check(made, rng, 12)

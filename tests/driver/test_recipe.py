@@ -5,8 +5,8 @@ from pathlib import Path
 
 from cmfpga.config import preset
 from cmfpga.driver.golden import expected_result, golden_batch, setting_writes
+from cmfpga.driver.simulation import PACKET
 from cmfpga.protocol.registers import register_map
-from cmfpga.verilog.simulation.axi_top import PACKET
 from support.driving import CONFIG, REGISTERS
 
 PAGE = (Path(__file__).parents[2] / "docs" / "registers.md").read_text(encoding="utf-8")

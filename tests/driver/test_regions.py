@@ -9,7 +9,7 @@ from studies.crosscheck.batches import random_regions, some_changed
 
 from cmfpga.driver import Accelerator, DeviceError
 from cmfpga.driver.engine import result_of
-from cmfpga.driver.simulation import SimulationBackend
+from cmfpga.driver.simulation import PACKET, SimulatedTop, SimulationBackend
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
 from cmfpga.events import Events
@@ -22,7 +22,6 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, split_packets
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import follow
-from cmfpga.verilog.simulation.axi_top import PACKET, SimulatedTop
 from support.board import uio_tree
 from support.region_driving import CONFIG, TABLE, clouds, events_of, same
 from support.regions import model_of, random_settings, random_window

@@ -6,7 +6,7 @@ import pytest
 from cmfpga.config import Config, preset
 from cmfpga.fixed import Q
 from cmfpga.protocol.settings import BatchSettings, clamp_roi
-from cmfpga.reference.roi_follower import RoiFollower
+from cmfpga.reference.sequence import RoiFollower
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from cmfpga.reference import floating
-from cmfpga.reference.float_ascent import ascend
+from cmfpga.reference.float_core import ascend
 from cmfpga.reference.floating import contrast, derivative_images, evaluate, gradient, iwe, scaled_times, warp
 from support.equations import transcription
 

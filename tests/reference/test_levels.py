@@ -20,8 +20,8 @@ from cmfpga.reference.floating import (
     warp,
 )
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.reference.integer.dither import dither as integer_dither
-from cmfpga.reference.integer.time_scaler import time_scaler
+from cmfpga.reference.integer.event_path import dither as integer_dither
+from cmfpga.reference.integer.event_path import time_scaler
 
 #: Formats so wide that the integer model has next to nothing to round.
 WIDE = preset("fast").replace(

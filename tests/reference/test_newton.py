@@ -11,11 +11,10 @@ from cmfpga.config.schedule import DISTANCES, Round
 from cmfpga.fixed import bits_for, signed_bits_for
 from cmfpga.protocol.confidence import beside
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.reference.float_ascent import newton_step
-from cmfpga.reference.float_core import FloatCore
-from cmfpga.reference.integer import newton as module
+from cmfpga.reference.float_core import FloatCore, newton_step
+from cmfpga.reference.integer import ascent as module
+from cmfpga.reference.integer.ascent import newton, solve
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.reference.integer.newton import newton, solve
 from support.configs import ROUNDS
 
 CONFIG = preset("fast")

@@ -16,7 +16,7 @@ from cmfpga.protocol.confidence import beside
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.reference.integer.dither import dither
+from cmfpga.reference.integer.event_path import dither
 from cmfpga.reference.integer.sliding import Sliding
 
 SMALL = {"roi_width": 16, "roi_height": 12, "sensor_width": 32, "sensor_height": 24, "confidence_limit": 1.0}

@@ -4,7 +4,7 @@ import pytest
 
 from cmfpga.rtl import iterating, iteration_control
 from cmfpga.rtl.ascent import sign
-from cmfpga.rtl.confidence import least_judge, means, probe
+from cmfpga.rtl.confidence import probe, verdict
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, voter, warp
 from cmfpga.rtl.ingest import event_buffer, ingest_control
@@ -18,8 +18,8 @@ MUTANTS = {  # module, old, new, configuration
     "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
     "warped by the last probe": (probe, "self.complete & turn.any()", "self.complete & turn[:3].any()", "similarity"),
     "sums of the last probe": (probe, "self.sums.valid & self.iterating", "self.sums.valid", "similarity"),
-    "means of three": (means, "Mux(turn == 0, 0, total)", "Mux(turn[1] == 0, 0, total)", "four evaluators"),
-    "means of the batch before": (means, "mean.eq(total >> 2)", "mean.eq(total >> 1)", "one evaluator"),
+    "means of three": (verdict, "Mux(turn == 0, 0, total)", "Mux(turn[1] == 0, 0, total)", "four evaluators"),
+    "means of the batch before": (verdict, "mean.eq(total >> 2)", "mean.eq(total >> 1)", "one evaluator"),
     "a verdict of any round": (iterating, "self.means.done & control.run.final", "self.means.done",
                                "three bits of v"),
     "a verdict not waited for": (iteration_control, "with m.If(self.judged):", "with m.If(1):", "three bits of v"),
@@ -53,8 +53,8 @@ MUTANTS = {  # module, old, new, configuration
     "the steepest steps by half": (sign, "- sizes[other])[-1]", "- sizes[other])[-1] | 1", "similarity"),
     "probed away from 0": (probe, "Mux(v[-1], distance, -distance)", "Mux(v[-1], -distance, distance)", "similarity"),
     "one parameter probed": (probe, "Mux(turn[k],", "Mux(turn[0],", "rotation"),
-    "fallen from the last probe": (least_judge, 'self.last[f"s{name}"]', 'self.last[f"sx"]', "rotation"),
-    "any doubt is none": (least_judge, "difference <= 0", "difference < difference", "similarity"),
+    "fallen from the last probe": (probe, 'self.last[f"s{name}"]', 'self.last[f"sx"]', "rotation"),
+    "any doubt is none": (probe, "difference <= 0", "difference < difference", "similarity"),
     "a row too few": (gradient_reader, "(row == config.geometry.bank_rows - 1)",
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),

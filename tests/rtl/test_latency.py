@@ -15,8 +15,7 @@ from cmfpga.rtl.ascent.newton import NewtonAscent
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from cmfpga.rtl.ascent.sign import SignAscent
 from cmfpga.rtl.ascent.velocity import Velocity
-from cmfpga.rtl.confidence.least_judge import LeastJudge
-from cmfpga.rtl.confidence.probe import Probe
+from cmfpga.rtl.confidence.probe import LeastJudge, Probe
 from cmfpga.rtl.confidence.verdict import Verdict
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image.accumulator import Accumulator

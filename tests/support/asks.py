@@ -46,8 +46,8 @@ DOORS = {
 
 #: Doors to a compiled or emitted design: quick where all configurations that the test names are.
 HARDWARE_DOORS = {
-    ("cmfpga.verilog.simulation.core", "VerilatedCore"),
-    ("cmfpga.verilog.simulation.axi_top", "SimulatedTop"),
+    ("cmfpga.verilog.simulation", "VerilatedCore"),
+    ("cmfpga.driver.simulation", "SimulatedTop"),
     ("support.serial_line", "SimulatedLine"),
     ("cmfpga.engines.rtl", "VerilatedEngine"),
     ("cmfpga.engines.rtl", "AmaranthEngine"),

@@ -6,7 +6,7 @@ import threading
 
 import numpy as np
 
-from cmfpga.verilog.simulation.axi_top import CYCLES, INTERRUPT, PACKET, SENT
+from cmfpga.driver.simulation import CYCLES, INTERRUPT, PACKET, SENT
 
 #: Clock cycles that pass while the processor does one access: far fewer than on a board.
 ACCESS_CYCLES = 100

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from cmfpga.driver import Accelerator
-from cmfpga.driver.simulation import SimulationBackend
+from cmfpga.driver.simulation import SimulatedTop, SimulationBackend
 from cmfpga.engines.model import ModelEngine
 from cmfpga.events import Events
 from cmfpga.protocol.registers import register_map
 from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.verilog.simulation.axi_top import SimulatedTop
 from support.designs import SHELL
 
 CONFIG = SHELL
@@ -21,7 +20,7 @@ REGISTERS = register_map(CONFIG)
 
 @pytest.fixture
 def top(compiler):
-    """A fresh :class:`~cmfpga.verilog.simulation.axi_top.SimulatedTop`; its library is compiled once."""
+    """A fresh :class:`~cmfpga.driver.simulation.SimulatedTop`; its library is compiled once."""
     made = SimulatedTop(CONFIG)
     yield made
     made.close()

@@ -1,12 +1,12 @@
 """Model of a GenX320's parallel port: words to levels of its pins, packet by packet, frame by frame.
 
-What it keeps to, and what of that is assumed, is in :mod:`cmfpga.rtl.sensors.cpi`. Numbers are those of the sensor's
+What it keeps to, and what of that is assumed, is in :mod:`cmfpga.rtl.shell.cpi`. Numbers are those of the sensor's
 registers: bytes of a packet, packets of a frame, cycles of blanking.
 """
 
 import numpy as np
 
-from cmfpga.rtl.sensors.cpi import PADDING
+from cmfpga.rtl.shell.cpi import PADDING
 
 
 def to_bytes(words, *, big_endian=False):

@@ -10,7 +10,7 @@ from cmfpga.engines.rtl import VerilatedEngine
 from cmfpga.events import Events
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.verilog.compiler import find_compiler
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support.designs import SMALL
 
 CONFIG = SMALL

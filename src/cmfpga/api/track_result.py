@@ -7,7 +7,7 @@ import io
 
 import numpy as np
 
-from ..config.defaults import CLOCK_MHZ
+from ..config.presets import CLOCK_MHZ
 from ..config.windows import needs_batches
 from ..errors import ConfigError, naming, needs
 from ..events import Events

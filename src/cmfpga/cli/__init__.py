@@ -14,7 +14,7 @@ from pathlib import Path
 
 from .. import __version__
 from ..config import DEFAULT_PRESET, PRESETS, Config, preset
-from ..config.defaults import CLOCK_MHZ
+from ..config.presets import CLOCK_MHZ
 from ..errors import ConfigError, UserError, needs
 
 #: Options that say how a recording is read, by their names in Python.

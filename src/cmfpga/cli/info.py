@@ -19,7 +19,7 @@ from ..imaging.camera import calibration_of, extent
 from ..imaging.survey import Survey, propose, survey_all
 from ..imaging.survey.statistics import pixels_text, shown
 from ..protocol.settings import BatchSettings
-from ..reference.integer.noise_filter import NoiseFilter
+from ..reference.integer.filters import NoiseFilter
 from ..show.gallery import draw_survey, survey_lines
 from ..tracking.loop import track
 from ..tracking.source import likely_sensor

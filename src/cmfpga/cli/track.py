@@ -12,7 +12,7 @@ from tqdm import tqdm
 from .. import cli
 from ..api.objects import TrackedObject
 from ..config import DEFAULT_PRESET, SLIDING_PRESET
-from ..config.defaults import BATCH_EVENTS
+from ..config.presets import BATCH_EVENTS
 from ..config.windows import needs_batches
 from ..engines import AXI, ENGINES, SERIAL, check_roi, engine_name, open_engine, preload, usual_preset
 from ..errors import ConfigError, RecordingError

@@ -14,9 +14,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError, one_of
-from .ascent import ASCENTS
 from .checks import check_beside, check_confidence, check_field, check_real, check_size, parse_camera, parse_pixels
-from .choices import CHOICES, GRADIENTS, UNDISTORTION, WINDOWS
+from .choices import ASCENTS, CHOICES, GRADIENTS, UNDISTORTION, WINDOWS
 from .derived import Formats, Geometry, OnePass
 from .motion import MOTIONS, check_motion, motion_model
 from .regions import Regions, check_regions
@@ -391,5 +390,5 @@ class Config:
 
     @cached_property
     def ascent_rule(self):
-        """How v ascends: an entry of :data:`cmfpga.config.ascent.ASCENTS`."""
+        """How v ascends: an entry of :data:`cmfpga.config.choices.ASCENTS`."""
         return ASCENTS[self.ascent]

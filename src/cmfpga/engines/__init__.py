@@ -10,7 +10,7 @@ import pkgutil
 from abc import ABC, abstractmethod
 
 from ..config import DEFAULT_PRESET, SLIDING_PRESET, preset
-from ..config.defaults import ENGINES
+from ..config.presets import ENGINES
 from ..errors import ConfigError, needs
 from ..protocol.regions import Region
 from ..protocol.results import BatchResult

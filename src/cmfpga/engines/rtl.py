@@ -12,7 +12,7 @@ from ..protocol.tables import mask_writes
 from ..protocol.trace import columns, to_batch_result
 from ..rtl.core import Core
 from ..rtl.payloads import schedule_entry
-from ..verilog.simulation.core import VerilatedCore
+from ..verilog.simulation import VerilatedCore
 from . import Engine
 
 _PIECE = 4096  # events for whose results there is memory

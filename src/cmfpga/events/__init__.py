@@ -4,9 +4,8 @@ from . import aedat, bags, cameras, hdf5, numpy_files, raw, text
 from .arrays import Events, EventSource
 from .batches import WAITING, Batch, BatchCutter
 from .columns import MemoryRecording, as_events
-from .feed import Feed
 from .hdf5 import Hdf5Writer, write_hdf5
-from .live import LiveSource, is_live, open_source
+from .live import Feed, LiveSource, is_live, open_source
 from .motion import Motion
 from .recording import Format, Recording, formats, forms, open_recording, register_format
 from .synthetic import Scene, Synthetic, generate

@@ -1,16 +1,157 @@
-"""The float reference's batches in a row: cropped, started and followed as in the integer model."""
+"""The float reference: ascents of a translation, by the article's constant η and by Newton's rounds; batches in a row.
 
+Batches are cropped, started and followed as in the integer model. See :mod:`.floating` for what ``x``, ``y``, ``dt``
+and ``v`` are.
+"""
+
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
+import torch
 
+from ..config.schedule import ScheduleEntry
+from ..fixed import saturate
+from ..protocol.confidence import LIMIT_SCALE, PROBE, beside, confidence, curvature, least_fall, probes_towards_zero
 from ..protocol.flags import Flag
 from ..protocol.trace import Trace
 from . import flow
-from .confidence import is_doubtful, of_round, probe_flow
-from .float_ascent import ascend, ascend_by_rounds
-from .floating import dither, float64, scaled_times
+from .floating import dither, evaluate, float64, scaled_times
 from .sequence import Sequence
+
+
+def of_round(pixels, done, settings):
+    """Fields of the result that tell how sure v is, by their names in :mod:`cmfpga.protocol.results`.
+
+    Parameters
+    ----------
+    pixels : int
+        P.
+    done : Ascent
+        By rounds, the last of which tells.
+    settings : BatchSettings
+    """
+    squares = pixels * (done.contrast[-1] + (done.sum_i[-1] / pixels) ** 2)
+    return _told(float(squares.mean()), tuple(curvature(*done.g[-1].tolist())), settings)
+
+
+def probe_flow(x, y, dt, v, found, b, settings, *, at_pixels, **size):
+    """The same of a motion beyond translation, whose last iteration was at ``v``, and whose result is ``found``.
+
+    ``x``, ``y``, ``dt``, ``b``, ``at_pixels`` and ``size`` are as of :func:`.flow.sums`.
+    """
+    last, *probed = (
+        flow.sums(x, y, dt, one, b, at_pixels=at_pixels, **size)[1].tolist()
+        for one in (v, *(probes_towards_zero(tuple(found), PROBE) if settings.judge else ()))
+    )
+    shape = (least_fall(found, last, probed) if probed else 0.0,)
+    return _told(flow.squares(x, y, dt, v, b, **size), shape, settings)
+
+
+def _told(squares, shape, settings):
+    limit = settings.confidence_limit if settings.judge else 0
+    return {"sum_squares": squares, "curvature": shape, "confidence_limit": limit}
+
+
+def is_doubtful(config, result):
+    """Whether the confidence of a :class:`~cmfpga.protocol.results.BatchResult` is below its limit, exactly."""
+    kappa = confidence(config, result)
+    return kappa is not None and LIMIT_SCALE * kappa < result.confidence_limit
+
+
+@dataclass(frozen=True)
+class Ascent:
+    """Trace of an ascent of T iterations.
+
+    Parameters
+    ----------
+    v : float64 [T + 1, 2]
+        The start, then v after each iteration; ``v[-1]`` is the result.
+    contrast : float64 [T]
+        C at ``v[k]``; the contrast of the result itself is not part of an iteration.
+    gradient : float64 [T, 2]
+        ∇C at ``v[k]``.
+    sum_i : float64 [T]
+        ΣI at ``v[k]``.
+    sum_d, s, g : float64 [T, 2]
+        ΣD, S and G at ``v[k]``, along x and y.
+
+    Of rounds all but ``v`` are [T, 4] or [T, 4, 2]: of each evaluation beside ``v[k]``.
+    """
+
+    v: torch.Tensor
+    contrast: torch.Tensor
+    gradient: torch.Tensor
+    sum_i: torch.Tensor
+    sum_d: torch.Tensor
+    s: torch.Tensor
+    g: torch.Tensor
+
+
+def _follow(x, y, dt, v_start, plan, step, around=None, **size):
+    """An :class:`Ascent`: v ← v + step(k, iteration k), for each entry of a plan.
+
+    ``around(k, v)``: the velocities that are evaluated, where that is not v; ``step`` has a list then.
+    """
+    with torch.no_grad():  # a trace, not a graph
+        x, y, dt = float64(x), float64(y), float64(dt)
+        v = torch.empty(len(plan) + 1, 2, dtype=torch.float64, device=dt.device)
+        v[0] = float64(v_start)
+        scalars = [v.new_empty(0, *((4,) if around else ()), 10)]
+        for k, entry in enumerate(plan):
+            places = around(k, v[k]) if around else [v[k]]
+            each = [evaluate(x, y, dt, one, level=entry.level, **size) for one in places]
+            made = torch.stack([_scalars(now) for now in each])
+            scalars.append(made[None] if around else made)
+            v[k + 1] = v[k] + step(k, each if around else each[0])
+    contrasts, gradients, sum_i, sum_d, s, g = torch.cat(scalars).split((1, 2, 1, 2, 2, 2), dim=-1)
+    return Ascent(v, contrasts[..., 0], gradients, sum_i[..., 0], sum_d, s, g)
+
+
+def _scalars(now):
+    sums = (now.sum_i, now.sum_dx, now.sum_dy, now.s_x, now.s_y, now.g_x, now.g_y)
+    return torch.stack((now.contrast, *now.gradient, *sums))
+
+
+def ascend(x, y, dt, *, v_start, eta, iterations, **size):
+    """Gradient ascent with constant step: v ← v + η·∇C, ``iterations`` times (Eq. v_update). An :class:`Ascent`.
+
+    ``size`` is ``width``, ``height`` and ``border``, as for :func:`evaluate`. v does not saturate here, as it does in
+    the hardware.
+    """
+    plan = [ScheduleEntry(0, None)] * iterations
+    return _follow(x, y, dt, v_start, plan, lambda _, now: eta * now.gradient, **size)
+
+
+def newton_step(gradients, distance, limit):
+    """M⁻¹·g, a list of two, of the gradients (G_x, G_y) at four velocities ``distance`` beside v: see
+    :mod:`.integer.ascent`."""
+    x, y = (sum(axis) / 4 for axis in zip(*gradients, strict=True))
+    xx, yy, cross = (one / (2 * distance) for one in curvature(*gradients))
+    det, trace = xx * yy - cross * cross / 4, xx + yy
+    if 4 * det < trace * trace / 2:
+        xx, yy, det = xx + trace / 8, yy + trace / 8, det + trace * trace * 9 / 64
+    if trace <= 0 or det <= 0:
+        return [0 if 2 * abs(one) < max(abs(x), abs(y)) else limit * ((one > 0) - (one < 0)) for one in (x, y)]
+    step = (yy * x - cross / 2 * y) / det, (xx * y - cross / 2 * x) / det
+    least = min(limit, 2 * distance)
+    return [saturate(one, -least, least) for one in step]
+
+
+def ascend_by_rounds(x, y, dt, *, v_start, schedule, **size):
+    """Newton's ascent: v ← v + :func:`newton_step` of each of a ``schedule`` of :class:`cmfpga.config.schedule.Round`.
+
+    Returns an :class:`Ascent`. ``size`` is as for :func:`ascend`; v does not saturate here, as it does in the hardware.
+    """
+
+    def around(k, v):
+        return [v.new_tensor(one) for one in beside(v.tolist(), schedule[k].distance / 4)]
+
+    def step(k, each):
+        gradients = [(float(now.g_x), float(now.g_y)) for now in each]
+        return each[0].g_x.new_tensor(newton_step(gradients, schedule[k].distance / 4, schedule[k].limit))
+
+    return _follow(x, y, dt, v_start, schedule, step, around, **size)
 
 
 class FloatCore(Sequence):

@@ -4,7 +4,7 @@ This is the yardstick: pure functions on torch tensors, with no fixed-point roun
 parentheses, like (Eq. I_w), are the article's equation labels. Everything is differentiable in ``v``, so autograd
 can check the analytic gradient; nothing here uses autograd itself.
 
-Not the article's are :func:`dither` and the coarse levels of :func:`evaluate`. :mod:`.float_ascent` climbs.
+Not the article's are :func:`dither` and the coarse levels of :func:`evaluate`. :mod:`.float_core` climbs.
 
 Conventions, for all functions:
 

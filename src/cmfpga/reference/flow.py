@@ -117,7 +117,7 @@ def by_signs(slopes, log2_step):
 
 @dataclass(frozen=True)
 class Ascent:
-    """As :class:`.float_ascent.Ascent`: ``v`` [T + 1, parameters], ``sum_i`` [T], ``s`` [T, parameters]."""
+    """As :class:`.float_core.Ascent`: ``v`` [T + 1, parameters], ``sum_i`` [T], ``s`` [T, parameters]."""
 
     v: torch.Tensor
     sum_i: torch.Tensor

@@ -7,8 +7,8 @@ import torch
 from ..imaging.camera import undistort
 from ..protocol.flags import Flag
 from ..protocol.results import thins
+from .integer.filters import next_thinning, thinner
 from .integer.roi_filter import roi_filter
-from .integer.thinner import next_thinning, thinner
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def take_in(config, t, x, y, settings, *, roi, last_thinning, dropped=(False, Fa
     last_thinning : int or None
         ``next_thinning`` of the batch before.
     dropped : pair of bool arrays
-        As :class:`~.integer.noise_filter.NoiseFilter` judges the events.
+        As :class:`~.integer.filters.NoiseFilter` judges the events.
     """
     x, y = undistort(config, settings.camera, x, y)
     inside = roi_filter(config, t, x, y, roi=roi, hot=dropped[0], noise=dropped[1])

@@ -10,9 +10,9 @@ from ..protocol.flags import Flag
 from ..protocol.results import BatchResult, RegionOutcome, fields_of, not_judged, thins
 from ..protocol.trace import Trace
 from .ingest import TakenIn, thinned_to_room
-from .integer.noise_filter import NoiseFilter
+from .integer.filters import NoiseFilter
 from .integer.roi_filter import roi_filter
-from .roi_follower import move_within
+from .sequence import move_within
 
 
 @dataclass

@@ -1,5 +1,5 @@
-"""Models of what stands between the AXI4-Stream input and the core: :mod:`cmfpga.rtl.shell.decoder`, ``sensor_gate``
-and ``batch_end``."""
+"""Models of what stands between the AXI4-Stream input and the core: decoders, gate and ends of batches, as in
+:mod:`cmfpga.rtl.shell`."""
 
 from collections import Counter
 from dataclasses import dataclass

@@ -7,10 +7,8 @@ from ..config.schedule import ScheduleEntry, used_events
 from .arithmetic import delay
 from .ascent import ASCENTS
 from .ascent.gradient import Gradient
-from .confidence.least_judge import LeastJudge
-from .confidence.means import Means
-from .confidence.probe import Probe
-from .confidence.verdict import Verdict
+from .confidence.probe import LeastJudge, Probe
+from .confidence.verdict import Means, Verdict
 from .image import image_of
 from .image.event_path import EventPath
 from .ingest.event_buffer import EventBuffer
@@ -85,7 +83,7 @@ class Iterating:
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def iterated_cycles(self, roi_events, iterations, judge=None):
-        """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`CycleFormula.cycles`."""
+        """Clock cycles of a batch's iterations and probes; parameters as those of :meth:`.core.Core.cycles`."""
         judged = self.config.confidence and (self.config.judge if judge is None else judge)
         every = ScheduleEntry(0, None)
         plan = (every,) * iterations if isinstance(iterations, int) else tuple(iterations)

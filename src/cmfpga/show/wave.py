@@ -111,7 +111,7 @@ class Waves:
     ----------
     probes : list of Probe
     cycles, ports, values : int arrays
-        See :meth:`cmfpga.verilog.simulation.core.VerilatedCore.take_waves`. Cycle 0 is that of the batch's first event.
+        See :meth:`cmfpga.verilog.simulation.VerilatedCore.take_waves`. Cycle 0 is that of the batch's first event.
     result : BatchResult
         Of this run; its trace equals that of the track, its ROI moves from whole pixels.
     """
@@ -168,7 +168,7 @@ class WaveTaker:
 
 def record(config, batch):
     """Run a :class:`~cmfpga.tracking.loop.TrackedBatch` by itself as it ran in the track: :class:`Waves`."""
-    from ..verilog.simulation.core import VerilatedCore
+    from ..verilog.simulation import VerilatedCore
 
     settings = dataclasses.replace(
         BatchSettings.from_config(config.replace(thinning=batch.thinning, thin_target=0), batch.result.roi),

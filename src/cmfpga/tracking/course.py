@@ -7,7 +7,7 @@ from ..protocol.flags import Flag
 from ..protocol.regions import MOST_STRIDE, Region
 from ..protocol.results import thins
 from ..protocol.settings import BatchSettings, clamp_roi
-from ..reference.integer.thinner import next_thinning
+from ..reference.integer.filters import next_thinning
 from .fit import LOST_BATCHES
 
 _RESERVE = 1.3  # of events that a stride leaves room for: the rate is not the same in all batches

@@ -8,7 +8,7 @@ that share it, the fastest to be trusted. Equal events and results give equal le
 import functools
 import math
 
-from ..config.defaults import BATCH_EVENTS
+from ..config.presets import BATCH_EVENTS
 from ..events import WAITING, BatchCutter, LiveSource
 from ..imaging.camera import extent, seen
 from ..imaging.iwe import events_in_roi

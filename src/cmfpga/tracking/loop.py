@@ -18,7 +18,7 @@ from ..protocol.flags import Flag
 from ..protocol.regions import Region
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings
-from ..reference.integer.noise_filter import NoiseFilter
+from ..reference.integer.filters import NoiseFilter
 from .ambiguity import UNTRUSTED, ambiguity
 from .columns import columns, csv_writer, row
 from .course import Course

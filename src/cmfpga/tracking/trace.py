@@ -10,14 +10,12 @@ from ..errors import ConfigError, RecordingError
 from ..protocol.confidence import beside
 from ..protocol.settings import BatchSettings
 from ..reference import floating
-from ..reference.float_ascent import newton_step
-from ..reference.float_core import FloatCore
+from ..reference.float_core import FloatCore, newton_step
 from ..reference.ingest import take_in
+from ..reference.integer.ascent import newton
 from ..reference.integer.core import IntegerCore, IntegerIteration
-from ..reference.integer.dither import dither
+from ..reference.integer.event_path import dither, time_scaler
 from ..reference.integer.motion import basis, flow
-from ..reference.integer.newton import newton
-from ..reference.integer.time_scaler import time_scaler
 from ..reference.integer.warp import warp
 
 

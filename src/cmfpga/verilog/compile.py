@@ -64,7 +64,7 @@ def _digest(library):
 
 
 def _harness(name):
-    return importlib.resources.files("cmfpga.verilog.simulation").joinpath(name).read_text()
+    return importlib.resources.files("cmfpga.verilog").joinpath(name).read_text()
 
 
 def _library(design, *, top, harness, ports=""):

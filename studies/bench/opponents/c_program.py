@@ -1,4 +1,4 @@
-"""The C programs: compiled here and now, for this processor, one thread."""
+"""The C programs: compiled here and now, for this processor; one thread, or for dense flow several."""
 
 import ctypes
 import importlib.resources
@@ -125,6 +125,12 @@ class CProgram:
         return Loaded(self.library, job)
 
 
+def _plan(schedule):
+    """Levels, steps and strides of a schedule, as the programs read them."""
+    levels, strides = (np.array([getattr(each, name) for each in schedule], np.int32) for name in ("level", "stride"))
+    return [levels, np.array([2.0**each.log2_step for each in schedule], np.float64), strides]
+
+
 class Loaded:
     """A job in a program. ``batch`` before ``ascent``."""
 
@@ -132,10 +138,7 @@ class Loaded:
         self._library = library
         events = job.events
         self._keep = [np.ascontiguousarray(a) for a in (events.t, events.x, events.y)]
-        if job.schedule is not None:
-            self._keep.append(np.array([entry.level for entry in job.schedule], np.int32))
-            self._keep.append(np.array([2.0**entry.log2_step for entry in job.schedule], np.float64))
-            self._keep.append(np.array([entry.stride for entry in job.schedule], np.int32))
+        self._keep += [] if job.schedule is None else _plan(job.schedule)
         pointers = [array.ctypes.data for array in self._keep] + [None] * 3
         self._job = JobOfC(
             *pointers[:3], len(events), *job.roi, job.width, job.height, job.iterations, job.dither, job.probes,
@@ -179,3 +182,116 @@ class Loaded:
         if self._work:
             self._library.work_free(self._work)
             self._work = None
+
+
+class _Tile(ctypes.Structure):
+    """``Tile`` of flow.c."""
+
+    _fields_ = (
+        [(name, ctypes.c_int32) for name in ("x", "y", "width", "height", "left", "top", "parent", "stride")]
+        + [("iterations", ctypes.c_int32)]
+        + [(name, ctypes.c_void_p) for name in ("levels", "strides", "steps")]
+    )
+
+
+class _Flow(ctypes.Structure):
+    """``Flow`` of flow.c."""
+
+    _fields_ = (
+        [("window", JobOfC)]
+        + [(name, ctypes.c_int32) for name in ("sensor_width", "sensor_height", "bin_bits", "most")]
+        + [(name, ctypes.c_int32) for name in ("tiles", "coarse", "threads")]
+        + [(name, ctypes.c_void_p) for name in ("tile", "v", "probes")]
+    )
+
+
+class FlowProgram(CProgram):
+    """flow.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
+
+    def __init__(self):
+        super().__init__("flow", includes=("gather.c",), options=("-pthread",))
+
+    def load_window(self, config, regions, events, settings, threads):
+        """A function of a count that measures a window so often, and returns v of each region: float64 [regions, 2].
+
+        Parameters
+        ----------
+        config : Config
+        regions : sequence of Region
+            First those without a parent, then those with one.
+        events : Events
+        settings : BatchSettings
+            The schedules; v starts at 0.
+        threads : int
+            1 to 64.
+        """
+        keep = [np.ascontiguousarray(axis) for axis in (events.t, events.x, events.y)]
+        plans = {name: _plan(getattr(settings, name)) for name in ("cold", "warm")}
+        tiles, coarse = (_Tile * len(regions))(), 0
+        for region, tile in zip(regions, tiles, strict=True):
+            child = region.start == "parent"
+            coarse += not child
+            levels, steps, strides = plans["warm" if child else "cold"]
+            pointers = (each.ctypes.data for each in (levels, strides, steps))
+            parent = region.parent if child else -1
+            place = region.x, region.y, region.width, region.height, *region.corner(config), parent, region.stride
+            for (name, _), value in zip(_Tile._fields_, (*place, len(levels), *pointers), strict=True):
+                setattr(tile, name, value)
+        v, probes = np.zeros((len(regions), 2)), np.zeros((len(regions), 8))
+        window = JobOfC(*(axis.ctypes.data for axis in keep[:3]), len(events))
+        window.width, window.height, window.dither, window.probes = config.roi_width, config.roi_height, 1, 1
+        flow = _Flow(
+            window, config.sensor_width, config.sensor_height, config.bin_bits, config.buffer_events, len(regions),
+            coarse, threads, ctypes.addressof(tiles), v.ctypes.data, probes.ctypes.data,
+        )  # fmt: skip
+
+        def run(count=1, keep=(keep, plans, tiles, probes)):
+            if not self.library.run_flow(ctypes.byref(flow), ctypes.c_int64(count)):
+                raise MemoryError(f"no memory for a window of {len(events)} events on {threads} threads")
+            return v
+
+        return run
+
+
+class HopProgram(CProgram):
+    """hop.c, compiled; raises :exc:`~.c_program.Unavailable` as :class:`~.c_program.CProgram` does."""
+
+    def __init__(self, sources=None):
+        super().__init__("hop", sources, includes=("int16.c",))
+        self.library.hop_new.restype = ctypes.c_void_p
+
+    def load(self, job):
+        """A :class:`LoadedHop`: the job is a window."""
+        return LoadedHop(self.library, job)
+
+
+class LoadedHop(Loaded):
+    """A window in the program, its events cropped and dithered, as they are before a hop ends."""
+
+    def __init__(self, library, job):
+        super().__init__(library, job)
+        self.batch()  # without iterations: crops and dithers
+        self._hop = ctypes.c_void_p(library.hop_new(ctypes.byref(self._job)))
+        if not self._hop:
+            raise MemoryError("no memory for four images")
+        self.follow()
+
+    def round(self, count=1):
+        """What is left when the hop has ended, where nothing followed: times, four gradients, a step. Returns v."""
+        return self._run(self._library.run_round, count)
+
+    def follow(self, count=1):
+        """All of the window's events but the last one, one after the other, into the sums of four evaluations."""
+        self._library.run_follow(self._hop, self._work, ctypes.byref(self._job), ctypes.c_int64(count))
+
+    def tail(self, count=1):
+        """What is left when the closing event comes, after :meth:`follow`: that event, and a step. Returns v."""
+        self._library.run_tail(self._hop, self._work, ctypes.byref(self._job), ctypes.c_int64(count))
+        return tuple(self._job.v)
+
+    def close(self):
+        """Free what the window holds."""
+        if self._hop:
+            self._library.hop_free(self._hop)
+            self._hop = None
+        super().close()

@@ -6,7 +6,7 @@
 
 #include "gather.c"
 
-// The layouts are repeated in flow_program.py.
+// The layouts are repeated in c_program.py.
 typedef struct {
     int32_t x, y, width, height, left, top;  // the tile on the sensor, px; where it begins in its image
     int32_t parent;                          // whose v it begins with; -1: 0

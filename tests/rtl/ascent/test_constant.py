@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.reference.integer.constant import gain, updater
+from cmfpga.reference.integer.ascent import gain, updater
 from cmfpga.rtl.ascent.constant import ConstantAscent
 from support.bench import held, play
 from support.configs import CONFIGS, ODD

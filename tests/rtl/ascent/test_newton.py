@@ -7,7 +7,7 @@ from cmfpga.config import preset
 from cmfpga.config.schedule import DISTANCES, Round
 from cmfpga.protocol.confidence import curvature
 from cmfpga.protocol.settings import table_entry
-from cmfpga.reference.integer.newton import newton, solve
+from cmfpga.reference.integer.ascent import newton, solve
 from cmfpga.rtl.ascent import newton as module
 from cmfpga.rtl.ascent.newton import NewtonAscent
 from support.bench import held, play

@@ -7,7 +7,7 @@ import pytest
 
 from cmfpga.config import Config
 from cmfpga.protocol.settings import clamp_roi
-from cmfpga.reference.roi_follower import RoiFollower, move_within
+from cmfpga.reference.sequence import RoiFollower, move_within
 from cmfpga.rtl.ascent.roi_updater import RoiUpdater
 from support.bench import held, play
 from support.configs import CONFIGS, ODD, TINY

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.reference.integer.sign import lesser, sign_updater
+from cmfpga.reference.integer.ascent import lesser, sign_updater
 from cmfpga.rtl.ascent.sign import SignAscent
 from support.bench import held, play
 from support.configs import SIGNS

@@ -5,8 +5,8 @@ import pytest
 
 from cmfpga.config import preset
 from cmfpga.protocol.confidence import is_sharp, least_fall
-from cmfpga.rtl.confidence import least_judge as module
-from cmfpga.rtl.confidence.least_judge import LeastJudge
+from cmfpga.rtl.confidence import probe as module
+from cmfpga.rtl.confidence.probe import LeastJudge
 from support.bench import play
 from support.mutation import mutated
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cmfpga.reference.integer.dither import dither
+from cmfpga.reference.integer.event_path import dither
 from cmfpga.rtl.image.dither import Dither
 from support.bench import GAPS, play
 from support.configs import LEVELS, SIGNS

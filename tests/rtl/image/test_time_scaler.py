@@ -6,7 +6,7 @@ from amaranth.hdl import signed
 
 from cmfpga.config import Config, preset
 from cmfpga.fixed import Q
-from cmfpga.reference.integer.time_scaler import reciprocal, time_scaler
+from cmfpga.reference.integer.event_path import reciprocal, time_scaler
 from cmfpga.rtl import payloads
 from cmfpga.rtl.image.time_scaler import TimeScaler
 from support.bench import GAPS, check_flow

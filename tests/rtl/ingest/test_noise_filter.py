@@ -8,7 +8,7 @@ import pytest
 from cmfpga.config import Config
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.tables import mask_words
-from cmfpga.reference.integer.noise_filter import NoiseFilter
+from cmfpga.reference.integer.filters import NoiseFilter
 from cmfpga.rtl.ingest.noise_filter import BackgroundFilter, HotMask
 from support.bench import GAPS, check_latency, flow_script, play
 from support.configs import NARROW, ODD, TINY

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.reference.integer.time_scaler import reciprocal
+from cmfpga.reference.integer.event_path import reciprocal
 from cmfpga.rtl.ingest.reciprocal import Reciprocal
 from support.bench import play
 from support.configs import CONFIGS

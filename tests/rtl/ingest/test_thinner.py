@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import Config
-from cmfpga.reference.integer.thinner import next_thinning, thinner
+from cmfpga.reference.integer.filters import next_thinning, thinner
 from cmfpga.rtl import payloads
 from cmfpga.rtl.ingest.thinner import Thinner
 from support.bench import GAPS, flow_script, play

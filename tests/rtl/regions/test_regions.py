@@ -10,7 +10,7 @@ from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.regions import Region
 from cmfpga.protocol.results import counts_of
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support.core_batches import settings
 from support.regions import (
     CONFIGS,

@@ -18,7 +18,7 @@ from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.regions import RegionSequence
 from cmfpga.rtl.image import basis, voter
 from cmfpga.rtl.regions import collector, distributor, unit
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support.core_batches import settings
 from support.mutation import break_blocks
 from support.regions import CONFIGS, model_of, random_settings, run_amaranth, without_clock

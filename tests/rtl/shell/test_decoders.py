@@ -11,8 +11,7 @@ from cmfpga.protocol.words import encode, read_raw
 from cmfpga.reference.wire import Beat, Token, decode, sensor_gate, to_beats
 from cmfpga.rtl.shell.decoder import Decoder
 from cmfpga.rtl.shell.evt3_decoder import Evt3Decoder
-from cmfpga.rtl.shell.sensor_gate import SensorGate
-from cmfpga.rtl.shell.vector_splitter import VectorSplitter
+from cmfpga.rtl.shell.input_path import SensorGate, VectorSplitter
 from support.axi_streams import FLOWS, pass_through
 
 CONFIG = Config()
@@ -280,7 +279,7 @@ def breaks(monkeypatch, form, target, name, value, rng):
 @pytest.mark.parametrize("form", ["EVT21", "EVT20"])
 def test_mutants(form, monkeypatch, rng):
     from cmfpga.rtl.shell import decoder
-    from cmfpga.rtl.shell.time_high import TimeHigh
+    from cmfpga.rtl.shell.decoder import TimeHigh
 
     for name, value in (("EVENT_TYPES", (0,)), ("OTHER_TYPES", (0xA, 0xE)), ("TIME_HIGH", 9)):
         with monkeypatch.context() as patched:

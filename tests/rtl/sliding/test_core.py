@@ -10,7 +10,7 @@ from cmfpga.config import preset
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.sliding import Sliding
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support.hops import CORNER, SMALL, drawn
 
 QUAD = preset("quad").replace(**SMALL)

@@ -7,7 +7,7 @@ from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.rtl.image import one_pass_image, tagged_accumulator
 from cmfpga.rtl.sliding import core, hop_control, hop_evaluation
 from cmfpga.rtl.top import VerilogSliding
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support.hops import CORNER, drawn
 from support.mutation import mutated
 

@@ -8,9 +8,8 @@ from cmfpga.config import preset
 from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.reference.integer.dither import dither
+from cmfpga.reference.integer.event_path import dither, time_scaler
 from cmfpga.reference.integer.sliding import Sliding
-from cmfpga.reference.integer.time_scaler import time_scaler
 from cmfpga.rtl.sliding import roi_carrier
 from cmfpga.rtl.sliding.placer import Placer
 from cmfpga.rtl.sliding.ring import ring_event

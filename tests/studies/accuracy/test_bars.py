@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.accuracy.checkerboard import (
+from studies.accuracy.real import (
     TRACK_BATCHES,
     TRACK_EVENTS,
     TRACK_FILE,
@@ -19,7 +19,7 @@ from studies.accuracy.checkerboard import (
     track_config,
     track_scores,
 )
-from studies.accuracy.scores import contrast_shares, error_scores, errors, measure, run_case, share_scores
+from studies.accuracy.table import contrast_shares, error_scores, errors, measure, run_case, share_scores
 from studies.accuracy.yardstick import peak_error
 
 from cmfpga.config import preset

@@ -10,7 +10,7 @@ from cmfpga.config import preset
 from cmfpga.config.schedule import Round
 from cmfpga.engines import make_engine
 from studies import accuracy
-from studies.accuracy import bias, real, scores, studies, suites
+from studies.accuracy import bias, real, studies, suites, table
 
 FAST = preset("fast")
 
@@ -45,7 +45,7 @@ def test_studies(study, capsys, monkeypatch):
 
 def test_all_suites_by_two_engines(capsys, data_dir, monkeypatch):
     monkeypatch.setattr(suites, "ENGINES", ("rtl", "float", "model"))
-    monkeypatch.setattr(scores, "make_engine", lambda name, config: make_engine("model", config))
+    monkeypatch.setattr(table, "make_engine", lambda name, config: make_engine("model", config))
     monkeypatch.setattr(real, "WINDOWS", real.WINDOWS[1:2])
     assert run("--engine", "all", "--batches", 3, "--data", data_dir) == 0
     out = capsys.readouterr().out

@@ -9,8 +9,8 @@ import time
 
 import numpy as np
 import pytest
+from studies.bench.cases import make_workload
 from studies.bench.opponents import c_program
-from studies.bench.workloads import make_workload
 
 from cmfpga import cli
 from cmfpga.config import preset
@@ -45,16 +45,16 @@ def test_measured_cycles_equal_the_cores_formula(compiler, name, ascent):
 
 def check_cycles(row, case, config, size):
     core, events = Core(config), size["events"]
-    assert row.measured and row.iterations == case.iterations
-    assert row.cycles == row.formula == core.cycles(**size, iterations=case.plan(case.iterations))
-    assert row.per_iteration == row.cycles - core.cycles(**size, iterations=case.plan(case.iterations - 1))
-    assert row.after_last == row.cycles - events
+    assert row["measured"] and row["iterations"] == case.iterations
+    assert row["cycles"] == row["formula"] == core.cycles(**size, iterations=case.plan(case.iterations))
+    assert row["per_iteration"] == row["cycles"] - core.cycles(**size, iterations=case.plan(case.iterations - 1))
+    assert row["after_last"] == row["cycles"] - events
     if config.buffers == 1:
-        assert row.cycles <= row.back_to_back <= row.cycles + 10 + config.geometry.bank_words
+        assert row["cycles"] <= row["back_to_back"] <= row["cycles"] + 10 + config.geometry.bank_words
     else:  # a batch is taken in while the one before is optimised, which takes longer here
-        assert row.after_last <= row.back_to_back <= row.after_last + 10 < row.cycles
+        assert row["after_last"] <= row["back_to_back"] <= row["after_last"] + 10 < row["cycles"]
     if case.ascent != cases.CONSTANT:
-        assert row.v == pytest.approx(case.workload.v, abs=0.6)
+        assert row["v"] == pytest.approx(case.workload.v, abs=0.6)
 
 
 def test_another_number_of_iterations_is_noticed(compiler):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from studies.bench.command import main
 from studies.bench.opponents import Unavailable
-from studies.bench.opponents.flow_program import FlowProgram
+from studies.bench.opponents.c_program import FlowProgram
 
 from cmfpga.config import preset
 from cmfpga.dense.fields import scene

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from studies.bench.cases import MOTION_PX, make_workload
 from studies.bench.opponents import Job, Unavailable
-from studies.bench.opponents.hop_program import HopProgram
-from studies.bench.workloads import MOTION_PX, make_workload
+from studies.bench.opponents.c_program import HopProgram
 
 from cmfpga.events import Events
 from cmfpga.protocol.confidence import beside
@@ -17,7 +17,7 @@ from studies.bench import hops, opponents
 pytest.importorskip("torch")
 import torch
 
-from cmfpga.reference import float_ascent, floating
+from cmfpga.reference import float_core, floating
 
 #: The round 1:3/4:1.
 LEVEL, BESIDE, LIMIT = 1, 0.75, 1
@@ -72,7 +72,7 @@ def right_v(job):
         return float(now.s_x), float(now.s_y)
 
     found = [gradient(one) for one in beside(job.v_start, BESIDE)]
-    return [v + step for v, step in zip(job.v_start, float_ascent.newton_step(found, BESIDE, LIMIT), strict=True)]
+    return [v + step for v, step in zip(job.v_start, float_core.newton_step(found, BESIDE, LIMIT), strict=True)]
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -93,7 +93,7 @@ def test_a_round_is_a_newton_step_of_four_gradients(program, start):
     job = window(STARTS[start])
     with contextlib.closing(program.load(job)) as loaded:
         v = loaded.round()
-        step = float_ascent.newton_step([loaded.gradient(v, LEVEL) for v in beside(job.v_start, BESIDE)], BESIDE, LIMIT)
+        step = float_core.newton_step([loaded.gradient(v, LEVEL) for v in beside(job.v_start, BESIDE)], BESIDE, LIMIT)
         assert v == pytest.approx([at + by for at, by in zip(job.v_start, step, strict=True)], abs=1e-9)
 
 

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from studies.bench.cases import COLD, STEPS, WARM, parse_steps
+from studies.bench.cases import COLD, MOTION_PX, STEPS, WARM, make_workload, parse_steps
 from studies.bench.opponents import CProgram, Job, Unavailable, c_program, make_programs
-from studies.bench.workloads import MOTION_PX, make_workload
 
 from cmfpga.config import preset
 from cmfpga.config.schedule import ScheduleEntry
@@ -15,7 +14,7 @@ from cmfpga.events import Events
 from studies.bench import opponents, programs
 
 pytest.importorskip("torch")
-from cmfpga.reference import float_ascent, floating
+from cmfpga.reference import float_core, floating
 from support import steps
 
 #: Of a gradient, relative to the largest: float32 sums of some thousand terms; positions in 1/256 px.
@@ -53,7 +52,7 @@ def scaled(job):
 def right_v(job):
     options = {"width": job.width, "height": job.height, "v_start": job.v_start}
     if job.schedule is None:
-        found = float_ascent.ascend(*scaled(job), **options, eta=job.eta, iterations=job.iterations)
+        found = float_core.ascend(*scaled(job), **options, eta=job.eta, iterations=job.iterations)
     else:
         return tuple(steps.ascend(*scaled(job), **options, schedule=job.schedule)[-1].tolist())
     return tuple(found.v[-1].tolist())

@@ -1,7 +1,7 @@
 """Timing, on a clock that is turned by hand."""
 
 import pytest
-from studies.bench.opponents.timing import Times, side_by_side
+from studies.bench.programs import Times, side_by_side
 
 
 class Machine:

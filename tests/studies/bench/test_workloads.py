@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from studies.bench.workloads import make_workload
+from studies.bench.cases import make_workload
 
 SIZES = {
     "the article's": {"events": 5000, "roi_events": 800},

@@ -18,7 +18,7 @@ from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
 from cmfpga.protocol.trace import to_batch_result
 from cmfpga.reference.integer.core import IntegerCore
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 
 NARROW = dict(dt_frac=8, v_frac=6, position_frac=4, weight_frac=4, derivative_frac=4, gradient_frac=16)
 CONFIGS = {

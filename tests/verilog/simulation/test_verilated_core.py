@@ -5,7 +5,7 @@ import pytest
 
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import settings_values
-from cmfpga.verilog.simulation.core import VerilatedCore
+from cmfpga.verilog.simulation import VerilatedCore
 from support.small_core import CONFIG, make_events, settings
 
 

@@ -7,7 +7,7 @@ import weakref
 import numpy as np
 from tqdm import tqdm
 
-from ...config.defaults import ENGINES
+from ...config.presets import ENGINES
 from ...errors import ConfigError, RecordingError
 from ...events import Events
 from ..camera import nearest, seen, undistort

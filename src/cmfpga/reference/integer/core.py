@@ -5,21 +5,47 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...config.schedule import used
-from ...protocol.confidence import beside, probes_towards_zero
+from ...protocol.confidence import beside, contrast, curvature, is_sharp, is_trusted, least_fall, probes_towards_zero
 from ...protocol.flags import Flag
+from ...protocol.results import not_judged
 from ...protocol.trace import Trace
 from ..sequence import Sequence
 from .accumulator import Images, accumulator
-from .confidence import confidence
-from .constant import gain, updater
-from .dither import dither
+from .ascent import gain, lesser, newton, sign_updater, updater
+from .event_path import dither, time_scaler
 from .gradient import Sums, gradient, gradient_reader
 from .motion import basis, flow, moments
-from .newton import newton
-from .sign import lesser, sign_updater
-from .time_scaler import time_scaler
 from .voter import voter
 from .warp import warp
+
+
+def confidence(config, sums, last, probed, settings, n):
+    """What the hardware finds behind a batch's last iteration: (fields of the result, flags).
+
+    Parameters
+    ----------
+    config : Config
+    sums : tuple of int
+        Of the last iteration; of a round the means, floored.
+    last, probed : sequences of IntegerIteration
+        The evaluations of the last iteration; those beside v, of a motion beyond translation.
+    settings : BatchSettings
+    n : int
+        Events of each.
+    """
+    squares = sum(int((one.images.i**2).sum()) for one in last) // len(last)
+    limit, found = settings.confidence_limit, not_judged(config) | {"sum_squares": squares}
+    if not config.motion_model.basis:  # a round has its curvature, whether it is judged or not
+        shape = curvature(*(one.g for one in last))
+        found["curvature"] = tuple(shape)
+        trusted = is_trusted(config, n, limit, shape, contrast(config.geometry.pixels, sums, squares))
+    elif settings.judge:
+        least = least_fall(last[0].v_next, last[0].g, [one.g for one in probed])
+        found["curvature"] = (least,)
+        trusted = is_sharp(config, n, limit, least, squares)
+    if not settings.judge:
+        return found, Flag(0)
+    return found | {"confidence_limit": limit}, Flag(0) if trusted else Flag.DOUBTFUL
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ def roi_filter(config, t, x, y, *, roi, size=None, hot=False, noise=False):
     size : pair of int, optional
         Its columns and rows, by default the configuration's.
     hot, noise : bool arrays
-        Events that are dropped, as :class:`~.noise_filter.NoiseFilter` judges them.
+        Events that are dropped, as :class:`~.filters.NoiseFilter` judges them.
     """
     t, x, y = (np.asarray(a, np.int64) for a in (t, x, y))
     if not len(t):

@@ -39,7 +39,7 @@ from ...protocol.settings import clamp_roi
 from ...protocol.trace import Trace
 from ..ingest import TakenIn
 from .core import IntegerCore
-from .time_scaler import time_scaler
+from .event_path import time_scaler
 
 _SCAN = 4096  # events that are looked at in one go, where time ends no hop
 

@@ -17,7 +17,7 @@ SUMS = ("x", "y", "xx", "yy", "cross")
 class NewtonAscent(ScheduledAscent):
     """v ← v + h·(2·yy·x − cross·y, 2·xx·y − cross·x)/(4·xx·yy − cross²), of sums over a round's four gradients.
 
-    What is computed, in integers: :mod:`cmfpga.reference.integer.newton`, whose numbers the steps below have. Two
+    What is computed, in integers: :mod:`cmfpga.reference.integer.ascent`, whose numbers the steps below have. Two
     multipliers take turns; both axes divide side by side, a bit a cycle. ``k`` is the step in which the sums are
     normalised::
 

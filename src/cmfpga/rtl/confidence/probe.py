@@ -1,11 +1,12 @@
-"""Probe: velocities beside v, one after the other, and what the last iteration found."""
+"""What tells how sure v is of motions beyond translation: velocities beside v, and how much the image loses there."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from ...fixed import bits_for
 from .. import payloads
-from ..arithmetic import delay
+from ..arithmetic import delay, select
 
 
 class Probe(wiring.Component):
@@ -15,10 +16,6 @@ class Probe(wiring.Component):
 
     The first probe's velocity is there :attr:`latency` cycles after ``begin``, and each other as many after
     ``complete``, v itself after the last.
-
-    Parameters
-    ----------
-    config : Config
 
     Attributes
     ----------
@@ -81,4 +78,98 @@ class Probe(wiring.Component):
             m.d.sync += [self.last.eq(0), self.last_squares.eq(0)]
         with m.Elif(self.sums.valid & self.iterating):
             m.d.sync += [self.last.eq(self.sums.payload), self.last_squares.eq(self.squares)]
+        return m
+
+
+class LeastJudge(wiring.Component):
+    """The comparison of :func:`cmfpga.protocol.confidence.is_sharp`, a bit of n and R a cycle: no multiplier.
+
+    It finds the parameter along which the gradient falls the least as the probes come, one for each parameter; then it
+    makes n·least − R·Σ I², with the factors that the fractions ask for.
+
+    One batch at a time; ``done`` is high :attr:`latency` cycles after the gradient of the last probe, and ``doubtful``
+    right from then on.
+
+    Parameters
+    ----------
+    config : Config
+        A motion with a basis.
+
+    Members
+    -------
+    new_batch : ``In(1)``
+        Forget.
+    i : ``In``, flow of :func:`payloads.gradient`
+        Of the probes, in the order of the parameters.
+    v : ``In``, :func:`payloads.velocity`
+        That is probed.
+    last : ``In``, :func:`payloads.sums`
+        Of the last iteration.
+    squares : ``In``, :func:`payloads.squares`
+        Of the last iteration.
+    events, limit : ``In``
+        n, and the setting ``confidence_limit``: R.
+    curvature : ``Out``, :func:`payloads.curvature`
+        Right from ``done`` on; 0 if nothing was probed since ``new_batch``.
+    done, doubtful : ``Out(1)``
+    """
+
+    def __init__(self, config):
+        self.config = config
+        self._factor_bits = max(bits_for(config.buffer_events), config.widths.limit_bits)
+        self.latency = 4 + self._factor_bits  # subtract, compare, a bit of the factors each, add, say
+        super().__init__(
+            {
+                "new_batch": In(1),
+                "i": In(payloads.flow(payloads.gradient(config))),
+                "v": In(payloads.velocity(config)),
+                "last": In(payloads.sums(config)),
+                "squares": In(payloads.squares(config)),
+                "events": In(bits_for(config.buffer_events)),
+                "limit": In(config.widths.limit_bits),
+                "curvature": Out(payloads.curvature(config)),
+                "done": Out(1),
+                "doubtful": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        widths, names = self.config.widths, self.config.motion_model.names
+        m = Module()
+        least, came = self.curvature.least, Signal(range(len(names)))
+        with m.If(self.new_batch):
+            m.d.sync += came.eq(0)
+        with m.Elif(self.i.valid):
+            m.d.sync += came.eq(came + 1)
+        # Stage 1: how far the gradient falls from the probe to v, or the other way round.
+        probed = select(came, [self.i.payload[name] for name in names])
+        last = select(came, [self.last[f"s{name}"] for name in names])
+        above = select(came, [self.v[name][-1] for name in names])
+        fall_s1 = delay(m, Mux(above, last - probed, probed - last), 1, name="fall")
+        valid_s1 = delay(m, self.i.valid, 1, name="valid", valid=True)
+        first_s1 = delay(m, came == 0, 1, name="first")
+        last_s1 = delay(m, came == len(names) - 1, 1, name="last")
+        # Stage 2: the least.
+        with m.If(self.new_batch):
+            m.d.sync += least.eq(0)
+        with m.Elif(valid_s1 & (first_s1 | (fall_s1 < least))):
+            m.d.sync += least.eq(fall_s1)
+        begin = delay(m, valid_s1 & last_s1, 1, name="begin", valid=True)
+        # A bit of each factor a cycle, the highest first, in two stages, so that three numbers are never added at once.
+        factors = []
+        for name, value in (("n", self.events), ("limit", self.limit)):
+            factors.append(Signal(self._factor_bits, name=f"factor_{name}"))
+            m.d.sync += factors[-1].eq(Mux(begin, value, factors[-1] << 1))
+        by_n, by_limit = widths.judge_scales
+        sides = [least * by_n, self.squares * by_limit]
+        left, right = (Mux(factor[-1], side, 0) for factor, side in zip(factors, sides, strict=True))
+        addend = delay(m, left - right, 1, name="addend")
+        difference = Signal(signed(widths.judge_bits), reset_less=True)
+        start = delay(m, begin, 1, name="start", valid=True)
+        m.d.sync += difference.eq(Mux(start, 0, (difference << 1) + addend))
+        m.d.comb += self.done.eq(delay(m, start, self._factor_bits + 1, name="bit", valid=True))
+        with m.If(self.new_batch):
+            m.d.sync += self.doubtful.eq(0)
+        with m.Elif(self.done):
+            m.d.sync += self.doubtful.eq(difference <= 0)
         return m

@@ -1,4 +1,4 @@
-"""Verdict: whether the contrast's peak is sharp enough for v to be trusted."""
+"""Means of a round's evaluations, and the verdict: whether the contrast's peak is sharp enough for v to be trusted."""
 
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
@@ -7,6 +7,57 @@ from amaranth.lib.wiring import In, Out
 from ...fixed import bits_for
 from .. import payloads
 from ..arithmetic import PIECE, delay, select
+
+
+class Means(wiring.Component):
+    """ΣI, S and Σ I², added up over the four evaluations of a round, then divided by four, rounded down. ΣD is 0.
+
+    Members
+    -------
+    new_batch : ``In(1)``
+        Forget.
+    i : ``In``, flow of :func:`payloads.sums`
+        Of the four evaluations.
+    squares : ``In``, :func:`payloads.squares`
+        With ``i``. Only where v's confidence is measured.
+    done : ``Out(1)``
+        A pulse, a cycle after a round's last item: from then on ``o`` is right, until another round's first one.
+    o : ``Out``, :func:`payloads.sums`
+    o_squares : ``Out``, :func:`payloads.squares`
+        Only where v's confidence is measured.
+    """
+
+    def __init__(self, config):
+        self.config = config
+        sums, squares = payloads.sums(config), payloads.squares(config) if config.confidence else None
+        super().__init__(
+            {
+                "new_batch": In(1),
+                "i": In(payloads.flow(sums)),
+                "done": Out(1),
+                "o": Out(sums),
+                **({"squares": In(squares), "o_squares": Out(squares)} if config.confidence else {}),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        turn = Signal(2)
+        m.d.sync += turn.eq(turn + self.i.valid)
+        m.d.comb += self.done.eq(delay(m, self.i.valid & turn.all(), 1, name="last", valid=True))
+        names = ("i", *(f"s{name}" for name in self.config.motion_model.names))
+        pairs = {name: (self.i.payload[name], self.o[name]) for name in names}
+        if self.config.confidence:
+            pairs["squares"] = self.squares, self.o_squares
+        for name, (each, mean) in pairs.items():
+            total = Signal((each + each + each + each).shape(), name=f"total_{name}")
+            m.d.comb += mean.eq(total >> 2)
+            with m.If(self.new_batch):
+                m.d.sync += total.eq(0)
+            with m.Elif(self.i.valid):
+                m.d.sync += total.eq(each + Mux(turn == 0, 0, total))
+        return m
+
 
 #: What a product is added to: nothing, the sum so far, or that with all its bits moved up by a piece.
 NOTHING, SUM, SHIFTED = range(3)
@@ -26,10 +77,6 @@ class Verdict(wiring.Component):
     A shift too many, of small numbers, changes nothing: it makes all of them larger alike.
 
     ``done`` is high :attr:`latency` cycles after ``begin``, and ``doubtful`` right from the cycle after that on.
-
-    Parameters
-    ----------
-    config : Config
 
     Members
     -------

@@ -24,10 +24,6 @@ class Collector(wiring.Component):
     A region that moves goes by roi_gain·v, limited to the sensor, a bit of the gain a cycle, as in
     :class:`~cmfpga.rtl.ascent.roi_updater.RoiUpdater`.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     units : ``In``, array of streams of :func:`payloads.outcome`

@@ -41,10 +41,6 @@ class Distributor(wiring.Component):
     its bins and an empty bin counting as five, and more only while it waits for a unit, for its parent, or for its own
     outcome in the batch before.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     take : ``In(1)``

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 
 from .. import payloads as common
 from ..arithmetic import delay
-from ..ingest.front import WRITES, connect_front, make_front
+from ..ingest import WRITES, connect_front, make_front
 from ..ingest.ingest_control import IngestControl
 from ..ingest.reciprocal import Reciprocal
 from ..ingest.roi_filter import RoiFilter
@@ -26,16 +26,12 @@ class Regions(wiring.Component):
                   ▼              └──► reciprocal     │  │       └─► unit U − 1 ─┘      │
               distributor                    table of regions,  states ◄──────────────┘
 
-    The filter passes what lies on the sensor; in front of it may stand what :mod:`~cmfpga.rtl.ingest.front` has. A row
+    The filter passes what lies on the sensor; in front of it may stand what :mod:`cmfpga.rtl.ingest` has. A row
     of the table says which events a region has, and how its motion is looked for
     (:class:`cmfpga.protocol.regions.Region`). Results come in the order in which units finish; each has its region's
     number. A result does not depend on that order, nor on how fast events come or results go.
 
     One event per cycle at ingest, while the batch before is measured.
-
-    Parameters
-    ----------
-    config : Config
 
     Members
     -------

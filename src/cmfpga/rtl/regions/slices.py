@@ -17,10 +17,6 @@ class Slices(wiring.Component):
     An event per cycle in, and one out; an event that comes goes out in the same cycle. Before a slice's first event is
     taken, the n events of the slices before it go out, in n + 4 cycles.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     i, o : ``In``, ``Out``, streams of :func:`~cmfpga.rtl.payloads.event`

@@ -59,10 +59,6 @@ class Half(wiring.Component):
     when it has looked the one before up, and gives an event per cycle, those of a bin in the order in which they came;
     between bins there is a cycle's pause, and an empty one costs four.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     i : ``In``, flow of :func:`payloads.stored_event`

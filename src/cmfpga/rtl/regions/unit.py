@@ -18,10 +18,6 @@ class Unit(Iterating, wiring.Component):
     An event per cycle in, and an event per cycle in every iteration, which takes :attr:`iteration_latency` cycles more.
     From the hand-over of a region to its outcome it takes exactly :meth:`cycles` clock cycles.
 
-    Parameters
-    ----------
-    config : Config
-
     Members
     -------
     ready : ``Out(1)``
@@ -84,7 +80,7 @@ class Unit(Iterating, wiring.Component):
     def cycles(self, *, roi_events, iterations, judge=None):
         """Clock cycles from the hand-over of a region to its outcome, unless it is degenerate.
 
-        Parameters are those of :meth:`cmfpga.rtl.cycle_formula.CycleFormula.cycles`.
+        Parameters are those of :meth:`cmfpga.rtl.core.Core.cycles`.
         """
         return self.iterated_cycles(roi_events, iterations, judge) + self.region_latency
 

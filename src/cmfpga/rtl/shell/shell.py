@@ -21,10 +21,9 @@ from .input_path import InputPath
 from .register_bank import RegisterBank, fields_of, member
 from .result_packet import ResultPacket
 from .runs import HopResults, RunEnd
-from .schedule_store import ScheduleStore
 from .settings import Settings
 from .skid_buffer import SkidBuffer
-from .tables import Tables
+from .tables import ScheduleStore, Tables
 
 
 class Shell(wiring.Component):

@@ -11,7 +11,7 @@ from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads
 from ..arithmetic import is_short
-from ..ingest.front import WRITES, connect_front, make_front
+from ..ingest import WRITES, connect_front, make_front
 from ..ingest.reciprocal import Reciprocal
 from ..iterating import Iterating
 from .hop_control import HopControl
@@ -37,7 +37,7 @@ class SlidingCore(Iterating, wiring.Component):
     One event a cycle at the input, while others are replayed. An event waits only if a hop would close before the last
     one is evaluated, or if the ring has no place. A result comes :attr:`tail` cycles after its hop's end, whatever the
     window holds, if the round that follows the writes has caught up by then. A window of n events that starts when its
-    hop has ended takes :meth:`cycles`. In front of hop control may stand what :mod:`~cmfpga.rtl.ingest.front` has, and
+    hop has ended takes :meth:`cycles`. In front of hop control may stand what :mod:`cmfpga.rtl.ingest` has, and
     then a FIFO, because hop control may let an event wait, and these blocks may not.
 
     Parameters

@@ -7,8 +7,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from ...protocol import link
 from ..shell import payloads
 from ..shell.register_bank import RegisterBank
-from .frame_buffer import FrameBuffer
-from .frames import FrameReader, FrameWriter
+from .frames import FrameBuffer, FrameReader, FrameWriter
 
 #: Counters that the bridge itself adds to.
 OWN = tuple(name for name in link.COUNTERS if not name.startswith("cpi_"))

@@ -5,7 +5,7 @@ from amaranth.lib.cdc import ResetSynchronizer
 from amaranth.lib.wiring import connect
 
 from ...errors import ConfigError
-from ..sensors.cpi import CpiPort
+from ..shell.cpi import CpiPort
 from ..shell.shell import Shell
 from .bridge import Bridge
 from .line import Receiver, Transmitter

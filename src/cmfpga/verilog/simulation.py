@@ -5,14 +5,14 @@ import dataclasses
 
 import numpy as np
 
-from ...imaging.camera import node_writes
-from ...protocol.regions import RegionTable
-from ...protocol.settings import PLANS, schedule_table, settings_values
-from ...protocol.tables import mask_writes
-from ...protocol.trace import to_batch_result
-from ...rtl.top import verilog_top
-from ..compile import TABLES, compile_library, is_sound, load, port_names, trace_prefixes
-from ..emit import cache_folder
+from ..imaging.camera import node_writes
+from ..protocol.regions import RegionTable
+from ..protocol.settings import PLANS, schedule_table, settings_values
+from ..protocol.tables import mask_writes
+from ..protocol.trace import to_batch_result
+from ..rtl.top import verilog_top
+from .compile import TABLES, compile_library, is_sound, load, port_names, trace_prefixes
+from .emit import cache_folder
 
 #: The members of ``struct Run`` of harness.cpp, in order.
 ARRAYS = ("settings", "t", "x", "y", "ends", "gaps", "stalls", "results", "offered", "valid", "trace", "pixels")

@@ -1,6 +1,11 @@
-"""Model of :mod:`cmfpga.rtl.ingest.noise_filter`. Imports NumPy alone, so that tools can see what is dropped."""
+"""Models of :mod:`cmfpga.rtl.ingest.noise_filter` and :mod:`cmfpga.rtl.ingest.thinner`, in NumPy alone.
+
+So tools can see what is dropped.
+"""
 
 import numpy as np
+
+from ...config.widths import Widths
 
 
 class NoiseFilter:
@@ -67,3 +72,13 @@ class NoiseFilter:
         ages = np.empty(len(cells), np.int64)
         ages[order] = np.where(other < 0, -1, (times - other) & wrap)
         return ages[2 * len(touched) :]
+
+
+def next_thinning(count, target):
+    """The factor that would have brought ``count`` events down to ``target``, at least 1; None without a target."""
+    return min(Widths.thinning_max, max(1, -(-count // target))) if target else None
+
+
+def thinner(events, factor):
+    """The first of every ``factor`` events: a slice of each of ``events``, tensors of one length."""
+    return tuple(axis[::factor] for axis in events)

@@ -6,7 +6,7 @@ from amaranth.sim import Simulator
 
 from cmfpga.protocol.link import CPI_COUNTERS
 from cmfpga.protocol.words import encode_evt20
-from cmfpga.rtl.sensors.cpi import PADDING, CpiPort
+from cmfpga.rtl.shell.cpi import PADDING, CpiPort
 from support.genx320 import levels, to_bytes
 
 TIME, EVENT = 0x8000_0001, 0x1000_0000

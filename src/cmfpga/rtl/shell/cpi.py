@@ -18,8 +18,8 @@ from amaranth.lib.wiring import In, Out
 
 from ...protocol.link import CPI_COUNTERS
 from ...protocol.word_format import EVENT_TYPES, HIGH_BITS, OTHER_TYPES, TIME_HIGH
-from ..shell import payloads
-from ..shell.decoder import EVT
+from . import payloads
+from .decoder import EVT
 
 #: A word that stands for nothing: type F, which no decoder takes for an event, and ones all through.
 PADDING = 0xFFFFFFFF

@@ -1,4 +1,4 @@
-"""Model of :mod:`cmfpga.rtl.ascent.newton`: a step M⁻¹·g of the four gradients of a round.
+"""Models of the steps of :mod:`cmfpga.rtl.ascent`: constant, sign, and Newton's M⁻¹·g of the four gradients of a round.
 
 A round at v evaluates G, raw, at the four velocities :func:`~cmfpga.protocol.confidence.beside` v. Their mean g is the
 gradient at v; how much they fall from one side to the other is the curvature M. What the hardware does, in integers:
@@ -26,8 +26,59 @@ and det have the same power of two, so no exponent is kept.
 
 from typing import NamedTuple
 
-from ...fixed import saturate
+from ...fixed import floor_shift, round_half_up, saturate
 from ...protocol.confidence import curvature, kept
+
+
+def gain(config, eta):
+    """Raw ``config.formats.gain``: η times the mantissa of 2/P², once per batch."""
+    return round_half_up(eta * config.widths.gradient_scale[1], 8)
+
+
+def updater(config, v, g, *, gain):
+    """One step v + η·∂C/∂v (Eq. v_update) along one axis.
+
+    Parameters
+    ----------
+    v : int
+        Raw ``config.formats.v``.
+    g : int
+        G of this axis.
+    gain : int
+        From :func:`gain`.
+
+    Returns
+    -------
+    (v, saturated) : (int, bool)
+        The next raw v; whether the gradient or v was limited to its format.
+    """
+    fmt = config.formats.gradient
+    slope = floor_shift(g, config.widths.gradient_shift)
+    limited_slope = saturate(slope, fmt.min, fmt.max)
+    target = v + round_half_up(limited_slope * gain, config.widths.step_shift)
+    limited = saturate(target, config.formats.v.min, config.formats.v.max)
+    return limited, limited_slope != slope or limited != target
+
+
+def lesser(config, gradient):
+    """Which parameters' slopes are less than half of the steepest one's, a bool each.
+
+    Whole parts of S are compared, rounded down, of negative ones less one: −8 counts as 7.
+    """
+    whole = [g >> config.widths.s_frac for g in gradient]
+    sizes = [part if part >= 0 else ~part for part in whole]
+    return [2 * size < max(sizes) for size in sizes]
+
+
+def sign_updater(fmt, v, g, *, log2_step, halved=False):
+    """One step v + 2^log2_step · sign(G) of one parameter: (next raw v, whether it was limited to its format).
+
+    ``halved``: half of that step, rounded down.
+    """
+    step = (1 << (log2_step + fmt.f)) >> halved
+    target = v + step * ((g > 0) - (g < 0))
+    limited = saturate(target, fmt.min, fmt.max)
+    return limited, limited != target
 
 
 class Solved(NamedTuple):

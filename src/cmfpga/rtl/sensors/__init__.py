@@ -1,1 +1,0 @@
-"""Ports of sensors: what their pins show, as words of events."""
