@@ -161,7 +161,7 @@ class TaggedAccumulator(wiring.Component):
     number is used again, no word may carry it: in cycles without an event between iterations, a sweep writes tag 0,
     which no iteration has, one address after the other, through the same pipeline as the votes.
 
-    One event per cycle; ``o`` follows by :attr:`latency` cycles. The first of them chooses between a vote and the sweep.
+    One event per cycle; ``o`` follows by :attr:`latency` cycles. The first chooses between a vote and the sweep.
 
     Members
     -------
