@@ -23,6 +23,7 @@ from ..reference.integer.noise_filter import NoiseFilter
 from ..show.gallery import draw_survey, survey_lines
 from ..tracking.loop import track
 from ..tracking.source import likely_sensor
+from ..waiting import waiting
 
 EXAMPLES = (
     "cmfpga info rec.h5",
@@ -79,7 +80,8 @@ def main(arguments=None):
                     recording, survey, config, count=options.objects, start_event=options.start_event, tick=bar.update
                 )
         camera = camera_of(options.recording)
-        noise = noise_shares(recording, survey, config, proposals)
+        with waiting("Looking for noise"):
+            noise = noise_shares(recording, survey, config, proposals)
         shown = tqdm(proposals if options.check else [], unit="place", desc="check", disable=None, leave=False)
         checked = [check(recording, config, found, options.check) for found in shown]
         if options.png is not None:
