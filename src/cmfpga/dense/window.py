@@ -138,11 +138,11 @@ class Window(Measured):
     def moved(self):
         """How far the image moves, px per half window: the median of the :attr:`sure` tiles.
 
-        None where fewer than a quarter of the tiles that were measured are sure, or fewer than four: of one small
+        None where fewer than a quarter of the tiles that were measured are sure, or fewer than two: of one small
         object few tiles are measured at all.
         """
         sure = int(self.sure.sum())
-        if sure < max(4, 0.25 * np.isfinite(self.v[:, 0]).sum()):
+        if sure < max(2, 0.25 * np.isfinite(self.v[:, 0]).sum()):
             return None
         return float(np.median(np.hypot(*self.v[self.sure].T)))
 
