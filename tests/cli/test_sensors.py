@@ -38,7 +38,7 @@ def right(folder, half_s):
 @pytest.mark.parametrize("size", SIZES[3:4])
 def test_what_info_proposes_is_trusted_as_it_says(command, scene, tmp_path, size):
     (found,) = json.loads(command(info, scene(*size), "--check", 2, "--json").out)["proposals"]
-    assert all(3 <= px <= 5 for px in found["checked_px_per_half_batch"])
+    assert all(3 <= px <= 5 for px in found["checked_px_per_half_batch"]) and found["checked_trusted"] == [True] * 2
     done = command(track, *shlex.split(found["command"])[2:], *MODEL, "--batches", 2, "--out", tmp_path)
     assert done.status == 0 and right(tmp_path, found["batch_us"] / 2e6)
 
