@@ -124,7 +124,8 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
     """Run all windows and write the files: (Flow, list of Path, errors of the demo's tiles)."""
     files, errors, best, page = [folder / CSV], [], None, Page()
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
+        with waiting("Opening the engine"):
+            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
         names = ("window_events", "window_us", "start_event", "windows")
