@@ -8,7 +8,7 @@ import pytest
 from tqdm import tqdm
 
 from cmfpga import waiting
-from cmfpga.cli import build, track
+from cmfpga.cli import build, flow, generate, info, track
 from cmfpga.errors import ConfigError
 from support.building import TINY_SETS
 
@@ -53,7 +53,14 @@ def test_build_and_track(dot, small, tmp_path, monkeypatch):
         assert build.main([*TINY_SETS, "--json", "--out", str(tmp_path)]) == 0
         options = ["--engine", "model", "--batch-events", "90", "--batches", "1", "--out", str(tmp_path)]
         assert track.main([str(dot), "--roi", "8,9", *options, *map(str, small)]) == 0
+        assert info.main([str(dot), *map(str, small)]) == 0
+        assert generate.main([str(tmp_path / "a.h5"), "--duration-us", "9000"]) == 0
+        assert flow.main([str(tmp_path / "a.h5"), "--engine", "float", "--no-picture", "--out", str(tmp_path)]) == 0
         with pytest.raises(ConfigError, match="nothing moves clearly"):
             track.main([str(dot), "--roi", "auto", *map(str, small)])
-    for doing in ("Emitting the Verilog", "Looking for motion", "Opening the engine", "Writing the files"):
+    for doing in (
+        "Emitting the Verilog", "Looking for motion", "Looking for noise", "Opening the engine", "Making the events",
+        "Writing the files",
+    ):  # fmt: skip
         assert f"\r{doing}: 00:00" in shown.getvalue()
+    assert "\rWriting the scenes: " in shown.getvalue()

@@ -38,11 +38,17 @@ class DeviceTimeout(DeviceError, TimeoutError):
     """Something did not come in time."""
 
 
+def meant(name, names):
+    """A guess, as ``"did you mean 'fast'?"``, where ``name`` nearly is one of ``names``; else empty."""
+    near = difflib.get_close_matches(str(name).lower(), names, n=1, cutoff=0.75)  # two letters of four, swapped
+    return f"did you mean {near[0]!r}?" if near else ""
+
+
 def one_of(name, names, printed=None):
-    """That one of ``names`` is needed, or where they are ``printed``; first a guess where ``name`` nearly is one."""
-    near = difflib.get_close_matches(str(name).lower(), names, n=1, cutoff=0.8)
+    """That one of ``names`` is needed, or where they are ``printed``; first a guess as of :func:`meant`."""
     every = f"{printed} prints all" if printed else f"one of {', '.join(names)} is needed"
-    return f"did you mean {near[0]!r}? {every[0].upper()}{every[1:]}" if near else every
+    guess = meant(name, names)
+    return f"{guess} {every[0].upper()}{every[1:]}" if guess else every
 
 
 @contextlib.contextmanager

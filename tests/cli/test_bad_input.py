@@ -158,6 +158,7 @@ OPTIONS = [
     (["--engine", "fpga"], "argument --engine: engine 'fpga': one of rtl, model, float, axi, serial:PORT is needed"),
     (["--time-unit", "h"], "argument --time-unit: invalid choice: 'h' (choose from "),
     (["--preset", "Paper"], "preset 'Paper': did you mean 'paper'? One of paper, fast, "),
+    (["--preset", "fsat"], "preset 'fsat': did you mean 'fast'? One of paper, fast, "),
     (["--preset", ""], "preset '': one of paper, fast, "),
     (["--sensor", "32"], "argument --sensor: '32': W,H, " + PAIR),
     *((["--sensor", f"{width},24"], f"DOT: sensor of {width}×24 px; 1 to 65536 each is allowed")
@@ -174,7 +175,9 @@ OPTIONS = [
     (["--set", "iterations=16"], "iterations = 16: at most 15 is allowed (max_iterations)"),
     (["--set", "eta=0.1", "--set", "eta=x"], "eta = 'x': a number is needed"),
     (["--set", "eta", "1"], "unrecognized arguments: 1" + HINT),
-    (["--ste", "eta=1"], "unrecognized arguments: --ste eta=1" + HINT),
+    (["--ste", "eta=1"], "unrecognized arguments: --ste eta=1; did you mean '--set'?" + HINT),
+    (["--bacth-us=9"], "unrecognized arguments: --bacth-us=9; did you mean '--batch-us'?" + HINT),
+    (["--quick"], "unrecognized arguments: --quick" + HINT),
     (["--batch", "1"], "ambiguous option: --batch could match "),
     (["another.h5"], "unrecognized arguments: another.h5" + HINT),
 ]  # fmt: skip

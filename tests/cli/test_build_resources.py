@@ -40,7 +40,7 @@ def made_up():
 def test_the_command(command, tmp_path, monkeypatch):
     every = resources.blocks
     monkeypatch.setattr(resources, "blocks", lambda verilog: every(verilog)[:2])  # each takes seconds
-    done = command(build, "--preset", "paper", *sets(NARROW), "--resources", "--json", "--out", tmp_path)
+    done = command(build, "--preset", "paper", *sets(NARROW), "--resources", "blocks", "--json", "--out", tmp_path)
     assert done.status == 0
     notes = done.err.splitlines()
     verilog = emit_verilog(VerilogCore(Config(**NARROW)))
@@ -58,6 +58,18 @@ def test_the_command(command, tmp_path, monkeypatch):
     _check_table(stored)
 
 
+def test_blocks_are_estimated_on_demand(command, tmp_path, monkeypatch):
+    """Without that one run for LUTs and one for RAMs, of the core alone."""
+    counted = made_up()["total"]
+    asked = []
+    monkeypatch.setattr(resources, "_rows_of", lambda names, *rest: asked.append(names) or {TOP: dict(counted)})
+    done = command(build, *TINY_SETS, "--resources", "--out", tmp_path)
+    stored = json.loads((tmp_path / "resources.json").read_text())
+    assert done.status == 0 and asked == [[TOP]] and stored["total"] == counted
+    assert "blocks" not in stored and "sum_of_blocks" not in stored and "sum of the blocks" not in done.out
+    assert "\nthe core, flattened" in done.out
+
+
 def _check_table(estimated):
     """As a terminal shows it: a line per block, and every line as wide as the head allows."""
     title, head, families, *lines = resources.text(estimated).splitlines()
@@ -72,7 +84,7 @@ def _check_table(estimated):
 def test_the_text(command, tmp_path, monkeypatch):
     """The same table behind the paths, and nothing else on standard output."""
     stored = made_up()
-    monkeypatch.setattr(resources, "estimate", lambda verilog, report: stored)
+    monkeypatch.setattr(resources, "estimate", lambda verilog, by_block, report: stored)
     done = command(build, "--set", "roi_width=4", "--resources", "--out", tmp_path)
     paths = "".join(f"wrote {tmp_path / name}\n" for name in FILES)
     assert (done.status, done.out) == (0, f"{paths}{resources.text(stored)}\n")

@@ -79,6 +79,7 @@ def test_json(command, scene, recording):
     np.testing.assert_allclose(found["px_per_s"], (80, 40), atol=10)
     assert 3 <= found["px_per_half_batch"] <= 5 and len(found["checked_px_per_half_batch"]) == 3
     assert all(3 <= px <= 5 for px in found["checked_px_per_half_batch"])
+    assert found["checked_trusted"] == [True] * 3
     with open_recording(recording) as again:
         assert again.num_events > found["start_event"] + found["batch_events"]
 

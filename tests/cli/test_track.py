@@ -147,6 +147,8 @@ def test_the_defaults(command, rows, tmp_path):
     options = track.parser().parse_args(["x"])
     assert (options.engine, options.out, options.preset, options.start_event) == ("rtl", "cmfpga-track", None, 0)
     assert usual_preset({}, engine="model") == ("sliding", None)
+    assert usual_preset({"thin_target": 9}, engine="model")[1].startswith("in batches: thin_target = 9: ")
+    assert usual_preset({"motion": "rotatoin"}, engine="model") == ("fast", None)  # which refuses it, too
 
 
 def test_a_summary_as_json(follow, tmp_path):

@@ -34,6 +34,15 @@ def test_slow_motion_meets_the_room_of_the_hardware():
     assert len(windows[0].events) == 32767 and run.limited and windows[0].moved < 3
 
 
+def test_of_one_small_object_windows_become_shorter():
+    """On the first trial, of all events, it leaves its tiles; few tiles see it at all."""
+    scene = generate(**FIELDS | {"duration_us": 300_000}, size=(24, 24), velocity=(120.0, -40.0), noise=0.1)
+    windows, _ = measured(scene.recording(), windows=3)
+    for window in windows:
+        off = np.hypot(*(window.v - np.array([120.0, -40.0]) * window.half_s)[window.trusted].T)
+        assert 2.5 <= window.moved <= 5.5 and len(off) >= 3 and np.median(off) < 0.8
+
+
 def test_a_window_does_not_know_what_was_before_it(sliding):
     both, _ = measured(sliding.recording(), window_events=7000, windows=2)
     alone, _ = measured(sliding.recording(), window_events=7000, windows=1, start_event=7000)

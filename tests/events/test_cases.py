@@ -17,6 +17,11 @@ def later(columns):
     return columns | {"t": columns["t"] + 1_700_000_000 * 10**6}
 
 
+def dsec(columns):
+    """The scene with the offset of DSEC's times, which the file has apart."""
+    return columns | {"t": columns["t"] + 49_585_231_313}
+
+
 def small(columns):
     """The scene on a sensor of 128×128."""
     return columns | {"x": columns["x"] - 60, "y": columns["y"] - 50}
@@ -28,6 +33,8 @@ def small(columns):
     ("01_evt21/legacy.raw", 6000, {}, (320, 320), None),
     *((f"04_rosbag/{name}", 3000, {"dataset": "/event_camera/events"}, (640, 480), None) for name in BAGS),
     *((f"04_rosbag/{name}", 3000, {"dataset": "/dvs/events"}, (640, 480), later) for name in BAGS),
+    ("02_hdf5_filters/dsec_like.h5", 2000, {}, (640, 480), dsec),
+    ("02_hdf5_filters/zstd_like.h5", 2000, {}, (None, None), None),
     ("05_metavision_csv/events.csv", 3000, {}, (None, None), None),
     ("05_metavision_csv/edvs.txt", 3000, {}, (None, None), None),
     ("06_v2e_aedat2/v2e.aedat", 3000, {"sensor": (346, 260)}, (346, 260), None),
@@ -46,8 +53,9 @@ def test_right_events(path, count, options, size, change):
     folder = CASES / path.split("/")[0]
     if not folder.exists():
         pytest.skip("no such case here")
-    if "rosbag" in path:
-        pytest.importorskip("rosbags")
+    for part, package in (("rosbag", "rosbags"), ("hdf5_filters", "hdf5plugin")):
+        if part in path:
+            pytest.importorskip(package)
     own = folder / "expected.npz"
     with np.load(own if own.exists() else CASES / "01_evt21" / "expected.npz") as file:
         columns = {name: file[name][:count] for name in "txyp"}

@@ -60,7 +60,7 @@ def core_of(name):
     parts = ("estimate", "yosys", "total", "sum_of_blocks", "blocks")
 
     def measure():
-        found = resources.estimate(text)
+        found = resources.estimate(text, by_block=True)
         return {part: found[part] for part in parts}
 
     stored = BASELINES["presets"].get(name, {})

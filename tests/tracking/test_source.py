@@ -5,8 +5,9 @@ import pytest
 
 from cmfpga.api.flow import configure
 from cmfpga.config import preset
-from cmfpga.events import open_recording
-from cmfpga.tracking.source import likely_sensor, sensor_fields
+from cmfpga.errors import ConfigError
+from cmfpga.events import Events, MemoryRecording, open_recording
+from cmfpga.tracking.source import likely_sensor, rotation_fields, sensor_fields
 
 
 @pytest.mark.parametrize("covered, size", [
@@ -28,3 +29,20 @@ def test_track_and_flow_take_the_same(tmp_path):
         config, *_ = configure(recording, "flow", {}, None, None, str)
         assert (config.sensor_width, config.sensor_height) == (640, 480)
         assert sensor_fields(recording, {"sensor_width": 700}, preset, "") == ({}, None)
+
+
+@pytest.mark.parametrize("size, bits", [
+    ((240, 180), None), ((346, 260), 11), ((320, 320), 12), ((640, 480), 13), ((1280, 720), 15), ((1280, 800), 15),
+])  # fmt: skip
+def test_a_rotation_has_the_tags_that_its_image_needs(size, bits):
+    """No more of them, and none where the preset's are enough, or a smaller ROI is told."""
+    source = MemoryRecording(Events([0], [0], [0], [0]), *size)
+    sensor = dict(zip(("sensor_width", "sensor_height"), size, strict=True))
+    camera = {"camera": "250,250,119,89,0,0,0,0,0"}
+    found = rotation_fields(source, "rotation", camera, "")
+    assert found == {"roi_width": size[0], "roi_height": size[1]} | ({"tag_bits": bits} if bits else {})
+    config = preset("rotation").replace(**sensor, **camera, **found)
+    if bits:
+        with pytest.raises(ConfigError, match=rf"^tag_bits = {bits - 1}: .*: tag_bits = {bits} or more$"):
+            config.replace(tag_bits=bits - 1)
+    assert rotation_fields(source, "rotation", {**camera, "roi_width": 200, "roi_height": 150}, "") == {}

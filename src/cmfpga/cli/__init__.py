@@ -15,7 +15,7 @@ from pathlib import Path
 from .. import __version__
 from ..config import DEFAULT_PRESET, PRESETS, Config, preset
 from ..config.presets import CLOCK_MHZ
-from ..errors import ConfigError, UserError, needs
+from ..errors import ConfigError, UserError, meant, needs
 
 #: Options that say how a recording is read, by their names in Python.
 READING = {
@@ -48,6 +48,13 @@ class _Parser(argparse.ArgumentParser):
                 # argparse of Python 3.11 loses the value, and fails.
                 raise UserError(f"argument {argument[:-3]}: '--' is no value (--help lists the options)")
         return super().parse_known_args(_join_negative(args), namespace)
+
+    def parse_args(self, args=None, namespace=None):
+        options, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            guess = meant(unknown[0].partition("=")[0], self._option_string_actions)
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{guess and '; '}{guess}")
+        return options
 
     def error(self, message):
         raise UserError(f"{message} (--help lists the options)")

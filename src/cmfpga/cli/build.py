@@ -87,12 +87,12 @@ def _report(doing):
     print(f"note: {doing}", file=sys.stderr, flush=True)
 
 
-def estimate(verilog, axi=None):
+def estimate(verilog, axi=None, by_block=False):
     """:func:`cmfpga.fpga.resources.estimate` of the core's Verilog at this path.
 
     ``axi``, the path of the AXI top's Verilog, adds a row of that.
     """
-    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), report=_report)
+    estimated = resources.estimate(verilog.read_text(encoding="utf-8"), by_block=by_block, report=_report)
     if axi is not None:
         _report(f"the same of {axi.stem}")
         estimated["axi"] = resources.core(axi.read_text(encoding="utf-8"), report=_report, top=axi.stem)
@@ -112,8 +112,9 @@ def parser():
     )
     made.add_argument("--json", action="store_true", help="print the paths (and what is estimated) as JSON")
     made.add_argument(
-        "--resources", action="store_true", help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys (minutes)"
-    )
+        "--resources", nargs="?", const="core", choices=("core", "blocks"), metavar="blocks",
+        help="estimate LUTs, flip-flops, RAMs and DSPs by Yosys; 'blocks': of each block, too (minutes)",
+    )  # fmt: skip
     made.add_argument("--levels", action="store_true", help="count the LUTs in a row between registers, by Yosys")
     placed = made.add_argument_group("place and route by Yosys and nextpnr, of what --top says (minutes)")
     placed.add_argument("--place", choices=tuple(FAMILIES), metavar="DEVICE", help=", ".join(FAMILIES))
@@ -174,7 +175,7 @@ def main(arguments=None):
     how = {"device": options.place, "speed": options.speed, "seeds": options.seeds, "aim_mhz": options.target}
     found = {}
     for name, what, measure in (
-        ("resources", resources, lambda: estimate(paths[0], wrapped)),
+        ("resources", resources, lambda: estimate(paths[0], wrapped, options.resources == "blocks")),
         ("levels", levels, lambda: levels.levels(verilog, **top)),
         ("place", place, lambda: place.place(verilog, **top, **{name: value for name, value in how.items() if value})),
         ("bitstream", bitstream, lambda: bitstream.bitstream(verilog, board, image, seeds=seeds, report=_report)),

@@ -18,6 +18,7 @@ from ..show.export import ENDINGS, checked_path
 from ..show.flow import SUFFIXES, Page, save
 from ..show.gallery import picture_path
 from ..tracking.columns import csv_writer
+from ..waiting import waiting
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from .truth import accuracy_of, check_times, print_accuracy
 
@@ -123,7 +124,8 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
     """Run all windows and write the files: (Flow, list of Path, errors of the demo's tiles)."""
     files, errors, best, page = [folder / CSV], [], None, Page()
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
+        with waiting("Opening the engine"):
+            engine = stack.enter_context(contextlib.closing(open_engine(options.engine, config, option="--engine")))
         if engine.note:
             print(f"note: {engine.note}", file=sys.stderr)
         names = ("window_events", "window_us", "start_event", "windows")
@@ -161,6 +163,12 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
     found.ended(run)
     if best is None:
         raise run.cutter.too_few()
+    with waiting("Writing the files"):
+        _save(options, found, folder, files, best, accuracy, page)
+    return found, files, errors
+
+
+def _save(options, found, folder, files, best, accuracy, page):
     files.append(folder / ARRAYS)
     found.save(files[-1])
     if accuracy:
@@ -174,7 +182,6 @@ def _measure(options, recording, config, tiles, folder, accuracy=None):
         files += [options.picture or folder / PICTURE, folder / PAGE]
         save(best, files[-2], _title(best, found))
         page.save(files[-1], found)
-    return found, files, errors
 
 
 def _title(window, found):
@@ -188,9 +195,9 @@ def _summarise(options, found, files, errors):
     if found.limited:
         moved = told["moved_px"]
         print(
-            f"note: windows are as long as the hardware has room for, {found.config.max_batch_events} events"
-            + (f"; the image moves by {moved:.1f} px in half of one" if moved is not None else "")
-            + "; more: --set max_batch_events=N",
+            f"note: some windows would be longer, had the hardware room for more than "
+            f"{found.config.max_batch_events} events: --set max_batch_events=N"
+            + (f"; the image moves by {moved:.1f} px in half of a window, in the median" if moved is not None else ""),
             file=sys.stderr,
         )
     if errors:

@@ -5,7 +5,6 @@ from dataclasses import asdict, astuple
 from types import SimpleNamespace
 
 import numpy as np
-from tqdm import tqdm
 
 from .. import cli
 from ..config.checks import parse_camera
@@ -13,6 +12,7 @@ from ..errors import ConfigError
 from ..events import Events, Hdf5Writer, generate, open_recording
 from ..events.synthetic import TEXTURES
 from ..imaging.camera import Camera, camera_fields
+from ..waiting import waiting
 
 #: Options of motions beyond translation, and the attributes of the file that tell them.
 _TURNING = {"zoom": "zoom_per_s", "roll": "roll_rad_per_s", "rotation": "angular_velocity_rad_per_s"}
@@ -108,12 +108,13 @@ def main(arguments=None):
     if options.camera is not None:
         fields = camera_fields(options.camera, SimpleNamespace(width=width, height=height))
         camera = Camera(*parse_camera(fields["camera"]))
-    scene = generate(
-        seed=options.seed, width=width, height=height, texture=options.texture, size=size, bars=options.bars,
-        position=options.position, velocity=velocity, duration_us=options.duration_us, contrast=options.contrast,
-        noise=options.noise, hot_pixels=options.hot_pixels, hot_rate=options.hot_rate,
-        camera=camera, zoom=options.zoom, roll=options.roll, rotation=options.rotation,
-    )  # fmt: skip
+    with waiting("Making the events"):
+        scene = generate(
+            seed=options.seed, width=width, height=height, texture=options.texture, size=size, bars=options.bars,
+            position=options.position, velocity=velocity, duration_us=options.duration_us, contrast=options.contrast,
+            noise=options.noise, hot_pixels=options.hot_pixels, hot_rate=options.hot_rate,
+            camera=camera, zoom=options.zoom, roll=options.roll, rotation=options.rotation,
+        )  # fmt: skip
     events, motion = scene.events, scene.motion
     if not len(events):
         raise ConfigError(f"{options.out}: no events to write; the object does not move, or not on the sensor")
@@ -130,8 +131,10 @@ def main(arguments=None):
         writer.attributes(**turning)
         if not options.rotation and options.over is None:
             writer.ground_truth(times, velocities, motion.position(0))
-        for k in tqdm(range(options.repeat), unit="scene", disable=None if options.repeat > 1 else True):
-            writer.write(Events(events.t + k * options.duration_us, events.x, events.y, events.p))
+        with waiting("Writing the scenes", total=options.repeat) as bar:
+            for k in range(options.repeat):
+                writer.write(Events(events.t + k * options.duration_us, events.x, events.y, events.p))
+                bar.update()
     count, duration = len(events) * options.repeat, options.duration_us * options.repeat
     if options.over is not None:
         duration = max(duration, int(events.t[-1]) + 1)

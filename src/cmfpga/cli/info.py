@@ -23,6 +23,7 @@ from ..reference.integer.filters import NoiseFilter
 from ..show.gallery import draw_survey, survey_lines
 from ..tracking.loop import track
 from ..tracking.source import likely_sensor
+from ..waiting import waiting
 
 EXAMPLES = (
     "cmfpga info rec.h5",
@@ -79,7 +80,8 @@ def main(arguments=None):
                     recording, survey, config, count=options.objects, start_event=options.start_event, tick=bar.update
                 )
         camera = camera_of(options.recording)
-        noise = noise_shares(recording, survey, config, proposals)
+        with waiting("Looking for noise"):
+            noise = noise_shares(recording, survey, config, proposals)
         shown = tqdm(proposals if options.check else [], unit="place", desc="check", disable=None, leave=False)
         checked = [check(recording, config, found, options.check) for found in shown]
         if options.png is not None:
@@ -108,7 +110,10 @@ def _config(options, recording, survey):
 
 
 def check(recording, config, proposal, batches):
-    """|v| in px per half batch of each of so many batches at most, as the integer model tracks them; needs torch."""
+    """``[(px, trusted)]`` of each of so many batches at most, as the integer model tracks them; needs torch.
+
+    px: how far the image moves in half a batch.
+    """
     with needs("torch", "reference", "--check"):
         engine = make_engine("model", config.replace(**proposal.fields))
     with contextlib.closing(engine):
@@ -116,7 +121,9 @@ def check(recording, config, proposal, batches):
         cutter = BatchCutter(recording, start_event=proposal.start_event, **size)
         tracked = [*track(engine, cutter, roi=proposal.roi, batches=batches)]
     return [
-        extent(engine.config, batch.result.v, batch.result.roi) for batch in tracked if batch.v_px_per_s is not None
+        (extent(engine.config, batch.result.v, batch.result.roi), batch.trusted)
+        for batch in tracked
+        if batch.v_px_per_s is not None
     ]
 
 
@@ -209,7 +216,14 @@ def _report(options, recording, survey, config, proposals, checked, noise, camer
                 "px_per_half_batch": found.px,
                 "reason": found.reason,
                 "command": _command(options, found, recording, config),
-                **({"checked_px_per_half_batch": checked[k]} if checked else {}),
+                **(
+                    {
+                        "checked_px_per_half_batch": [px for px, _ in checked[k]],
+                        "checked_trusted": [trusted for _, trusted in checked[k]],
+                    }
+                    if checked
+                    else {}
+                ),
             }
             for k, found in enumerate(proposals)
         ],
@@ -270,10 +284,10 @@ def _text(options, recording, survey, config, proposals, checked, noise, camera)
         if "max_batch_events" in found.fields:
             yield "  The hardware has to count further than by default (max_batch_events)."
         if checked and checked[k]:
-            px = checked[k]
+            px, trusted = zip(*checked[k], strict=True)
             yield (
                 f"  Checked: in {len(px)} batches the integer model found {statistics.median(px):.1f} px per half "
-                f"batch (median; {min(px):.1f} to {max(px):.1f})."
+                f"batch (median; {min(px):.1f} to {max(px):.1f}); {sum(trusted)} are to be trusted."
             )
         yield f"  {_command(options, found, recording, config)}"
     if len(proposals) < options.objects:

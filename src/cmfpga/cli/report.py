@@ -4,6 +4,7 @@ from pathlib import Path
 
 from .. import cli
 from ..errors import ConfigError
+from ..waiting import waiting
 
 EXAMPLES = (
     "cmfpga track rec.h5 --roi 100,30 --report --out star",
@@ -44,6 +45,7 @@ def main(arguments=None):
         raise ConfigError(f"--out: {folder} has {len(files)} tracks; their pages can only be written there")
     for file in files:
         page = Path(options.out) if options.out else folder / page_name(file.name)
-        write_page(Kept.load(file), page, clock_mhz=options.clock)
+        with waiting("Writing the page"):
+            write_page(Kept.load(file), page, clock_mhz=options.clock)
         print(f"wrote {page}")
     return 0

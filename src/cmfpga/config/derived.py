@@ -112,11 +112,17 @@ class OnePass(Derived):
         """So many an iteration, or the sweep of the banks doesn't pass every word before its tag comes back."""
         return -(-self._c.geometry.bank_depth // ((1 << self._c.tag_bits) - 1))
 
+    @property
+    def fewest_tag_bits(self):
+        """So many are enough for that in the cycles that are idle anyway."""
+        return (-(-self._c.geometry.bank_depth // self.latency)).bit_length()
+
     def check(self):
         """Raise :exc:`ConfigError` if there are too few tags."""
         idle, tags = self.latency, (1 << self._c.tag_bits) - 1
         if idle < self.fewest_idle_cycles:
             raise ConfigError(
                 f"tag_bits = {self._c.tag_bits}: (2^tag_bits − 1) · {idle} idle cycles an iteration "
-                f"= {tags * idle}, at least the {self._c.geometry.bank_depth} words of a bank are needed"
+                f"= {tags * idle}, at least the {self._c.geometry.bank_depth} words of a bank are needed: tag_bits = "
+                f"{self.fewest_tag_bits} or more"
             )

@@ -138,10 +138,11 @@ class Window(Measured):
     def moved(self):
         """How far the image moves, px per half window: the median of the :attr:`sure` tiles.
 
-        None where fewer than a quarter of the tiles that were measured are sure, or fewer than eight.
+        None where fewer than a quarter of the tiles that were measured are sure, or fewer than two: of one small
+        object few tiles are measured at all.
         """
         sure = int(self.sure.sum())
-        if sure < max(8, 0.25 * np.isfinite(self.v[:, 0]).sum()):
+        if sure < max(2, 0.25 * np.isfinite(self.v[:, 0]).sum()):
             return None
         return float(np.median(np.hypot(*self.v[self.sure].T)))
 
@@ -215,8 +216,8 @@ def _between(at, places):
 
 
 #: Events of the first window that is tried, where their number is to suit the motion, on a sensor of so many pixels;
-#: on a larger one as many more.
-FIRST_EVENTS, FIRST_PIXELS = 4000, 240 * 180
+#: on a larger one as many more. And of the shortest one.
+FIRST_EVENTS, FIRST_PIXELS, FEWEST_EVENTS = 4000, 240 * 180, 1000
 
 
 class FieldCutter(FittedCutter):
@@ -235,21 +236,28 @@ class FieldCutter(FittedCutter):
     def survey(self, trial, *_):
         """Choose the first length, or the next one of a motion that is lost.
 
-        Windows on trial grow until the image moves far enough: ``trial(events)`` says how far, in px, or None.
+        Windows on trial grow until the image moves far enough: ``trial(events)`` says how far, in px, or None. Where
+        none of them says it, they were too long, as for something small that leaves its tiles: shorter ones follow.
         """
         if not self._doubtful or self._doubtful % LOST_BATCHES:
             return
         share = max(1, self._config.sensor_width * self._config.sensor_height // FIRST_PIXELS)
-        count = min(FIRST_EVENTS * share, self.max_events)
+        count, shorter = min(FIRST_EVENTS * share, self.max_events), None
         while True:
             ahead = yield from self.ahead(count)
+            shorter = shorter or len(ahead) // 2
             moved = trial(ahead)
             wanted = 2 * count if moved is None else fit(count, (moved,), True)
             if len(ahead) < count or count == self.max_events or (moved is not None and wanted <= count):
-                self.limited |= len(ahead) == count == self.max_events < wanted
-                self.size = max(1, min(wanted, len(ahead)))
-                return
+                break
             count = min(wanted, self.max_events)
+        size = max(1, min(wanted, len(ahead)))
+        while moved is None and shorter >= FEWEST_EVENTS:
+            moved = trial((yield from self.ahead(shorter)))
+            size = size if moved is None else fit(shorter, (moved,), True)
+            shorter //= 2
+        self.limited |= size == self.max_events < wanted
+        self.size = size
 
     def add(self, window):
         """Take a :class:`~.window.Window`, and choose the length of the next ones."""

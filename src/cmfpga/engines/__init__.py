@@ -291,4 +291,8 @@ def usual_preset(given, *, batches=False, engine="rtl", objects=1):
                 why = "how long windows are follows from the confidence, which is not measured"
         except ConfigError as error:
             why = str(error)
+            try:
+                preset(DEFAULT_PRESET).replace(**_LARGEST | given)
+            except ConfigError:  # batches don't mend it: who makes the configuration says why
+                return DEFAULT_PRESET, None
     return (DEFAULT_PRESET, f"in batches: {why}") if why else (SLIDING_PRESET, None)

@@ -65,15 +65,17 @@ _CELLS = {
 _GATE = re.compile(r"\$_(?!D?LATCH|SR_)[A-Z0-9_]+_")
 
 
-def estimate(verilog, *, report=lambda doing: None):
-    """Resources of the core and of each of its blocks, JSON-ready.
+def estimate(verilog, *, by_block=False, report=lambda doing: None):
+    """Resources of the core, JSON-ready.
 
-    Takes one to two minutes. ``report`` is called with a line of text whenever something else begins.
+    ``report`` is called with a line of text whenever something else begins.
 
     Parameters
     ----------
     verilog : str
         What :func:`cmfpga.verilog.emit.emit_verilog` gave.
+    by_block : bool
+        Of each block, too, which takes four times as long.
 
     Returns
     -------
@@ -83,23 +85,26 @@ def estimate(verilog, *, report=lambda doing: None):
         between the blocks is in the total only.
     """
     version = require_yosys()
-    counted = _rows_of([TOP, *blocks(verilog)], verilog, report)
+    counted = _rows_of([TOP, *(blocks(verilog) if by_block else ())], verilog, report)
     total = counted.pop(TOP)
+    every = {
+        "sum_of_blocks": {kind: sum(row[kind] for row in counted.values()) for kind in KINDS},
+        "blocks": {name.removeprefix(f"{TOP}_"): row for name, row in counted.items()},
+    }
     return {
         "estimate": LABEL,
         "yosys": version,
         "families": FAMILY,
         "verilog_sha256": sha256(verilog),
         "total": total,
-        "sum_of_blocks": {kind: sum(row[kind] for row in counted.values()) for kind in KINDS},
-        "blocks": {name.removeprefix(f"{TOP}_"): row for name, row in counted.items()},
+        **(every if by_block else {}),
         "article": description.ARTICLE_RESOURCES,
         BOARD.name: BOARD.resources,
     }
 
 
 def core(verilog, *, report=lambda doing: None, top=TOP):
-    """Only ``total`` of :func:`estimate`; a quarter of its time. ``top``: the top module, which may be the AXI top."""
+    """Only ``total`` of :func:`estimate`. ``top``: the top module, which may be the AXI top."""
     return _rows_of([top], verilog, report, top)[top]
 
 
@@ -252,8 +257,8 @@ def rows(estimated):
     total = estimated["total"]
     share = {kind: 100 * total[kind] / has for kind, has in BOARD.resources.items()}
     return [
-        *(line(name, row) for name, row in estimated["blocks"].items()),
-        line("sum of the blocks", estimated["sum_of_blocks"]),
+        *(line(name, row) for name, row in estimated.get("blocks", {}).items()),
+        *([line("sum of the blocks", estimated["sum_of_blocks"])] if "blocks" in estimated else []),
         line("the core, flattened", total),
         line("the article's core (Vivado)", description.ARTICLE_RESOURCES),
         line(f"{BOARD.title} has", BOARD.resources),

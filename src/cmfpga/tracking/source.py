@@ -125,7 +125,8 @@ def _covered(source):
 
 
 def rotation_fields(source, motion, given, how):
-    """What a rotation takes from the recording by itself: the whole sensor as the ROI, and its calibration.
+    """What a rotation takes from the recording by itself: the whole sensor as the ROI, the tags that its image needs,
+    and its calibration.
 
     Parameters
     ----------
@@ -150,6 +151,12 @@ def rotation_fields(source, motion, given, how):
         if not (camera := own_camera(source)):
             raise ConfigError(f"{source.name}: it holds no calibration, which motion = rotation needs: {how}")
         found |= camera
+    usual, most = preset("rotation"), {f"sensor_{side}": found[f"roi_{side}"] for side in size}
+    told = {name: given[name] for name in ("roi_width", "roi_height", "camera") if name in given}
+    with contextlib.suppress(ConfigError):  # what is wrong with it is said of the configuration itself
+        bits = usual.replace(**{**most, **found, **told, "tag_bits": 20}).one_pass.fewest_tag_bits
+        if bits > usual.tag_bits:
+            found["tag_bits"] = bits
     return {name: value for name, value in found.items() if value is not None and name not in given}
 
 
