@@ -59,6 +59,19 @@ def test_few_time_stamps(step, told):
     assert tracking.trusted.any() == (not told) and len(tracking.verdict.speeds) == tracking.trusted.sum()
 
 
+@pytest.mark.parametrize("pixels, told", [(1, Ambiguity.FEW_PIXELS), (3, Ambiguity.FEW_PIXELS), (200, 0)])
+def test_hot_pixels_that_stand_still(pixels, told, rng):
+    """The peak is sharp, for they do not move; as many pixels as an edge has may be a thing at rest."""
+    many = 600
+    at = rng.choice(40 * 40, pixels, replace=False)[np.arange(many) % pixels]
+    x, y = np.where(np.arange(many) % 10, (at % 40 + 100, at // 40 + 70), rng.integers(88, 152, (2, many)))
+    events = Events(np.sort(rng.integers(0, 40_000, many)), x, y, np.zeros(many, np.uint8))
+    options = {"roi": (88, 58), "sensor": (240, 180), "preset": "fast", "engine": "model", "hot_pixels": 0}
+    tracking = cmfpga.track(events, batch_events=many, **options)
+    assert np.hypot(tracking.vx, tracking.vy) < 0.5 and tracking.confidence > 100
+    assert tracking.ambiguity.tolist() == [told] and tracking.trusted.tolist() == [not told]
+
+
 def test_the_verdict_says_it():
     left = np.array([0, 8, 8, 8, 2, 8]).astype(float)
     values = {name: np.ones(6) for name in columns("translation")}
@@ -69,7 +82,9 @@ def test_the_verdict_says_it():
     assert any(text.startswith("4 of 6 batches look as if two motions") for text in verdict.notes(fitted=True))
     told = verdict.summary()
     assert told["trusted_batches"] == 5
-    assert told["ambiguous_batches"] == {"few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 4}
+    assert told["ambiguous_batches"] == {
+        "few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 4, "few_pixels": 0,
+    }  # fmt: skip
     few = Verdict((values | {"ambiguity": np.array([0, 8, 8, 8, 2, 0.0])}).get, [Flag(0)] * 6)
     assert not any("two motions" in text for text in few.notes(fitted=True)), "half of them may be by chance"
     values |= {"trusted": np.zeros(6), "ambiguity": np.full(6, 2.0)}

@@ -12,21 +12,28 @@ import numpy as np
 
 from ..imaging.iwe import scaled_roi_events
 from ..protocol.confidence import FLOOR, confidence, covariance, is_judged, is_sure
+from ..protocol.flags import Flag
 
 PARTS = 12
 
 #: Fewer time stamps say no velocity; of so many, times in a window are told apart.
 FEWEST_STAMPS, STAMPS = 5.5, 64
 
-#: Structure across the main direction of the edges, as a share of that along it. Below the first there is an aperture
-#: problem; below the second where an event also says less than so much about v, 1/px².
-ONE_DIRECTION, NEARLY, LITTLE = 0.08, 0.15, 0.03
+#: Pixels, as many as share the events evenly, of fewer a short motion is that of hot pixels.
+FEWEST_PIXELS = 16
+
+#: Structure across the main direction of the edges, as a share of that along it: below, there is an aperture problem.
+ONE_DIRECTION = 0.05
 
 #: Autocorrelation of the image at another place: the image repeats; edges of one direction do so below that.
-REPEATS, REPEATS_ALONG = 0.7, 0.4
+REPEATS, REPEATS_ALONG = 0.85, 0.5
 
 #: Correlation of the images of every other event, and of the others: of less, the image is no edge's.
 ALIKE = 0.1
+
+#: All events of the window, of which the buffer holds a part, have the contrast's peak so far from v, px, and half as
+#: far as the mean of the peaks of both halves of its time lies; no peak lies farther off than the second.
+ELSEWHERE_PX, FARTHEST_PX = 1.2, 2.0
 
 #: Where each block of the ROI takes a velocity of its own, out of nine this far apart, the contrast grows by so much in
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
@@ -47,11 +54,13 @@ class Ambiguity(enum.IntFlag):
     STRIPES = 2
     ONE_DIRECTION = 4
     TWO_MOTIONS = 8
+    FEW_PIXELS = 16
+    ELSEWHERE = 32
 
 
 #: With these a window is not trusted. Two motions are only told: they are found in many windows of one motion, too,
 #: where its texture is dense (docs/is-it-right.md).
-UNTRUSTED = Ambiguity.FEW_STAMPS | Ambiguity.STRIPES | Ambiguity.ONE_DIRECTION
+UNTRUSTED = ~Ambiguity.TWO_MOTIONS
 
 #: In words.
 WORDS = {
@@ -59,6 +68,8 @@ WORDS = {
     Ambiguity.STRIPES: "stripes: may repeat",
     Ambiguity.ONE_DIRECTION: "one direction only",
     Ambiguity.TWO_MOTIONS: "two motions",
+    Ambiguity.FEW_PIXELS: "hot pixels",
+    Ambiguity.ELSEWHERE: "sharper elsewhere",
 }
 
 
@@ -83,13 +94,14 @@ def ambiguity(config, events, result, **which):
         return Ambiguity.FEW_STAMPS
     if config.motion != "translation":
         return found
+    if Flag.SHORT in result.flags and _share_evenly(x, y, size) < FEWEST_PIXELS:
+        return Ambiguity.FEW_PIXELS
     halves = [_spectra(x[k::2], y[k::2], dt[k::2], size) for k in (0, 1)]
-    moved = np.stack([_moved(half, result.v, size) for half in halves])
+    by_time = np.stack([_moved(half, result.v, size) for half in halves])
+    moved = by_time.sum(1)
     parts, middle = sum(halves), moved[:, 4].sum(0)
     brief = parts[PARTS // 2 - 2 : PARTS // 2 + 2].sum(0)
-    across = min(_across(one, size) for one in (middle, parts.sum(0), brief))
-    an_event = confidence(config, result) / result.roi_events
-    if across < ONE_DIRECTION or (across < NEARLY and an_event < LITTLE):
+    if min(_across(one, size) for one in (middle, parts.sum(0), brief)) < ONE_DIRECTION:
         found |= Ambiguity.ONE_DIRECTION
     if not is_sure(result):
         return found
@@ -97,9 +109,18 @@ def ambiguity(config, events, result, **which):
     alike = (images[0, 4] * images[1, 4]).sum() / max((images[:, 4] ** 2).sum() / 2, 1e-12)
     if alike < ALIKE or _repeats(middle, size) > (REPEATS_ALONG if found else REPEATS):
         return found | Ambiguity.STRIPES
+    if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
+        found |= Ambiguity.ELSEWHERE
+    an_event = confidence(config, result) / result.roi_events
     if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * an_event:
         found |= Ambiguity.TWO_MOTIONS
     return found
+
+
+def _share_evenly(x, y, size):
+    """How many pixels would have as many events each, if all that have some had equally many."""
+    counts = np.bincount(np.rint(y).astype(np.int64) * size[1] + np.rint(x).astype(np.int64)).astype(np.float64)
+    return counts.sum() ** 2 / (counts**2).sum()
 
 
 @functools.lru_cache(maxsize=8)
@@ -121,7 +142,10 @@ def _spectra(x, y, dt, size):
 
 
 def _moved(parts, v, size):
-    """Spectra of the images of warped events at v, number 4, and a step beside it on all sides: [9, rows, columns]."""
+    """Spectra of the images of warped events at v, number 4, and a step beside it on all sides.
+
+    Of both halves of the time: complex [2, 9, rows, columns].
+    """
     _, _, down, right, _ = _kept(size)
     times, steps = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1, np.array([-STEP_PX, 0, STEP_PX])
     phases = (
@@ -129,7 +153,31 @@ def _moved(parts, v, size):
         for k, f in ((0, right), (1, down[:, 0]))
     )
     across, along = phases
-    return np.concatenate([np.einsum("bkl,gbl->gkl", parts * one[..., None], across) for one in along])
+    halves = slice(PARTS // 2), slice(PARTS // 2, None)
+    return np.stack([
+        np.concatenate([np.einsum("bkl,gbl->gkl", (parts * one[..., None])[half], across[:, half]) for one in along])
+        for half in halves
+    ])  # fmt: skip
+
+
+def _elsewhere(by_time):
+    """How far from v the contrast's peak lies, and half as far as the mean of the peaks of both halves, px."""
+    whole, first, last = (_peak(one) for one in (by_time.sum(0), *by_time))
+    return np.hypot(*whole) + np.hypot(*(first + last) / 2) / 2
+
+
+def _peak(spectra):
+    """Where the contrast's peak lies beside v, px, by a step of Newton; no farther than :data:`FARTHEST_PX`."""
+    power = np.abs(spectra) ** 2
+    power[:, :, 0] /= 2
+    values = power.sum((1, 2)).reshape(3, 3)
+    (xx, yy), middle = (values[1, ::2].sum(), values[::2, 1].sum()), 2 * values[1, 1]
+    xx, yy, xy = xx - middle, yy - middle, (values[::2, ::2] * [[1, -1], [-1, 1]]).sum() / 4
+    if xx >= 0 or xx * yy <= xy * xy:
+        return np.full(2, FARTHEST_PX / np.sqrt(2))
+    x, y = (values[1, 2] - values[1, 0]) / 2, (values[2, 1] - values[0, 1]) / 2
+    step = np.array([xy * y - yy * x, xy * x - xx * y]) / (xx * yy - xy * xy) * STEP_PX
+    return step * FARTHEST_PX / max(np.hypot(*step), FARTHEST_PX)
 
 
 def _across(spectrum, size):
