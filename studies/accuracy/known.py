@@ -193,7 +193,10 @@ def _poster(path):
 
 
 def _spinner(path):
-    """A dot on a circle; its angle, a straight line in time, from the events near the circle."""
+    """A dot on a disc; its angle, a straight line in time, from the events near the dot's circle.
+
+    The dot and its tail span 30 px of that circle: the truth is the mean of what turns with the disc in the ROI.
+    """
     events, sensor = _read(path)
     centre, radius, many = np.array([[314.4], [202.5]]), 107.2, 2000
     across, down = np.array([events.x, events.y], float) - centre
@@ -204,13 +207,13 @@ def _spinner(path):
     fit = np.polynomial.Polynomial.fit(times, angles, 1)
     residual = radius * np.std(angles - fit(times))  # px, of the dot's place
 
-    def place(t):
-        return centre[:, 0] + radius * np.array([math.cos(fit(t)), math.sin(fit(t))])
+    start, rate = fit(events.t[0]), fit.deriv()(0) * 1e6  # rad, rad/s
+    place = centre[:, 0] + radius * np.array([math.cos(start), math.sin(start)])
 
-    def truth(first, last, *_):
-        return (place(last) - place(first)) / max(last - first, 1) * 1e6
+    def truth(first, last, columns, rows):
+        return rate * (centre[1, 0] - np.mean(rows)), rate * (np.mean(columns) - centre[0, 0])
 
-    rois, doubt = _around(place(events.t[0]), sensor), residual * math.sqrt(0.5)  # of both ends, for half of the way
+    rois, doubt = _around(place, sensor), residual * math.sqrt(0.5)  # of both ends, for half of the way
     return Known("spinner", events, sensor, rois, truth, doubt_px=doubt, in_sum=False)
 
 

@@ -1,6 +1,7 @@
 """What a window's events leave open: told, not trusted, and not told of single motions."""
 
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.events import Events, generate
 from cmfpga.protocol.flags import Flag
-from cmfpga.tracking.ambiguity import Ambiguity
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.tracking.ambiguity import Ambiguity, ambiguity
 from cmfpga.tracking.columns import columns
 from cmfpga.tracking.verdict import Verdict
 from studies.accuracy import ambiguous
@@ -72,6 +74,21 @@ def test_hot_pixels_that_stand_still(pixels, told, rng):
     assert tracking.ambiguity.tolist() == [told] and tracking.trusted.tolist() == [not told]
 
 
+@pytest.mark.parametrize("off, told", [(0.0, 0), (0.3, 0), (1.8, Ambiguity.ELSEWHERE)])
+def test_a_contrast_that_is_sharper_elsewhere(off, told):
+    """As where the buffer held too small a part of the events, or the ascent stopped early."""
+    config = preset("fast").replace(buffer_events=8191)
+    settings = replace(BatchSettings.from_config(config, ambiguous.PLACE), start_last=False, v_start=(0, 0))
+    rng = np.random.default_rng(5)
+    with closing(make_engine("model", config)) as engine:
+        for k in range(4):
+            events, _ = ambiguous.single(rng, k)
+            (result,) = engine.run(events, settings)
+            for x, y in ((off, 0.0), (0.0, -off)):
+                moved = replace(result, v=(result.v[0] + x, result.v[1] + y))
+                assert ambiguity(config, events, moved) & ~Ambiguity.TWO_MOTIONS == told
+
+
 def test_the_verdict_says_it():
     left = np.array([0, 8, 8, 8, 2, 8]).astype(float)
     values = {name: np.ones(6) for name in columns("translation")}
@@ -84,6 +101,7 @@ def test_the_verdict_says_it():
     assert told["trusted_batches"] == 5
     assert told["ambiguous_batches"] == {
         "few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 4, "few_pixels": 0,
+        "elsewhere": 0,
     }  # fmt: skip
     few = Verdict((values | {"ambiguity": np.array([0, 8, 8, 8, 2, 0.0])}).get, [Flag(0)] * 6)
     assert not any("two motions" in text for text in few.notes(fitted=True)), "half of them may be by chance"

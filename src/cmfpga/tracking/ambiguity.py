@@ -19,8 +19,8 @@ PARTS = 12
 #: Fewer time stamps say no velocity; of so many, times in a window are told apart.
 FEWEST_STAMPS, STAMPS = 5.5, 64
 
-#: Pixels, as many as share the events evenly, of fewer a short motion is that of hot pixels.
-FEWEST_PIXELS = 16
+#: Where fewer pixels make the contrast, a short motion is that of hot pixels.
+FEWEST_PIXELS = 8
 
 #: Structure across the main direction of the edges, as a share of that along it: below, there is an aperture problem.
 ONE_DIRECTION = 0.05
@@ -94,7 +94,7 @@ def ambiguity(config, events, result, **which):
         return Ambiguity.FEW_STAMPS
     if config.motion != "translation":
         return found
-    if Flag.SHORT in result.flags and _share_evenly(x, y, size) < FEWEST_PIXELS:
+    if Flag.SHORT in result.flags and _bright(x, y, size) < FEWEST_PIXELS:
         return Ambiguity.FEW_PIXELS
     halves = [_spectra(x[k::2], y[k::2], dt[k::2], size) for k in (0, 1)]
     by_time = np.stack([_moved(half, result.v, size) for half in halves])
@@ -117,10 +117,10 @@ def ambiguity(config, events, result, **which):
     return found
 
 
-def _share_evenly(x, y, size):
-    """How many pixels would have as many events each, if all that have some had equally many."""
-    counts = np.bincount(np.rint(y).astype(np.int64) * size[1] + np.rint(x).astype(np.int64)).astype(np.float64)
-    return counts.sum() ** 2 / (counts**2).sum()
+def _bright(x, y, size):
+    """How many pixels make the contrast of the image at rest, if each had as large a share."""
+    squares = np.bincount(np.rint(y).astype(np.int64) * size[1] + np.rint(x).astype(np.int64)) ** 2.0
+    return squares.sum() ** 2 / (squares**2).sum()
 
 
 @functools.lru_cache(maxsize=8)
