@@ -39,6 +39,9 @@ ELSEWHERE_PX, FARTHEST_PX = 1.2, 2.0
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
 TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
 
+#: With two motions, of less confidence than so many times the least that is trusted, v may be a blend of them.
+BLEND = 4 / 3
+
 #: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all.
 SHARP = 0.045
 
@@ -56,10 +59,11 @@ class Ambiguity(enum.IntFlag):
     TWO_MOTIONS = 8
     FEW_PIXELS = 16
     ELSEWHERE = 32
+    BLENDED = 64
 
 
-#: With these a window is not trusted. Two motions are only told: they are found in many windows of one motion, too,
-#: where its texture is dense (docs/is-it-right.md).
+#: With these a window is not trusted. Two motions of a sharp peak are only told: many windows of one motion look like
+#: that, too, where its texture is dense (docs/is-it-right.md).
 UNTRUSTED = ~Ambiguity.TWO_MOTIONS
 
 #: In words.
@@ -70,6 +74,7 @@ WORDS = {
     Ambiguity.TWO_MOTIONS: "two motions",
     Ambiguity.FEW_PIXELS: "hot pixels",
     Ambiguity.ELSEWHERE: "sharper elsewhere",
+    Ambiguity.BLENDED: "two motions, hardly sharp",
 }
 
 
@@ -111,9 +116,11 @@ def ambiguity(config, events, result, **which):
         return found | Ambiguity.STRIPES
     if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
         found |= Ambiguity.ELSEWHERE
-    an_event = confidence(config, result) / result.roi_events
-    if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * an_event:
+    sharp = confidence(config, result)
+    if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * sharp / result.roi_events:
         found |= Ambiguity.TWO_MOTIONS
+        if sharp < BLEND * config.confidence_limit:
+            found |= Ambiguity.BLENDED
     return found
 
 
