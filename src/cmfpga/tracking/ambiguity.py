@@ -39,8 +39,8 @@ ELSEWHERE_PX, FARTHEST_PX = 1.2, 2.0
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
 TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
 
-#: With two motions, of less confidence than so many times the least that is trusted, v may be a blend of them.
-BLEND = 4 / 3
+#: With two motions: halves of the ROI that each have such a share of the contrast have its peak so far apart, px.
+LEAST_SHARE, APART_PX = 0.2, 0.7
 
 #: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all.
 SHARP = 0.045
@@ -59,11 +59,11 @@ class Ambiguity(enum.IntFlag):
     TWO_MOTIONS = 8
     FEW_PIXELS = 16
     ELSEWHERE = 32
-    BLENDED = 64
+    APART = 64
 
 
-#: With these a window is not trusted. Two motions of a sharp peak are only told: many windows of one motion look like
-#: that, too, where its texture is dense (docs/is-it-right.md).
+#: With these a window is not trusted. Two motions alone are only told: many windows of one motion look like that, too,
+#: where its texture is dense (docs/is-it-right.md).
 UNTRUSTED = ~Ambiguity.TWO_MOTIONS
 
 #: In words.
@@ -74,7 +74,7 @@ WORDS = {
     Ambiguity.TWO_MOTIONS: "two motions",
     Ambiguity.FEW_PIXELS: "hot pixels",
     Ambiguity.ELSEWHERE: "sharper elsewhere",
-    Ambiguity.BLENDED: "two motions, hardly sharp",
+    Ambiguity.APART: "halves of the ROI apart",
 }
 
 
@@ -116,11 +116,11 @@ def ambiguity(config, events, result, **which):
         return found | Ambiguity.STRIPES
     if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
         found |= Ambiguity.ELSEWHERE
-    sharp = confidence(config, result)
-    if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * sharp / result.roi_events:
+    an_event = confidence(config, result) / result.roi_events
+    if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * an_event:
         found |= Ambiguity.TWO_MOTIONS
-        if sharp < BLEND * config.confidence_limit:
-            found |= Ambiguity.BLENDED
+        if _halves_apart(images) > APART_PX:
+            found |= Ambiguity.APART
     return found
 
 
@@ -169,19 +169,37 @@ def _moved(parts, v, size):
 
 def _elsewhere(by_time):
     """How far from v the contrast's peak lies, and half as far as the mean of the peaks of both halves, px."""
-    whole, first, last = (_peak(one) for one in (by_time.sum(0), *by_time))
+    power = np.abs([by_time.sum(0), *by_time]) ** 2
+    power[..., 0] /= 2  # the others stand for two each
+    nowhere = np.full(2, FARTHEST_PX / np.sqrt(2))
+    whole, first, last = (nowhere if (at := _peak(one)) is None else at for one in power.sum((2, 3)))
     return np.hypot(*whole) + np.hypot(*(first + last) / 2) / 2
 
 
-def _peak(spectra):
-    """Where the contrast's peak lies beside v, px, by a step of Newton; no farther than :data:`FARTHEST_PX`."""
-    power = np.abs(spectra) ** 2
-    power[:, :, 0] /= 2
-    values = power.sum((1, 2)).reshape(3, 3)
-    (xx, yy), middle = (values[1, ::2].sum(), values[::2, 1].sum()), 2 * values[1, 1]
-    xx, yy, xy = xx - middle, yy - middle, (values[::2, ::2] * [[1, -1], [-1, 1]]).sum() / 4
+def _halves_apart(images):
+    """How far apart the contrast's peaks of the left and the right half lie, or of the upper and the lower, px."""
+    whole, found = images.sum(0) ** 2, [0.0]
+    rows, columns = (side // 2 for side in whole.shape[1:])
+    for pair in ((whole[:, :, :columns], whole[:, :, columns:]), (whole[:, :rows], whole[:, rows:])):
+        values = [half.sum((1, 2)) for half in pair]
+        one, two = map(_peak, values)
+        least = min(one[4] for one in values)
+        if one is not None and two is not None and least >= LEAST_SHARE * whole[4].sum():
+            found.append(np.hypot(*(one - two)))
+    return max(found)
+
+
+def _peak(nine):
+    """Where the peak of nine values around v lies beside it, px, by a step of Newton; None where there is none.
+
+    No farther than :data:`FARTHEST_PX`.
+    """
+    values = nine.reshape(3, 3)
+    twice = 2 * values[1, 1]
+    xx, yy = values[1, ::2].sum() - twice, values[::2, 1].sum() - twice
+    xy = (values[::2, ::2] * [[1, -1], [-1, 1]]).sum() / 4
     if xx >= 0 or xx * yy <= xy * xy:
-        return np.full(2, FARTHEST_PX / np.sqrt(2))
+        return None
     x, y = (values[1, 2] - values[1, 0]) / 2, (values[2, 1] - values[0, 1]) / 2
     step = np.array([xy * y - yy * x, xy * x - xx * y]) / (xx * yy - xy * xy) * STEP_PX
     return step * FARTHEST_PX / max(np.hypot(*step), FARTHEST_PX)
