@@ -13,7 +13,7 @@ from .real import real_cases
 from .scores import contrast_shares, error_scores, errors, measure
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
 from .table import ERROR_HEADS, SHARE_HEADS, error_cells
-from .whole import study_auto, study_slider
+from .whole import STUDIES as OF_RECORDINGS
 from .yardstick import peak_error
 
 #: Cold schedules to compare.
@@ -138,8 +138,7 @@ STUDIES = {
     "confidence": study_confidence,
     "bias": study_bias,
     "ambiguous": study_ambiguous,
-    "slider": study_slider,
-    "auto": study_auto,
+    **OF_RECORDINGS,
 }
 
 #: Those that use the real batches.

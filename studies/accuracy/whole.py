@@ -137,3 +137,7 @@ def study_auto(config, engine, cases, real_, report, *, data, **_):
         told = [f"{middle:.2f}" for middle in np.median(errors, axis=0)] if many else ["–", "–"]
         rows.append((path.stem, start, *map(str, (len(tracking), scores["trusted"], many, wrong)), *told, kind))
     report.table(f"track --roi auto (wrong: by more than {WRONG} px per half window)", AUTO_HEADS, rows)
+
+
+#: Those that need recordings.
+STUDIES = {"slider": study_slider, "auto": study_auto}
