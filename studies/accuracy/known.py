@@ -109,7 +109,12 @@ def _grid(sensor, left=0):
 
 def real(folder):
     """The real ones, a list of :class:`Known`. Raises :exc:`RecordingError` where a recording is missing."""
-    return [make(Path(folder)) for make in (_checkerboard, _shapes, _poster, _spinner, _gyroscope)]
+    return list(by_file(folder).values())
+
+
+def by_file(folder):
+    """The same by the names of their files."""
+    return {name: make(Path(folder) / name) for name, make in _REAL.items()}
 
 
 def _read(path):
@@ -126,11 +131,11 @@ def _data(path, *names):
         raise RecordingError(f"{path}: {', '.join(names)} cannot be read: {str(error).splitlines()[0]}") from None
 
 
-def _checkerboard(folder):
+def _checkerboard(path):
     """A tilted camera: an affine flow, median of three windows. The board is not all that the left edge shows."""
     from cmfpga.reference.global_search import affine, search
 
-    events, sensor = _read(folder / "davis240b_evbench_seq0002.h5")
+    events, sensor = _read(path)
     events = events[: int(np.searchsorted(events.t, events.t[0] + 1_900_000))]
     centre, scale, left, found = (109.0, 90.0), 80.0, 28, []
     for begin in (0, 660_000, 1_320_000):
@@ -179,17 +184,20 @@ def _turning(path, name, linear):
     return Known(name, events, sensor, rois, truth, doubt, left=CALIBRATED)
 
 
-def _shapes(folder):
-    return _turning(folder / "davis240c_shapes_rotation_2.1s_gtflow.h5", "shapes, rotation", linear=True)
+def _shapes(path):
+    return _turning(path, "shapes, rotation", linear=True)
 
 
-def _poster(folder):
-    return _turning(folder / "davis240c_poster_rotation_0.6s.h5", "poster, rotation", linear=False)
+def _poster(path):
+    return _turning(path, "poster, rotation", linear=False)
 
 
-def _spinner(folder):
-    """A dot on a circle; its angle, a straight line in time, from the events near the circle."""
-    events, sensor = _read(folder / "prophesee_spinner_640x480.h5")
+def _spinner(path):
+    """A dot on a disc; its angle, a straight line in time, from the events near the dot's circle.
+
+    The dot and its tail span 30 px of that circle: the truth is the mean of what turns with the disc in the ROI.
+    """
+    events, sensor = _read(path)
     centre, radius, many = np.array([[314.4], [202.5]]), 107.2, 2000
     across, down = np.array([events.x, events.y], float) - centre
     near = np.flatnonzero(np.abs(np.hypot(across, down) - radius) < 6)
@@ -199,13 +207,13 @@ def _spinner(folder):
     fit = np.polynomial.Polynomial.fit(times, angles, 1)
     residual = radius * np.std(angles - fit(times))  # px, of the dot's place
 
-    def place(t):
-        return centre[:, 0] + radius * np.array([math.cos(fit(t)), math.sin(fit(t))])
+    start, rate = fit(events.t[0]), fit.deriv()(0) * 1e6  # rad, rad/s
+    place = centre[:, 0] + radius * np.array([math.cos(start), math.sin(start)])
 
-    def truth(first, last, *_):
-        return (place(last) - place(first)) / max(last - first, 1) * 1e6
+    def truth(first, last, columns, rows):
+        return rate * (centre[1, 0] - np.mean(rows)), rate * (np.mean(columns) - centre[0, 0])
 
-    rois, doubt = _around(place(events.t[0]), sensor), residual * math.sqrt(0.5)  # of both ends, for half of the way
+    rois, doubt = _around(place, sensor), residual * math.sqrt(0.5)  # of both ends, for half of the way
     return Known("spinner", events, sensor, rois, truth, doubt_px=doubt, in_sum=False)
 
 
@@ -213,12 +221,11 @@ def _spinner(folder):
 GYROSCOPE_DOUBT = 2.5
 
 
-def _gyroscope(folder):
+def _gyroscope(path):
     """A camera that pans, so vy is 0. The file has neither the gyroscope's bias nor a focal length: both are fitted to
     searches over the whole sensor in windows of 20,000 events."""
     from cmfpga.reference.global_search import search, translation
 
-    path = folder / "davis240c_translboxes_imu.h5"
     events, sensor = _read(path)
     times, gyro = _data(path, "imu/t", "imu/gyro_raw")
     turned = np.concatenate([[0.0], np.cumsum(np.diff(times) * (gyro[1:, 1] + gyro[:-1, 1]) / 2)]) / 32.8e6  # degrees
@@ -234,6 +241,16 @@ def _gyroscope(folder):
         "translboxes_imu", events, sensor, _grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0),
         GYROSCOPE_DOUBT, in_sum=False,
     )  # fmt: skip
+
+
+#: ``{file: what makes it}``.
+_REAL = {
+    "davis240b_evbench_seq0002.h5": _checkerboard,
+    "davis240c_shapes_rotation_2.1s_gtflow.h5": _shapes,
+    "davis240c_poster_rotation_0.6s.h5": _poster,
+    "prophesee_spinner_640x480.h5": _spinner,
+    "davis240c_translboxes_imu.h5": _gyroscope,
+}
 
 
 @functools.cache

@@ -10,6 +10,7 @@ events; and a camera that pans, tracked, against its gyroscope.
 """
 
 from contextlib import closing
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
@@ -22,6 +23,7 @@ from cmfpga.errors import ConfigError
 from cmfpga.events import Events, generate, open_recording
 from cmfpga.imaging.camera import Camera, calibration_of, flow, rates
 from cmfpga.protocol.confidence import confidence, deviations, is_trustworthy
+from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 
 from .foreign import FOREIGN, find_rotation
@@ -44,6 +46,9 @@ SCENES = {
 CUTS, SHARES = 4, ((1 / 16, 1.0), (0.35, 1.0))
 #: Limits of the flow's error that shares are told for, px, and which error: largest, or rms over the ROI.
 LIMITS = (0.3, 0.6)
+
+#: Into how many parts of equally many events they are cut.
+PARTS = (1, 2, 4)
 
 #: Of a turning camera, one batch each.
 ROTATIONS = ("davis240c_poster_rotation_0.6s.h5", "davis240c_shapes_rotation_2.1s_gtflow.h5")
@@ -155,6 +160,50 @@ def _confidence(options, engine, settings, report):
     report.table(f"Confidence, batches that are cut (wrong: by more than {WRONG} px)", heads, rows)
 
 
+def _slices(options, config, report):
+    """Whole recordings, halves and quarters against a search over all events, ω linear in time: what is trusted."""
+    from cmfpga.reference.global_search import rotation, search  # torch
+
+    rows = []
+    for name in report.progress(ROTATIONS, "recording"):
+        path = Path(options.data) / name
+        with open_recording(path) as recording, h5py.File(path) as file:
+            events, camera = Events.concatenate(recording.chunks()), calibration_of(file, path).camera
+        best = search(rotation(camera, events.x, events.y), events.t, linear=True)
+        middle = (int(events.t[0]) + int(events.t[-1])) / 2
+        for parts in PARTS:
+            found = []
+            with closing(make_engine(options.engine, config.replace(camera=camera.text))) as engine:
+                cold = BatchSettings.from_config(engine.config.replace(start="given"), roi=(0, 0))
+                for ends in pairwise(np.linspace(0, len(events), parts + 1).astype(int)):
+                    part = events[slice(*ends)]
+                    (result,) = engine.run(part, cold)
+                    at = ((int(part.t[0]) + int(part.t[-1])) / 2 - middle) * 1e-6
+                    found.append(_slice(engine.config, result, best.at(at)))
+            found = np.array(found, float)
+            sure = found[:, 0] > 0
+            beyond = int((found[sure, 2] > 3).sum()), int((found[sure, 1] > found[sure, 3]).sum())
+            report.keep(f"{name}, in {parts}", found, {"parts": parts, "trusted": int(sure.sum()), "beyond": beyond})
+            largest = (f"{found[sure, k].max():.1f}" if sure.any() else "–" for k in (1, 2))
+            counts = int(sure.sum()), int(found[:, 4].sum()), *beyond
+            rows.append((name, str(parts), *map(str, counts), *largest))
+    heads = (
+        "recording", "slices", "trusted", "short", "trusted, beyond 3 sd", "beyond 5 deg/s + 5 %", "largest, deg/s",
+        "in sd",
+    )  # fmt: skip
+    report.table("Slices of real recordings against a global search over all of it", heads, rows)
+
+
+def _slice(config, result, true):
+    """Trusted; deg/s off; the largest error in sd; deg/s allowed; short."""
+    away = np.array([*rates(config, result.v, result.span).values()]) - true
+    found = deviations(config, result)
+    stated = np.abs([*rates(config, found, result.span).values()]) if found else np.full(3, np.nan)
+    allowed = 5 + 0.05 * np.degrees(np.linalg.norm(true))
+    off = np.degrees(np.linalg.norm(away))
+    return is_trustworthy(config, result), off, np.max(np.abs(away) / stated), allowed, Flag.SHORT in result.flags
+
+
 def _real(options, config, report):
     from cmfpga.reference.global_search import rotation, search  # torch
     from cmfpga.rtl.core import Core  # amaranth
@@ -185,4 +234,5 @@ def _real(options, config, report):
     heads = ("recording", "by", "events", "ω, rad/s", "global search", "apart, deg/s", "allowed, 2 deg/s + 3 %", "ms")
     title = f"(ms: cycles at {CLOCK_MHZ:g} MHz, assumed; of {FOREIGN} on this machine, all its threads)"
     report.table(f"Real batches against a global search over all events {title}", heads, rows)
+    _slices(options, config, report)
     run_panned(options, config, report)

@@ -12,6 +12,7 @@ from .judged import study_confidence
 from .real import real_cases
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
 from .table import ERROR_HEADS, SHARE_HEADS, contrast_shares, error_cells, error_scores, errors, measure
+from .whole import STUDIES as OF_RECORDINGS
 from .yardstick import peak_error
 
 #: Cold schedules to compare.
@@ -136,6 +137,7 @@ STUDIES = {
     "confidence": study_confidence,
     "bias": study_bias,
     "ambiguous": study_ambiguous,
+    **OF_RECORDINGS,
 }
 
 #: Those that use the real batches.

@@ -256,7 +256,8 @@ def test_the_synthetic_scene_shows_its_true_motion(compiler, command, rows, tmp_
     slid = command(track, "--out", tmp_path / "slid", "--no-picture")
     count = len((tmp_path / "slid" / "track.csv").read_text().splitlines()) - 1
     assert slid.out.startswith(f"{count} windows tracked (rtl engine), 0 with warnings, ") and count > 200
-    assert f"\n{count} of {count} windows are to be trusted\n" in slid.out
+    told = re.search(rf"^(\d+) of {count} windows are to be trusted", slid.out, re.MULTILINE)
+    assert int(told[1]) > 0.97 * count  # a few hold both sides of the corner
     done = command(track, "--preset", "fast", "--out", tmp_path)
     assert done.status == 0 and set(line.split(":")[0] for line in done.err.splitlines()) <= {"warning"}
     lines = done.out.splitlines()

@@ -1,6 +1,7 @@
 """What a window's events leave open: told, not trusted, and not told of single motions."""
 
 from contextlib import closing
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.events import Events, generate
 from cmfpga.protocol.flags import Flag
-from cmfpga.tracking.ambiguity import Ambiguity
+from cmfpga.protocol.settings import BatchSettings
+from cmfpga.tracking.ambiguity import Ambiguity, ambiguity
 from cmfpga.tracking.columns import columns
 from cmfpga.tracking.verdict import Verdict
 from studies.accuracy import ambiguous
@@ -59,6 +61,40 @@ def test_few_time_stamps(step, told):
     assert tracking.trusted.any() == (not told) and len(tracking.verdict.speeds) == tracking.trusted.sum()
 
 
+@pytest.mark.parametrize("pixels, told", [(1, Ambiguity.FEW_PIXELS), (3, Ambiguity.FEW_PIXELS), (200, 0)])
+def test_hot_pixels_that_stand_still(pixels, told, rng):
+    """The peak is sharp, for they do not move; as many pixels as an edge has may be a thing at rest."""
+    many = 600
+    at = rng.choice(40 * 40, pixels, replace=False)[np.arange(many) % pixels]
+    x, y = np.where(np.arange(many) % 10, (at % 40 + 100, at // 40 + 70), rng.integers(88, 152, (2, many)))
+    events = Events(np.sort(rng.integers(0, 40_000, many)), x, y, np.zeros(many, np.uint8))
+    options = {"roi": (88, 58), "sensor": (240, 180), "preset": "fast", "engine": "model", "hot_pixels": 0}
+    tracking = cmfpga.track(events, batch_events=many, **options)
+    assert np.hypot(tracking.vx, tracking.vy) < 0.5 and tracking.confidence > 100
+    assert tracking.ambiguity.tolist() == [told] and tracking.trusted.tolist() == [not told]
+
+
+@pytest.mark.parametrize("off, told", [(0.0, 0), (0.3, 0), (1.8, Ambiguity.ELSEWHERE)])
+def test_a_contrast_that_is_sharper_elsewhere(off, told):
+    """As where the buffer held too small a part of the events, or the ascent stopped early."""
+    config = preset("fast").replace(buffer_events=8191)
+    settings = replace(BatchSettings.from_config(config, ambiguous.PLACE), start_last=False, v_start=(0, 0))
+    rng = np.random.default_rng(5)
+    with closing(make_engine("model", config)) as engine:
+        for k in range(4):
+            events, _ = ambiguous.single(rng, k)
+            (result,) = engine.run(events, settings)
+            for x, y in ((off, 0.0), (0.0, -off)):
+                moved = replace(result, v=(result.v[0] + x, result.v[1] + y))
+                assert ambiguity(config, events, moved) & ~Ambiguity.TWO_MOTIONS == told
+
+
+def test_halves_of_the_roi_that_move_apart_are_not_trusted(found):
+    """One motion never looks like that, though dense texture looks like two motions."""
+    one, two = found["single motion"], found["two motions, beside"]
+    assert one["apart"] == 0 < two["wrong_before"] and two["apart"] > 0.8 * two["wrong_before"]
+
+
 def test_the_verdict_says_it():
     left = np.array([0, 8, 8, 8, 2, 8]).astype(float)
     values = {name: np.ones(6) for name in columns("translation")}
@@ -69,7 +105,10 @@ def test_the_verdict_says_it():
     assert any(text.startswith("4 of 6 batches look as if two motions") for text in verdict.notes(fitted=True))
     told = verdict.summary()
     assert told["trusted_batches"] == 5
-    assert told["ambiguous_batches"] == {"few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 4}
+    assert told["ambiguous_batches"] == {
+        "few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 4, "few_pixels": 0,
+        "elsewhere": 0, "apart": 0,
+    }  # fmt: skip
     few = Verdict((values | {"ambiguity": np.array([0, 8, 8, 8, 2, 0.0])}).get, [Flag(0)] * 6)
     assert not any("two motions" in text for text in few.notes(fitted=True)), "half of them may be by chance"
     values |= {"trusted": np.zeros(6), "ambiguity": np.full(6, 2.0)}

@@ -12,25 +12,35 @@ import numpy as np
 
 from ..imaging.iwe import scaled_roi_events
 from ..protocol.confidence import FLOOR, confidence, covariance, is_judged, is_sure
+from ..protocol.flags import Flag
 
 PARTS = 12
 
 #: Fewer time stamps say no velocity; of so many, times in a window are told apart.
 FEWEST_STAMPS, STAMPS = 5.5, 64
 
-#: Structure across the main direction of the edges, as a share of that along it. Below the first there is an aperture
-#: problem; below the second where an event also says less than so much about v, 1/px².
-ONE_DIRECTION, NEARLY, LITTLE = 0.08, 0.15, 0.03
+#: Where fewer pixels make the contrast, a short motion is that of hot pixels.
+FEWEST_PIXELS = 8
+
+#: Structure across the main direction of the edges, as a share of that along it: below, there is an aperture problem.
+ONE_DIRECTION = 0.05
 
 #: Autocorrelation of the image at another place: the image repeats; edges of one direction do so below that.
-REPEATS, REPEATS_ALONG = 0.7, 0.4
+REPEATS, REPEATS_ALONG = 0.85, 0.5
 
 #: Correlation of the images of every other event, and of the others: of less, the image is no edge's.
 ALIKE = 0.1
 
+#: All events of the window, of which the buffer holds a part, have the contrast's peak so far from v, px, and half as
+#: far as the mean of the peaks of both halves of its time lies; no peak lies farther off than the second.
+ELSEWHERE_PX, FARTHEST_PX = 1.2, 2.0
+
 #: Where each block of the ROI takes a velocity of its own, out of nine this far apart, the contrast grows by so much in
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
 TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
+
+#: With two motions: halves of the ROI that each have such a share of the contrast have its peak so far apart, px.
+LEAST_SHARE, APART_PX = 0.2, 0.7
 
 #: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all.
 SHARP = 0.045
@@ -47,11 +57,14 @@ class Ambiguity(enum.IntFlag):
     STRIPES = 2
     ONE_DIRECTION = 4
     TWO_MOTIONS = 8
+    FEW_PIXELS = 16
+    ELSEWHERE = 32
+    APART = 64
 
 
-#: With these a window is not trusted. Two motions are only told: they are found in many windows of one motion, too,
+#: With these a window is not trusted. Two motions alone are only told: many windows of one motion look like that, too,
 #: where its texture is dense (docs/is-it-right.md).
-UNTRUSTED = Ambiguity.FEW_STAMPS | Ambiguity.STRIPES | Ambiguity.ONE_DIRECTION
+UNTRUSTED = ~Ambiguity.TWO_MOTIONS
 
 #: In words.
 WORDS = {
@@ -59,6 +72,9 @@ WORDS = {
     Ambiguity.STRIPES: "stripes: may repeat",
     Ambiguity.ONE_DIRECTION: "one direction only",
     Ambiguity.TWO_MOTIONS: "two motions",
+    Ambiguity.FEW_PIXELS: "hot pixels",
+    Ambiguity.ELSEWHERE: "sharper elsewhere",
+    Ambiguity.APART: "halves of the ROI apart",
 }
 
 
@@ -83,13 +99,14 @@ def ambiguity(config, events, result, **which):
         return Ambiguity.FEW_STAMPS
     if config.motion != "translation":
         return found
+    if Flag.SHORT in result.flags and _bright(x, y, size) < FEWEST_PIXELS:
+        return Ambiguity.FEW_PIXELS
     halves = [_spectra(x[k::2], y[k::2], dt[k::2], size) for k in (0, 1)]
-    moved = np.stack([_moved(half, result.v, size) for half in halves])
+    by_time = np.stack([_moved(half, result.v, size) for half in halves])
+    moved = by_time.sum(1)
     parts, middle = sum(halves), moved[:, 4].sum(0)
     brief = parts[PARTS // 2 - 2 : PARTS // 2 + 2].sum(0)
-    across = min(_across(one, size) for one in (middle, parts.sum(0), brief))
-    an_event = confidence(config, result) / result.roi_events
-    if across < ONE_DIRECTION or (across < NEARLY and an_event < LITTLE):
+    if min(_across(one, size) for one in (middle, parts.sum(0), brief)) < ONE_DIRECTION:
         found |= Ambiguity.ONE_DIRECTION
     if not is_sure(result):
         return found
@@ -97,9 +114,20 @@ def ambiguity(config, events, result, **which):
     alike = (images[0, 4] * images[1, 4]).sum() / max((images[:, 4] ** 2).sum() / 2, 1e-12)
     if alike < ALIKE or _repeats(middle, size) > (REPEATS_ALONG if found else REPEATS):
         return found | Ambiguity.STRIPES
+    if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
+        found |= Ambiguity.ELSEWHERE
+    an_event = confidence(config, result) / result.roi_events
     if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * an_event:
         found |= Ambiguity.TWO_MOTIONS
+        if _halves_apart(images) > APART_PX:
+            found |= Ambiguity.APART
     return found
+
+
+def _bright(x, y, size):
+    """How many pixels make the contrast of the image at rest, if each had as large a share."""
+    squares = np.bincount(np.rint(y).astype(np.int64) * size[1] + np.rint(x).astype(np.int64)) ** 2.0
+    return squares.sum() ** 2 / (squares**2).sum()
 
 
 @functools.lru_cache(maxsize=8)
@@ -121,7 +149,10 @@ def _spectra(x, y, dt, size):
 
 
 def _moved(parts, v, size):
-    """Spectra of the images of warped events at v, number 4, and a step beside it on all sides: [9, rows, columns]."""
+    """Spectra of the images of warped events at v, number 4, and a step beside it on all sides.
+
+    Of both halves of the time: complex [2, 9, rows, columns].
+    """
     _, _, down, right, _ = _kept(size)
     times, steps = (np.arange(PARTS) + 0.5) * (2 / PARTS) - 1, np.array([-STEP_PX, 0, STEP_PX])
     phases = (
@@ -129,7 +160,49 @@ def _moved(parts, v, size):
         for k, f in ((0, right), (1, down[:, 0]))
     )
     across, along = phases
-    return np.concatenate([np.einsum("bkl,gbl->gkl", parts * one[..., None], across) for one in along])
+    halves = slice(PARTS // 2), slice(PARTS // 2, None)
+    return np.stack([
+        np.concatenate([np.einsum("bkl,gbl->gkl", (parts * one[..., None])[half], across[:, half]) for one in along])
+        for half in halves
+    ])  # fmt: skip
+
+
+def _elsewhere(by_time):
+    """How far from v the contrast's peak lies, and half as far as the mean of the peaks of both halves, px."""
+    power = np.abs([by_time.sum(0), *by_time]) ** 2
+    power[..., 0] /= 2  # the others stand for two each
+    nowhere = np.full(2, FARTHEST_PX / np.sqrt(2))
+    whole, first, last = (nowhere if (at := _peak(one)) is None else at for one in power.sum((2, 3)))
+    return np.hypot(*whole) + np.hypot(*(first + last) / 2) / 2
+
+
+def _halves_apart(images):
+    """How far apart the contrast's peaks of the left and the right half lie, or of the upper and the lower, px."""
+    whole, found = images.sum(0) ** 2, [0.0]
+    rows, columns = (side // 2 for side in whole.shape[1:])
+    for pair in ((whole[:, :, :columns], whole[:, :, columns:]), (whole[:, :rows], whole[:, rows:])):
+        values = [half.sum((1, 2)) for half in pair]
+        one, two = map(_peak, values)
+        least = min(one[4] for one in values)
+        if one is not None and two is not None and least >= LEAST_SHARE * whole[4].sum():
+            found.append(np.hypot(*(one - two)))
+    return max(found)
+
+
+def _peak(nine):
+    """Where the peak of nine values around v lies beside it, px, by a step of Newton; None where there is none.
+
+    No farther than :data:`FARTHEST_PX`.
+    """
+    values = nine.reshape(3, 3)
+    twice = 2 * values[1, 1]
+    xx, yy = values[1, ::2].sum() - twice, values[::2, 1].sum() - twice
+    xy = (values[::2, ::2] * [[1, -1], [-1, 1]]).sum() / 4
+    if xx >= 0 or xx * yy <= xy * xy:
+        return None
+    x, y = (values[1, 2] - values[1, 0]) / 2, (values[2, 1] - values[0, 1]) / 2
+    step = np.array([xy * y - yy * x, xy * x - xx * y]) / (xx * yy - xy * xy) * STEP_PX
+    return step * FARTHEST_PX / max(np.hypot(*step), FARTHEST_PX)
 
 
 def _across(spectrum, size):

@@ -32,7 +32,7 @@ def test_command(capsys, tmp_path, monkeypatch):
     assert cold["scores"]["median_px"] == pytest.approx(np.median(cold["values"]))
 
 
-@pytest.mark.parametrize("study", studies.STUDIES)
+@pytest.mark.parametrize("study", sorted({*studies.STUDIES} - {*studies.OF_RECORDINGS}))
 def test_studies(study, capsys, monkeypatch):
     monkeypatch.delenv("CMFPGA_DATA", raising=False)
     monkeypatch.setattr(studies, "PLAIN_ETAS", (2.0,))

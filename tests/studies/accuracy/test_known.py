@@ -92,7 +92,8 @@ NOTED = {
 
 @pytest.mark.parametrize("make", NOTED, ids=lambda make: make.__name__)
 def test_truth_of_turning_cameras(make, data_dir):
-    one, (file, omega) = make(data_dir), NOTED[make]
+    file, omega = NOTED[make]
+    one = make(data_dir / file)
     camera = read_calibration(data_dir / file).camera
     places = np.array(one.rois).T + 32.0
     found = [one.truth(*one.events.t[[0, -1]].tolist(), *place[:, None]) for place in places.T]
@@ -101,7 +102,7 @@ def test_truth_of_turning_cameras(make, data_dir):
 
 def test_the_calibration_does_not_hold_at_the_left_border(data_dir):
     """When an object's last edge leaves a column: a straight line, slower than the truth, which is not used there."""
-    one = known._shapes(data_dir)
+    one = known._shapes(data_dir / NOTED[known._shapes][0])
     events = one.events[(one.events.y >= 39) & (one.events.y <= 53)]
     left_at = np.array([events.t[events.x == column].max() for column in range(10)]) / 1e6
     speed, _ = np.polyfit(left_at, range(10), 1)
@@ -112,13 +113,16 @@ def test_the_calibration_does_not_hold_at_the_left_border(data_dir):
 
 
 def test_truth_of_the_spinner(data_dir):
-    one = known._spinner(data_dir)
+    one = known._spinner(data_dir / "prophesee_spinner_640x480.h5")
     first = int(one.events.t[0])
-    assert math.hypot(*one.truth(first, first + 450)) == pytest.approx(13_050, rel=0.01) and not one.in_sum
+    dot = np.mean(one.rois, axis=0) + 32
+    across, down = one.truth(first, first + 450, *dot)
+    assert math.hypot(across, down) == pytest.approx(13_050, rel=0.02) and across > 0 > down and not one.in_sum
 
 
 def test_truth_of_long_recordings(data_dir):
-    board, pan = known._checkerboard(data_dir), known._gyroscope(data_dir)
+    board = known._checkerboard(data_dir / "davis240b_evbench_seq0002.h5")
+    pan = known._gyroscope(data_dir / "davis240c_translboxes_imu.h5")
     for share in (0.1, 0.9):
         (vx, vy), (pan_vx, pan_vy) = middle(board, share), middle(pan, share)
         assert abs(vx) < 2 and -33 < vy < -30 and 19 < pan_vx < 33 and pan_vy == 0
