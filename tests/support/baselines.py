@@ -28,8 +28,8 @@ PLAIN = {"quad": {}, "sliding": {}, "fast, no confidence": {"confidence": 0}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
-#: Presets that fit the device, and seeds of each.
-PLACED, SEEDS = ("fast", "paper", "quad", "sliding"), 5
+#: Presets that fit the device, with the fields that it asks for, and seeds of each. A RAM of 36 kbit would be two there.
+PLACED, SEEDS = {"fast": {"ram_style": "auto"}, "paper": {}, "quad": {}, "sliding": {}}, 5
 #: Presets that other families' devices hold.
 ELSEWHERE = {"LIFCL-40": ("fast",), "GW2A-18": ("paper",)}
 BASELINES = {"fingerprints": {}, "placed": {}, "families": {}, "plain": {}, "motions": {}, "regions": {}} | json.loads(
@@ -87,7 +87,7 @@ def core_alone(kind, name, changes):
 
 def placed_of(name, seeds=SEEDS, device="LFE5U-85F", kind="placed"):
     """Clock and area of a preset, whose name the part of ``name`` before a comma is, and the text."""
-    text = emitted(preset(name.split(",")[0]))[1]
+    text = emitted(preset(name.split(",")[0]).replace(**PLACED[name] if kind == "placed" else {}))[1]
 
     def measure():
         found = place.place(text, seeds=seeds, device=device)
