@@ -28,7 +28,7 @@ PLAIN = {"quad": {}, "sliding": {}, "fast, no confidence": {"confidence": 0}}
 MOTIONS = {name: {} for name in ("full-frame", "rotation", "fast-128", "similarity")}
 #: Of many regions: a unit by itself, and all of it, of one unit and of four.
 REGIONS = {"flow, a unit": {"units": 1}, "flow, one unit": {"units": 1}, "flow": {}}
-#: Presets that fit the device, with the fields that it asks for, and seeds of each. A RAM of 36 kbit would be two there.
+#: Presets that fit the device, with the fields that it asks for, and seeds of each. 36-kbit RAMs are two each there.
 PLACED, SEEDS = {"fast": {"ram_style": "auto"}, "paper": {}, "quad": {}, "sliding": {}}, 5
 #: Presets that other families' devices hold.
 ELSEWHERE = {"LIFCL-40": ("fast",), "GW2A-18": ("paper",)}
