@@ -74,7 +74,7 @@ MUTANTS = {  # module, old, new, configuration
     "half a pixel twice": (warp, "return 0, scaled", "return 1 << config.dt_frac, scaled", "fine dither"),
     "half a pixel stays": (warp, "return 0, scaled", "return 0, 0", "paper"),
     "dither too small": (dither, "Cat(Const(0, wide - frac), offset)", "offset", "coarse dither"),
-    "positions too small": (dither, "event[axis] << (wide - formats.event_frac)", "event[axis]", "fine dither"),
+    "positions too small": (dither, "event_s1 << (wide - formats.event_frac)", "event_s1", "fine dither"),
 }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from support.mutation import break_blocks
 MUTANTS = {  # module, old, new, configuration
     "a pair does not cancel": (one_pass_gradient, "Mux(valid[a] ^ valid[b], Mux(", "Mux(1, Mux(", "one pass"),
     "sums go on": (one_pass_gradient, "growth + Mux(begin, 0, before)", "growth + before", "one pass"),
-    "squares of another step": (one_pass_gradient, "2 * step.i + w", "2 * step.i", "fast"),
+    "squares of another step": (one_pass_gradient, "2 * i + w", "2 * i", "fast"),
     "warped by the last probe": (probe, "self.complete & turn.any()", "self.complete & turn[:3].any()", "similarity"),
     "sums of the last probe": (probe, "self.sums.valid & self.iterating", "self.sums.valid", "similarity"),
     "means of three": (verdict, "Mux(turn == 0, 0, total)", "Mux(turn[1] == 0, 0, total)", "four evaluators"),

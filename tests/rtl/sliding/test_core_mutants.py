@@ -38,7 +38,7 @@ MUTANTS = {
         hop_evaluation, "age.eq(Mux(many & timed, aged, 0))", "age.eq(aged)", (core, "HopEvaluation"),
     ),
     "the unit forgets the window": (
-        hop_evaluation, "last_step + Mux(hop.empty, 0,", "last_step + Mux(1, 0,", (core, "HopEvaluation"),
+        hop_evaluation, "gap.eq(Mux(hop.empty, 0,", "gap.eq(Mux(1, 0,", (core, "HopEvaluation"),
     ),
     "the reference time stands still": (
         hop_evaluation, "half.eq(self.unit >> 1), first.eq(hop.t_first)]", "half.eq(self.unit >> 1)]",
