@@ -166,7 +166,7 @@ class Vectors:
             # After a reset the banks are swept; with a sweep per iteration, the sums of this one settle.
             "CLEARING": 1 + core.sweep_cycles + core.image.latency
             if config.gradient == "sweep"
-            else config.geometry.bank_depth,
+            else config.geometry.bank_depth + 1,
             # Twice the longest time in which nothing that the bench counts can happen.
             "PATIENCE": 2 * (config.buffer_events + config.geometry.bank_words + 500),
         }

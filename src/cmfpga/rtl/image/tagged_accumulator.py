@@ -110,7 +110,7 @@ class TaggedBank(wiring.Component):
             m.d.comb += write.data[name].eq(total[4][name])
             m.d.sync += total[4][name].eq(add[3][name] + base[name])
         with m.If(~valid[3]):  # for who adds up what all banks tell
-            m.d.sync += [self.o.payload.i.eq(0), self.o.payload.add.i.eq(0)]
+            m.d.sync += [self.o.payload.i.eq(0), self.o.payload.add.i.eq(0), total[4].eq(0)]
         return m
 
     def _base(self, m, word, tag, known, total):
