@@ -151,7 +151,7 @@ def test_a_live_source_is_tracked_but_not_read_again(dot, dot_events):
     ({"roi": None}, "roi: the ROI's left column"),
     ({"roi": (40, 0)}, "ROI at 40,0: 0,0 to 24,16 is needed"),
     ({"engine": "gpu"}, "engine 'gpu': one of rtl, model, float, axi, serial:PORT is needed"),
-    ({"preset": "slow"}, "preset 'slow': one of paper"),
+    ({"preset": "slow"}, "preset 'slow': did you mean 'flow'. One of paper"),
     ({"nonsense": 1}, "'nonsense': no such field"),
     ({"batch_us": 100}, "events and duration_us given"),
     ({"batch_events": 101}, "events = 101: at most 100 is allowed"),

@@ -218,7 +218,7 @@ def test_events_ahead_of_the_first_word_of_time(tmp_path, form):
     ("% evt 4.0\n", {}, "version '4.0'; '% evt' or '% format' of EVT 2.0, 2.1 or 3.0 is needed"),
     ("% format HISTO3D;height=320\n", {}, "version 'HISTO3D;height=320'; '% evt' or '% format' of EVT 2.0, 2.1 or 3"),
     ("% format EVT21;endianness=big\n", {}, "EVT 2.1 of endianness 'big'; little or legacy is needed"),
-    ("% evt 2.0\n", {"form": "evt5"}, "format 'evt5'; one of evt2, evt21, evt21-legacy, evt3"),
+    ("% evt 2.0\n", {"form": "evt5"}, "format 'evt5'; did you mean 'evt3'. One of evt2, evt21, evt21-legacy, evt3"),
     ("", {}, "does not begin like it: .*--format evt2"),
 ])  # fmt: skip
 def test_what_is_not_read(tmp_path, rng, header, options, message):

@@ -32,7 +32,7 @@ def test_track_and_flow_take_the_same(tmp_path):
 
 
 @pytest.mark.parametrize("size, bits", [
-    ((240, 180), None), ((346, 260), 11), ((320, 320), 12), ((640, 480), 13), ((1280, 720), 15), ((1280, 800), 15),
+    ((240, 180), None), ((346, 260), 11), ((320, 320), 11), ((640, 480), 13), ((1280, 720), 15), ((1280, 800), 15),
 ])  # fmt: skip
 def test_a_rotation_has_the_tags_that_its_image_needs(size, bits):
     """No more of them, and none where the preset's are enough, or a smaller ROI is told."""
