@@ -224,7 +224,7 @@ def cycles_of(config, result, plan):
 
 
 #: What a batch of fewer events takes with two buffers: the next ROI must be known.
-SHORTEST = 7
+SHORTEST = 8
 
 
 def per_iteration(config):
@@ -232,11 +232,11 @@ def per_iteration(config):
     if config.ascent == "newton":  # serial sums, and the ascent
         levels = 1 if config.max_level else 0
         division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-        return levels + 3 + 3 + 8 + (3 if config.evaluators == 4 else 0) + division + solver_cycles(config)
+        return levels + 3 + 3 + 9 + (4 if config.evaluators == 4 else 1) + division + solver_cycles(config)
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
     division = division if config.motion == "translation" else 3  # flow and moments take four cycles, the gradient none
     ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
-    return division + ascent + 16 + (config.geometry.bank_words if config.gradient == "sweep" else 0)
+    return division + ascent + 16 + (config.geometry.bank_words if config.gradient == "sweep" else 1)
 
 
 def judge_cycles(config):
@@ -248,18 +248,18 @@ def verdict_cycles(config):
     """Cycles of a batch whose v is judged in rounds: what the verdict takes longer than the ascent."""
     drop = config.widths.curvature_bits - 17
     squares = 1 if config.widths.sum_i_bits <= 17 else 4
-    return max(1, squares + 21 + drop // 4 + min(3, drop) - solver_cycles(config))
+    return max(1, squares + 26 + drop // 4 + min(3, drop) - solver_cycles(config))
 
 
 def solver_cycles(config):
-    """Cycles from a round's last gradient to the next v: those of normalising, a bit of the quotient each, and 17."""
+    """Cycles from a round's last gradient to the next v: those of normalising, a bit of the quotient each, and 20."""
     drop = config.widths.round_bits - 17
     fours = max(0, drop - 3) // 4
-    return fours + (drop - 4 * fours) + config.v_frac + 17
+    return fours + (drop - 4 * fours) + config.v_frac + 20
 
 
 def constant_cycles(config):
     """Cycles of a batch that depend on neither N, n nor T, as a number."""
-    dither = 1 if config.dither_frac else 0
+    dither = 2 if config.dither_frac else 0
     dither += 8 if config.undistortion == "on" else 0
     return config.span_bits + config.reciprocal_bits + dither + (30 if config.buffers == 1 else 22)
