@@ -248,7 +248,8 @@ def verdict_cycles(config):
     """Cycles of a batch whose v is judged in rounds: what the verdict takes longer than the ascent."""
     drop = config.widths.curvature_bits - 17
     squares = 1 if config.widths.sum_i_bits <= 17 else 4
-    return max(1, squares + 26 + drop // 4 + min(3, drop) - solver_cycles(config))
+    division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
+    return max(1, squares + 26 + drop // 4 + min(3, drop) - division - solver_cycles(config))
 
 
 def solver_cycles(config):

@@ -78,8 +78,8 @@ class Iterating:
     @property
     def judge_latency(self):
         """Cycles that a batch takes more if v's confidence is measured, beside those of iterations."""
-        if self.rounds:  # the verdict begins with the last gradients, as the ascent does
-            return max(1, self.judge.latency + 1 - self.ascent.latency) if self.judge else 1
+        if self.rounds:  # the verdict begins with the last sums, the ascent with the last gradients
+            return max(1, self.judge.latency + 1 - self.gradient.latency - self.ascent.latency) if self.judge else 1
         return self.probe.latency + self.judge.latency - self.ascent.latency
 
     def iterated_cycles(self, roi_events, iterations, judge=None):
