@@ -85,7 +85,8 @@ def estimate(verilog, *, by_block=False, report=lambda doing: None):
         between the blocks is in the total only.
     """
     version = require_yosys()
-    counted = _rows_of([TOP, *(blocks(verilog) if by_block else ())], verilog, report)
+    inside = blocks(verilog)
+    counted = _rows_of([TOP, *(inside if by_block else ())], verilog, report)
     total = counted.pop(TOP)
     every = {
         "sum_of_blocks": {kind: sum(row[kind] for row in counted.values()) for kind in KINDS},
