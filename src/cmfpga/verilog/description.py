@@ -223,8 +223,6 @@ targets:
     tools:
       verilator:
         mode: lint-only
-        # Operands are extended to the result's width, by Verilog's rules.
-        verilator_options: [-Wno-WIDTHEXPAND]
 """
 
 

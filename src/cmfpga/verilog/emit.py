@@ -147,6 +147,9 @@ def _header(config, name):
         f"// {name}: Contrast Maximization for event cameras, emitted by cmfpga {__version__}.\n"
         f"// Configuration {config.hardware_hash[:16]}; its fields are in build-info.json.\n"
         "// SPDX-License-Identifier: BSD-2-Clause\n"
+        # Verilator's state is that of this file alone.
+        "// Operands have the widths of their signals. Verilog extends them to the result's, which holds every value:\n"
+        "// verilator lint_off WIDTHEXPAND\n"
     )
 
 
