@@ -361,12 +361,22 @@ class Config:
 
         In pixels of the image, which are wider than the sensor's with ``binning``.
         """
-        return binned_camera(parse_camera(self.camera), self.binning)
+        return binned_camera(self.calibration, self.binning)
+
+    @cached_property
+    def calibration(self):
+        """The same as it is given, in pixels of the sensor."""
+        return parse_camera(self.camera)
 
     @property
     def pixel(self):
-        """Width of a pixel of ROI, v and image, in pixels of the sensor."""
+        """Width of a pixel of ROI, v and image, in pixels of the sensor: users are told all in those."""
         return 1 << self.binning
+
+    @property
+    def roi_px(self):
+        """Columns and rows of the ROI, in pixels of the sensor."""
+        return self.roi_width << self.binning, self.roi_height << self.binning
 
     @property
     def slice_events(self):

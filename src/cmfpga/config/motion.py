@@ -10,7 +10,6 @@ from math import floor
 
 from ..errors import ConfigError
 from ..fixed import Q, bits_for
-from .checks import parse_camera
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +180,7 @@ def check_lens(config):
     """The nine numbers of the camera by which a rotation is seen; :exc:`ConfigError` where there is none that fits."""
     if not config.lens:
         raise ConfigError("motion = rotation: a calibration is needed: camera = fx,fy,cx,cy,k1,k2,p1,p2,k3, in px")
-    fx, fy, cx, cy = parse_camera(config.camera)[:4]  # in the user's pixels, those of the sensor
+    fx, fy, cx, cy = config.calibration[:4]  # in the user's pixels, those of the sensor
     if not 0.95 < fx / fy < 1.05:
         raise ConfigError(f"motion = rotation: fx = {fx:g}, fy = {fy:g} px: they may differ by 5 %")
     first = (config.pixel - 1) / 2  # middle of the image's first column
