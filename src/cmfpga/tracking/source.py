@@ -162,9 +162,12 @@ def rotation_fields(source, motion, given, how):
     for binning in (given.get("binning", 0),) if "binning" in given or not known else range(4):
         with contextlib.suppress(ConfigError):  # what is wrong with it is said of the configuration itself
             image = preset("paper").replace(**sensor, binning=binning, roi_width=2, roi_height=2).geometry.size
-            fields = {f"roi_{side}": px for side, px in zip(size, image, strict=True)} | {"binning": binning}
-            config = usual.replace(**{**sensor, **found, **fields, **told, "tag_bits": 20})
-            own = fields | {"tag_bits": max(usual.tag_bits, config.one_pass.fewest_tag_bits)}
+            own = {f"roi_{side}": px for side, px in zip(size, image, strict=True)}
+            if binning:  # a pixel of the image has the events of many of the sensor
+                own |= {"binning": binning, "max_batch_events": (usual.max_batch_events + 1 << 2 * binning) - 1}
+            config = usual.replace(**{**sensor, **found, **own, **told, "tag_bits": 20})
+            if (bits := config.one_pass.fewest_tag_bits) > usual.tag_bits:
+                own["tag_bits"] = bits
             if config.geometry.bank_depth > _MOST_WORDS:
                 continue
         break
