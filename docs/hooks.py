@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "cmfpga"
 DOCS = "docs/"
 # Pages that lie outside docs/, and their names in the site.
-ELSEWHERE = {f"{name}.md": f"boards/{name}/README.md" for name in ("kv260", "ulx3s")}
+ELSEWHERE = {f"{name}.md": f"boards/{name}/README.md" for name in ("kv260", "ulx3s", "tang_primer_20k")}
 SIGNS = re.compile(r"(?<=[._/,=|:\])-])(?=[^\s])")
 LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)\s#:]+)(#[^)\s]*)?\)")
 

@@ -24,17 +24,19 @@ class Board:
 
 @dataclass(frozen=True, kw_only=True)
 class SerialBoard(Board):
-    """A board without a processor: the serial top, and open tools for its Lattice ECP5."""
+    """A board without a processor: the serial top, and open tools for its FPGA."""
 
-    #: Of its oscillator, in Hz, which the PLL makes :attr:`Board.clock_hz` of; and what the PLL runs at inside.
+    #: Of its oscillator, in Hz, of which a PLL makes :attr:`Board.clock_hz` where they differ; and what that runs at
+    #: inside.
     oscillator_hz: int
-    vco_hz: int
+    vco_hz: int = 0
     #: Of the serial line, unless another is asked for.
     baud: int
     #: The fastest clock of a sensor that the design is made for, in Hz.
     sensor_clock_hz: int
-    #: ``{signal: pins of the GPIO header}`` of the sensor's port.
+    #: ``{signal: pins}`` of the sensor's port; of amaranth-boards' connector where one is named, else of the device.
     sensor_pins: dict[str, str]
+    sensor_connector: tuple[str, int] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,7 @@ ULX3S = SerialBoard(
     vco_hz=600_000_000,  # 400 to 800 MHz (Lattice FPGA-DS-02012, "sysCLOCK PLL Timing")
     baud=3_000_000,  # the most that the board's FT231X makes, and 25 cycles a bit
     sensor_clock_hz=75_000_000,
+    sensor_connector=("gpio", 0),
     # All of one bank, beside each other; the clock on one of its clock inputs.
     sensor_pins={
         "pclk": "0+",

@@ -125,7 +125,7 @@ def parser():
     )
     serial = made.add_argument_group("a board without a processor (--top " + ", ".join(_serial_boards()) + ")")
     serial.add_argument(
-        "--bitstream", action="store_true", help="its whole bitstream, by Yosys, nextpnr and Trellis (minutes); "
+        "--bitstream", action="store_true", help="its whole bitstream, by Yosys, nextpnr and a packer (minutes); "
         f"of the first of --seeds ({bitstream.SEEDS}) that meets timing",
     )  # fmt: skip
     serial.add_argument("--baud", type=cli.positive, metavar="N", help="of its serial line (default: the board's)")
@@ -148,7 +148,7 @@ def main(arguments=None):
     if options.place:
         place.require_tools(options.place, options.speed, options.target)
     if options.bitstream:
-        place.require_tools()
+        place.require_tools(BOARDS[options.top].device)
     if not options.place and (options.speed or options.target or (options.seeds and not options.bitstream)):
         raise UserError("--speed, --seeds and --target say how to --place: name a device with that")
     board = BOARDS.get(options.top)
@@ -171,7 +171,8 @@ def main(arguments=None):
         print(*(f"wrote {path}" for path in paths), sep="\n", flush=True)
     emitted = wrapped or paths[0]
     verilog, top = emitted.read_text(encoding="utf-8"), {"top": emitted.stem, "report": _report}
-    image, seeds = emitted.with_suffix(".bit"), options.seeds or bitstream.SEEDS
+    seeds = options.seeds or bitstream.SEEDS
+    image = emitted.with_suffix(bitstream.FLOWS[board.name].suffix) if options.bitstream else None
     how = {"device": options.place, "speed": options.speed, "seeds": options.seeds, "aim_mhz": options.target}
     found = {}
     for name, what, measure in (

