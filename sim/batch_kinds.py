@@ -79,8 +79,9 @@ class Maker:
         )
 
     def anywhere(self, n):
-        """``n`` random pixels of the sensor."""
-        return self.rng.integers(self.config.sensor_width, size=n), self.rng.integers(self.config.sensor_height, size=n)
+        """``n`` random pixels of the image."""
+        width, height = self.config.geometry.size
+        return self.rng.integers(width, size=n), self.rng.integers(height, size=n)
 
     def mixed(self, n, roi):
         """``n`` pixels, half of them in the ROI for sure."""
@@ -127,7 +128,7 @@ class Maker:
         """A batch of kind ``name``; ``roi`` is where the core's ROI stands."""
         settings = self.settings()
         changes = KINDS[name](self, clamp_roi(self.config, settings.roi or roi)[0])
-        x, y = changes.pop("pixels")
+        x, y = (axis << self.config.binning for axis in changes.pop("pixels"))
         fields = {
             "t": self.times(len(x)),
             "gaps": np.zeros(len(x), np.int64),
@@ -185,7 +186,7 @@ def borders(make, roi):
     x = np.select([edge == 0, edge == 1, edge == 2, edge == 3], [left - 1, left, right - 1, right], x)
     y = np.select([edge == 4, edge == 5, edge == 6, edge == 7], [top - 1, top, bottom - 1, bottom], y)
     order = rng.permutation(n)
-    pixels = np.clip(x, 0, config.sensor_width - 1)[order], np.clip(y, 0, config.sensor_height - 1)[order]
+    pixels = np.clip(x, 0, config.geometry.width - 1)[order], np.clip(y, 0, config.geometry.height - 1)[order]
     v = (config.formats.v.max, config.formats.v.min, *(p.fmt.min for p in config.motion_model.parameters[2:]))
     return {"pixels": pixels, "settings": {"start_last": False, "v_start": v}}
 

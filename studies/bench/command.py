@@ -41,6 +41,10 @@ def _parser():
     )
     cli.add_clock_option(made)
     made.add_argument("--flow", action="store_true", help="dense flow instead, of 1, 2, 4 and 8 units (quick: 4)")
+    made.add_argument(
+        "--sensor", type=cli.pair("W,H"), metavar="W,H",
+        help="--flow: of a synthetic window of this sensor, with the tiles and events that flow takes; 3 and 4 units",
+    )  # fmt: skip
     made.add_argument("--hops", action="store_true", help="windows that slide instead: from a hop's last event on")
     made.add_argument("--json", metavar="FILE", help="write all numbers to FILE too")
     made.add_argument(
@@ -104,7 +108,7 @@ def _batches(options, missing, *, runs, seconds):
 def _flow(options, missing, *, runs, seconds):
     from .flow import measure, text
 
-    units = (4,) if options.quick else (1, 2, 4, 8)
+    units = (3, 4) if options.sensor else (4,) if options.quick else (1, 2, 4, 8)
     if why := cannot_compile():
         missing.append(f"{why}: the hardware's cycles are not measured")
         units = ()
@@ -115,7 +119,8 @@ def _flow(options, missing, *, runs, seconds):
             bar.update()
 
         report = measure(
-            units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, data=options.data, step=step
+            units=units, runs=runs, seconds=seconds, clock=options.clock, missing=missing, data=options.data,
+            sensor=options.sensor, step=step,
         )  # fmt: skip
     return [*text(report), *(f"not measured: {line}" for line in missing)], report
 

@@ -30,7 +30,7 @@ SYNTHETIC = "synthetic, the camera turns"
 COARSE, FINE = STEPS[COLD], "1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5"
 
 
-def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what: None):
+def measure(*, units, runs, seconds, clock, missing, data=None, sensor=None, step=lambda what: None):
     """Rows of the table, JSON-ready.
 
     Parameters
@@ -45,12 +45,19 @@ def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what
         What cannot be measured here is said there.
     data : str, optional
         Folder of recordings, of which a window each is measured too.
+    sensor : pair of int, optional
+        Of the synthetic window alone: a larger one, with the tiles, and the events of a window, that ``flow`` takes.
     step : callable
         Called with what is measured next.
     """
     config = preset("flow")
-    tiles, settings, events = grid(config), BatchSettings.from_config(config), scene().events[:EVENTS]
-    windows, hardware = {SYNTHETIC: (settings, events), **_recorded(data)}, []
+    tiles, made, most = grid(config), scene(*sensor or ()), EVENTS
+    if sensor:
+        config, tiles, _ = configure(made.recording(SYNTHETIC), "flow", {}, None, None, str)
+        most = config.max_batch_events
+    events = made.events[:most]
+    settings = BatchSettings.from_config(config)
+    windows, hardware = {SYNTHETIC: (settings, events), **_recorded(None if sensor else data)}, []
     for count in units:
         step(f"{count} units")
         for name, (chosen, window) in windows.items():
@@ -64,7 +71,7 @@ def measure(*, units, runs, seconds, clock, missing, data=None, step=lambda what
         "processor": processor(),
         "runs": runs,
         "hardware": hardware,
-        "programs": _programs(config, tiles, settings, events, runs, seconds, missing, step),
+        "programs": [] if sensor else _programs(config, tiles, settings, events, runs, seconds, missing, step),
     }
 
 

@@ -28,7 +28,7 @@ def _inside(config, rng, roi, n):
 def random_everywhere(config, rng, roi):
     """Up to 400 events all over the sensor."""
     n = int(rng.integers(1, 400))
-    return rng.integers(config.sensor_width, size=n), rng.integers(config.sensor_height, size=n)
+    return rng.integers(config.geometry.width, size=n), rng.integers(config.geometry.height, size=n)
 
 
 @pattern
@@ -79,15 +79,15 @@ def corners_and_edges(config, rng, roi):
     y = rng.integers(roi[1] - 1, bottom + 1, size=n)
     swap = rng.random(n) < 0.5
     y[swap] = rng.choice([roi[1] - 1, roi[1], bottom - 1, bottom], swap.sum())
-    return np.clip(x, 0, config.sensor_width - 1), np.clip(y, 0, config.sensor_height - 1)
+    return np.clip(x, 0, config.geometry.width - 1), np.clip(y, 0, config.geometry.height - 1)
 
 
 @pattern
 def everything_outside(config, rng, roi):
     """No event in the ROI."""
-    x, y = rng.integers(config.sensor_width, size=80), rng.integers(config.sensor_height, size=80)
+    x, y = rng.integers(config.geometry.width, size=80), rng.integers(config.geometry.height, size=80)
     inside = (x >= roi[0]) & (x < roi[0] + config.roi_width) & (y >= roi[1]) & (y < roi[1] + config.roi_height)
-    return np.append(x[~inside], 0 if roi[0] else config.sensor_width - 1), np.append(y[~inside], 0)
+    return np.append(x[~inside], 0 if roi[0] else config.geometry.width - 1), np.append(y[~inside], 0)
 
 
 @pattern
@@ -107,7 +107,7 @@ def moving_edge(config, rng, roi):
     along = np.linspace(0, 1, n)
     x = roi[0] + config.roi_width / 3 + along * rng.uniform(-5, 5) + rng.normal(0, 0.6, n)
     y = roi[1] + rng.uniform(0, config.roi_height, n)
-    clip = (np.clip(x, 0, config.sensor_width - 1), np.clip(y, 0, config.sensor_height - 1))
+    clip = (np.clip(x, 0, config.geometry.width - 1), np.clip(y, 0, config.geometry.height - 1))
     return tuple(axis.astype(np.int64) for axis in clip)
 
 
@@ -160,10 +160,20 @@ def times(config, rng, n):
     return t
 
 
+def on_the_sensor(config, rng, x, y):
+    """Pixels of the sensor, any of those that a binned one is made of; a last one may be made of fewer."""
+    if not config.binning:
+        return x, y
+    axes = zip((x, y), (config.sensor_width, config.sensor_height), strict=True)
+    return tuple(
+        np.minimum((at << config.binning) + rng.integers(config.pixel, size=len(at)), size - 1) for at, size in axes
+    )
+
+
 def random_events(config, rng, roi, name=None):
     """``(name, events)`` of a pattern, by default a random one; no longer than a batch may be."""
     name = name or str(rng.choice(list(PATTERNS)))
-    x, y = PATTERNS[name](config, rng, roi)
+    x, y = on_the_sensor(config, rng, *PATTERNS[name](config, rng, roi))
     columns = (times(config, rng, len(x)), x, y, np.zeros(len(x)))
     return name, Events(*(column[: config.slice_events] for column in columns))
 
@@ -190,7 +200,7 @@ def random_settings(config, rng, previous_roi):
         cold_after_doubtful=int(rng.random() < 0.8),
         confidence_limit=int(rng.choice([1, 20, 90, 90, 1023])),
         hot_mask=random_mask(config, rng, roi or previous_roi),
-        camera=random_lens(config, rng),
+        camera=random_lens(config, rng, image=config.geometry),
         background_us=min(config.widths.background_us_max, int(rng.choice([0, 1, 30, 300, 5000, 1 << 31]))),
         **(random_schedules(config, rng) if config.ascent_rule.has_table else {}),
     )
@@ -205,19 +215,19 @@ def random_mask(config, rng, roi):
     if rng.random() < 0.3:
         x, y = rng.integers(config.sensor_width, size=count), rng.integers(config.sensor_height, size=count)
     else:
-        x, y = _inside(config, rng, clamp_roi(config, roi)[0], count)
+        x, y = on_the_sensor(config, rng, *_inside(config, rng, clamp_roi(config, roi)[0], count))
     return tuple(sorted(set(zip(x.tolist(), y.tolist(), strict=True))))
 
 
-def random_lens(config, rng):
-    """None, or a camera with any distortion that can be undone, its centre near the sensor's.
+def random_lens(config, rng, image=None):
+    """None, or a camera with any distortion that can be undone, its centre near the sensor's, or that of its ``image``.
 
     A rotation always has one, with square pixels and a focal length that its format holds.
     """
     turning = config.motion == "rotation"
     if config.undistortion == "off" or (rng.random() < 0.3 and not turning):
         return ()
-    size = np.array([config.sensor_width, config.sensor_height])
+    size = np.array([image.width, image.height] if image else [config.sensor_width, config.sensor_height])
     focus = size.max() * rng.uniform(0.9, 2.0, 2)
     if turning:
         focus = max(33, focus[0]) * rng.uniform(1, 1.04, 2)
@@ -227,7 +237,7 @@ def random_lens(config, rng):
     try:
         Camera(*lens).rays(*np.meshgrid(*((0, side - 1) for side in size)))
     except ConfigError:
-        return random_lens(config, rng)
+        return random_lens(config, rng, image)
     return lens
 
 
@@ -261,8 +271,8 @@ def random_regions(config, rng, count=None):
         margin = int(rng.integers(config.roi_width - width + 1)), int(rng.integers(config.roi_height - height + 1))
         regions.append(
             Region(
-                x=int(rng.integers(config.sensor_width)),
-                y=int(rng.integers(config.sensor_height)),
+                x=int(rng.integers(config.geometry.width)),
+                y=int(rng.integers(config.geometry.height)),
                 width=width,
                 height=height,
                 margin=margin if rng.random() < 0.5 else None,

@@ -219,7 +219,10 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
     """
     config, model = core.config, model or make_engine("model", core.config)
     fixed = random_schedules(config, rng) if config.ascent_rule.has_table else {}
-    fixed |= {"hot_mask": random_mask(config, rng, model.places[0]), "camera": random_lens(config, rng)}
+    fixed |= {
+        "hot_mask": random_mask(config, rng, model.places[0]),
+        "camera": random_lens(config, rng, image=config.geometry),
+    }
     batches, rows, expected, cycles = [], [], [], 0
     while len(batches) < most and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.places[0])

@@ -76,7 +76,7 @@ def _fields(rng, regions, shell):
         if (choices := field.metadata["choices"])
         else _integer(field, rng, largest)
         for field in dataclasses.fields(Config)
-        if field.name not in (*OF_REGIONS, "evt3")
+        if field.name not in (*OF_REGIONS, "evt3", "binning")
         and (field.type is int or field.metadata["choices"])
         and rng.random() < 0.7
     }
@@ -120,6 +120,7 @@ def _fields(rng, regions, shell):
         if name in ("follow", "after") and rng.random() < 0.3:
             values[name] = ""
     values["evt3"] = int(shell and rng.integers(2))
+    values["binning"] = int(rng.integers(1, 4)) if rng.random() < 0.2 else 0
     idle = unread(defaults | values)
     return {name: value for name, value in values.items() if name not in idle}
 

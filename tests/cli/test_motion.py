@@ -65,6 +65,28 @@ def test_a_rotation_needs_no_option(turn, tmp_path, capsys):
     assert (summary["config"]["roi_width"], summary["config"]["roi_height"]) == (240, 180)
 
 
+@pytest.mark.parametrize("sensor, camera, pixels, image", [
+    ((640, 480), "533,533,315,243,-0.35,0.12,0,0,0", "2×2", "320×240"),
+    ((1280, 720), "1066,1066,629,365,-0.35,0.12,0,0,0", "4×4", "320×180"),
+])  # fmt: skip
+def test_a_rotation_of_a_large_sensor_is_binned(sensor, camera, pixels, image, tmp_path, capsys):
+    """Without an option, in the unit of the small one, and as exactly; px/s are those of the sensor's pixels."""
+    path, size = tmp_path / "turn.h5", "{},{}".format(*sensor)
+    told = ["--sensor", size, "--camera", camera, "--bars", "20", "--contrast", "1.5", "--duration-us", "90000"]
+    assert generate.main([str(path), "--rotation", "0.5,-1,0.4", *told]) == 0
+    told = [str(path), "--preset", "rotation", "--engine", "model", "--batches", "2", "--out", str(tmp_path)]
+    assert track.main([*told, "--no-picture"]) == 0
+    said, found = capsys.readouterr(), rows(tmp_path)
+    assert f"pixels are binned {pixels}, to {image} (binning = " in said.err
+    assert "2 of 2 batches are to be trusted" in said.out
+    for row in found:
+        omega = np.array([float(row[name]) for name in RATES["rotation"]])
+        assert np.abs(omega - OMEGA).max() < 0.06
+        focus = float(camera.split(",")[0])
+        assert float(row["vx_px_per_s"]) == pytest.approx(-omega[1] * focus, rel=1e-3)
+        assert float(row["vy_px_per_s"]) == pytest.approx(omega[0] * focus, rel=1e-3)
+
+
 @pytest.mark.usefixtures("compiler")
 @pytest.mark.parametrize("preset", ["similarity", "rotation"])
 def test_the_axi_top_finds_the_same(preset, turn, grow, tmp_path, capsys):

@@ -40,6 +40,7 @@ ROOM = {
     **{name: {"window_events": 1 << 17, "buffer_events": 1 << 17} for name in ("window_events", "hop_events")},
     **{name: {"time_bits": 48, "span_bits": 32} for name in ("window_us", "hop_us")},
     "background_us": {"time_bits": 48, "span_bits": 32}, "slices": {"max_batch_events": 16},
+    "binning": {"sensor_width": 16, "sensor_height": 16},
 }  # fmt: skip
 # What reads a field that the defaults do not.
 ROUNDS = {"gradient": "one_pass", "ascent": "newton", "border": "whole", "v_frac": 2, "max_iterations": 20}

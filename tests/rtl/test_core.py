@@ -108,7 +108,7 @@ def test_cycle_formula_is_exact(name, rng):
     """:meth:`Core.cycles` in free flow, for one event and for many, and its latencies."""
     config = CONFIGS[name]
     center = config.sensor_width // 2, config.sensor_height // 2
-    roi = center[0] - config.roi_width // 2, center[1] - config.roi_height // 2
+    roi = (center[0] >> config.binning) - config.roi_width // 2, (center[1] >> config.binning) - config.roi_height // 2
     # The first and the last event at the ROI's centre, so that no batch is degenerate.
     batches = [
         Batch(

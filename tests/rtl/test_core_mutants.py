@@ -7,7 +7,7 @@ from cmfpga.rtl.ascent import sign
 from cmfpga.rtl.confidence import probe, verdict
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.image import basis, flow, gradient_reader, moments, one_pass_gradient, voter, warp
-from cmfpga.rtl.ingest import event_buffer, ingest_control
+from cmfpga.rtl.ingest import binning, event_buffer, ingest_control
 from support.bench import Repeated
 from support.core_batches import CONFIGS, random_batch, run, spread
 from support.mutation import break_blocks
@@ -59,6 +59,8 @@ MUTANTS = {  # module, old, new, configuration
                       "(row == config.geometry.bank_rows - 2)", "small"),
     "y by x": (gradient_reader, 'pixel[f"d{name}"]', 'pixel["dx"]', "small"),
     "products go on": (gradient_reader, "delay(m, first, self.lead,", "delay(m, first & 0, self.lead,", "small"),
+    "binned by half": (binning, ">> self.config.binning if", ">> self.config.binning - 1 if", "binned"),
+    "rows not binned": (binning, 'in ("x", "y")', 'in ("x",)', "binned rotation"),
     "division not waited for": (iteration_control, "eq(self.divided | next", "eq(self.divide | next", "small"),
     "an iteration too many": (iteration_control, "self.iterations + 1 == run.planned", "self.iterations == run.planned",
                               "small"),

@@ -59,6 +59,15 @@ CONFIGS = {
         **SMALL | {"roi_height": 13}, **LIMITS | {"buffer_events": 37}, buffers=1, tag_bits=4, ram_style="auto",
         max_level=2, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4", camera="36,35,18.3,16.8",
     ),
+    # Images whose last column and row are made of fewer pixels; an undistorted one.
+    "binned": preset("fast").replace(
+        **SMALL | {"sensor_width": 75, "sensor_height": 53}, **LIMITS, **ROUNDS, tag_bits=4, binning=1
+    ),
+    "binned rotation": preset("rotation").replace(
+        **SMALL | {"sensor_width": 157, "sensor_height": 117, "roi_height": 13}, **LIMITS | {"buffer_events": 37},
+        buffers=1, tag_bits=4, ram_style="auto", max_level=2, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4",
+        camera="144,140,74.7,68.7", binning=2,
+    ),
     # A full buffer thins out; of a depth that is odd and no power of two.
     "thin": Config(**SMALL, **LIMITS | {"buffer_events": 7}, when_full="thin", iterations=3),
     "two, thin": Config(**SMALL, **LIMITS | {"buffer_events": 20}, when_full="thin", buffers=2, iterations=3),
@@ -80,7 +89,8 @@ def moving_points(config, rng, count, *, bad_times=0.0, span=None, around=None):
     v = rng.uniform(-4, 4, 2)
     columns = []
     for axis, limit in enumerate(limits):
-        points = center[axis] + rng.integers(-4, 5, 3)[rng.integers(0, 3, count)] + phase * v[axis]
+        offsets = rng.integers(-4 * config.pixel, 4 * config.pixel + 1, 3)
+        points = center[axis] + offsets[rng.integers(0, 3, count)] + phase * v[axis] * config.pixel
         anywhere = rng.integers(0, limit, count)
         column = np.where(rng.random(count) < 0.3, anywhere, np.round(points))
         columns.append(np.clip(column, 0, limit - 1).astype(int).tolist())
@@ -119,13 +129,13 @@ def random_batch(config, rng, *, bad_times=0.15):
     count = config.max_batch_events if end == "cut" else int(rng.choice([1, 2, 3, 8, 20, 40, 60, 85]))
     roi = None
     if rng.random() < 0.6:
-        roi = int(rng.integers(config.sensor_width)), int(rng.integers(config.sensor_height))
+        roi = int(rng.integers(config.geometry.width)), int(rng.integers(config.geometry.height))
         if rng.random() < 0.7:
             roi = min(roi[0], config.geometry.roi_x_max), min(roi[1], config.geometry.roi_y_max)
     eta = int(rng.choice([0, 1, config.formats.eta.raw(1.0), config.formats.eta.raw(8.0), config.formats.eta.max]))
     slow = 3 << config.v_frac
     size = config.roi_width, config.roi_height
-    around = tuple(c + s // 2 for c, s in zip(roi, size, strict=True)) if roi else None
+    around = tuple((c + s // 2) * config.pixel for c, s in zip(roi, size, strict=True)) if roi else None
     span = 0 if rng.random() < 0.1 else None
     plans = {}
     if config.ascent_rule.has_table:
@@ -191,14 +201,15 @@ CENTER = (20, 15)
 
 
 def centered(config, times, **changes):
-    """Events at the sensor's centre, in the ROI."""
+    """Events at the centre of the sensor's image, in the ROI."""
     roi = CENTER[0] - config.roi_width // 2, CENTER[1] - config.roi_height // 2
-    return Batch(events=[(t, *CENTER) for t in times], settings=settings(config, **{"roi": roi} | changes))
+    x, y = (at * config.pixel for at in CENTER)
+    return Batch(events=[(t, x, y) for t in times], settings=settings(config, **{"roi": roi} | changes))
 
 
 def spread(config, rng, count=20, **changes):
     """A good batch around the sensor's centre."""
     batch = centered(config, range(100, 100 + 10 * count, 10), **changes)
-    offsets = rng.integers(-4, 5, (count, 2)).tolist()
+    offsets = rng.integers(-4 * config.pixel, 4 * config.pixel + 1, (count, 2)).tolist()
     return Batch(events=[(t, x + dx, y + dy) for (t, x, y), (dx, dy) in zip(batch.events, offsets, strict=True)],
                  settings=batch.settings)  # fmt: skip

@@ -31,6 +31,11 @@ CONFIGS = {
         camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
         hot_mask="20,15;3,4", background_us=1 << 22,
     ),
+    # The same in front of an image of wider pixels.
+    "binned": _SMALL.replace(
+        sensor_width=157, sensor_height=117, binning=2, undistortion="on", hot_pixels=1, background=1,
+        camera="144,140,74.7,68.7,-0.3,0.1,0,0,0", hot_mask="81,62;82,62;13,17", background_us=1 << 22,
+    ),
     "overlapping windows": _SMALL.replace(slices=3, units=3, hot_pixels=1),
     "similarity": _SMALL.replace(
         motion="similarity", ascent="sign", tag_bits=4, cold="2:1 1:0 0:-1 0:-3", warm="1:0 1:-1 0:-2 0:-4"

@@ -31,17 +31,26 @@ def test_track_and_flow_take_the_same(tmp_path):
         assert sensor_fields(recording, {"sensor_width": 700}, preset, "") == ({}, None)
 
 
-@pytest.mark.parametrize("size, bits", [
-    ((240, 180), None), ((346, 260), 11), ((320, 320), 11), ((640, 480), 13), ((1280, 720), 15), ((1280, 800), 15),
+@pytest.mark.parametrize("size, binning, bits", [
+    ((240, 180), 0, None), ((346, 260), 0, 11), ((320, 320), 0, 11), ((640, 480), 1, 11), ((1280, 720), 2, 11),
+    ((1280, 800), 2, 11),
 ])  # fmt: skip
-def test_a_rotation_has_the_tags_that_its_image_needs(size, bits):
+def test_a_rotation_has_the_binning_and_the_tags_that_its_image_needs(size, binning, bits):
     """No more of them, and none where the preset's are enough, or a smaller ROI is told."""
     source = MemoryRecording(Events([0], [0], [0], [0]), *size)
     sensor = dict(zip(("sensor_width", "sensor_height"), size, strict=True))
     camera = {"camera": "250,250,119,89,0,0,0,0,0"}
     found = rotation_fields(source, "rotation", camera, "")
-    assert found == {"roi_width": size[0], "roi_height": size[1]} | ({"tag_bits": bits} if bits else {})
+    most = {1: (1 << 20) - 1, 2: (1 << 22) - 1}  # as many events a pixel of the image as without
+    assert found == {
+        "roi_width": size[0] >> binning, "roi_height": size[1] >> binning, **({"tag_bits": bits} if bits else {}),
+        **({"binning": binning, "max_batch_events": most[binning]} if binning else {}),
+    }  # fmt: skip
     config = preset("rotation").replace(**sensor, **camera, **found)
+    assert config.geometry.bank_depth <= 16 << 12, "an image that fills more than the UltraRAMs of a KV260"
+    if binning:  # and a finer one would
+        finer = rotation_fields(source, "rotation", {**camera, "binning": binning - 1}, "")
+        assert preset("rotation").replace(**sensor, binning=binning - 1, **finer).geometry.bank_depth > 16 << 12
     if bits:
         with pytest.raises(ConfigError, match=rf"^tag_bits = {bits - 1}: .*: tag_bits = {bits} or more$"):
             config.replace(tag_bits=bits - 1)

@@ -31,7 +31,8 @@ def batch(k, found, flags=GOOD, config=FAST, limit=1):
     result = SimpleNamespace(flags=flags, roi=roi, span=SPAN, v=v, confidence_limit=limit)
     names = ("wx_rad_per_s", "wy_rad_per_s", "wz_rad_per_s")
     return SimpleNamespace(
-        index=k, result=result, events=events, seen=events, which={}, v_px_per_s=None if rotation else found,
+        index=k, result=result, roi=roi, events=events, seen=events, which={},
+        v_px_per_s=None if rotation else found,
         rates=dict(zip(names, found, strict=True)) if rotation else {}, trusted=is_sure(result),
     )  # fmt: skip
 

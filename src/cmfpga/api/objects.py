@@ -117,8 +117,9 @@ class TrackedObject:
 
             self._writers.append(write)
         if report_mhz is not None:
-            from ..show.report import plotly_script, write_page
+            from ..show.report import check_config, plotly_script, write_page
 
+            check_config(self.config)
             plotly_script()  # if it is missing, that is told before the work
             kept = Kept(self.config, engine, recording, motion)
             self._later(kept, lambda one: kept.save(one._file(folder, "track", ".npz")))
@@ -172,7 +173,7 @@ class TrackedObject:
         """Of the batches so far."""
         flags = [Flag(one) for one in self.flags]
         of = self.config
-        return Verdict(lambda name: np.array(self.numbers[name]), flags, of.motion, of.roi_stays, of.slides)
+        return Verdict(lambda name: np.array(self.numbers[name]), flags, of.motion, of.roi_stays, of.slides, of.pixel)
 
     @property
     def dropped_text(self):
@@ -185,7 +186,7 @@ class TrackedObject:
     def image_text(self):
         """Which image ROI and v are in, for people; empty without a camera."""
         image = self.config.image
-        return image and f"ROI and velocity are in the {image} image: {Camera(*self.config.lens)}"
+        return image and f"ROI and velocity are in the {image} image: {Camera(*self.config.calibration)}"
 
     @property
     def remarks(self):

@@ -16,7 +16,7 @@ from ..imaging.camera import camera_fields
 from ..imaging.survey import hot_mask, survey_and_propose, usual_survey, without_hot_pixels
 from ..tracking import loop
 from ..tracking.fit import batch_cutter
-from ..tracking.source import Source, rotation_fields, sensor_fields, unit_note, whole_sensor
+from ..tracking.source import Source, binning_note, rotation_fields, sensor_fields, unit_note, whole_sensor
 from .track_result import Tracking
 
 
@@ -216,8 +216,8 @@ def _begin(stack, source, roi, preset, engine, size, start_event, batches, field
     elif roi is None:
         if source.motion is None:
             raise ConfigError("roi: the ROI's left column and top row are needed, or 'auto'")
-        roi = source.synthetic.roi_start(config.roi_width, config.roi_height)
-    check_roi(config, roi)
+        roi = source.synthetic.roi_start(*config.roi_px)
+    check_roi(config, roi, config.pixel)
     every = whole("every", every)
     if size:
         needs_batches(config, f"batch_{next(iter(size))}")
@@ -248,4 +248,7 @@ def _config(source, name, fields):
         fields = {**fields, **camera_fields(fields["camera"], source)}
     motion = fields.get("motion", preset(name).motion)
     given |= rotation_fields(source, motion, fields, "camera=")
-    return preset(name).replace(**{**given, **fields})
+    config = preset(name).replace(**{**given, **fields})
+    if note := binning_note(config, fields):
+        warnings.warn(note, stacklevel=4)
+    return config

@@ -83,13 +83,15 @@ class Tracking:
     @property
     def verdict(self):
         """:class:`~cmfpga.tracking.verdict.Verdict`: velocity, trusted batches, where the object was lost; remarks."""
-        return Verdict.of(self._values, self.config.motion, self.config.roi_stays, self.config.slides)
+        return Verdict.of(
+            self._values, self.config.motion, self.config.roi_stays, self.config.slides, self.config.pixel
+        )
 
     @property
     def covariance(self):
         """Covariance of (vx, vy) of each batch, (px/half batch)²: float64 [batches, 2, 2]; NaN where not trusted."""
         found = (covariance(self.config, result) or (np.nan,) * 3 for result in self.results)
-        return np.array([[[xx, xy], [xy, yy]] for xx, yy, xy in found]).reshape(-1, 2, 2)
+        return np.array([[[xx, xy], [xy, yy]] for xx, yy, xy in found]).reshape(-1, 2, 2) * self.config.pixel**2
 
     @property
     def covariance_px_per_s(self):

@@ -39,7 +39,7 @@ class Lines:
         if self._as_json:
             print(json.dumps({**({"name": self._name} if self._name else {}), **batch.values}), flush=True)
             return
-        (x, y), speed = batch.result.roi_next, batch.v_px_per_s
+        (x, y), speed = (at << batch.config.binning for at in batch.result.roi_next), batch.v_px_per_s
         at = "" if batch.t_ref is None else f"{batch.t_ref / 1e6:.6f} s"
         found = "no motion" if speed is None else f"{speed[0]:8.1f} {speed[1]:8.1f} px/s"
         name = f"{self._name}: " if self._name else ""

@@ -21,7 +21,7 @@ from ..show.export import TRACK, checked_path
 from ..show.gallery import picture_path
 from ..tracking.fit import batch_cutter
 from ..tracking.loop import follow
-from ..tracking.source import sensor_fields, unit_note, whole_sensor, with_rows
+from ..tracking.source import binning_note, sensor_fields, unit_note, whole_sensor, with_rows
 from ..waiting import waiting
 from .ingest import add_ingest_options, drop_hot_pixels, ingest_fields
 from .lines import Lines, Truth, print_remarks, print_summary
@@ -171,6 +171,8 @@ def run(options, known=None):
         fields = {**_sensor_fields(options, recording), **demo, **ingest_fields(options, recording)}
         fields |= cli.window_fields(options)
         config = drop_hot_pixels(options, recording, cli.make_config(options, **fields), fields)
+        if note := binning_note(config, cli.config_changes(options)):
+            print(f"note: {note}", file=sys.stderr)
         objects = _objects(options, truth, config)
         if len(objects) > 1:
             config = with_rows(config, len(objects), cli.config_changes(options))
@@ -259,7 +261,7 @@ def _objects(options, truth, config):
     """The objects that ``--roi`` asks for; of several, those without a name have their number."""
     asked = [(name, roi or whole_sensor(config)) for name, roi in options.roi or ()]
     if not asked:
-        start = whole_sensor(config) or (truth and truth.roi_start(config.roi_width, config.roi_height))
+        start = whole_sensor(config) or (truth and truth.roi_start(*config.roi_px))
         if start is None:
             raise ConfigError("--roi X,Y: the ROI's left column and top row are needed with a recording; or --roi auto")
         asked = [(None, start)]
@@ -272,7 +274,7 @@ def _objects(options, truth, config):
     objects = []
     for k, (name, roi) in enumerate(asked):
         if roi is not None:
-            check_roi(config, roi)  # before a simulator is compiled in vain
+            check_roi(config, roi, config.pixel)  # before a simulator is compiled in vain
         objects.append(TrackedObject(name=name or ("" if len(asked) == 1 else str(k)), roi=roi))
     names = [one.name for one in objects]
     for name in names:

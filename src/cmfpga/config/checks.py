@@ -43,6 +43,21 @@ def check_size(config, name, limit):
         raise ConfigError(f"{name} = {getattr(config, name)}: at most {getattr(config, limit)} is allowed ({limit})")
 
 
+def check_binned(config, side):
+    """The ROI's ``width`` or ``height`` against that of the image that it lies in."""
+    if not config.binning:
+        return check_size(config, f"roi_{side}", f"sensor_{side}")
+    roi, sensor, most = (
+        getattr(config, f"roi_{side}"),
+        getattr(config, f"sensor_{side}"),
+        getattr(config.geometry, side),
+    )
+    if roi > most:
+        raise ConfigError(
+            f"roi_{side} = {roi}: at most {most} is allowed (sensor_{side} = {sensor} by binning = {config.binning})"
+        )
+
+
 def check_real(config, name, fmt):
     """A real number against its format."""
     value = getattr(config, name)
@@ -106,3 +121,13 @@ def parse_camera(text, what="camera"):
     if min(numbers[:2]) <= 0:
         raise ConfigError(f"{what}: fx = {numbers[0]:g}, fy = {numbers[1]:g}: focal lengths above 0 px are needed")
     return numbers + (0.0,) * (len(CAMERA_NAMES) - len(numbers))
+
+
+def binned_camera(lens, binning):
+    """The nine numbers of a camera whose pixels are 2^binning as wide: a middle of them lies between two old ones."""
+    if not (lens and binning):
+        return lens
+    side = 1 << binning
+    fx, fy, cx, cy = (number / side for number in lens[:4])
+    shift = (side - 1) / (2 * side)
+    return (fx, fy, cx - shift, cy - shift, *lens[4:])

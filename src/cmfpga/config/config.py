@@ -14,7 +14,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from ..errors import ConfigError, one_of
-from .checks import check_beside, check_confidence, check_field, check_real, check_size, parse_camera, parse_pixels
+from .checks import (
+    binned_camera,
+    check_beside,
+    check_binned,
+    check_confidence,
+    check_field,
+    check_real,
+    check_size,
+    parse_camera,
+    parse_pixels,
+)
 from .choices import ASCENTS, CHOICES, GRADIENTS, UNDISTORTION, WINDOWS
 from .derived import Formats, Geometry, OnePass
 from .motion import MOTIONS, check_motion, motion_model
@@ -64,6 +74,7 @@ class Config:
     # Geometry
     sensor_width: int = _field(240, "columns of the sensor", unit="px", low=2, high=4096)
     sensor_height: int = _field(180, "rows of the sensor", unit="px", low=2, high=4096)
+    binning: int = _field(0, "pixels of ROI, v and image are 2^binning of the sensor's wide", low=0, high=3)
     evt3: int = _field(0, "1: behind AXI the hardware takes EVT 3.0, too", low=0, high=1)
     roi_width: int = _field(64, "columns of the region of interest (ROI), even", unit="px", low=2, high=4096)
     roi_height: int = _field(64, "rows of the ROI, even", unit="px", low=2, high=4096)
@@ -232,7 +243,7 @@ class Config:
             if getattr(self, name) != self.__dataclass_fields__[name].default:
                 raise ConfigError(why)
         for side in ("width", "height"):
-            check_size(self, f"roi_{side}", f"sensor_{side}")
+            check_binned(self, side)
             if self.gradient == "sweep" and (size := getattr(self, f"roi_{side}")) % 2:
                 raise ConfigError(f"roi_{side} = {size}: an even number of pixels is needed by the sweep")
         if self.span_bits >= self.time_bits:
@@ -321,8 +332,9 @@ class Config:
 
     @cached_property
     def hardware_fields(self):
-        """The fields that shape the hardware (run-time values left out)."""
-        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if not f.metadata["runtime"]}
+        """The fields that shape the hardware: run-time values left out, and a binning of none, as before it came."""
+        fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if not f.metadata["runtime"]}
+        return fields if self.binning else {name: value for name, value in fields.items() if name != "binning"}
 
     @cached_property
     def hardware_hash(self):
@@ -345,8 +357,26 @@ class Config:
 
     @cached_property
     def lens(self):
-        """The nine numbers of ``camera``, in the order of :data:`cmfpga.config.checks.CAMERA_NAMES`; () without one."""
+        """The nine numbers of ``camera``, in the order of :data:`cmfpga.config.checks.CAMERA_NAMES`; () without one.
+
+        In pixels of the image, which are wider than the sensor's with ``binning``.
+        """
+        return binned_camera(self.calibration, self.binning)
+
+    @cached_property
+    def calibration(self):
+        """The same as it is given, in pixels of the sensor."""
         return parse_camera(self.camera)
+
+    @property
+    def pixel(self):
+        """Width of a pixel of ROI, v and image, in pixels of the sensor: users are told all in those."""
+        return 1 << self.binning
+
+    @property
+    def roi_px(self):
+        """Columns and rows of the ROI, in pixels of the sensor."""
+        return self.roi_width << self.binning, self.roi_height << self.binning
 
     @property
     def slice_events(self):
@@ -356,7 +386,7 @@ class Config:
     @property
     def skips(self):
         """Whether a vector's events outside the ROI are dropped at once: nothing in front of its filter needs them."""
-        front = self.hot_pixels or self.background or self.undistortion == "on"
+        front = self.hot_pixels or self.background or self.binning or self.undistortion == "on"
         return bool(self.evt3 and not (front or self.regions or self.slides))
 
     @property

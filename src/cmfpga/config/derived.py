@@ -32,22 +32,23 @@ class Geometry:
         self.bank_depth = self.bank_rows << self.bank_column_bits + self.turn_bits
         #: Of that memory: row, column, and whose turn it is.
         self.bank_address_bits = self.bank_column_bits + bits_for(self.bank_rows - 1) + self.turn_bits
-        self.roi_x_max = config.sensor_width - width  #: largest column of the ROI's left edge
-        self.roi_y_max = config.sensor_height - height  #: largest row of its top edge
-        self.x_bits = bits_for(config.sensor_width - 1)  #: of a sensor column
-        self.y_bits = bits_for(config.sensor_height - 1)  #: of a sensor row
+        sensor = config.sensor_width, config.sensor_height
+        self.sensor_x_bits, self.sensor_y_bits = (bits_for(side - 1) for side in sensor)  #: of a column, a row
+        #: Columns and rows of the image behind the binning, in which ROI and v are; the sensor's without.
+        self.size = self.width, self.height = tuple(-(-side >> config.binning) for side in sensor)
+        self.roi_x_max = self.width - width  #: largest column of the ROI's left edge
+        self.roi_y_max = self.height - height  #: largest row of its top edge
+        self.x_bits, self.y_bits = (bits_for(side - 1) for side in self.size)  #: of a column, a row of that image
         self.mask_columns = -(-config.sensor_width // self.mask_pixels)  #: words of a row of the mask of hot pixels
         self.mask_column_bits = bits_for(self.mask_columns - 1)  #: the row stands above them
         self.mask_depth = config.sensor_height << self.mask_column_bits  #: words of the mask, those unused included
         cell = config.background_cell
-        self.cell_columns, self.cell_rows = (-(-size >> cell) for size in (config.sensor_width, config.sensor_height))
+        self.cell_columns, self.cell_rows = (-(-side >> cell) for side in sensor)
         self.cell_column_bits = bits_for(self.cell_columns - 1)  #: the row stands above them
         self.cell_depth = self.cell_rows << self.cell_column_bits  #: cells of the background's filter, as mask_depth
         step = config.undistortion_cell
         #: Nodes of the table that undistorts: one every 2^undistortion_cell px, in four banks by parity.
-        self.node_columns, self.node_rows = (
-            ((size - 1) >> step) + 2 for size in (config.sensor_width, config.sensor_height)
-        )
+        self.node_columns, self.node_rows = (((side - 1) >> step) + 2 for side in self.size)
         self.node_column_bits = bits_for((self.node_columns - 1) >> 1)  #: of a bank; the row stands above them
         self.node_depth = ((self.node_rows + 1) >> 1) << self.node_column_bits  #: words of one bank
 

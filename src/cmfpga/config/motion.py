@@ -142,7 +142,8 @@ def motion_model(config):
     limited = Q(max(1, min(config.v_int, lever - 2)), config.v_frac)
     members = sorted({member for part in terms.values() for _, member, _ in part})
     # The centre is the ROI's, or lies on the sensor; that of a region may lie anywhere in the image.
-    sizes = (config.sensor_width, config.sensor_height) if "xx" in members else (config.roi_width, config.roi_height)
+    image = config.geometry.size
+    sizes = image if "xx" in members else (config.roi_width, config.roi_height)
     beside = 1 << config.max_level  # of a cell across the border
     farthest = {
         name: size if "xx" in members else (size if config.regions else size // 2) + beside
@@ -179,12 +180,17 @@ def check_lens(config):
     """The nine numbers of the camera by which a rotation is seen; :exc:`ConfigError` where there is none that fits."""
     if not config.lens:
         raise ConfigError("motion = rotation: a calibration is needed: camera = fx,fy,cx,cy,k1,k2,p1,p2,k3, in px")
-    fx, fy, cx, cy = config.lens[:4]
+    fx, fy, cx, cy = config.calibration[:4]  # in the user's pixels, those of the sensor
     if not 0.95 < fx / fy < 1.05:
         raise ConfigError(f"motion = rotation: fx = {fx:g}, fy = {fy:g} px: they may differ by 5 %")
-    for name, value, size in (("cx", cx, config.sensor_width), ("cy", cy, config.sensor_height)):
-        if not 0 <= value <= size - 1:
-            raise ConfigError(f"motion = rotation: {name} = {value:g} px: 0 to {size - 1} is needed, on the sensor")
-    if (least := 2 ** ((MotionModel.curve_frac - MotionModel.curve_bits) / 2)) > (fx * fy) ** 0.5:
+    first = (config.pixel - 1) / 2  # middle of the image's first column
+    for name, value, size in zip(("cx", "cy"), (cx, cy), config.geometry.size, strict=True):
+        last = config.pixel * (size - 1) + first
+        if not first <= value <= last:
+            raise ConfigError(
+                f"motion = rotation: {name} = {value:g} px: {first:g} to {last:g} is needed, on the sensor"
+            )
+    least = config.pixel * 2 ** ((MotionModel.curve_frac - MotionModel.curve_bits) / 2)
+    if least > (fx * fy) ** 0.5:
         raise ConfigError(f"motion = rotation: f = {(fx * fy) ** 0.5:g} px: at least {least:g} px is needed")
     return config.lens

@@ -15,7 +15,7 @@ class Regions:
 
     def __init__(self, config):
         side = 1 << config.bin_bits
-        self.columns, self.rows = (-(-size // side) for size in (config.sensor_width, config.sensor_height))  #: of bins
+        self.columns, self.rows = (-(-size // side) for size in config.geometry.size)  #: of bins
         self.column_bits = bits_for(self.columns - 1)  #: of a bin's address; the row stands above them
         self.bins = self.rows << self.column_bits  #: words of a table of bins, those unused included
         #: Pages that no batch can exceed: each bin leaves at most one of them part empty.

@@ -113,11 +113,13 @@ CAMERA = Camera(200.0, 200.0, 119.5, 89.5)
 ROTATION = (0.3, -0.8, 0.4)
 
 
-def scene():
-    """The :class:`~cmfpga.events.Synthetic` recording."""
+def scene(width=240, height=180):
+    """The :class:`~cmfpga.events.Synthetic` recording; a larger sensor sees as wide an angle."""
+    scale = width / 240
+    camera = Camera(200.0 * scale, 200.0 * scale, (width - 1) / 2, (height - 1) / 2)
     return generate(
-        seed=1, texture="lines", bars=40, size=(380, 300), velocity=(0.0, 0.0), rotation=ROTATION, camera=CAMERA,
-        duration_us=90_000, noise=0.05,
+        seed=1, texture="lines", bars=40, size=(round(380 * scale), round(300 * scale)), velocity=(0.0, 0.0),
+        rotation=ROTATION, camera=camera, duration_us=90_000, noise=0.05, width=width, height=height,
     )  # fmt: skip
 
 

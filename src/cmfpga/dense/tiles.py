@@ -78,6 +78,8 @@ def grid(config, tile=TILE, step=None):
             f"motion = {config.motion}: translation is needed, for a tile is too small for more; --fit {config.motion} "
             "finds that of the whole field"
         )
+    if config.binning:
+        raise ConfigError(f"binning = {config.binning}: flow is in the sensor's pixels: 0 is needed")
     sensor = config.sensor_width, config.sensor_height
     coarse = tuple(map(min, sensor, (config.roi_width, config.roi_height)))
     if not 4 <= tile <= min(coarse):

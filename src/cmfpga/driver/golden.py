@@ -40,13 +40,14 @@ def golden_batch(config):
     number = min(EVENTS, config.max_batch_events)
     random = _Random(2026)
     roi, _ = clamp_roi(
-        config, ((config.sensor_width - config.roi_width) // 2, (config.sensor_height - config.roi_height) // 2)
+        config, ((config.geometry.width - config.roi_width) // 2, (config.geometry.height - config.roi_height) // 2)
     )
     start = [(random.below(config.roi_width), random.below(config.roi_height)) for _ in range(POINTS)]
     x, y = [], []
     for k in range(number):
         column, row = start[random.below(POINTS)]
         column, row = roi[0] + column + (6 * k - 3 * number) // number, roi[1] + row - (4 * k - 2 * number) // number
+        column, row = column << config.binning, row << config.binning
         if k % 3 == 1:
             column, row = random.below(config.sensor_width), random.below(config.sensor_height)
         x.append(min(max(column, 0), config.sensor_width - 1))

@@ -40,16 +40,26 @@ _SLIDING = ("rtl", "model")
 _LARGEST = {"sensor_width": 1280, "sensor_height": 800}
 
 
-def check_roi(config, roi):
-    """Raise :exc:`ConfigError` unless an ROI with its left column and top row at ``roi`` lies on the sensor."""
+def check_roi(config, roi, pixel=1):
+    """Raise :exc:`ConfigError` unless an ROI with its left column and top row at ``roi`` lies on the sensor.
+
+    Of hardware with binning ``roi`` is in the image's pixels, or with its ``pixel`` in the sensor's.
+    """
     try:
         x, y = map(operator.index, roi)
     except (TypeError, ValueError):
         raise ConfigError(f"roi = {roi!r}: left column and top row, two whole numbers, are needed") from None
-    if clamp_roi(config, roi)[1]:
+    if clamp_roi(config, (x // pixel, y // pixel))[1]:
+        most = config.geometry.roi_x_max * pixel, config.geometry.roi_y_max * pixel
+        size, sensor = (
+            (config.roi_width * pixel, config.roi_height * pixel),
+            (config.sensor_width, config.sensor_height),
+        )
+        if config.pixel > pixel:
+            sensor = config.geometry.size
         raise ConfigError(
-            f"ROI at {x},{y}: 0,0 to {config.geometry.roi_x_max},{config.geometry.roi_y_max} is needed for "
-            f"{config.roi_width}×{config.roi_height} px on a sensor of {config.sensor_width}×{config.sensor_height} px"
+            f"ROI at {x},{y}: 0,0 to {most[0]},{most[1]} is needed for {size[0]}×{size[1]} px on a sensor of "
+            f"{sensor[0]}×{sensor[1]} px"
         )
 
 

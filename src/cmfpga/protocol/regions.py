@@ -74,7 +74,7 @@ class Region:
     def check(self, config, number):
         """Raise :exc:`ConfigError` unless row ``number`` of the hardware's table can hold it."""
         where, frame = f"region {number}", (config.roi_width, config.roi_height)
-        size, sensor = (self.width, self.height), (config.sensor_width, config.sensor_height)
+        size, sensor = (self.width, self.height), config.geometry.size
         if number >= config.regions:
             raise ConfigError(f"{where}: at most {config.regions} regions are allowed (regions)")
         for name, axis, side, at, most in zip("xy", (self.x, self.y), size, self.corner(config), frame, strict=True):
@@ -111,7 +111,7 @@ def _pixel(word, what):
 
 #: What the registers of a row hold, in the order of :func:`row_shape`, and which row it is, in the last one.
 ROW = (
-    _row("place", high=lambda c: {"x": c.sensor_width - 1, "y": c.sensor_height - 1},
+    _row("place", high=lambda c: {axis: size - 1 for axis, size in zip("xy", c.geometry.size, strict=True)},
          places=_pixel(0, "the sensor"), doc="where the region begins; of a fresh row"),
     _row("begin", high=lambda c: {"x": c.roi_width - 1, "y": c.roi_height - 1},
          places=_pixel(1, "the image"), doc="where it begins in the image"),

@@ -174,7 +174,7 @@ def _place(config):
 
 def _last_place(config):
     """That of the sensor's last pixel."""
-    return pair(*(size - 1 << config.motion_model.place_frac for size in (config.sensor_width, config.sensor_height)))
+    return pair(*(size - 1 << config.motion_model.place_frac for size in config.geometry.size))
 
 
 def plan_high(config):

@@ -40,7 +40,7 @@ class Stored:
 def store(config, t, x, y, settings, dropped=(False, False)):
     """Undistort a batch, and put what lies on the sensor in the order of bins: :class:`Stored`."""
     x, y = undistort(config, settings.camera, x, y)
-    size = config.sensor_width, config.sensor_height
+    size = config.geometry.size
     seen = roi_filter(config, t, x, y, roi=(0, 0), size=size, hot=dropped[0], noise=dropped[1])
     bits, frac = config.bin_bits, config.formats.event_frac
     half = (1 << frac) >> 1
@@ -159,7 +159,7 @@ class RegionSequence:
             flags |= core.short
             if region.moves:
                 size = (region.width, region.height)
-                sides = zip((config.sensor_width, config.sensor_height), size, strict=True)
+                sides = zip(config.geometry.size, size, strict=True)
                 limits = tuple(max(0, sensor - side) * self._pixel for sensor, side in sides)
                 state.position, clamped = move_within(state.position, core.step(settings), limits)
         else:

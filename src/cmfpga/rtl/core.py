@@ -27,10 +27,10 @@ class Core(Iterating, wiring.Component):
                   ▼              └──► reciprocal ───────│─│────────────────┘         │                ▼
         o ◄── iteration control ─── replay, stride ─────┘ └─── image   ROI ◄─────── ascent ◄────── gradient
 
-    The filter is that of the ROI; in front of it there may be a mask of hot pixels (``hot_pixels``) and a filter of
-    background activity (``background``). How the image is summed is chosen by ``gradient``
-    (:data:`cmfpga.rtl.image.IMAGES`), how v ascends by ``ascent`` (:data:`cmfpga.rtl.ascent.ASCENTS`); there is a
-    dither where ``dither_frac`` is not 0.
+    The filter is that of the ROI; in front of it there may be a mask of hot pixels (``hot_pixels``), a filter of
+    background activity (``background``), then a ``binning`` and what undistorts. How the image is summed is chosen by
+    ``gradient`` (:data:`cmfpga.rtl.image.IMAGES`), how v ascends by ``ascent`` (:data:`cmfpga.rtl.ascent.ASCENTS`);
+    there is a dither where ``dither_frac`` is not 0.
 
     One event per cycle at ingest and in every iteration; one every four cycles in a round of one evaluator. A batch of
     N events, n of them in the ROI, takes exactly :meth:`cycles` clock cycles from the offer of its first event to its

@@ -62,7 +62,8 @@ def event(config, skips=False):
     With ``skips`` it may be ``skip`` of them, 0 as well as 1, all outside the ROI.
     """
     more = {"skip": 4} if skips else {}
-    return layout(t=config.time_bits, x=config.geometry.x_bits, y=config.geometry.y_bits, last=1, **more)
+    columns, rows = config.geometry.sensor_x_bits, config.geometry.sensor_y_bits
+    return layout(t=config.time_bits, x=columns, y=rows, last=1, **more)
 
 
 def marked_event(config, *marks):
@@ -71,11 +72,17 @@ def marked_event(config, *marks):
     return layout(**event(config).members, **dict.fromkeys(marks, 1))
 
 
+def binned_event(config):
+    """The same, with its place in the image that ROI and v are in."""
+    geometry = config.geometry
+    return layout(**{**marked_event(config).members, "x": geometry.x_bits, "y": geometry.y_bits})
+
+
 def undistorted_event(config):
     """The same, as the ROI filter takes it. Where the hardware undistorts, its position has fraction bits, and half a
     pixel more than it is: the whole part is the nearest pixel, which need not lie on the sensor.
     """
-    members, geometry, frac = marked_event(config).members, config.geometry, config.formats.event_frac
+    members, geometry, frac = binned_event(config).members, config.geometry, config.formats.event_frac
     if frac:
         members = {**members, "x": Fixed(Q(geometry.x_bits + 1, frac)), "y": Fixed(Q(geometry.y_bits + 1, frac))}
     return data.StructLayout(members)
@@ -91,7 +98,7 @@ def node_write(config):
 def mask_write(config):
     """A word of the mask of hot pixels: bit k is the pixel 32·column + k."""
     geometry = config.geometry
-    return layout(column=geometry.mask_column_bits, row=geometry.y_bits, bits=geometry.mask_pixels)
+    return layout(column=geometry.mask_column_bits, row=geometry.sensor_y_bits, bits=geometry.mask_pixels)
 
 
 def roi_event(config, width=None, height=None):

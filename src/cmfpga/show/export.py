@@ -77,7 +77,7 @@ class _Bag:
         matrix = np.zeros((6, 6))
         matrix[0, 0] = -1  # not known
         if found:
-            xx, yy, xy = np.array(found) * (2 / (batch.result.span * 1e-6)) ** 2
+            xx, yy, xy = np.array(found) * (2 * self._config.pixel / (batch.result.span * 1e-6)) ** 2
             matrix[:2, :2] = [[xx, xy], [xy, yy]]
         stamp = self._made("builtin_interfaces/msg/Time", *divmod(ns, 10**9))
         header = self._made("std_msgs/msg/Header", *[0] * self._ros1, stamp, self._config.image or "sensor")
@@ -108,14 +108,15 @@ def rerun(path, config):
     path.touch()  # what cannot be written is told by the system
     stream.save(path)
     try:
-        yield _Viewer(rr, stream, (config.roi_width, config.roi_height))
+        yield _Viewer(rr, stream, config)
     finally:
         stream.disconnect()  # which writes what is left
 
 
 class _Viewer:
-    def __init__(self, rr, stream, size):
-        self._rr, self._stream, self._size = rr, stream, np.array(size, np.float64)
+    def __init__(self, rr, stream, config):
+        self._rr, self._stream, self._pixel = rr, stream, config.pixel
+        self._size = np.array(config.roi_px, np.float64)
 
     def add(self, batch):
         """Write a batch, at the middle of its time range; nothing without events."""
@@ -126,7 +127,8 @@ class _Viewer:
         self._stream.set_time("recording", duration=np.timedelta64(ns, "ns"))
         corner = np.array([values["roi_x"], values["roi_y"]], np.float64)
         colours = np.array([_OFF, _ON], np.uint8)[np.asarray(batch.events.p, np.int64)]
-        log("sensor/events", rr.Points2D(np.stack([batch.seen.x, batch.seen.y], axis=1), colors=colours))
+        places = (np.stack([batch.seen.x, batch.seen.y], axis=1) + 0.5) * self._pixel - 0.5
+        log("sensor/events", rr.Points2D(places, colors=colours))
         box = {"mins": [corner - 0.5], "sizes": [self._size]}
         log("sensor/roi", rr.Boxes2D(**box, colors=[_ROI]))
         v = [values["vx_px_per_s"], values["vy_px_per_s"]]

@@ -97,7 +97,7 @@ class Gallery:
 
     def add(self, batch):
         """Take one :class:`~cmfpga.tracking.loop.TrackedBatch`."""
-        self._corners.append(batch.result.roi)
+        self._corners.append(batch.roi)
         if batch.v_px_per_s is not None:
             self._times.append(batch.t_ref)
             self._values.append({**dict(zip(SPEED, batch.v_px_per_s, strict=True)), **batch.rates})
@@ -111,7 +111,7 @@ class Gallery:
                 self._stride *= 2
 
     def _frame(self, batch):
-        signs = np.zeros((self.config.sensor_height, self.config.sensor_width), np.int32)
+        signs = np.zeros(self.config.geometry.size[::-1], np.int32)
         x, y, shown = nearest(self.config, batch.seen.x, batch.seen.y)
         at = y[shown], x[shown]
         np.add.at(signs, at, 2 * batch.events.p[shown].astype(np.int32) - 1)
@@ -124,7 +124,7 @@ class Gallery:
             xx, yy, xy = spread
             spread = np.array([[xx, xy], [xy, yy]]) / batch.half_s**2
         drawn = np.packbits(events, axis=2), moved, v, spread
-        return _Frame(self.config.noun, batch.index, batch.t_ref, batch.result.roi, *drawn)
+        return _Frame(self.config.noun, batch.index, batch.t_ref, batch.roi, *drawn)
 
     def _image(self, batch, v):
         """Image of warped events of the ROI at v."""
@@ -136,7 +136,7 @@ class Gallery:
         still = self._image(batch, (0,) * len(batch.result.v))
         gain = batch.contrast - still.var()
         if self._sharpest is None or gain > self._sharpest[0]:
-            self._sharpest = (gain, batch.index, batch.result.v, still, self._image(batch, batch.result.v))
+            self._sharpest = (gain, batch.index, batch.v, still, self._image(batch, batch.result.v))
 
     def save(self, path, figure=None, verdict=""):
         """Write the picture as what the suffix says: one of :data:`SUFFIXES`; ``.gif`` shows the object as it moves."""
@@ -161,7 +161,7 @@ class Gallery:
                 left.clear()
                 right.clear()
                 self._draw_frame(left, frame)
-                right.imshow(frame.moved, cmap="magma", vmin=0, vmax=max(most, 1), interpolation="nearest")
+                self._show(right, frame.moved, cmap="magma", vmin=0, vmax=max(most, 1))
                 right.set(title="its events, moved back at v", xlabel="x in ROI [px]", ylabel="y in ROI [px]")
                 writer.grab_frame()
 
@@ -203,7 +203,7 @@ class Gallery:
         speeds = [np.hypot(*frame.v) for frame in self._frames if frame.v is not None]
         if not speeds or not max(speeds):
             return None
-        most = _REACH * min(self.config.roi_width, self.config.roi_height) / max(speeds)
+        most = _REACH * min(self.config.roi_px) / max(speeds)
         power = 10.0 ** np.floor(np.log10(most))
         return power * next(k for k in (5, 2, 1) if k * power <= most or k == 1)
 
@@ -220,14 +220,20 @@ class Gallery:
             angle = np.degrees(np.arctan2(axes[1, 0], axes[0, 0]))
             axis.add_patch(Ellipse(tip, *across, angle=angle, fill=False, edgecolor=_V, linewidth=1))
 
+    def _show(self, axis, image, **how):
+        """An image, on axes of the sensor's pixels."""
+        right, bottom = (side * self.config.pixel - 0.5 for side in image.shape[1::-1])
+        return axis.imshow(image, interpolation="nearest", extent=(-0.5, right, bottom, -0.5), **how)
+
     def _draw_frame(self, axis, frame):
         from matplotlib.patches import Rectangle
 
-        axis.imshow(frame.rgb(self.config.sensor_width), interpolation="nearest")
-        centre = (self.config.roi_width / 2, self.config.roi_height / 2)
+        self._show(axis, frame.rgb(self.config.geometry.width))
+        centre = tuple(side / 2 for side in self.config.roi_px)
         axis.plot(*np.add(self._corners[: frame.index + 1], centre).T, color=_TRAIL, linewidth=2)
-        size = (self.config.roi_width, self.config.roi_height)
-        axis.add_patch(Rectangle(np.subtract(frame.roi, 0.5), *size, fill=False, edgecolor=_ROI, linewidth=1.5))
+        axis.add_patch(
+            Rectangle(np.subtract(frame.roi, 0.5), *self.config.roi_px, fill=False, edgecolor=_ROI, linewidth=1.5)
+        )
         if frame.v is not None and self._arrow_s:
             self._draw_v(axis, frame, np.add(frame.roi, centre))
         axis.set(title=frame.title, xlabel=f"x{self._where} [px]", ylabel=f"y{self._where} [px]")
@@ -240,10 +246,11 @@ class Gallery:
             (axes[0], still, f"{self.config.noun} {index}: IWE at v = 0\ncontrast {still.var():.2f}"),
             (axes[1], moved, f"IWE at v ={found} px/half {self.config.noun}\ncontrast {moved.var():.2f}"),
         ):
-            shown = axis.imshow(image, cmap="magma", vmin=0, vmax=max(top, 1), interpolation="nearest")
+            shown = self._show(axis, image, cmap="magma", vmin=0, vmax=max(top, 1))
             axis.set(xlabel="x in ROI [px]", ylabel="y in ROI [px]")
             axis.set_title(title, fontsize=10)
-        figure.colorbar(shown, ax=axes, label="events per pixel", shrink=0.7)
+        binned = f" of {self.config.pixel}×{self.config.pixel} px" * bool(self.config.binning)
+        figure.colorbar(shown, ax=axes, label=f"events per pixel{binned}", shrink=0.7)
 
     def _draw_motion(self, figure):
         """Velocity over time; of motions beyond translation what they are in physical units, beside it or instead."""

@@ -149,8 +149,15 @@ def write_page(kept, path, *, clock_mhz):
     write_text(path, render(kept, clock_mhz))
 
 
+def check_config(config):
+    """Raise :exc:`ConfigError` of what the page cannot show."""
+    if config.binning:
+        raise ConfigError(f"report: binning = {config.binning}: its pictures are of the sensor's pixels: 0 is needed")
+
+
 def render(kept, clock_mhz):
     """The page's text."""
+    check_config(kept.config)
     story = Story(kept, clock_mhz)
     head, blob = _data(kept, story)
     parts = {

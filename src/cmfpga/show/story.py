@@ -102,7 +102,7 @@ class Story:
     def verdict(self):
         """How far the batches are to be trusted."""
         config = self.kept.config
-        return Verdict(self.kept.numbers, self.flags, config.motion, config.roi_stays, config.slides)
+        return Verdict(self.kept.numbers, self.flags, config.motion, config.roi_stays, config.slides, config.pixel)
 
     @property
     def lead(self):

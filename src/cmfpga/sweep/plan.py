@@ -87,8 +87,8 @@ class Subject:
             return roi
         self.require_roi()
         centre = self.truth.motion.position(self.first_us)
-        sizes, most = (config.roi_width, config.roi_height), (config.geometry.roi_x_max, config.geometry.roi_y_max)
-        axes = zip(centre, sizes, most, strict=True)
+        most = config.geometry.roi_x_max * config.pixel, config.geometry.roi_y_max * config.pixel
+        axes = zip(centre, config.roi_px, most, strict=True)
         return tuple(min(max(round(at - (size - 1) / 2), 0), last) for at, size, last in axes)
 
 
@@ -289,7 +289,7 @@ def _row(subject, choice, run):
     try:
         config = choice.config(subject)
         roi = subject.roi_for(config)
-        check_roi(config, roi)
+        check_roi(config, roi, config.pixel)
     except ConfigError as error:
         return Row(subject=subject, choice=choice, roi=roi, problem=str(error))
     task = Task(

@@ -121,7 +121,7 @@ def summary(row, outcome):
     batches = outcome["batches"]
     flags = [batch["flags"].split("|") if batch["flags"] else [] for batch in batches]
     config = row.task.config
-    verdict = Verdict.of(batches, config.motion, config.roi_stays, config.slides)
+    verdict = Verdict.of(batches, config.motion, config.roi_stays, config.slides, config.pixel)
     degenerate = sum("degenerate" in names for names in flags)
     status, reason = "ok", None
     if degenerate == len(batches):

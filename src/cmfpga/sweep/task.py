@@ -203,7 +203,7 @@ def _batch(batch, motion, config):
         true = motion.per_half_batch(first, first + batch.result.span).tolist()
         row["true_vx"], row["true_vy"] = true
         if batch.v_px_per_s:
-            row["error_px"] = math.dist(batch.result.v[:2], true)
+            row["error_px"] = math.dist(batch.v[:2], true)
     return row
 
 

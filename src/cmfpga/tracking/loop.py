@@ -127,7 +127,7 @@ class Measured:
 
 @dataclass(frozen=True, eq=False)
 class TrackedBatch(Measured):
-    """One batch of a track.
+    """One batch of a track. Whatever it tells is in the sensor's pixels; ``result`` is in the image's, as the engine's.
 
     Parameters
     ----------
@@ -158,9 +158,23 @@ class TrackedBatch(Measured):
         return {"thinned": bool(self.result.thinned), "dropped": dropped}
 
     @property
+    def roi(self):
+        """Left column and top row of the ROI."""
+        return self._on_the_sensor(self.result.roi)
+
+    @property
     def roi_next(self):
         """Where the next batch is cropped."""
-        return self.start or self.result.roi_next
+        return self._on_the_sensor(self.start or self.result.roi_next)
+
+    def _on_the_sensor(self, place):
+        return tuple(at << self.config.binning for at in place)
+
+    @property
+    def v(self):
+        """The motion's parameters, px per half batch; a zoom or roll at the same lever arm is as large in any px."""
+        vx, vy, *more = self.result.v
+        return vx * self.config.pixel, vy * self.config.pixel, *more
 
     @functools.cached_property
     def contrast(self):
@@ -170,12 +184,14 @@ class TrackedBatch(Measured):
     @property
     def confidence(self):
         """κ of :func:`cmfpga.protocol.confidence.confidence`, or None."""
-        return confidence(self.config, self.result)
+        found = confidence(self.config, self.result)
+        return found and found / self.config.pixel**2
 
     @property
     def covariance(self):
         """That of v, px²: (xx, yy, xy), as :func:`cmfpga.protocol.confidence.covariance` gives it, or None."""
-        return covariance(self.config, self.result)
+        found = covariance(self.config, self.result)
+        return found and tuple(one * self.config.pixel**2 for one in found)
 
     @functools.cached_property
     def ambiguity(self):
@@ -192,7 +208,8 @@ class TrackedBatch(Measured):
         """Standard deviations in physical units, ``{name: value}``; empty where v is not sure."""
         if (found := deviations(self.config, self.result)) is None:
             return {}
-        told = {f"v{axis}_px_per_s": sd / self.half_s for axis, sd in zip("xy", found, strict=False)}
+        pixel = self.config.pixel
+        told = {f"v{axis}_px_per_s": sd * pixel / self.half_s for axis, sd in zip("xy", found, strict=False)}
         return told | {name: abs(one) for name, one in rates(self.config, found, self.result.span).items()}
 
     @property
@@ -205,7 +222,7 @@ class TrackedBatch(Measured):
         """(vx, vy) in px/s; None for a degenerate batch, which measures nothing."""
         if Flag.DEGENERATE in self.flags:
             return None
-        return self.result.v[0] / self.half_s, self.result.v[1] / self.half_s
+        return self.v[0] / self.half_s, self.v[1] / self.half_s
 
     def true_px_per_s(self, motion):
         """The true mean (vx, vy) of the batch in px/s; None without a ``motion`` or events."""
@@ -254,7 +271,7 @@ def follow(engine, cutter, *, rois, batches=None, consumers=(), every=1):
     engine, cutter, batches
         As of :func:`windows`; each object is a row of the engine's table.
     rois : sequence of pair of int
-        Of each object the left column and top row of its first ROI, px.
+        Of each object the left column and top row of its first ROI, px of the sensor.
     consumers : sequence of sequences
         Of each object: the method ``add`` of each takes every :class:`TrackedBatch`, before it is yielded.
     every : int
@@ -278,7 +295,7 @@ class _Objects(Table):
     def __init__(self, engine, rois, every):
         super().__init__(engine)
         self._every = every
-        self._courses = [Course(self.config, roi) for roi in rois]
+        self._courses = [Course(self.config, tuple(at >> self.config.binning for at in roi)) for roi in rois]
         self._usual = BatchSettings.from_config(self.config)
         self._noise = NoiseFilter(self.config) if self.config.hot_pixels or self.config.background else None
 

@@ -18,6 +18,9 @@ SENSORS = ((128, 128), (240, 180), (304, 240), (320, 320), (346, 260), (640, 480
 #: store holds then.
 _ROWS_OF, _FIELDS, _STORED = "objects", ("regions", "units", "bin_bits", "store_style"), 65535
 
+#: Of each of the four banks of a rotation's image: with these in UltraRAM they fill the 64 of a KV260.
+_MOST_WORDS = 16 << 12
+
 
 class Source:
     """Where a track's events come from.
@@ -125,8 +128,8 @@ def _covered(source):
 
 
 def rotation_fields(source, motion, given, how):
-    """What a rotation takes from the recording by itself: the whole sensor as the ROI, the tags that its image needs,
-    and its calibration.
+    """What a rotation takes from the recording by itself: its calibration, the whole sensor as the ROI, the binning by
+    which the image fits an FPGA, and the tags that it needs.
 
     Parameters
     ----------
@@ -146,18 +149,41 @@ def rotation_fields(source, motion, given, how):
     if motion != "rotation":
         return {}
     size = {"width": source.width, "height": source.height}
-    found = {f"roi_{side}": given.get(f"sensor_{side}", px) for side, px in size.items()}
+    found = {}
     if not given.get("camera"):
         if not (camera := own_camera(source)):
             raise ConfigError(f"{source.name}: it holds no calibration, which motion = rotation needs: {how}")
         found |= camera
-    usual, most = preset("rotation"), {f"sensor_{side}": found[f"roi_{side}"] for side in size}
+    usual = preset("rotation")
+    sensor = {f"sensor_{side}": given.get(f"sensor_{side}", px) for side, px in size.items()}
     told = {name: given[name] for name in ("roi_width", "roi_height", "camera") if name in given}
-    with contextlib.suppress(ConfigError):  # what is wrong with it is said of the configuration itself
-        bits = usual.replace(**{**most, **found, **told, "tag_bits": 20}).one_pass.fewest_tag_bits
-        if bits > usual.tag_bits:
-            found["tag_bits"] = bits
+    known = None not in sensor.values()
+    own = {f"roi_{side}": px for side, px in zip(size, sensor.values(), strict=True)}
+    for binning in (given.get("binning", 0),) if "binning" in given or not known else range(4):
+        with contextlib.suppress(ConfigError):  # what is wrong with it is said of the configuration itself
+            image = preset("paper").replace(**sensor, binning=binning, roi_width=2, roi_height=2).geometry.size
+            own = {f"roi_{side}": px for side, px in zip(size, image, strict=True)}
+            if binning:  # a pixel of the image has the events of many of the sensor
+                own |= {"binning": binning, "max_batch_events": (usual.max_batch_events + 1 << 2 * binning) - 1}
+            config = usual.replace(**{**sensor, **found, **own, **told, "tag_bits": 20})
+            if (bits := config.one_pass.fewest_tag_bits) > usual.tag_bits:
+                own["tag_bits"] = bits
+            if config.geometry.bank_depth > _MOST_WORDS:
+                continue
+        break
+    found |= own
     return {name: value for name, value in found.items() if value is not None and name not in given}
+
+
+def binning_note(config, given):
+    """A note for the user where pixels are binned because nobody says otherwise, or None."""
+    if not config.binning or "binning" in given:
+        return None
+    pixels, image = (f"{w}×{h}" for w, h in ((config.pixel, config.pixel), config.geometry.size))
+    return (
+        f"the image of {config.sensor_width}×{config.sensor_height} px does not fit a KV260: pixels are binned "
+        f"{pixels}, to {image} (binning = {config.binning}); places and velocities are in the sensor's pixels"
+    )
 
 
 def own_camera(source):

@@ -73,7 +73,7 @@ class Verdict:
         doubtful; of windows that overlap, of so many of their lengths. Empty where the confidence was not measured.
     """
 
-    def __init__(self, numbers, flags, motion="translation", stays=1, slides=False):
+    def __init__(self, numbers, flags, motion="translation", stays=1, slides=False, pixel=1):
         self.one, self.many = ("window", "windows") if slides else ("batch", "batches")
         self.judged = ~np.isnan(numbers("confidence"))
         measured = ~np.isnan(numbers("vx_px_per_s"))
@@ -86,10 +86,10 @@ class Verdict:
         size = np.hypot(numbers("vx"), numbers("vy"))
         used = self.trusted if self.judged.any() else measured
         self.speeds = np.stack([numbers("vx_px_per_s"), numbers("vy_px_per_s")], axis=1)[used]
-        self.motion, self._stays = motion, stays
+        self.motion, self._stays, self._pixel = motion, stays, pixel
         self.rates = {name: numbers(name)[used] for name in RATES[motion]}
         self.short = np.array([Flag.SHORT in flag for flag in flags], bool) & self.judged
-        self._least = size[self.short].min(initial=np.inf)
+        self._least = size[self.short].min(initial=np.inf) / pixel
         self.spreads = {name: self._median(numbers(f"{name}_sd")[used]) for name in DEVIATIONS[motion]}
         moved = size[used if used.any() else measured]
         self.px = float(np.median(moved)) if len(moved) else None
@@ -98,7 +98,7 @@ class Verdict:
         self.lost = self._lost() if self.judged.any() else []
 
     @classmethod
-    def of(cls, values, motion="translation", stays=1, slides=False):
+    def of(cls, values, motion="translation", stays=1, slides=False, pixel=1):
         """Of a list of :attr:`TrackedBatch.values <cmfpga.tracking.loop.TrackedBatch.values>`."""
 
         declared = columns(motion, slides)
@@ -106,7 +106,7 @@ class Verdict:
         def numbers(name):
             return declared[name].array([batch[name] for batch in values]).astype(np.float64)
 
-        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays, slides)
+        return cls(numbers, [Flag.parse(batch["flags"]) for batch in values], motion, stays, slides, pixel)
 
     @staticmethod
     def _median(values):
@@ -215,7 +215,8 @@ class Verdict:
 
     @property
     def _short_text(self):
-        what = f"short: {self.short.sum()} of {len(self.short)} {self.many} move by less than {SHORT_PX:g} px per half"
+        least = self._pixel * SHORT_PX
+        what = f"short: {self.short.sum()} of {len(self.short)} {self.many} move by less than {least:g} px per half"
         if self.motion != "translation":
             return f"{what} {self.one} at the edge, are overestimated, and not to be trusted"
         most = next((share for limit, share in OVERESTIMATED if self._least < limit), 0.0)
@@ -235,13 +236,16 @@ class Verdict:
                 f"{doubled} of {len(self.trusted)} {self.many} look as if two motions were in the ROI, or a turn or "
                 "dense texture: v may be neither's"
             )
-        if self.px is not None and self.px < STILL_PX:
+        if self.px is not None and self.px < (still := self._pixel * STILL_PX):
             found.append(
-                f"what moves by less than {STILL_PX:g} px stands still, or it is hot pixels that are seen to stand "
+                f"what moves by less than {still:g} px stands still, or it is hot pixels that are seen to stand "
                 "still: info tells where there are some, --hot-pixels auto drops them"
             )
         if not fitted and (found or self.trusted.mean() < 0.5 or self.short.mean() > 0.5):
-            found.append("without a batch option, batches are as long as suits the motion: 3 to 5 px per half batch")
+            found.append(
+                "without a batch option, batches are as long as suits the motion: "
+                f"{3 * self._pixel} to {5 * self._pixel} px per half batch"
+            )
         return found
 
     def summary(self):

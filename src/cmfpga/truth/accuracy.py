@@ -44,7 +44,7 @@ class Accuracy:
     known : Known
     config : Config
     camera : Camera, optional
-        Which sees the image; by default that of ``config.lens``. A gyroscope and poses need one, but for a rotation.
+        Which sees the image; by default the configuration's. A gyroscope and poses need one, but for a rotation.
     delay : float, optional
         What happens at t of the recording stands at t + delay of the truth, s; by default it is fitted.
     depth : float, optional
@@ -65,7 +65,7 @@ class Accuracy:
     def __init__(self, known, config, *, camera=None, delay=None, depth=None):
         self._rotation = config.motion == "rotation"
         self.known, self._config, self._given, self._depth = known, config, delay, depth
-        self._camera = Camera(*config.lens[:4]) if config.lens else camera
+        self._camera = Camera(*config.calibration[:4]) if config.lens else camera
         self.degenerate, self._rows, self._places, self._found, self._true = 0, [], [], [], []
         if self._rotation and known.kind not in (GYROSCOPE, POSES):
             raise ConfigError(f"{known.name}: {known.kind}; a rotation is compared with a gyroscope or poses")
@@ -87,13 +87,12 @@ class Accuracy:
         if Flag.DEGENERATE in result.flags:
             self.degenerate += 1
             return
-        size = config.roi_width, config.roi_height
         x, y, dt = scaled_roi_events(config, batch.seen, result.roi, **batch.which)
         sharper = gain(config, x, y, dt, result.v, result.roi)
         start = float(batch.events.t[0])
         found = [batch.rates[f"{axis}_rad_per_s"] for axis in _AXES[True]] if self._rotation else batch.v_px_per_s
         self._rows.append((batch.index, 0, start, start + result.span, is_judged(result), batch.trusted, sharper))
-        self._places.append([at + (side - 1) / 2 for at, side in zip(result.roi, size, strict=True)])
+        self._places.append([at + (side - 1) / 2 for at, side in zip(batch.roi, config.roi_px, strict=True)])
         self._found.append(found)
 
     def add_window(self, window):
@@ -147,7 +146,8 @@ class Accuracy:
         if self._rotation:
             spans = (self.t1 - self.t0).tolist()
             each = zip(self.error.tolist(), spans, strict=True)
-            self.px = np.array([extent(self._config, parameters(self._config, e, span), (0, 0)) for e, span in each])
+            moved = [extent(self._config, parameters(self._config, e, span), (0, 0)) for e, span in each]
+            self.px = np.array(moved) * self._config.pixel
         else:
             self.px = np.hypot(*self.error.T) * self.half_s
 
@@ -188,7 +188,7 @@ class Accuracy:
     def _fit(self):
         """``(delay in s, mean error without it in px or None where none was fitted)``."""
         rows = np.flatnonzero(self.trusted if self.judged.any() else np.ones(len(self.trusted), bool))
-        focus = math.sqrt(self._config.lens[0] * self._config.lens[1]) if self._rotation else 1.0
+        focus = math.sqrt(self._config.calibration[0] * self._config.calibration[1]) if self._rotation else 1.0
 
         def cost(delay):
             """Mean square of capped errors, and how many are known."""

@@ -32,13 +32,13 @@ def example_config(config):
     if config.motion != "rotation" or config.camera:
         return config
     model, width, height = config.motion_model, config.sensor_width, config.sensor_height
-    focal = max(width, math.ceil(2 ** ((model.curve_frac - model.curve_bits) / 2)))
+    focal = max(width, math.ceil(config.pixel * 2 ** ((model.curve_frac - model.curve_bits) / 2)))
     return config.replace(camera=f"{focal},{focal},{(width - 1) / 2:g},{(height - 1) / 2:g}")
 
 
 def example_roi(config):
     """Left column and top row of an ROI in the sensor's middle, px."""
-    return (config.sensor_width - config.roi_width) // 2, (config.sensor_height - config.roi_height) // 2
+    return (config.geometry.width - config.roi_width) // 2, (config.geometry.height - config.roi_height) // 2
 
 
 def example_settings(config):
@@ -64,7 +64,7 @@ def example_batch(config):
         # Anywhere in the middle half of the ROI, but no two alike.
         spread = 611 * point % 64 - 32, 829 * point % 64 - 32
         places = [
-            size // 2 + spread[axis] * roi // 128 + (2 * k - count) * (4, 2)[axis] // count
+            size // 2 + config.pixel * (spread[axis] * roi // 128 + (2 * k - count) * (4, 2)[axis] // count)
             for axis, (size, roi) in enumerate(zip(sizes, (config.roi_width, config.roi_height), strict=True))
         ]
         events.append((k * step, *(min(max(at, 0), size - 1) for at, size in zip(places, sizes, strict=True))))

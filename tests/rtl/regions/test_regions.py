@@ -71,10 +71,10 @@ def test_any_table_and_any_batches(hardware, chunk):
 
 
 def window_in(config, rng, count, x, y):
-    """Events around a pixel, so close together that all may lie in one bin."""
+    """Events around a pixel of the image, so close together that all may lie in one bin."""
     t = np.sort(rng.integers(0, 1000, count))
     t[-1] = 1000
-    return t, np.clip(x + rng.integers(-1, 2, count), 0, None), np.clip(y + rng.integers(-1, 2, count), 0, None)
+    return t, *(np.clip(at + rng.integers(-1, 2, count), 0, None) << config.binning for at in (x, y))
 
 
 HAZARDS = {

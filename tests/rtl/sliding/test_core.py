@@ -28,6 +28,12 @@ CASES = {
         hop_events=9, window_us=4000, hop_us=300, hot_pixels=1, hot_mask="15,11;16,10", background=1, background_cell=2,
         background_us=400, undistortion="on", camera="36,35,18.3,16.8,-0.3,0.1,0,0,0",
     ),
+    "binned": QUAD.replace(
+        sensor_width=63, sensor_height=47, binning=1, hop_events=9, window_us=4000, hop_us=300, hot_pixels=1,
+        hot_mask="31,23;32,22", background=1, background_cell=3, background_us=400, undistortion="on",
+        camera="72,70,37.1,34.1,-0.3,0.1,0,0,0",
+    ),
+    "binned alone": QUAD.replace(sensor_width=63, sensor_height=47, binning=1),
 }  # fmt: skip
 
 
@@ -52,6 +58,14 @@ def same(one):
     return values | region | {"t_first": one.t_first if one.roi_events else None}
 
 
+def on_the_sensor(config, rng, events):
+    """Events of the image as any of the pixels that are binned to theirs."""
+    t, *axes = events
+    sizes = config.sensor_width, config.sensor_height
+    wide = (at * config.pixel + rng.integers(config.pixel, size=len(at)) if config.binning else at for at in axes)
+    return t, *(at.clip(0, size - 1) for at, size in zip(wide, sizes, strict=True))
+
+
 def compare(wanted, found):
     for k, (one, other) in enumerate(zip(map(same, wanted), map(same, found), strict=False)):
         differ = {name: (one[name], other[name]) for name in one if not (one[name] == other[name])}
@@ -74,7 +88,7 @@ def test_hops_equal_the_model(name, cores, rng):
     given = BatchSettings.from_config(config, roi=CORNER)
     degenerate = 0
     for count in (700, 700, 2500):
-        events = drawn(rng, count)
+        events = on_the_sensor(config, rng, drawn(rng, count))
         wanted = list(Sliding(config, given).run(*events))
         for waits in (False, True):
             compare(wanted, played(cores(config), given, events, rng, waits=waits))

@@ -142,7 +142,7 @@ def node_table(config, lens):
     ConfigError
         The distortion has no inverse on the sensor.
     """
-    size, formats = (config.sensor_width, config.sensor_height), config.formats
+    size, formats = config.geometry.size, config.formats
     return _table(size, config.undistortion_cell, formats.node_x, formats.node_y, lens)
 
 
@@ -182,9 +182,10 @@ def node_writes(config, lens):
 
 
 def undistort(config, lens, x, y):
-    """Undistorted positions of events, rounded to ``event_frac`` bits: two int64 [n], raw.
+    """Binned and undistorted positions of events, rounded to ``event_frac`` bits: two int64 [n], raw.
 
-    Interpolated exactly between the four nodes around an event's pixel.
+    Binned first (:mod:`cmfpga.rtl.ingest.binning`), so that the table is as small as the image; then interpolated
+    exactly between the four nodes around an event's pixel.
 
     Parameters
     ----------
@@ -194,7 +195,7 @@ def undistort(config, lens, x, y):
     x, y : integer arrays [n]
         Columns and rows of the sensor.
     """
-    x, y = (np.asarray(axis).astype(np.int64) for axis in (x, y))
+    x, y = (np.asarray(axis).astype(np.int64) >> config.binning for axis in (x, y))
     frac = config.formats.event_frac
     if not (lens and frac):
         return x << frac, y << frac
@@ -213,7 +214,7 @@ def undistort(config, lens, x, y):
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """Events as the ROI filter sees them: ``x`` and ``y`` in the undistorted image, px, float64 [n]."""
+    """Events as the ROI filter sees them: ``x`` and ``y`` px of the binned and undistorted image, float64 [n]."""
 
     t: np.ndarray
     x: np.ndarray
@@ -225,14 +226,14 @@ class Seen:
 
 
 def seen(config, events):
-    """The :class:`Seen` of ``events``; the same object without a camera."""
-    if not config.lens:
+    """The :class:`Seen` of ``events``; the same object without binning or a camera."""
+    if not (config.lens or config.binning):
         return events
     x, y = (axis * 2.0**-config.formats.event_frac for axis in undistort(config, config.lens, events.x, events.y))
     return Seen(events.t, x, y, events.p)
 
 
 def nearest(config, x, y):
-    """Whole pixels of positions, int64 [n] each, and which lie on the sensor."""
+    """Whole pixels of positions, int64 [n] each, and which lie on the sensor's image."""
     x, y = (np.floor(np.asarray(axis) + 0.5).astype(np.int64) for axis in (x, y))
-    return x, y, (x >= 0) & (x < config.sensor_width) & (y >= 0) & (y < config.sensor_height)
+    return x, y, (x >= 0) & (x < config.geometry.width) & (y >= 0) & (y < config.geometry.height)

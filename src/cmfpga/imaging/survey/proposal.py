@@ -179,6 +179,8 @@ def propose(recording, survey, config, *, count=1, start_event=None, tick=lambda
     list of Proposal
         May be shorter than ``count``, or empty where nothing moves clearly. All have one ``start_event``.
     """
+    if config.binning:
+        raise ConfigError(f"binning = {config.binning}: an ROI is proposed in the sensor's pixels; --roi X,Y is needed")
     if start_event is not None:
         starts = [start_event]
     else:

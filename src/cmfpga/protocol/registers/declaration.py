@@ -120,6 +120,8 @@ def _discovery(config):
     if motion.basis:
         more.append(("MOTION", 2, [*MOTIONS].index(motion.name), "1 similarity, 2 rotation"))
         more.append(("LEVER", 4, motion.lever, "log2 of the lever arm of zoom and roll, px"))
+    if config.binning:
+        more.append(("BINNING", 2, config.binning, "ROI and v are in pixels 2^BINNING as wide as the sensor's"))
     return [
         ("ID", "what this is", constants(("MAGIC", 32, ID, "the letters CMAX"))),
         (

@@ -4,6 +4,7 @@ import itertools
 
 from amaranth.lib.wiring import connect, flipped
 
+from .binning import Binning
 from .noise_filter import BackgroundFilter, HotMask
 from .undistorter import Undistorter
 
@@ -12,10 +13,15 @@ WRITES = {"hot_mask": "mask_write", "undistorter": "node_write"}
 
 
 def make_front(config):
-    """``{name: block}``, in the order in which events pass."""
+    """``{name: block}``, in the order in which events pass.
+
+    The filters of noise know the sensor's own pixels: one hot pixel costs no neighbour, and two neighbours support one
+    another. What undistorts comes after the binning, for its table is the smaller the fewer pixels there are.
+    """
     there = {
         "hot_mask": (HotMask, config.hot_pixels),
         "background_filter": (BackgroundFilter, config.background),
+        "binning": (Binning, config.binning),
         "undistorter": (Undistorter, config.undistortion == "on"),
     }
     return {name: make(config) for name, (make, wanted) in there.items() if wanted}
@@ -27,7 +33,8 @@ def connect_front(m, core, source, sink, *, settings, start, clear):
     for one, following in zip(path[::2], path[1::2], strict=True):
         connect(m, one, following)
     for name, block in core.front.items():
-        m.d.comb += block.start.eq(start)
+        if name != "binning":
+            m.d.comb += block.start.eq(start)
         if name in WRITES:
             connect(m, flipped(getattr(core, WRITES[name])), block.write)
     if "hot_mask" in core.front:

@@ -20,7 +20,7 @@ class Undistorter(wiring.Component):
 
     Members
     -------
-    i, o : ``In``, ``Out``, flows of :func:`payloads.marked_event`, :func:`payloads.undistorted_event`
+    i, o : ``In``, ``Out``, flows of :func:`payloads.binned_event`, :func:`payloads.undistorted_event`
     start : ``In(1)``
         A new batch begins: takes over ``enable``. No event in this cycle, nor on its way.
     enable : ``In(1)``
@@ -35,7 +35,7 @@ class Undistorter(wiring.Component):
         self.config = config
         super().__init__(
             {
-                "i": In(payloads.flow(payloads.marked_event(config))),
+                "i": In(payloads.flow(payloads.binned_event(config))),
                 "o": Out(payloads.flow(payloads.undistorted_event(config))),
                 "start": In(1),
                 "enable": In(1),

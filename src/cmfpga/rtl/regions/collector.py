@@ -134,7 +134,7 @@ class Collector(wiring.Component):
             after.turn.eq(turn),
         ]
         m.d.comb += after.doubtful.eq(doubtful)
-        for axis, sensor in (("x", config.sensor_width), ("y", config.sensor_height)):
+        for axis, sensor in zip("xy", config.geometry.size, strict=True):
             size = (row.end[axis] - row.begin[axis]).as_unsigned()[: len(row.end[axis])]
             moved, limits[axis] = self._moved(
                 m, axis, outcome.v[axis], state.position[axis], gain[-1], steps, sensor, size

@@ -11,7 +11,7 @@ from ..payloads import Fixed, layout, roi_event, settings, shaped, trace, veloci
 
 def stored_event(config):
     """An event on the sensor: µs since t_1, column and row, as :func:`~cmfpga.rtl.payloads.undistorted_event`."""
-    return roi_event(config, config.sensor_width, config.sensor_height)
+    return roi_event(config, *config.geometry.size)
 
 
 def bin_entry(config):

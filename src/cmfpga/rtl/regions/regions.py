@@ -57,7 +57,7 @@ class Regions(wiring.Component):
     def __init__(self, config):
         self.config = config
         self.front = make_front(config)
-        self.roi_filter = RoiFilter(config, (config.sensor_width, config.sensor_height))
+        self.roi_filter = RoiFilter(config, config.geometry.size)
         self.store = Store(config)
         self.drain = sum(block.latency for block in (*self.front.values(), self.roi_filter, self.store)) + 1
         self.ingest_control = IngestControl(config, drain=self.drain)

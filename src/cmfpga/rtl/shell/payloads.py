@@ -35,7 +35,7 @@ def _vector(config):
 
 def gated_token(config):
     """A token whose events, if it has any, lie on the sensor."""
-    columns, rows = config.geometry.x_bits, config.geometry.y_bits
+    columns, rows = config.geometry.sensor_x_bits, config.geometry.sensor_y_bits
     return layout(t=config.time_bits, x=columns, y=rows, event=1, end=1, **_vector(config))
 
 

@@ -20,7 +20,7 @@ def placed_event(config):
     frac, bits = config.formats.dithered_frac, _whole_bits(config)
     if config.formats.event_frac and config.dither_frac:
         # With that half, and the dither's, an event of the sensor's last pixel may reach the one behind it.
-        sides = {"x": config.sensor_width, "y": config.sensor_height}
+        sides = dict(zip("xy", config.geometry.size, strict=True))
         bits = {axis: bits_for(sides[axis]) if _is_all(config, axis) else own for axis, own in bits.items()}
     places = {axis: payloads.Fixed(Q(own, frac)) for axis, own in bits.items()}
     return payloads.layout(t=signed(config.span_bits + 1), **places, last=1)
