@@ -96,7 +96,7 @@ def test_halves_of_the_roi_that_move_apart_are_not_trusted(found):
 
 
 def test_two_depths_of_a_sharp_image_are_not_trusted(data_dir):
-    """Everything moves along x on the rail; halves of this ROI each hold both depths, and agree on what is neither's."""
+    """Everything moves along x on the rail; both halves of this ROI hold both depths, and agree on neither's v."""
     where = {"roi": (66, 58), "preset": "sliding", "engine": "model"}
     tracking = cmfpga.track(data_dir / "davis240c_slider_depth_0.0s.h5", **where)
     off = np.abs(tracking.vy) > 0.6
