@@ -57,8 +57,8 @@ def _parser():
         "--study", choices=STUDIES,
         help="instead of the suites: plain, the article's ascent; peaks, where the objective's own peak lies; "
         "edges, edges of other strengths; schedules; widths of words; confidence, whether it tells right from wrong; "
-        "bias, of slow dense scenes; ambiguous, stripes, straight edges and two motions; slider, a grid of ROIs "
-        "where vy = 0; auto, the ROI that track finds in each recording",
+        "bias, of slow dense scenes; ambiguous, stripes, straight edges and two motions; large, flow on large "
+        "sensors; slider, a grid of ROIs where vy = 0; auto, the ROI that track finds in each recording",
     )  # fmt: skip
     made.add_argument(
         "--motion", choices=MOTIONS,

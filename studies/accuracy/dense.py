@@ -93,7 +93,8 @@ def _row(options, name, recording, report, share=1.0, tile=TILE, *, camera=None,
     trusted = window.trusted[chosen]
     scores = {
         "tiles": int(chosen.sum()), "trusted": float(trusted.mean()), "median_px": float(np.median(errors)),
-        "below_1_px": float((errors < 1).mean()), "trusted_below_0.5_px": float((errors[trusted] < 0.5).mean()),
+        "below_1_px": float((errors < 1).mean()),
+        "trusted_below_0.5_px": float(np.mean(errors[trusted] < 0.5)) if trusted.any() else None,
         "degenerate": int(((held >= FEWEST) & ~chosen).sum()),
     }  # fmt: skip
     off = "-"
@@ -103,5 +104,5 @@ def _row(options, name, recording, report, share=1.0, tile=TILE, *, camera=None,
         )
         off = f"{scores['rotation_off_deg_per_s']:.2f} of {np.degrees(np.linalg.norm(omega)):.1f}"
     report.keep(f"flow, {name}", errors, scores)
-    shares = (percent(scores[key]) for key in ("below_1_px", "trusted_below_0.5_px"))
+    shares = ("–" if (one := scores[key]) is None else percent(one) for key in ("below_1_px", "trusted_below_0.5_px"))
     return (name, str(scores["tiles"]), percent(scores["trusted"]), f"{scores['median_px']:.3f}", *shares, off)

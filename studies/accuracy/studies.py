@@ -1,4 +1,4 @@
-"""Studies: plain ascent, the objective's own peak, other edges, schedules, widths, confidence, bias, ambiguity."""
+"""Studies: plain ascent, the objective's peak, edges, schedules, widths, confidence, bias, ambiguity, large sensors."""
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from cmfpga.errors import ConfigError
 from .ambiguous import study_ambiguous
 from .bias import study_bias
 from .judged import study_confidence
+from .large import study_large
 from .real import real_cases
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
 from .table import ERROR_HEADS, SHARE_HEADS, contrast_shares, error_cells, error_scores, errors, measure
@@ -137,6 +138,7 @@ STUDIES = {
     "confidence": study_confidence,
     "bias": study_bias,
     "ambiguous": study_ambiguous,
+    "large": study_large,
     **OF_RECORDINGS,
 }
 

@@ -66,7 +66,7 @@ def test_files_and_summary(command, slide, sliding, tmp_path):
         if row["vx_px_per_s"]:
             assert float(row["vx_px_per_s"]) == pytest.approx(v.reshape(-1, 2)[k, 0], abs=1e-3)
         flags = {*row["flags"].split("|")}
-        assert trusted.ravel()[k] == (not flags & {"degenerate", "doubtful", "short"})
+        assert trusted.ravel()[k] == int(row["trusted"]) <= (not flags & {"degenerate", "doubtful", "short"})
     fits = rows(tmp_path / "fit.csv")
     assert [float(fit["vx_px_per_s"]) for fit in fits] == [fit["vx_px_per_s"] for fit in told["fits"]]
     assert float(fits[0]["vx_px_per_s"]) == pytest.approx(90, abs=10)

@@ -86,7 +86,7 @@ def test_a_contrast_that_is_sharper_elsewhere(off, told):
             (result,) = engine.run(events, settings)
             for x, y in ((off, 0.0), (0.0, -off)):
                 moved = replace(result, v=(result.v[0] + x, result.v[1] + y))
-                assert ambiguity(config, events, moved) & ~Ambiguity.TWO_MOTIONS == told
+                assert ambiguity(config, events, moved, thinned=bool(result.thinned)) & ~Ambiguity.TWO_MOTIONS == told
 
 
 def test_halves_of_the_roi_that_move_apart_are_not_trusted(found):
@@ -95,13 +95,23 @@ def test_halves_of_the_roi_that_move_apart_are_not_trusted(found):
     assert one["apart"] == 0 < two["wrong_before"] and two["apart"] > 0.8 * two["wrong_before"]
 
 
+def test_two_depths_of_a_sharp_image_are_not_trusted(data_dir):
+    """Everything moves along x on the rail; both halves of this ROI hold both depths, and agree on neither's v."""
+    where = {"roi": (66, 58), "preset": "sliding", "engine": "model"}
+    tracking = cmfpga.track(data_dir / "davis240c_slider_depth_0.0s.h5", **where)
+    off = np.abs(tracking.vy) > 0.6
+    sharp = np.array([not one & (Flag.DOUBTFUL | Flag.DEGENERATE) for one in map(Flag.parse, tracking.flags)])
+    assert (off & sharp).sum() >= 5 and not (off & tracking.trusted).any()
+    assert (tracking.ambiguity[off & sharp] & Ambiguity.APART).mean() > 0.7
+
+
 def test_the_verdict_says_it():
     left = np.array([0, 8, 8, 8, 2, 8]).astype(float)
     values = {name: np.ones(6) for name in columns("translation")}
     values |= {"confidence": np.full(6, 99.0), "trusted": (left != 2).astype(float), "ambiguity": left}
     verdict = Verdict(values.get, [Flag(0)] * 6)
-    assert verdict.share == "5 of 6 batches are to be trusted (1 stripes: may repeat)"
-    assert str(verdict).startswith("5 of 6 batches are to be trusted (1 stripes: may repeat). Velocity ")
+    assert verdict.share == "5 of 6 batches are to be trusted (in 1, stripes: may repeat)"
+    assert str(verdict).startswith("5 of 6 batches are to be trusted (in 1, stripes: may repeat). Velocity ")
     assert any(text.startswith("4 of 6 batches look as if two motions") for text in verdict.notes(fitted=True))
     told = verdict.summary()
     assert told["trusted_batches"] == 5

@@ -133,6 +133,22 @@ def test_the_length_follows_the_motion():
 
 
 @pytest.mark.parametrize(
+    "speed, first, after",
+    [
+        (360, 2250, 1945),  # 2,250 of a buffer of 2,047 would leave 1,125: less gives 1,945
+        (180, 4500, 3889),  # a quarter of them
+        (275, 2250, 2250),  # that would move by less than 3 px
+        (300, 2900, 2900),  # 1,450 are enough
+        (450, 1900, 1900),  # all of them are kept
+    ],
+)
+def test_a_buffer_is_filled_rather_than_half_empty(speed, first, after):
+    """It holds so many events that more are thinned by halves; κ counts pairs."""
+    batches, *_ = followed(lambda t: speed, first=first)
+    assert len(batches[0].events) == first and {len(batch.events) for batch in batches[1:]} == {after}
+
+
+@pytest.mark.parametrize(
     "confidence, differ, agree",
     [(40, 0.2, True), (59.9, 0.3, False), (60.1, 0.3, True), (60.1, 0.5, True), (1000, 0.6, False)],
 )

@@ -17,6 +17,7 @@ from ..tracking.columns import Column, declared
 from ..tracking.fit import LOST_BATCHES, FittedCutter, fit
 from ..tracking.loop import Measured, Table
 from ..tracking.loop import windows as measured
+from .neighbours import borne_out
 
 _MAY = {"text": "{:.3f}", "may_be_missing": True}
 
@@ -55,10 +56,10 @@ COLUMNS = declared(
            doc="κ, how sharp the contrast's peak is; empty, or NaN, where it was not measured"),
     Column(name="covariance", unit="(px/s)²", text=None, shape="[W, n, 3]", value=lambda w: w.covariance,
            doc="of the flow: xx, yy, xy; in which direction an edge leaves v open; NaN of tiles in doubt"),
+    Column(name="trusted", dtype=int, shape="[W, n]", value=lambda w: w.trusted.astype(int),
+           doc="1: neither degenerate nor doubtful nor short, and the tiles around agree"),
     Column(name="flags", dtype=int, shape="[W, n]", value=lambda w: w.flags, text=lambda bits: Flag(bits).text,
-           doc="names of the flags that are set, joined by `|`, or their bits; `doubtful`, `short`: not to be trusted"),
-    Column(name="trusted", dtype=int, text=None, shape="[W, n]", value=lambda w: w.trusted,
-           doc="neither degenerate nor doubtful nor short"),
+           doc="names of the flags that are set, joined by `|`, or their bits"),
     Column(name="centres", unit="px", text=None, shape="[W, n, 2]", value=lambda w: w.centres,
            doc="mean position of the events of the tile"),
     Column(name="fit", text=None, shape="[W, p]", doc="with a fit: its parameters, in the order of `fit.csv`"),
@@ -99,9 +100,14 @@ class Window(Measured):
         return (self.flags & (Flag.DEGENERATE | Flag.DOUBTFUL)) == 0
 
     @property
+    def short(self):
+        """Which tiles move so little that v is found too large: bool [n]."""
+        return (self.flags & Flag.SHORT) > 0
+
+    @functools.cached_property
     def trusted(self):
-        """Which of them are not short either, of which v is found too large: bool [n]."""
-        return self.sure & ((self.flags & Flag.SHORT) == 0)
+        """Which of the sure ones are not short either, and agree with the tiles around them: bool [n]."""
+        return borne_out(self) & ~self.short
 
     @functools.cached_property
     def counts(self):

@@ -154,8 +154,8 @@ def _scale(config, outcome, whole):
     return outcome.roi_events * raw / (PROBE * whole)
 
 
-def _information(config, outcome):
-    """Fisher information of v, per px²: (xx, yy, xy)."""
+def information(config, outcome):
+    """Fisher information of v, per px²: (xx, yy, xy); of a batch that was judged."""
     whole = contrast(config.geometry.pixels, outcome.sums, outcome.sum_squares)
     if whole <= 0:  # all pixels alike: no contrast at all
         return 0.0, 0.0, 0.0
@@ -186,7 +186,7 @@ def confidence(config, outcome):
         if not isinstance(whole, float):
             whole <<= config.motion_model.frac
         return 2 * _scale(config, outcome, whole) * outcome.curvature[0] if whole else 0.0
-    xx, yy, xy = _information(config, outcome)
+    xx, yy, xy = information(config, outcome)
     return (xx + yy) / 2 - hypot((xx - yy) / 2, xy)
 
 
@@ -197,7 +197,7 @@ def covariance(config, outcome):
     """
     if not is_sure(outcome) or config.motion_model.basis:
         return None
-    xx, yy, xy = _information(config, outcome)
+    xx, yy, xy = information(config, outcome)
     determinant = xx * yy - xy * xy
     if xx <= 0 or determinant <= 0:
         return None

@@ -39,6 +39,10 @@ ELSEWHERE_PX, FARTHEST_PX = 1.2, 2.0
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
 TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
 
+#: With two motions: where the blocks' velocities are 1.5 px off v (rms), v is that of none of them; but only where an
+#: event says more than CLEAR, 1/px², along the best known direction. Noise blurs a single motion's image below 0.16.
+MIXED, CLEAR = 1.5**2 / 2, 0.18
+
 #: With two motions: halves of the ROI that each have such a share of the contrast have its peak so far apart, px.
 LEAST_SHARE, APART_PX = 0.2, 0.7
 
@@ -74,7 +78,7 @@ WORDS = {
     Ambiguity.TWO_MOTIONS: "two motions",
     Ambiguity.FEW_PIXELS: "hot pixels",
     Ambiguity.ELSEWHERE: "sharper elsewhere",
-    Ambiguity.APART: "halves of the ROI apart",
+    Ambiguity.APART: "parts of the ROI move apart",
 }
 
 
@@ -117,9 +121,10 @@ def ambiguity(config, events, result, **which):
     if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
         found |= Ambiguity.ELSEWHERE
     an_event = confidence(config, result) / result.roi_events
-    if not found and _best(config, result) > SHARP and _by_blocks(images) > TWO_MOTIONS * an_event:
+    best, grown = _best(config, result), _by_blocks(images) / max(an_event, 1e-12)
+    if not found and best > SHARP and grown > TWO_MOTIONS:
         found |= Ambiguity.TWO_MOTIONS
-        if _halves_apart(images) > APART_PX:
+        if (best > CLEAR and grown > MIXED) or _halves_apart(images) > APART_PX:
             found |= Ambiguity.APART
     return found
 

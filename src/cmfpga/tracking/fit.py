@@ -32,6 +32,7 @@ _AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it i
 _STILL_PX, _MIN_PX = 0.5, 2.0  # of a survey's window: from here on it moves, and far enough
 _WINDOWS = 9  # of one length, of which two that follow each other may agree
 _TRIALS = 6  # of a first length of another motion than translation
+_SPARE, _FULL = 0.25, 0.95  # a buffer that is filled by half and so much of it is better filled so far
 _REACH = 16  # no batch becomes longer, times the last that was to be trusted, or else the survey's first window
 
 
@@ -223,8 +224,26 @@ class FittedCutter(BatchCutter):
         self._sure = self.size if trusted else self._sure
         moved = max((extent(self._config, one.v, one.roi) for one in trusted), default=0.0)
         self.size = min(fit(self.size, (moved,), bool(trusted)), self.max_events)
+        if trusted and len(batches) == 1:
+            self.size = self._filling(self.size, batches[0], moved)
         if self._doubtful and self._doubtful % LOST_BATCHES == 0:
             self.size = 2 * self.size if 2 * self.size <= min(_REACH * self._sure, self.max_events) else self._shortest
+
+    def _filling(self, size, batch, moved):
+        """``size``, or somewhat less where then twice as many of the ROI's events are kept.
+
+        More events than the buffer holds are thinned by halves. The confidence counts pairs of events: of a few events
+        too many it would be a quarter. The image is still to move far enough.
+        """
+        result, most = batch.result, self._config.buffer_events
+        share = size / max(len(batch.events), 1)
+        ahead = (result.roi_events + result.thinned) * share / most
+        if result.overflow or ahead <= 1:
+            return size
+        over = ahead / 2 ** math.floor(math.log2(ahead))
+        shorter = _FULL / over
+        enough = moved * share * shorter >= ALLOWED_PX[0]
+        return max(round(size * shorter), 1) if over < 1 + _SPARE and enough else size
 
 
 def _judges(config):

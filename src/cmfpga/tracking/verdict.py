@@ -143,7 +143,7 @@ class Verdict:
         if not self.judged.any():
             return ""
         open_ = {one: count for one, count in self.ambiguous.items() if count and one in UNTRUSTED}
-        left = ", ".join(f"{count} {WORDS[one]}" for one, count in open_.items())
+        left = "; ".join(f"in {count}, {WORDS[one]}" for one, count in open_.items())
         return f"{self.trusted.sum()} of {len(self.trusted)} {self.many} are to be trusted" + f" ({left})" * bool(left)
 
     @property

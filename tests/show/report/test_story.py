@@ -119,7 +119,7 @@ def test_of_a_synthetic_track(turning):
     assert "keep up" in story.lead and "not keep up" not in story.lead
     count = len(turning.rows)
     # One holds both sides of a turn.
-    assert story.notes[0] == f"{count - 1} of {count} batches are to be trusted (1 halves of the ROI apart)."
+    assert story.notes[0] == f"{count - 1} of {count} batches are to be trusted (in 1, parts of the ROI move apart)."
     assert story.notes[1].startswith("Velocity 1") and " px/s in the median, " in story.notes[1]
     assert story.notes[2].endswith("the velocities fit.") and "px/s off in the median" in story.notes[3]
     assert story.notes[4] == f"None of the {count} batches has a warning: nothing unusual happened."

@@ -10,7 +10,7 @@ from cmfpga.config import preset
 from cmfpga.config.schedule import Round
 from cmfpga.engines import make_engine
 from studies import accuracy
-from studies.accuracy import bias, real, studies, suites, table
+from studies.accuracy import bias, large, real, studies, suites, table
 
 FAST = preset("fast")
 
@@ -38,6 +38,8 @@ def test_studies(study, capsys, monkeypatch):
     monkeypatch.setattr(studies, "PLAIN_ETAS", (2.0,))
     monkeypatch.setattr(bias, "SPEEDS", (4.0,))
     monkeypatch.setattr(bias, "BATCHES", 1)
+    monkeypatch.setattr(large, "SENSORS", ((240, 180, 0.5),))
+    monkeypatch.setattr(large, "FIELDS", {"turn": large.FIELDS["turn"]})
     assert run("--study", study, "--batches", 2) == 0
     out = capsys.readouterr().out
     assert "px" in out and out.count("\n| ") >= 3
