@@ -101,7 +101,7 @@ def test_tiles_beside_a_field(command, turning, flow, tmp_path):
         told.append(json.loads(done.out))
     assert told[0]["trusted"]["aee_px"] == pytest.approx(told[1]["trusted"]["aee_px"], abs=0.02)
     assert told[0]["compared"] == told[1]["compared"] and told[0]["truth"]["kind"] == FIELD
-    assert told[0]["trusted"]["count"] > 10 and told[0]["trusted"]["median_px"] < 0.5 and told[0]["trusted"]["fwl"] > 1
+    assert told[0]["trusted"]["count"] > 8 and told[0]["trusted"]["median_px"] < 0.5 and told[0]["trusted"]["fwl"] > 1
     assert {"0.6", "1", "3"} == {*told[0]["trusted"]["above"]} and not told[0]["delay_fitted"]
     rows = [*csv.DictReader((tmp_path / "out" / "accuracy.csv").read_text().splitlines())]
     tiles = [*csv.DictReader((tmp_path / "out" / "flow.csv").read_text().splitlines())]
