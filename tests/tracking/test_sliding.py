@@ -54,6 +54,13 @@ def test_windows_move_by_what_is_aimed_at(tracked):
     assert {one.fresh for one in tracked.results[1:]} == {round(max(tracked.roi_events) / 16)}
 
 
+def test_thinned_events_make_no_longer_windows(scene, tracked):
+    """A window's events are those that are stored; where fewer are, it still holds the same motion."""
+    thinned = cmfpga.track(scene, preset="sliding", engine="model", thinning=3, batches=30)
+    assert np.median(thinned.window_us) == pytest.approx(np.median(tracked.window_us[:30]), rel=0.25)
+    assert max(thinned.roi_events) < 0.5 * max(tracked.roi_events[:30])
+
+
 def test_rows_tell_the_events_of_their_windows(scene):
     config = preset("sliding").replace(window_events=300, hop_events=40, window_us=30_000, min_roi_events=30)
     events, start = scene.events, scene.roi_start(64, 64)

@@ -45,7 +45,7 @@ def window_lengths(config, cutter, trial, roi):
         return {"window_events": count, "hop_events": hop_events(config), "min_roi_events": least}
     yield from cutter.survey(trial, roi)
     ahead = yield from cutter.ahead(max(1, round(cutter.size * WAY_PX / (2 * cutter.way))))
-    inside = len(events_in_roi(seen(config, ahead), roi[:2], *roi[2:])[0])
+    inside = len(events_in_roi(seen(config, ahead), roi[:2], *roi[2:])[0]) // config.thinning  # that are stored
     count = max(1, min(inside, config.buffer_events))
     span = int(ahead.t[-1] - ahead.t[0]) if len(ahead) else 0
     oldest = config.window_us or min(longest, max(LEAST_US, round(LONGER * span * count / max(1, inside))))
