@@ -29,7 +29,6 @@ LARGEST_OF_REGIONS = {
 OF_REGIONS = ("regions", "units", "slices", "bin_bits", "store_style")
 #: What such hardware, and the AXI top, cannot be without.
 NEEDED = {"gradient": "one_pass", "ascent": "newton", "buffers": 2, "thinning": 1, "thin_target": 0}
-WRAPPED = {"hot_pixels": 0, "hot_mask": "", "background": 0, "background_us": 0}
 
 
 def kind_of(seed):
@@ -87,8 +86,6 @@ def _fields(rng, regions, shell):
     values["motion"] = str(rng.choice([*MOTIONS], p=[0.7, 0.15, 0.15]))
     if regions:
         values |= _of_regions(rng, largest) | {"motion": values["motion"].replace("rotation", "translation")}
-    if shell:
-        values |= WRAPPED
     values |= needs(values["motion"])
     if not regions and not shell and values["motion"] == "translation" and rng.random() < 0.2:
         values |= _of_windows(rng, {**defaults, **values})

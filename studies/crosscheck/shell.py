@@ -172,7 +172,7 @@ class _Stream:
         """Other settings and tables. With a batch under way no more than one row of a table may wait."""
         settings = random_settings(self.config, self.rng, (0, 0))[0]
         if under_way:
-            settings = dataclasses.replace(settings, camera=self.settings.camera)
+            settings = dataclasses.replace(settings, camera=self.settings.camera, hot_mask=self.settings.hot_mask)
         if self.regions:
             if under_way:
                 settings = dataclasses.replace(settings, cold=self.settings.cold, warm=self.settings.warm)

@@ -118,7 +118,6 @@ def test_the_text_says_what_was_dropped(noisy, tmp_path, capsys):
     (["--background-us", "-1"], "argument --background-us: '-1': a whole number of 0 or more is needed"),
     (["--set", "background_us=5"], "background_us = 5: background = 1 is needed; background = 0 ignores it"),
     (["--background-us", "5", "--wave", "0", "--engine", "model"], "--wave: one batch by itself does not know"),
-    (["--background-us", "5", "--engine", "axi"], "background = 1: the AXI top has no such filter"),
 ])  # fmt: skip
 def test_what_is_refused(noisy, tmp_path, options, message, capsys):
     status = cli.run(track.main, [str(noisy), "--roi", "100,31", "--batches", "1", "--out", str(tmp_path), *options])

@@ -14,7 +14,7 @@ from cmfpga.errors import ConfigError
 from cmfpga.events import BatchCutter, Events, MemoryRecording, open_recording
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.registers import formats_of
-from cmfpga.protocol.results import COUNTS
+from cmfpga.protocol.results import COUNTS, counts_of
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.protocol.words import encode, read_raw, swap_halves
 from cmfpga.reference.wire import BatchEnds, to_beats
@@ -27,6 +27,31 @@ from support.driving import CONFIG, batch, differences, model_run, streamed
 @pytest.mark.parametrize("form", formats_of(CONFIG))
 def test_batches_equal_the_model(backend, rng, form):
     equal_batches(Accelerator(backend, form=form), rng)
+
+
+@pytest.mark.parametrize("change", [{}, {"undistortion": "on", "binning": 1}], ids=str)
+def test_filters_of_noise(compiler, rng, change):
+    """Masks are written through registers; what both filters drop is in the results and in the counters."""
+    config = CONFIG.replace(hot_pixels=1, background=1, background_cell=3, **change)
+    model, sums = ModelEngine(config), dict.fromkeys(("hot", "noise", "events_taken"), 0)
+    masks = [(), ((3, 4), (47, 31)), ((3, 4), (20, 7), (33, 30)), (), ((20, 7),)]
+    with Accelerator(SimulationBackend(config)) as accelerator:
+        for number, mask in enumerate(masks * 2):
+            events = batch(rng, 400, begin=1000 * number, config=config)
+            for k, (x, y) in enumerate(((3, 4), (20, 7), (47, 31))):
+                events.x[k::40], events.y[k::40] = x, y
+            settings = BatchSettings.from_config(config, None if number else (2, 0))
+            settings = dataclasses.replace(settings, hot_mask=mask, background_us=(0, 40, 200)[number % 3])
+            result = accelerator.run(events, settings=settings)
+            assert differences(result, model.run(events, settings)[0]) == []
+            assert result.events == sum(getattr(result, name) for name in counts_of(config))
+            assert (result.hot > 0) == bool(mask) and (result.noise > 0) == bool(number % 3)
+            for name, count in (("hot", result.hot), ("noise", result.noise), ("events_taken", result.events)):
+                sums[name] += count
+        counters = accelerator.counters()
+        assert {name: counters[name] for name in sums} == sums and sums["noise"] > sums["hot"] > 50
+        accelerator.reset()
+        assert accelerator.counters()["hot"] == accelerator.counters()["noise"] == 0
 
 
 @pytest.mark.parametrize("change", [{}, {"undistortion": "on"}])

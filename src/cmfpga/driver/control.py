@@ -11,7 +11,7 @@ from ..imaging.camera import node_writes
 from ..protocol.regions import RegionTable
 from ..protocol.registers import FORMATS, ID, MAP_VERSION, check, formats_of, register_map
 from ..protocol.settings import schedule_table, settings_values
-from ..protocol.tables import window_words
+from ..protocol.tables import mask_writes, window_words
 from ..protocol.words import setting_words
 
 
@@ -117,7 +117,7 @@ class Control:
         self.registers = register_map(config)
         self.table = RegionTable(config) if config.regions else None
         self._written = {}  # settings as they stand: offset to word
-        self._camera = None  # that whose nodes stand in the table
+        self._camera = self._mask = None  # those that stand in the tables; None: nobody knows
 
     def read(self, name):
         """``{field: value}`` of a register."""
@@ -206,16 +206,20 @@ class Control:
             names = [f.name for f in declared.fields]
             for k, entry in enumerate(schedule):
                 self._write_once(declared, declared.pack(**dict(zip(names, entry, strict=True))), 4 * k)
-        self._write_tables(rows, settings.camera)
+        self._write_tables(rows, settings)
         if "ROI_LOAD" in self.registers:
             self.write("ROI_LOAD", LOAD=load)
 
-    def _write_tables(self, rows, camera):
-        """Rows of the table of regions, and a camera's nodes, while no batch is under way."""
+    def _write_tables(self, rows, settings):
+        """Rows of the table of regions, a camera's nodes and hot pixels, while no batch is under way."""
+        camera, mask = settings.camera, settings.hot_mask
         rows = [("row", dict(zip(self.table.names, row, strict=True))) for row in rows]
         if camera and camera != self._camera:
             nodes = node_writes(self.config, camera)
             rows += [("node", dict(zip(("column", "row", "x", "y"), node, strict=True))) for node in nodes]
+        if mask and mask != self._mask:
+            words = mask_writes(self.config, mask, self._mask)
+            rows += [("mask", dict(zip(("column", "row", "bits"), word, strict=True))) for word in words]
         if not rows:
             return
         try:
@@ -228,7 +232,7 @@ class Control:
         except BaseException:  # nobody knows what was written
             self._forget_tables()
             raise
-        self._camera = camera or self._camera
+        self._camera, self._mask = camera or self._camera, mask or self._mask
 
     def write_row(self, name, values):
         """A row of a table; with a batch under way it waits, and the next row of that table would be refused."""
@@ -238,7 +242,7 @@ class Control:
         self.backend.write32(last.offset, word)
 
     def _forget_tables(self):
-        self._camera = None
+        self._camera = self._mask = None
         if self.table:
             self.table.forget()
 

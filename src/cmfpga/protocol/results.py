@@ -196,8 +196,9 @@ RESULTS = (
     ResultField(name="late", **_COUNT | {"shape": lambda c: up_to(c.buffer_events), "counts": False, "default": None},
                 when=with_windows, doc="later than the unit of time, and counted as at its end",
                 places=(Place(word=46),)),
-    ResultField(name="hot", **_COUNT | _FILTERED, when=with_hot_pixels, doc="dropped: of pixels marked as hot"),
-    ResultField(name="noise", **_COUNT | _FILTERED, when=with_background,
+    ResultField(name="hot", **_COUNT | _FILTERED, when=with_hot_pixels, doc="dropped: of pixels marked as hot",
+                places=(Place(word=47),)),
+    ResultField(name="noise", **_COUNT | _FILTERED, when=with_background, places=(Place(word=48),),
                 doc="dropped: no other pixel of the cell had an event shortly before"),
     ResultField(name="batch", shape=lambda c: whole(32), scope="wrapper", places=(Place(word=0),),
                 doc="number of the batch, from 1 after a reset; 0: no result yet"),
@@ -221,12 +222,12 @@ RESULTS = (
 def packet_beats(config):
     """64-bit words of a result packet: it has room for all fields, and for the parts of them that there are.
 
-    Where windows slide only for the fields that are there, and for theirs only there.
+    Where windows slide only for the fields that are there, and for theirs and those of filters only there.
     """
     return 1 + max(
         place.word // 2
         for f in RESULTS
-        if (f.when(config) if config.slides else f.when is not with_windows)
+        if f.when(config) or not (config.slides or f.when in (with_windows, with_hot_pixels, with_background))
         for place in f.places
         if not f.when(config) or f.name + place.part in leaves(f.name, f.shape(config))
     )

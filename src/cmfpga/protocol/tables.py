@@ -1,14 +1,15 @@
 """Tables that are written at run time: through a window of registers, a row at a time; and the mask of hot pixels.
 
-Each window has the members of what fills the hardware's table (:func:`cmfpga.rtl.regions.payloads.row_write`,
-:func:`cmfpga.rtl.payloads.node_write`). The last register says which row it is; a write to it writes the row.
+Each window has the members of what fills the hardware's table: :func:`cmfpga.rtl.regions.payloads.row_write`,
+:func:`cmfpga.rtl.payloads.node_write`, :func:`cmfpga.rtl.payloads.mask_write`. The last register says which row it is;
+a write to it writes the row.
 
 Imports neither Amaranth nor NumPy.
 """
 
 from .regions import ROW
-from .settings import Setting, with_regions, with_undistortion
-from .shapes import Place
+from .settings import Setting, with_hot_pixels, with_regions, with_undistortion
+from .shapes import Place, whole
 
 #: A node of the table that undistorts.
 NODE = (
@@ -23,8 +24,19 @@ NODE = (
             places=(Place(word=10, register="NODE_WRITE", field="ROW", lsb=16, width=16),)),
 )  # fmt: skip
 
+#: A word of the mask of hot pixels.
+MASK = (
+    Setting(name="bits", shape=lambda c: whole(c.geometry.mask_pixels), doc="bit k: pixel 32·COLUMN + k is hot",
+            places=(Place(word=11, register="MASK_BITS"),)),
+    Setting(name="column", high=lambda c: c.geometry.mask_columns - 1, doc="column of the word",
+            places=(Place(word=12, register="MASK_WRITE", field="COLUMN", width=16,
+                          register_doc="write the word of MASK_BITS into the mask of hot pixels"),)),
+    Setting(name="row", high=lambda c: c.sensor_height - 1, doc="row of the word, of the sensor",
+            places=(Place(word=12, register="MASK_WRITE", field="ROW", lsb=16, width=16),)),
+)  # fmt: skip
+
 #: ``{name: (when, what a row has)}``; registers are called after it.
-TABLES = {"row": (with_regions, ROW), "node": (with_undistortion, NODE)}
+TABLES = {"row": (with_regions, ROW), "node": (with_undistortion, NODE), "mask": (with_hot_pixels, MASK)}
 
 
 def tables_of(config):

@@ -12,10 +12,17 @@ from support.mutation import break_blocks
 from support.values import Port
 
 CONFIG = preset("objects").replace(
-    sensor_width=40, sensor_height=30, roi_width=16, roi_height=12, regions=5, undistortion="on", bin_bits=3
+    sensor_width=40,
+    sensor_height=30,
+    roi_width=16,
+    roi_height=12,
+    regions=5,
+    undistortion="on",
+    hot_pixels=1,
+    bin_bits=3,
 )
 REGISTERS = register_map(CONFIG)
-CYCLES = 4000
+CYCLES = 7000
 
 
 class Model:
@@ -53,7 +60,7 @@ class Model:
         return parent and (row["number"] < self.known or (row["fresh"] and row["number"] == self.known))
 
     def be_quiet(self):
-        for table, row in sorted(self.waiting.items(), reverse=True):  # as the block has them: row, node
+        for table, row in sorted(self.waiting.items(), reverse=True):  # as the block has them: row, node, mask
             self.written.append((table, row))
             self.known += table == "row" and row["fresh"] and row["number"] == self.known
         self.waiting.clear()

@@ -116,7 +116,7 @@ def hot_mask(recording):
 def usual_survey(recording, engine, given):
     """The survey whose hot pixels are dropped by default; None of a stream, and where the user says which pixels.
 
-    Also None for hardware without a mask, which is behind AXI or a serial line. Of a recording that breaks off, what
+    Also None for hardware behind AXI or a serial line, which may have no mask. Of a recording that breaks off, what
     can be read counts.
     """
     if not recording.seekable or engine not in ENGINES or {"hot_pixels", "hot_mask"} & {*given}:

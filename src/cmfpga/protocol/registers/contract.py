@@ -3,8 +3,8 @@
 Imports neither Amaranth nor NumPy.
 """
 
-from ..results import COUNTS, RESULTS
-from ..settings import SETTINGS
+from ..results import COUNTS, RESULTS, counts_of
+from ..settings import SETTINGS, with_background, with_hot_pixels, with_windows
 from ..shapes import leaves
 from ..tables import tables_of
 from .layout import BASE, Field, Register, in_order, status
@@ -61,18 +61,33 @@ _OF_WINDOWS = {
     "ROI_EVENTS": "stored: RESULT_FRESH of all results",
     "LONGEST_BATCH": "the longest hop, from its end to its result",
 }
-SKIPPED = "RESULTS_SKIPPED", ("results", "results that were not sent, because of EVERY")
+
+#: Behind those of :data:`COUNTERS`, each in its place: ``{name: (when, unit, what is counted)}``.
+MORE_COUNTERS = {
+    "RESULTS_SKIPPED": (with_windows, "results", "results that were not sent, because of EVERY"),
+    "HOT": (with_hot_pixels, "events", "dropped: of pixels marked as hot, of all results"),
+    "NOISE": (
+        with_background,
+        "events",
+        "dropped: no other pixel of the cell had an event shortly before, of all results",
+    ),
+}
 
 
 def counters(config):
-    """Registers of :data:`COUNTERS`."""
+    """Registers of :data:`COUNTERS`, and of those of :data:`MORE_COUNTERS` that the hardware has."""
     docs = _OF_REGIONS if config.regions else _OF_WINDOWS if config.slides else {}
-    made = [
+    if filtered := [name.upper() for name in counts_of(config) if name.upper() in MORE_COUNTERS]:
+        usual = docs.get("EVENTS_TAKEN", COUNTERS["EVENTS_TAKEN"][1])
+        docs = {**docs, "EVENTS_TAKEN": " + ".join([usual, *filtered])}
+    more = {name: (unit, doc) for name, (_, unit, doc) in MORE_COUNTERS.items()}
+    made = in_order("Counters", [
         (f"COUNT_{name}", docs.get(name, doc),
          [status("VALUE", 0, 32, docs.get(name, doc), unit=unit, link=name.lower())])
-        for name, (unit, doc) in (*COUNTERS.items(), *((SKIPPED,) if config.slides else ()))
-    ]  # fmt: skip
-    return in_order("Counters", made)
+        for name, (unit, doc) in (COUNTERS | more).items()
+    ])  # fmt: skip
+    here = [when(config) for when, *_ in MORE_COUNTERS.values()]
+    return made[: len(COUNTERS)] + [one for one, there in zip(made[len(COUNTERS) :], here, strict=True) if there]
 
 
 def _registers(group, prefix, fields):

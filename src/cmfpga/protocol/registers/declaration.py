@@ -50,9 +50,6 @@ def check(config):
     ):
         if getattr(config, name) > limit:
             raise ConfigError(f"{name} = {getattr(config, name)}: at most {limit} is allowed for the AXI top ({why})")
-    for name in ("hot_pixels", "background"):
-        if getattr(config, name):
-            raise ConfigError(f"{name} = 1: the AXI top has no such filter")
 
 
 def register_map(config):

@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out, connect
 from ...protocol.flags import Flag
 from ...protocol.registers.declaration import register_map
 from ...protocol.registers.layout import BASE
+from ...protocol.results import counts_of
 from ...protocol.tables import tables_of
 from ..core import Core
 from ..regions.regions import Regions
@@ -71,6 +72,10 @@ class Shell(wiring.Component):
         self.input_path = InputPath(config)
         self.batch_end = (RunEnd if config.slides else BatchEnd)(config)
         self.hop_results = HopResults() if config.slides else None
+        # Of all results: what filters of noise dropped.
+        self.filtered = {
+            name: Signal(32, name=f"count_{name}") for name in ("hot", "noise") if name in counts_of(config)
+        }
         self.result_packet = ResultPacket(config, self.registers)
         self.bank = RegisterBank([r for r in self.registers if r.group not in ("Result", "Counters", "Tables")])
         self.settings = Settings(config, self.registers)
@@ -318,9 +323,10 @@ class Shell(wiring.Component):
             packet.read.eq(bus.read & asked("Result", 1 + len(packet.address))),
         ]
         word = counters.word
-        if self.config.slides:
-            at = self.registers["COUNT_RESULTS_SKIPPED"].offset // 4 % 32
-            word = Mux(counters.address == at, self.hop_results.skipped, word)
+        more = {"RESULTS_SKIPPED": self.hop_results.skipped} if self.hop_results else {}
+        for name, count in (more | {name.upper(): count for name, count in self.filtered.items()}).items():
+            at = self.registers[f"COUNT_{name}"].offset // 4 % 32
+            word = Mux(counters.address == at, count, word)
         answers.append(Mux(asked("Counters", len(counters.address)), word, 0))
         for half in range(2):
             mine = asked("Result", 1 + len(packet.address)) & (bus.read_address[0] == half) & packet.any_shown
@@ -344,6 +350,11 @@ class Shell(wiring.Component):
                 m.d.comb += counters.packet[:32].eq(self.core.o.payload.fresh)
         if self.config.regions:
             m.d.comb += counters.last.eq(packet.i.payload.last)
+        for name, count in self.filtered.items():
+            with m.If(counters.clear):
+                m.d.sync += count.eq(0)
+            with m.Elif(self._done if self.config.regions else packet.taken):  # once a batch
+                m.d.sync += count.eq(count + packet.i.payload[name])
         entering, leaving = self.i, self.o
         counted = self.input_path.counted
         pulses = {

@@ -12,7 +12,7 @@ from ..regions.payloads import row_write
 from . import payloads
 
 #: What fills each table.
-WRITES = {"row": row_write, "node": core.node_write}
+WRITES = {"row": row_write, "node": core.node_write, "mask": core.mask_write}
 
 
 def leaves_of(view, prefix=""):
@@ -162,7 +162,7 @@ class Tables(wiring.Component):
         A row waits; some are not known. No batch may begin.
     refused : ``Out(16)``
         Writes, modulo 2^16.
-    row_write, node_write : ``Out``, flows
+    row_write, node_write, mask_write : ``Out``, flows
         What fills the core's tables, where it has them.
     """
 
