@@ -62,6 +62,8 @@ def test_files_and_summary(command, slide, sliding, tmp_path):
     assert head["recording"] == "slide.h5" and head["image"] == ""
     found = rows(tmp_path / "flow.csv")
     assert len(found) == 2 * told["tiles"] and trusted.sum() == told["trusted"]
+    speeds = [float(np.hypot(*v[k, tile])) for k, tile in zip(*np.nonzero(trusted), strict=True)]
+    assert told["speed_px_per_s"] == pytest.approx(np.percentile(speeds, (50, 95)), abs=0.01) and len(speeds) > 9
     for k, row in enumerate(found):
         if row["vx_px_per_s"]:
             assert float(row["vx_px_per_s"]) == pytest.approx(v.reshape(-1, 2)[k, 0], abs=1e-3)

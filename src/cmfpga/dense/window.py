@@ -56,7 +56,7 @@ COLUMNS = declared(
            doc="κ, how sharp the contrast's peak is; empty, or NaN, where it was not measured"),
     Column(name="covariance", unit="(px/s)²", text=None, shape="[W, n, 3]", value=lambda w: w.covariance,
            doc="of the flow: xx, yy, xy; in which direction an edge leaves v open; NaN of tiles in doubt"),
-    Column(name="trusted", dtype=int, shape="[W, n]", value=lambda w: w.trusted.astype(int),
+    Column(name="trusted", dtype=int, shape="[W, n]", value=lambda w: w.trusted, text=lambda yes: str(int(yes)),
            doc="1: neither degenerate nor doubtful nor short, and the tiles around agree"),
     Column(name="flags", dtype=int, shape="[W, n]", value=lambda w: w.flags, text=lambda bits: Flag(bits).text,
            doc="names of the flags that are set, joined by `|`, or their bits"),
