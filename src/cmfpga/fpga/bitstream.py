@@ -19,7 +19,7 @@ from amaranth_boards.ulx3s import ULX3S_85F_Platform
 from ..boards import TANG_PRIMER_20K
 from ..verilog.emit import sha256
 from .families import FAMILIES, TIMING, luts_of_four
-from .packing import pack_registers
+from .gates import pack
 from .place import listed, require_tools
 from .tools import EstimateError, read_json, run, yosys
 
@@ -225,7 +225,7 @@ FLOWS = {
         constraints="pads.lpf",
         levels=Attrs(IO_TYPE="LVCMOS33", PULLMODE="DOWN"),
         clock=_by_pll,
-        prepare=pack_registers,
+        prepare=pack,
         options=lambda board: [
             *("--package", board.package, "--lpf", "pads.lpf", "--textcfg", "pads.config"), *TIMING
         ],

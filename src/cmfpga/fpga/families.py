@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from .packing import pack_registers
+from .gates import pack
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,7 +86,7 @@ ECP5 = Family(
         "dp16kd": ("DP16KD", "DP16KD"),
         "mult18": ("MULT18X18D", "MULT18X18D"),
     },
-    prepare=pack_registers,
+    prepare=pack,
 )
 
 _SYNTH_NEXUS = "synth_nexus -family lifcl -no-rw-check -noiopad -nodsp -top {top} -run"

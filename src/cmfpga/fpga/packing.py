@@ -37,10 +37,10 @@ def pack_registers(module):
     its wires are long as well; and where both terms of an adder before a multiplier do, their sum.
     """
     cells, before = module["cells"], len(module["cells"])
-    _, sinks = _wires(module)
+    _, sinks = wires_of(module)
     for cell in [cell for cell in cells.values() if cell["type"] in _OUTPUTS]:
         _pack_output(cells, cell, sinks)
-    drivers, _ = _wires(module)
+    drivers, _ = wires_of(module)
     packed = set()
     multipliers = [cell for cell in cells.values() if cell["type"] == "MULT18X18D"]
     for cell in multipliers:
@@ -51,7 +51,7 @@ def pack_registers(module):
             if _waits(cell, other) and not _waits(cell, factor):
                 packed |= _pack_input(cells, cell, factor, drivers, {"TRELLIS_FF", "CCU2C"})
     _drop(module, packed)
-    drivers, sinks = _wires(module)
+    drivers, sinks = wires_of(module)
     new = count(1 + max((bit for bit in [*drivers, *sinks] if isinstance(bit, int)), default=0))
     multipliers = [name for name, cell in cells.items() if cell["type"] == "MULT18X18D"]
     _drop(module, {register for name in multipliers for register in _move_behind(cells, name, sinks, drivers, new)})
@@ -62,13 +62,13 @@ def _drop(module, registers):
     """Delete those of the ``registers`` that nothing reads; one may have been the only reader of another."""
     cells, dead = module["cells"], registers
     while dead:
-        _, sinks = _wires(module)
+        _, sinks = wires_of(module)
         dead = {name for name in registers & {*cells} if not sinks[cells[name]["connections"]["Q"][0]]}
         for name in dead:
             del cells[name]
 
 
-def _wires(module):
+def wires_of(module):
     """By net: the name of the cell that drives it; and all that it goes to, by cell and pin."""
     drivers, sinks = {}, defaultdict(list)
     for name, cell in module["cells"].items():
