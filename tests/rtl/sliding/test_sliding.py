@@ -215,15 +215,15 @@ def test_an_event_a_cycle(rng):
 
 
 MUTANTS = {  # argument, module, old, new
-    "hop closes with one event more": ("control", hop_control, "(left == 1)) |", "(left == 0)) |"),
-    "hop closes after the event that is due": ("control", hop_control, "place + (gone & stays)", "place + 1"),
-    "times of the hop before": ("control", hop_control, "self.now.eq(now),", "self.now.eq(self.now),"),
+    "hop closes with one event more": ("control", hop_control, "ending.eq(left == 2)", "ending.eq(left == 1)"),
+    "hop closes after the event that is due": ("control", hop_control, "place + (stays & ~due)", "place + 1"),
+    "times of the hop before": ("control", hop_control, "self.now.eq(now_s3),", "self.now.eq(self.now),"),
     "the ROI moves at once": ("control", hop_control, "frac), roi[axis])", "frac), self.corner[axis])"),
-    "a hop closes while one is evaluated": ("control", hop_control, "& self.free & ~self.closed", "& ~self.closed"),
+    "a hop closes while one is evaluated": ("control", hop_control, "free.eq(self.free & ", "free.eq(1 & "),
     "no pause is too long": ("control", hop_control, "self.stale.eq(step_s1 > longest)", "self.stale.eq(0)"),
     "an event too many stays": ("walk", walker, "held > most", "held > most + 1"),
     "events as old as they may be go": ("walk", walker, "> oldest", ">= oldest"),
-    "a hop closes a µs late": ("control", hop_control, ">= lengths.hop_us)", "> lengths.hop_us)"),
+    "a hop closes a µs late": ("control", hop_control, "(now - target)", "(now - target - 1)"),
     "a dither of its own for each window": ("walk", walker, "phase.eq(phase + factor)", "phase.eq(factor // 2)"),
     "the dither goes on in an empty window": ("walk", walker, "phase.eq(factor // 2)", "phase.eq(phase)"),
     "time of the event before": ("walk", walker, "self.t_first.eq(t_s2)", "self.t_first.eq(self.t_first)"),

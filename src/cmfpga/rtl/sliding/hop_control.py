@@ -30,7 +30,7 @@ class HopControl(wiring.Component):
     would close before the last one is evaluated, or if the ring has no place. So hops follow from the sequence of
     events, and not from when they come.
 
-    One event per cycle; latency :attr:`latency` cycles. A hop that closes by time costs a cycle.
+    One event per cycle; latency :attr:`latency` cycles. A hop's end costs a cycle, and two where it closes by time.
 
     Parameters
     ----------
@@ -57,12 +57,12 @@ class HopControl(wiring.Component):
         How long that was after the one before, lowest bits, and whether more than ``window_us``; from the cycle after
         ``closed`` on, and the one after that.
     counts : ``Out``, :func:`hop_counts`
-        From the cycle after ``closed`` on.
+        From the second cycle after ``closed`` on.
     waits : ``Out(1)``
         An event has been taken that is not judged yet.
     """
 
-    latency = 2
+    latency = 4
 
     def __init__(self, config):
         self.config = config
@@ -87,83 +87,132 @@ class HopControl(wiring.Component):
 
     def elaborate(self, platform):
         config, lengths, frac = self.config, self.lengths, self.config.formats.event_frac
+        sizes = config.roi_width, config.roi_height
         m = Module()
-        # Stage 1: an event, which stays until it is judged.
-        valid_s1, goes, begun = Signal(), Signal(), Signal()
-        event_s1 = Signal(payloads.undistorted_event(config), reset_less=True)
-        m.d.comb += [self.i.ready.eq(~valid_s1 | goes), self.waits.eq(valid_s1)]
-        with m.If(self.i.ready):
-            m.d.sync += [valid_s1.eq(self.i.valid), event_s1.eq(self.i.payload)]
-
-        # Stage 2: whether it lies in the ROI, and whether it ends a hop.
+        # Stages 1 to 3 go on together. What is judged in the third is known there: nothing is compared any more.
+        moves, goes, begun = Signal(), Signal(), Signal()
+        valid_s1, valid_s2, valid_s3 = (Signal(name=f"valid_s{stage}") for stage in (1, 2, 3))
+        event_s1, event_s2, event_s3 = (
+            Signal(payloads.undistorted_event(config), name=f"event_s{stage}", reset_less=True) for stage in (1, 2, 3)
+        )
         roi, latest, left = Signal.like(self.corner), Signal(config.time_bits), Signal.like(lengths.hop_events)
-        place, position = Signal.like(self.end), Signal(Widths.thinning_bits)
-        now, before, since, step = (
-            Signal(config.time_bits, name=name) for name in ("newest", "before", "since", "step")
+        place = Signal.like(self.end)
+        behind, after = Signal.like(place, init=1), Signal.like(place, init=2)  # the next place, and the one after that
+        before, target, step = (Signal(config.time_bits, name=name) for name in ("before", "target", "step"))
+        closes, stays, due, last, full = (Signal(name=name) for name in ("closes", "stays", "due", "last", "full"))
+        keeps, kept = Signal(init=1), Signal()  # one in ``thinning``: of what comes next, and of what comes behind that
+        m.d.comb += [
+            moves.eq(~self.closed & (~valid_s3 | goes)),
+            self.i.ready.eq(moves),
+            self.waits.eq(valid_s1 | valid_s2 | valid_s3),
+        ]
+        with m.If(moves):
+            m.d.sync += [valid_s1.eq(self.i.valid), valid_s2.eq(valid_s1), valid_s3.eq(valid_s2)]
+            m.d.sync += [event_s1.eq(self.i.payload), event_s2.eq(event_s1), event_s3.eq(event_s2)]
+
+        # Stage 1: the time that it is.
+        now_s2, now_s3 = (Signal(config.time_bits, name=f"now_s{stage}", reset_less=True) for stage in (2, 3))
+        back_s2, back_s3 = (Signal(name=f"back_s{stage}", reset_less=True) for stage in (2, 3))
+        since = (event_s1.t - latest)[: config.time_bits]
+        now = Mux(since[-1], latest, event_s1.t)
+        with m.If(moves):
+            m.d.sync += [now_s2.eq(now), back_s2.eq(since[-1]), now_s3.eq(now_s2), back_s3.eq(back_s2)]
+        with m.If(moves & valid_s1):
+            m.d.sync += latest.eq(now)
+
+        # Stage 2: whether it lies in the ROI, and comes behind the hop. Where one has closed, again of what waits.
+        inside_s3, stays_s3, due_s3 = (
+            Signal(name=f"{name}_s3", reset_less=True) for name in ("inside", "stays", "due")
         )
-        back, marked, inside, stays, due, last, closes, full = (
-            Signal(name=name) for name in ("back", "marked", "inside", "stays", "due", "last", "closes", "full")
-        )
+        timed, inside = Signal(), Signal()
+        event = Mux(self.closed, event_s3.as_value(), event_s2.as_value())
+        event = data.View(payloads.undistorted_event(config), event)
+        back, now = Mux(self.closed, back_s3, back_s2), Mux(self.closed, now_s3, now_s2)
+        ends, sides = {}, []
+        for axis, size in zip("xy", sizes, strict=True):
+            ends[axis] = Signal(range((1 << len(roi[axis])) + size), name=f"end_{axis}")
+            sides += [event[axis] >= Cat(Const(0, frac), roi[axis]), event[axis] < Cat(Const(0, frac), ends[axis])]
+        marks = [name for name in ("hot", "noise") if name in hop_counts(config).members]
+        marked = Cat(event[name] for name in marks).any() if marks else 0
+        m.d.comb += inside.eq(Cat(sides).all() & ~back & ~marked)
+        with m.If(moves | self.closed):
+            m.d.sync += [
+                inside_s3.eq(inside),
+                stays_s3.eq(inside & kept),
+                # Time never steps back here, so the sign tells.
+                due_s3.eq(timed & ~back & ~(now - target)[config.time_bits - 1]),
+            ]
+        m.d.sync += timed.eq(lengths.hop_us != 0)
+
+        # Stage 3: whether it stays, and whether it ends a hop.
         counts = Signal(hop_counts(config))
         taken = Signal.like(counts.events, name="taken")
         longest = Mux(lengths.window_us == 0, 1 << (config.span_bits - 1), lengths.window_us)
         step_s1 = delay(m, step, 1, name="step")
         m.d.comb += self.step.eq(step_s1)
         m.d.sync += self.stale.eq(step_s1 > longest)
-        sides = []
-        for axis, size in (("x", config.roi_width), ("y", config.roi_height)):
-            at = event_s1[axis] - Cat(Const(0, frac), roi[axis])
-            sides += [at >= 0, at < size << frac]
-        marks = {name: event_s1[name] & ~back for name in ("hot", "noise") if name in counts.shape().members}
+        most = config.max_batch_events
+        # Flags: the next one that stays ends the hop; any is the last of so many; there is no place; a hop may close.
+        ending, greatest, no_place, free = Signal(), Signal(init=most == 1), Signal(), Signal()
+        skipped, others = Signal(Widths.thinning_bits), Signal(Widths.thinning_bits)
+        marks = {name: event_s3[name] & ~back_s3 for name in marks}
+        marked = Cat(marks.values()).any() if marks else 0
         m.d.comb += [
-            since.eq(event_s1.t - latest),
-            back.eq(since[-1]),
-            now.eq(Mux(back, latest, event_s1.t)),
             step.eq(self.now - before),
-            marked.eq(Cat(marks.values()).any() if marks else 0),
-            inside.eq(Cat(sides).all() & ~back & ~marked),
-            stays.eq(inside & (position == 0)),
-            due.eq(
-                begun & ~back & (lengths.hop_us != 0) & ((event_s1.t - self.now)[: config.time_bits] >= lengths.hop_us)
-            ),
-            last.eq((stays & (left == 1)) | (taken == config.max_batch_events - 1)),
-            closes.eq(valid_s1 & (due | (last & ~full)) & self.free & ~self.closed),
-            full.eq(stays & ((place + 1)[: len(place)] == self.oldest)),
-            goes.eq(~due & ~full & Mux(last, closes, 1)),
+            stays.eq(stays_s3),
+            due.eq(due_s3),
+            last.eq((stays & ending) | greatest),
+            full.eq(stays & no_place),
+            closes.eq(valid_s3 & (due | (last & ~full)) & free),
+            goes.eq(~due & ~full & ~self.closed & (~last | free)),
         ]
-        gone = valid_s1 & goes
+        gone = valid_s3 & goes
         m.d.sync += [
             self.closed.eq(closes),
             self.o.valid.eq(gone & stays),
-            *(self.o.payload[name].eq(event_s1[name]) for name in self.o.payload.shape().members),
+            *(self.o.payload[name].eq(event_s3[name]) for name in self.o.payload.shape().members),
+            others.eq(Mux(self.thinning == 0, 0, self.thinning - 1)),
+            # As the oldest was a cycle ago: a place that has become free since is used a cycle later.
+            no_place.eq(Mux(gone & stays, after == self.oldest, behind == self.oldest)),
+            free.eq(self.free & ~closes & ~self.closed),
         ]
-        lost = {"events": 1, "fresh": stays, "outside": ~inside & ~back & ~marked, "thinned": inside & ~stays}
-        lost |= {"time_back": back} | marks
-        grown = Signal(hop_counts(config), name="grown")  # a cycle later
+        lost = {"events": 1, "fresh": stays, "outside": ~inside_s3 & ~back_s3 & ~marked}
+        lost |= {"thinned": inside_s3 & ~stays, "time_back": back_s3} | marks
+        grown = Signal(hop_counts(config), name="grown")  # two cycles later
         for name, which in lost.items():
-            m.d.comb += grown[name].eq(counts[name] + delay(m, gone & which, 1, name=f"grows_{name}", valid=True))
-        m.d.sync += counts.eq(Mux(self.closed, 0, grown.as_value()))
-        with m.If(self.closed):
+            m.d.comb += grown[name].eq(counts[name] + delay(m, gone & which, 2, name=f"grows_{name}", valid=True))
+        counted = delay(m, self.closed, 1, name="closed", valid=True)
+        m.d.sync += counts.eq(Mux(counted, 0, grown.as_value()))
+        with m.If(counted):
             m.d.sync += self.counts.eq(grown)
         with m.If(closes):
-            m.d.sync += taken.eq(0)
+            m.d.sync += [taken.eq(0), greatest.eq(most == 1)]
         with m.Elif(gone):
-            m.d.sync += taken.eq(taken + 1)
-        with m.If(gone):
-            m.d.sync += latest.eq(now)
-        with m.If(gone & inside):
-            m.d.sync += position.eq(Mux(position + 1 >= self.thinning, 0, position + 1))
+            m.d.sync += [taken.eq(taken + 1), greatest.eq(taken == most - 2)]
+        m.d.comb += kept.eq(keeps)
+        with m.If(gone & inside_s3):
+            m.d.comb += kept.eq(Mux(keeps, others == 0, skipped == 1))
+            m.d.sync += skipped.eq(Mux(keeps, others, skipped - 1))
+        m.d.sync += keeps.eq(kept)
         with m.If(gone & stays):
-            m.d.sync += [place.eq(place + 1), left.eq(left - 1)]
+            m.d.sync += [place.eq(behind), behind.eq(after), after.eq(after + 1)]
+            m.d.sync += [left.eq(left - 1), ending.eq(left == 2)]
+        begins = [
+            roi.eq(self.corner),
+            *(ends[axis].eq(self.corner[axis] + size) for axis, size in zip("xy", sizes, strict=True)),
+            left.eq(lengths.hop_events),
+            ending.eq(lengths.hop_events == 1),
+        ]
         with m.If(closes):
             m.d.sync += [
-                self.end.eq(place + (gone & stays)),
-                self.now.eq(now),
+                self.end.eq(place + (stays & ~due)),
+                self.now.eq(now_s3),
+                target.eq(now_s3 + lengths.hop_us),
                 before.eq(self.now),
-                roi.eq(self.corner),
-                left.eq(lengths.hop_events),
+                *begins,
             ]
         with m.If(~begun):
-            m.d.sync += [roi.eq(self.corner), self.now.eq(self.i.payload.t), latest.eq(self.i.payload.t)]
-            m.d.sync += [left.eq(lengths.hop_events), begun.eq(self.i.valid)]
+            time = self.i.payload.t
+            m.d.sync += [*begins, self.now.eq(time), latest.eq(time), target.eq(time + lengths.hop_us)]
+            m.d.sync += begun.eq(self.i.valid)
         return m
