@@ -36,7 +36,7 @@ MUTANTS = [
     Mutant("written over", "write.addr.eq(write.addr + write.en)", "write.addr.eq(write.addr)", ring),
     Mutant("the place after", "Mux(reading_s1, address_s1,", "Mux(reading_s1, next_s1,", ring),
     Mutant("goes on after the last", "reading_s1.eq(~last_s1)", "reading_s1.eq(1)", ring),
-    Mutant("b passes e", "(held != 0) & ", "", walker),
+    Mutant("b passes e", "drops.eq(some & ", "drops.eq(1 & ", walker),
     Mutant("an event too many", "(held > most)", "(held > most + 1)", walker),
     Mutant("dither of the window before", "phase.eq(factor // 2)", "phase.eq(phase)", walker),
 ]  # fmt: skip

@@ -122,7 +122,9 @@ class Ring(wiring.Component):
 
         # Stage 2: the memory's own register. Stage 3: its output register.
         m.d.comb += read.addr.eq(Mux(reading_s1, address_s1, self.look))
-        m.d.sync += [self.o.payload[name].eq(read.data[name]) for name in read.data.shape().members]
+        read_s3 = Signal(event, reset_less=True)  # a reset would keep it out of block RAMs
+        m.d.sync += read_s3.eq(read.data)
+        m.d.comb += [self.o.payload[name].eq(read_s3[name]) for name in event.members]
         m.d.sync += [
             self.o.payload.last.eq(delay(m, last_s1, 1, name="last")),
             self.o.valid.eq(delay(m, goes, 1, name="goes", valid=True)),

@@ -78,10 +78,13 @@ class Walker(wiring.Component):
         # A place is looked at in each cycle; what is there comes back in the same order.
         walking = Signal()
         arrived = Signal(Ring.latency + 2)
-        drops = Signal()
+        # Flags of ``held``, which stand beside it: there are some, and more than may stay.
+        some, over, drops = Signal(), Signal(), Signal()
+        more = Signal(len(most) + 1)  # than may stay by one
         age_s1 = delay(m, (now - self.t)[: config.span_bits], 1, name="age")
         old_s2, t_s2 = delay(m, age_s1 > oldest, 1, name="old"), delay(m, self.t, 2, name="t")
-        m.d.comb += drops.eq((held != 0) & (stale | (held > most) | old_s2))
+        m.d.comb += drops.eq(some & (stale | over | old_s2))
+        m.d.sync += [some.eq(held != 0), over.eq(held > most), more.eq(most + 1)]
         m.d.sync += [self.done.eq(0), arrived.eq((arrived << 1) | walking), self.look.eq(self.look + 1)]
         with m.If(self.go):
             m.d.sync += [
@@ -97,9 +100,10 @@ class Walker(wiring.Component):
         with m.Elif(walking & arrived[-2]):
             with m.If(drops):
                 m.d.sync += [self.begin.eq(self.begin + 1), held.eq(held - 1)]
+                m.d.sync += [some.eq(held != 1), over.eq(held > more)]
                 m.d.sync += [phase.eq(phase + factor) for phase, factor in zip(phases, FACTORS, strict=True)]
             with m.Else():
-                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(t_s2), self.empty.eq(held == 0)]
-                with m.If(held == 0):
+                m.d.sync += [walking.eq(0), self.done.eq(1), self.t_first.eq(t_s2), self.empty.eq(~some)]
+                with m.If(~some):
                     m.d.sync += [phase.eq(factor // 2) for phase, factor in zip(phases, FACTORS, strict=True)]
         return m
