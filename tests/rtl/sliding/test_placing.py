@@ -118,9 +118,12 @@ def test_the_roi_is_carried_as_in_the_model(rng):
 
 
 MUTANTS = {
-    "the sign counts as the other bits": ("Mux(running[0], bit, -bit)", "-bit"),
+    "the sign counts as the other bits": (
+        "inverts = Mux(factor[-1], v, 0), ~running[0]",
+        "inverts = Mux(factor[-1], v, 0), ~running[1]",
+    ),
     "a cold window starts where the last one was": ("Mux(self.cold, self.crop[axis] << frac, place)", "place"),
-    "cropped at the middle of the window": ("place + (self.v[axis] << shift)", "place"),
+    "cropped at the middle of the window": ("place + ahead_v", "place"),
     "the sensor has no end": ("place.eq(saturate(target, 0, most))", "place.eq(target)"),
     "a crop that is limited tells nothing": ("moved | (ahead < 0) | (ahead > limit)", "moved"),
 }

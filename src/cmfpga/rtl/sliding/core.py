@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out, connect, flipped
 from ...protocol.flags import Flag
 from ...protocol.results import fields_of
 from .. import payloads
-from ..arithmetic import is_short
+from ..arithmetic import delay, is_short
 from ..ingest import WRITES, connect_front, make_front
 from ..ingest.reciprocal import Reciprocal
 from ..iterating import Iterating
@@ -179,10 +179,11 @@ class SlidingCore(Iterating, wiring.Component):
             carrier.since.eq(scaler.o.payload.dt),
             *(carrier.crop[axis].eq(Mux(control.opened, cropped[axis], loaded[axis])) for axis in "xy"),
         ]
-        late = Signal.like(hop.count)
+        late, is_late = Signal.like(hop.count), Signal()  # a cycle after the event
+        m.d.sync += is_late.eq(placer.o.valid & (placer.o.payload.t > unit))
         with m.If(control.replay):
             m.d.sync += late.eq(0)
-        with m.Elif(placer.o.valid & (placer.o.payload.t > unit)):
+        with m.Elif(is_late):
             m.d.sync += late.eq(late + 1)
         outside = settings.roi_load & ((wanted["x"] > limits["x"]) | (wanted["y"] > limits["y"]))
         self._result(m, hop, corner, cropped, late, outside)
@@ -324,7 +325,7 @@ class SlidingCore(Iterating, wiring.Component):
         m.d.comb += [found[name].eq(value) for name, value in own.items()]
         if config.confidence:
             m.d.comb += found.doubtful.eq(self.judge.doubtful)
-            with m.If(control.keep):
+            with m.If(delay(m, control.keep, 1, name="keep", valid=True)):  # it stays as long
                 m.d.sync += kept.eq(found)
         chosen = Signal(shape)
         m.d.comb += chosen.eq(Mux(control.kept, kept, found))

@@ -81,7 +81,7 @@ class HopEvaluation(wiring.Component):
     unit : ``Out``
         What v is px per half of, µs.
     divide, replay, next : ``Out(1)``
-        Divide by ``unit``; replay the window; what comes now belongs to another image. One cycle each.
+        Divide by ``unit``; replay the window; what comes from now on belongs to another image. One cycle each.
     iterating : ``Out(1)``
         Gradients count.
     wants_verdict : ``Out(1)``
@@ -126,10 +126,11 @@ class HopEvaluation(wiring.Component):
         decided, followed, follows = Signal(), Signal(), Signal()
         self.age = Signal(config.span_bits + 1)
         enough, held = Signal(), Signal()  # of the window; a judging round has been kept for it
+        discard, none = Signal(), Signal()  # decided, and not enough; without an event
         final = Signal()
         timer = Signal(range(max(self._move, 8)))
         judges = settings.judge if config.confidence else 0
-        span, age = self._judge(m, decided, enough, followed)
+        span, age, deciding = self._judge(m, enough, followed)
         ahead = Signal(config.span_bits + 2)
         last_step = Signal.like(hop.step)
         gap, walks = Signal(config.span_bits), Signal()
@@ -148,22 +149,35 @@ class HopEvaluation(wiring.Component):
             m.d.comb += run.final.eq(final)
         another = self.complete & self.iterating & ~final & (run.plan != AFTER)
         next_replay = delay(m, another, self._replay_delay, name="next_replay", valid=True)
-        m.d.comb += self.replay.eq(run.start | next_replay)
+        # Nothing but the division's end and the judging round starts, whatever the state is.
+        judging = Signal()
+        m.d.comb += [run.start.eq(self.divided | judging), self.replay.eq(run.start | next_replay)]
         closing = Signal()  # in a state in which a hop may close
-        m.d.comb += self.free.eq(closing & ~self.closed)
+        m.d.sync += self.free.eq(closing & ~self.closed & ~hop.closed)
         m.d.sync += self.cycles.eq(Mux(hop.closed, 1, self.cycles + 1))
         with m.If(hop.closed):
             m.d.sync += self.closed.eq(1)
+        with m.If(deciding):
+            m.d.sync += [decided.eq(1), discard.eq(~enough)]
         with m.If(self.walked):
-            m.d.sync += [self.closed.eq(0), decided.eq(0)]
-        m.d.comb += self.next.eq(run.updated)
+            m.d.sync += [self.closed.eq(0), decided.eq(0), discard.eq(0)]
+        following = Signal()
+        m.d.comb += following.eq(run.updated)
+        m.d.sync += self.next.eq(following)
         # The last reference time lies half a unit behind the last window's first event.
         half, first = Signal(config.span_bits - 1), Signal.like(hop.t_first)
-        m.d.sync += self.since.eq(half - (hop.t_first - first)[: config.span_bits])
+        m.d.sync += none.eq(hop.count == 0)
+        passed = Signal(config.span_bits)
+        m.d.sync += [passed.eq(hop.t_first - first), self.since.eq(half - passed)]
+        # What goes from one cycle to the next state is set beforehand, for much hangs on it.
+        fresh = Signal(init=1)
+        m.d.comb += self.begins.eq(fresh & self.offered & self.cleared)
+        with m.If(fresh):
+            m.d.sync += [run.settings.eq(self.given), fresh.eq(~self.begins)]
+        m.d.sync += [run.take.eq(0), self.divide.eq(0), judging.eq(0)]
+        begin = [run.take.eq(1), self.divide.eq(1)]
         with m.FSM(name="evaluate") as machine:
             with m.State("OPEN"):
-                m.d.sync += run.settings.eq(self.given)
-                m.d.comb += self.begins.eq(self.offered & self.cleared)
                 with m.If(self.begins):
                     m.next = "LOAD"
             with m.State("LOAD"):
@@ -181,37 +195,33 @@ class HopEvaluation(wiring.Component):
                 m.d.sync += self.unit.eq(Mux(ahead == 0, 1, Mux(ahead >> config.span_bits != 0, ~0, ahead)))
                 m.next = "WAIT"
                 with m.If(follows):
-                    m.d.sync += run.plan.eq(FOLLOW)
+                    m.d.sync += [run.plan.eq(FOLLOW), *begin]
                     m.next = "TAKE"
             with m.State("WAIT"):
                 m.d.sync += [self.unit.eq(span), run.plan.eq(Mux(followed, WARM, COLD))]
                 with m.If(decided):
-                    m.d.sync += self.degenerate.eq(~enough)
-                    m.next = "TAKE"
-                    with m.If(~enough):
-                        m.next = "RESULT"
+                    m.d.sync += self.degenerate.eq(discard)
+                    m.next = "RESULT"
+                    with m.If(~discard):
+                        m.d.sync += begin
+                        m.next = "TAKE"
             with m.State("TAKE"):
-                m.d.comb += [run.take.eq(1), self.divide.eq(1)]
                 m.next = "DIVIDE"
             with m.State("DIVIDE"):
                 with m.If(self.divided):
-                    m.d.comb += run.start.eq(1)
                     m.next = "ROUNDS"
             with m.State("ROUNDS"):
-                discard = decided & ~enough
-                m.d.comb += self.iterating.eq(~discard)
                 m.d.sync += timer.eq(self._move - 1)
                 with m.If(discard):
                     m.d.sync += self.degenerate.eq(1)
-                    with m.If(hop.count == 0):
+                    with m.If(none):
                         m.next = "RESULT"
                     with m.Elif(self.summed):
-                        m.d.comb += self.next.eq(1)
+                        m.d.comb += following.eq(1)
                         m.next = "RESULT"
                 with m.Elif(run.updated):
                     m.d.sync += self.iterations.eq(self.iterations + 1)
                     with m.If(final):
-                        m.d.comb += self.move.eq(1)
                         m.next = "MOVE"
             with m.State("MOVE"):
                 m.d.sync += timer.eq(Mux(timer == 0, 0, timer - 1))
@@ -221,23 +231,18 @@ class HopEvaluation(wiring.Component):
                 m.d.comb += run.done.eq(self.drained)
                 m.d.sync += [self.cycles.eq(self.cycles), timer.eq(4)]
                 with m.If(self.taken):
-                    m.d.sync += [followed.eq(~self.degenerate), last_step.eq(hop.step), self.age.eq(age)]
                     m.d.comb += walks.eq(1)
                     m.next = "WALK"
                     with m.If(~self.degenerate):
-                        m.d.sync += [held.eq(0), half.eq(self.unit >> 1), first.eq(hop.t_first)]
                         with m.If(judges & (settings.after.count != 0)):
                             m.d.comb += walks.eq(0)
-                            m.d.sync += run.plan.eq(AFTER)
+                            m.d.sync += [run.plan.eq(AFTER), run.take.eq(1)]
                             m.next = "AFTER"
             with m.State("AFTER"):
-                m.d.comb += run.take.eq(timer == 4)
-                m.d.sync += timer.eq(timer - 1)
+                m.d.sync += [timer.eq(timer - 1), judging.eq(timer == 1)]
                 with m.If(timer == 0):
-                    m.d.comb += run.start.eq(1)
                     m.next = "JUDGE"
             with m.State("JUDGE"):
-                m.d.comb += self.iterating.eq(1)
                 done = Signal()
                 m.d.sync += done.eq(done | run.updated)
                 with m.If((done | run.updated) & self.judged):
@@ -253,11 +258,26 @@ class HopEvaluation(wiring.Component):
                 with m.If(timer == 0):
                     m.next = "AHEAD"
         m.d.comb += closing.eq(Cat(map(machine.ongoing, ("AHEAD", "WAIT", "TAKE", "DIVIDE", "ROUNDS"))).any())
+        # A cycle after the result is taken, for much hangs on it.
+        with m.If(delay(m, run.done & self.taken, 1, name="taken", valid=True)):
+            m.d.sync += [followed.eq(~self.degenerate), last_step.eq(hop.step), self.age.eq(age)]
+            with m.If(~self.degenerate):
+                m.d.sync += [held.eq(0), half.eq(self.unit >> 1), first.eq(hop.t_first)]
+        # Whether v is the window's when it has changed: known long before.
+        carries = Signal()
+        m.d.sync += carries.eq(machine.ongoing("ROUNDS") & final & ~discard)
+        m.d.comb += self.move.eq(run.updated & carries)
+        # No gradient comes in a round's first cycle, nor in the one after its last.
+        rounds = machine.ongoing("ROUNDS") & ~(discard | (deciding & ~enough))
+        m.d.sync += self.iterating.eq(rounds | machine.ongoing("JUDGE"))
         m.d.comb += run.degenerate.eq(self.degenerate)
         return m
 
-    def _judge(self, m, decided, enough, followed):
-        """Whether the window can be evaluated, from ``decided`` on; its range, and how long none was too short, µs."""
+    def _judge(self, m, enough, followed):
+        """Whether the window can be evaluated, from the last cycle before ``decided`` on.
+
+        Returns its range, how long none was too short, µs, and that cycle.
+        """
         config, hop, settings = self.config, self.hop, self.run.settings
         span = Signal(config.span_bits)
         aged, age = Signal(config.span_bits + 1), Signal(config.span_bits + 1)
@@ -276,7 +296,6 @@ class HopEvaluation(wiring.Component):
             full.eq(whole | (aged >= left)),
             timed.eq((span != 0) & ~hop.stale & planned),
         ]
-        with m.If(delay(m, hop.closed, 4, name="closed", valid=True)):
-            m.d.sync += decided.eq(1)
+        deciding = delay(m, hop.closed, 4, name="closed", valid=True)
         m.d.comb += [enough.eq(many & timed & (full | followed)), age.eq(Mux(many & timed, aged, 0))]
-        return span, age
+        return span, age, deciding

@@ -1,10 +1,10 @@
 """ROI carrier: carries the ROI on from reference time to reference time."""
 
-from amaranth.hdl import Module, Mux, Signal, signed
+from amaranth.hdl import Cat, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ...fixed import bits_for, round_half_up
+from ...fixed import bits_for, half_of, round_half_up
 from .. import payloads
 from ..arithmetic import delay, saturate
 
@@ -67,6 +67,7 @@ class RoiCarrier(wiring.Component):
         out = []
         for axis, limit in (("x", config.geometry.roi_x_max), ("y", config.geometry.roi_y_max)):
             most = limit << frac
+            v = delay(m, self.v[axis], 1, name=f"v_{axis}")  # from far away
             place = Signal(bits_for(limit) + frac, name=f"place_{axis}")
             start = Signal.like(place, name=f"start_{axis}")
             step = Signal(signed(config.formats.v.width + len(factor)), name=f"step_{axis}")
@@ -76,14 +77,18 @@ class RoiCarrier(wiring.Component):
                 # The sign counts −1: minus that is plus v.
                 m.d.sync += [step.eq(0), start.eq(Mux(self.cold, self.crop[axis] << frac, place))]
             with m.Elif(running.any()):
-                bit = Mux(factor[-1], self.v[axis], 0)
-                m.d.sync += step.eq((step << 1) + Mux(running[0], bit, -bit))
+                # What counts negative is inverted, and what shifts in carries.
+                bit, inverts = Mux(factor[-1], v, 0), ~running[0]
+                bit = (bit.as_unsigned() ^ inverts.replicate(len(v))).as_signed()
+                m.d.sync += step.eq(Cat(inverts, step).as_signed() + bit)
             m.d.sync += target.eq(start + step)
             with m.If(self.load):
                 m.d.sync += [place.eq(self.crop[axis] << frac), self.next_crop[axis].eq(self.crop[axis])]
             with m.Elif(placed):
                 m.d.sync += place.eq(saturate(target, 0, most))
-            m.d.sync += ahead.eq(round_half_up(place + (self.v[axis] << shift), frac))
+            # v, and what rounds half up: known long before the place is.
+            ahead_v = Signal(signed(max(config.formats.v.width + shift, frac) + 1), name=f"ahead_v_{axis}")
+            m.d.sync += [ahead_v.eq((v << shift) + half_of(frac)), ahead.eq((place + ahead_v) >> frac)]
             with m.If(cropped):
                 m.d.sync += self.next_crop[axis].eq(saturate(ahead, 0, limit))
             moved = Signal(name=f"moved_out_{axis}")
