@@ -1,5 +1,8 @@
 """Means of a round's evaluations, and the verdict: whether the contrast's peak is sharp enough for v to be trusted."""
 
+from functools import reduce
+from operator import or_
+
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -112,11 +115,11 @@ class Verdict(wiring.Component):
         drop = widths.curvature_bits - widths.kept_bits
         self._fours = drop // 4
         self._shifts = self._fours + min(drop, 3)
-        # The cycles in which each part of the program begins. A product is added up four cycles after it is asked for.
-        self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 3 + self._first
-        self._scale = self._contrast + 1 + self._shifts
-        self._compare = self._scale + 8
-        self.latency = self._compare + 11
+        # The cycles in which each part of the program begins. A product is added up five cycles after it is asked for.
+        self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 4 + self._first
+        self._scale = self._contrast + 3 + self._shifts
+        self._compare = self._scale + 9
+        self.latency = self._compare + 12
 
     def elaborate(self, platform):
         config, widths = self.config, self.config.widths
@@ -148,25 +151,58 @@ class Verdict(wiring.Component):
             m.d.sync += step.eq(1)
         with m.Elif(step != 0):
             m.d.sync += step.eq(Mux(self.done, 0, step + 1))
-        with m.Switch(step):
-            with m.Case(self._contrast):
-                m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
-                m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - total)
-            with m.Case(self._scale + 5):
-                m.d.sync += a.eq(total)
-            with m.Case(self._scale + 7):
-                m.d.sync += c.eq(total << 2)
-            with m.Case(self._scale + 8):
-                m.d.sync += b.eq(total)
-            with m.Case(self.latency):
-                m.d.sync += self.doubtful.eq((a <= 0) | (total <= 0))
-            for number in range(self._shifts):
-                with m.Case(self._contrast + 1 + number):
-                    by = 4 if number < self._fours else 1
-                    full = Cat((value[-1 - by : -1] ^ value[-1].replicate(by)).any() for value in wide.values()).any()
-                    with m.If(~full):
-                        m.d.sync += [value.eq(value << by) for value in wide.values()]
+        # Pulses come from registers, for much hangs on them.
+        loads, keeps_a, keeps_c, keeps_b, ends = (
+            self._at(m, step, name, when)
+            for name, when in (
+                ("loads", self._contrast),
+                ("keeps_a", self._scale + 6),
+                ("keeps_c", self._scale + 8),
+                ("keeps_b", self._scale + 9),
+                ("ends", self.latency),
+            )
+        )
+        with m.If(loads):
+            m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
+            m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - total)
+        # Which bits tell of a size is known first; these decide, a cycle ahead.
+        telling = Signal(widths.curvature_bits - 1, reset_less=True)
+        with m.If(delay(m, loads, 1, name="tells", valid=True)):
+            m.d.sync += telling.eq(
+                reduce(or_, ((value ^ value[-1].replicate(len(value)))[:-1] for value in wide.values()))
+            )
+        first = self._contrast + 2
+        for by, begin, count in ((4, first, self._fours), (1, first + self._fours, self._shifts - self._fours)):
+            due, shift = self._at(m, step, f"due_{by}", *range(begin, begin + count)), Signal(name=f"shift_{by}")
+            fits = ~telling[-by:].any()
+            m.d.sync += shift.eq(due & fits)
+            with m.If(due & fits):
+                m.d.sync += telling.eq(telling << by)
+            with m.If(shift):
+                m.d.sync += [value.eq(value << by) for value in wide.values()]
+        with m.If(keeps_a):
+            m.d.sync += a.eq(total)
+        with m.If(keeps_c):
+            m.d.sync += c.eq(total << 2)
+        with m.If(keeps_b):
+            m.d.sync += b.eq(total)
+        # Whether both are positive, in parts.
+        some = Signal(-(-len(total) // 8), init=1)
+        negative = Signal(2)
+        a_some = delay(m, a.any(), 1, name="a_some")
+        with m.If(ends):
+            m.d.sync += [
+                some.eq(Cat(total[low : low + 8].any() for low in range(0, len(total), 8))),
+                negative.eq(Cat(total[-1], a[-1] | ~a_some)),
+            ]
+        m.d.comb += self.doubtful.eq(negative.any() | ~some.any())
         return m
+
+    def _at(self, m, step, name, *when):
+        """High in these steps, which begin at 2 at the earliest."""
+        pulse = Signal(name=name)
+        m.d.sync += pulse.eq(Cat(step == each - 1 for each in when).any())
+        return pulse
 
     def _multiply(self, m, step, program):
         """What the products of the program add up to: factors, product, its sign and sum have a register each."""
@@ -179,8 +215,12 @@ class Verdict(wiring.Component):
         total = Signal(signed(2 * self.config.widths.judge_bits + 3), reset_less=True)
         minus, to = Signal(), Signal(range(3))
         base = select(to, [Const(0), total, total << PIECE])[: len(total)].as_signed()
-        m.d.sync += total.eq(base + delay(m, Mux(minus, -product, product), 1, name="signed"))
-        # Which line comes next is known two cycles ahead, and which factors it has, one.
+        # What counts negative is inverted, and the adder's lowest bit carries: one adder for both.
+        inverse = delay(m, product ^ minus.replicate(len(product)).as_signed(), 1, name="inverse")
+        carry = delay(m, minus, 1, name="carry")
+        m.d.sync += total.eq((Cat(Const(1, 1), base).as_signed() + Cat(carry, inverse).as_signed()) >> 1)
+        # Which line comes next is known two cycles ahead, and which factors it has, one. They are chosen in two stages:
+        # one of each four, and among these.
         line = Signal(range(len(program)))
         m.d.sync += line.eq(line + 1)
         with m.Switch(step):
@@ -193,12 +233,17 @@ class Verdict(wiring.Component):
             places = {id(value): place for place, value in enumerate(values)}
             which = Signal(range(len(values)), name=f"which_{factor.name}")
             found = [Const(places[id(one[number])], len(which)) for one in program.values()]
-            m.d.sync += [which.eq(select(line, found)), factor.eq(select(which, values))]
-        for later, target in ((1, minus), (2, to)):
+            fours = [
+                delay(m, select(which[:2], values[first : first + 4]), 1, name=f"four_{factor.name}_{first}")
+                for first in range(0, len(values), 4)
+            ]
+            four = delay(m, which[2:], 1, name=f"four_{factor.name}")
+            m.d.sync += [which.eq(select(line, found)), factor.eq(select(four, fours))]
+        for later, target in ((2, minus), (3, to)):
             with m.Switch(step):
                 for k, one in program.items():
                     with m.Case(k + later):
-                        m.d.sync += target.eq(one[1 + later])
+                        m.d.sync += target.eq(one[later])
         return total
 
 
