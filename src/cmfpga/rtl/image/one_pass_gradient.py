@@ -48,12 +48,14 @@ class OnePassGradient(wiring.Component):
         Σ I², with ``o``. Only where v's confidence is measured.
     """
 
-    _stages = 4  # multiply, add pairs, add both kinds of products, total
-
     def __init__(self, config, *, accumulator_latency):
         self.config = config
         self.accumulator_latency = accumulator_latency
         self._turns = 1 << config.geometry.turn_bits
+        # Among four images wires are long: what is multiplied waits for a cycle, in the multipliers' own registers; and
+        # what the pairs add is added up in a cycle of its own.
+        self._waits = int(config.evaluators > 1)
+        self._stages = 2 * self._waits + 4  # multiply, add pairs, add both kinds of products, total
         self.moments = None
         if config.motion_model.basis:
             self.moments = Moments(config, payloads.growth(config))
@@ -86,7 +88,7 @@ class OnePassGradient(wiring.Component):
         grown, far = {}, {}
         for axis, pairs in (("x", ((0, 1), (2, 3))), ("y", ((0, 2), (1, 3)))):
             growth = [self._growth(m, axis, *pair) for pair in pairs]
-            grown[axis] = growth[0] + growth[1]
+            grown[axis] = delay(m, growth[0] + growth[1], self._waits, name=f"grown_{axis}")
             if self.config.motion_model.of_pixels:
                 far[axis] = self._far(m, axis, pairs, growth)
             if not self.moments:
@@ -110,7 +112,8 @@ class OnePassGradient(wiring.Component):
             ]
         if self.config.confidence:
             growth = [self._growth_of_squares(m, *pair) for pair in ((0, 1), (2, 3))]
-            self._total(m, self.squares, growth[0] + growth[1], begin, "squares")
+            grown = delay(m, growth[0] + growth[1], self._waits, name="grown_squares")
+            self._total(m, self.squares, grown, begin, "squares")
         last = delay(m, self.votes.valid & votes.last, self.latency - self._turns + 1, name="last", valid=True)
         turns = [last]  # each evaluation's, as long as there are others
         for turn in range(1, self._turns):
@@ -150,18 +153,19 @@ class OnePassGradient(wiring.Component):
             self._total(m, total, growth[0] + growth[1], begin, name)
 
     def _growth_of_squares(self, m, a, b):
-        """What two banks add to Σ I²: w·(2·I + w) each; three cycles.
+        """What two banks add to Σ I²: w·(2·I + w) each; three cycles, or four.
 
         Where that factor is too wide for a multiplier, 2·w·(I + ⌊w/2⌋), and w where it is odd.
         """
-        halves = len(self.steps[a].i) + 1 > PIECE
+        halves = len(self.steps[a].i) > PIECE  # a multiplier of 18 bits takes as many without a sign
         products, odd = [], []
         for n in (a, b):
             step = self.steps[n]
             i, w = step.i, step.add.i
-            both = (i + (w >> 1))[: len(i)] if halves else 2 * i + w  # I before and after
-            w_s1 = delay(m, w, 1, name=f"w_{n}")
-            products.append(delay(m, delay(m, both, 1, name=f"both_{n}") * w_s1, 1, name=f"square_{n}"))
+            both = (i + (w >> 1))[: len(i)] if halves else (2 * i + w)[: len(i) + 1]  # I before and after
+            waits = 1 + self._waits
+            w_s1 = delay(m, w, waits, name=f"w_{n}")
+            products.append(delay(m, delay(m, both, waits, name=f"both_{n}") * w_s1, 1, name=f"square_{n}"))
             odd.append(Mux(w_s1[0], w_s1, 0))
         growth = products[0] + products[1]
         if halves:
@@ -195,16 +199,22 @@ class OnePassGradient(wiring.Component):
         return {own: beyond[0] + beyond[1], other: Mux(odd_s3, growth[0], growth[1])}
 
     def _growth(self, m, axis, a, b):
-        """What two banks, whose derivatives along ``axis`` are opposite, add to Σ I·D; three cycles."""
-        first, second = self.steps[a], self.steps[b]
+        """What two banks, whose derivatives along ``axis`` are opposite, add to Σ I·D; three cycles, or four."""
+        first, second, waits = self.steps[a], self.steps[b], self._waits
 
         # Stage 1: w·(D + d), and the difference of I.
         products_s1 = [
-            delay(m, step.total[f"d{axis}"] * step.add.i, 1, name=f"product_{axis}_{n}")
+            delay(
+                m,
+                delay(m, step.total[f"d{axis}"], waits, name=f"total_{axis}_{n}")
+                * delay(m, step.add.i, waits, name=f"added_{axis}_{n}"),
+                1,
+                name=f"product_{axis}_{n}",
+            )
             for n, step in ((a, first), (b, second))
         ]
-        difference_s1 = delay(m, first.i - second.i, 1, name=f"difference_{axis}_{a}")
-        d_s1 = delay(m, Mux(first.valid | second.valid, first.add[f"d{axis}"], 0), 1, name=f"d_{axis}_{a}")
+        difference_s1 = delay(m, first.i - second.i, 1 + waits, name=f"difference_{axis}_{a}")
+        d_s1 = delay(m, Mux(first.valid | second.valid, first.add[f"d{axis}"], 0), 1 + waits, name=f"d_{axis}_{a}")
         # Stage 2: their sum, and I·d of both.
         sum_s2 = delay(m, products_s1[0] + products_s1[1], 1, name=f"sum_{axis}_{a}")
         product_s2 = delay(m, difference_s1 * d_s1, 1, name=f"old_{axis}_{a}")
