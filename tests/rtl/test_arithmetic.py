@@ -11,7 +11,7 @@ from cmfpga import fixed
 from cmfpga.config import preset
 from cmfpga.protocol.confidence import is_short as told_short
 from cmfpga.rtl import payloads
-from cmfpga.rtl.arithmetic import is_short, saturate, small_product, wide_product
+from cmfpga.rtl.arithmetic import is_short, negative_where, saturate, small_product, wide_product
 
 
 @pytest.mark.parametrize("bits", [1, 2, 3, 4, 6])
@@ -28,6 +28,23 @@ def test_small_product(shape, bits):
                 ctx.set(value, v)
                 ctx.set(factor, f)
                 assert ctx.get(product) == v * f
+
+    simulator = Simulator(m)
+    simulator.add_testbench(bench)
+    simulator.run()
+
+
+def test_negative_where():
+    m = Module()
+    value, flag, made = Signal(Shape(5, signed=True)), Signal(), Signal(Shape(5, signed=True))
+    m.d.comb += made.eq(negative_where(flag, value))
+
+    async def bench(ctx):
+        for v in range(-16, 16):
+            for f in range(2):
+                ctx.set(value, v)
+                ctx.set(flag, f)
+                assert ctx.get(made) == (v if not f or v == -16 else -v)
 
     simulator = Simulator(m)
     simulator.add_testbench(bench)

@@ -23,6 +23,12 @@ def saturate(value, low, high):
     return Mux((value >> below) < (low >> below), low, limited) if signed or low > 0 else limited
 
 
+def negative_where(flag, value):
+    """``value``, or −``value`` in as many bits: inverted, and a bit below carries. No choice follows."""
+    inverse = value.as_unsigned() ^ flag.replicate(len(value))
+    return ((Cat(Const(1, 1), inverse) + flag) >> 1)[: len(value)].as_signed()
+
+
 def delay(m, value, cycles, *, name, valid=False):
     """``value`` as it was ``cycles`` clock cycles ago.
 

@@ -70,6 +70,7 @@ class Evaluators(wiring.Component):
         for number, voter in enumerate(self.voters):
             m.submodules[f"voter_{number}"] = voter
         level = delay(m, self.level, 1, name="level")
+        voted_level = delay(m, level, 1, name="voted_level")  # of its own, for wires are long
         # Stage 1: multiply. It stays until the next event comes.
         dt_s1 = Signal.like(event.dt, name="dt_s1", reset_less=True)
         three_s1 = Signal(signed(len(event.dt) + 2), reset_less=True)
@@ -86,19 +87,25 @@ class Evaluators(wiring.Component):
         # Stages 4, 5: pixels of the level, clamped.
         dt, last = (delay(m, value, self._moving - 1, name=name) for name, value in (("dt", dt_s1), ("last", last_s1)))
         valid = delay(m, valid_s1, self._moving - 1, name="valid", valid=True)
-        placed = {}  # those that several voters have are made once
+        # Those that two voters have are made once. The second has them inverted: else synthesis makes one register of
+        # both, with long wires.
+        placed = {}
         for voter, place in zip(self.voters, places, strict=True):
             warped = voter.i.payload
             for axis, (name, position) in place.items():
-                if name not in placed:
-                    placed[name] = Signal(warped[axis].shape(), name=name, reset_less=True)
-                    m.d.sync += placed[name].eq(of_level(m, config, position, axis, level, name=name))
-                m.d.comb += warped[axis].eq(placed[name])
+                at = Signal(warped[axis].shape(), name=f"{name}_again" if name in placed else name, reset_less=True)
+                if name in placed:
+                    m.d.sync += at.eq(~placed[name])
+                    m.d.comb += warped[axis].eq(~at)
+                else:
+                    placed[name] = of_level(m, config, position, axis, level, name=name)
+                    m.d.sync += at.eq(placed[name])
+                    m.d.comb += warped[axis].eq(at)
             m.d.comb += [
                 voter.i.valid.eq(valid),
                 warped.dt.eq(dt),
                 warped.last.eq(last),
-                voter.level.eq(level),
+                voter.level.eq(voted_level),
             ]
         for voter, o in zip(self.voters, self.o, strict=True):
             connect(m, voter.o, wiring.flipped(o))

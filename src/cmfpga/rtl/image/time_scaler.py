@@ -97,6 +97,11 @@ class TimeScaler(wiring.Component):
 
     def _limited(self, m, numerator_s1, dt):
         """``dt`` from −2 to 1. From twice the span on the product means nothing."""
-        low, high, twice = self.config.formats.dt.min, 1 << self.config.dt_frac, self.span << 1
-        beyond = delay(m, Cat(numerator_s1 >= twice, numerator_s1 <= -twice), 4, name="beyond")
-        return Mux(beyond[1], low, Mux(beyond[0] | (dt > high), high, dt))
+        low, high = self.config.formats.dt.min, 1 << self.config.dt_frac
+        # Copies of the span that change long before an event comes: it is far away. And a cycle to compare.
+        most, least = Signal(signed(len(self.span) + 2)), Signal(signed(len(self.span) + 2))
+        m.d.sync += [most.eq(self.span << 1), least.eq(-(self.span << 1))]
+        time_s2 = delay(m, numerator_s1, 1, name="time")
+        beyond = delay(m, Cat(time_s2 >= most, time_s2 <= least), 3, name="beyond")
+        # From ``high`` on, which is a power of two, for its bits tell.
+        return Mux(beyond[1], low, Mux(beyond[0] | (~dt[-1] & (dt >> self.config.dt_frac).any()), high, dt))

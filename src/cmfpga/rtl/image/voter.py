@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from ...fixed import bits_for, floor_shift, half_of, round_half_up
 from .. import payloads
-from ..arithmetic import delay, partial_products, select, small_product
+from ..arithmetic import delay, negative_where, partial_products, select, small_product
 
 
 class BilinearVoter(wiring.Component):
@@ -129,8 +129,8 @@ class BilinearVoter(wiring.Component):
                 bank.valid.eq(valid_s2 & column_inside & row_inside),
                 bank.address.eq((row << config.geometry.bank_column_bits) | column[: config.geometry.bank_column_bits]),
                 bank.i.eq(Mux(down, Mux(right, w_s2[1, 1], w_s2[0, 1]), Mux(right, w_s2[1, 0], w_s2[0, 0]))),
-                bank.dx.eq(Mux(right, -dx, dx)),
-                bank.dy.eq(Mux(down, -dy, dy)),
+                bank.dx.eq(negative_where(right, dx)),
+                bank.dy.eq(negative_where(down, dy)),
             ]
             with m.If(~counted):  # a reset, which takes no LUT
                 m.d.sync += [bank.dx.eq(0), bank.dy.eq(0)]
@@ -179,9 +179,11 @@ class BilinearVoter(wiring.Component):
             inside = Signal(name=f"{name}{parity}_inside_s2", reset_less=True)
             coordinate = Signal(range(max(2, (sizes[0] + 1) // 2)), name=f"{name}{parity}_s2", reset_less=True)
             lengths = [(size + 1 - parity) // 2 for size in sizes]
+            # Whether the index is one: told by the cell, so that no comparison follows the adder.
+            from_0 = ~cell_s1[-1] if parity else ~cell_s1[-1] | cell_s1.all()
             m.d.sync += [
                 far.eq(cell_s1[0] ^ parity),
-                inside.eq((index >= 0) & (index < select(self.level, lengths))),
+                inside.eq(from_0 & (cell_s1 < select(self.level, [2 * length - 1 + parity for length in lengths]))),
                 coordinate.eq(index),
             ]
             parities.append((far, coordinate, inside))

@@ -1,10 +1,10 @@
 """Warp: moves events to t_ref along the candidate velocity."""
 
-from amaranth.hdl import Module, Signal, signed
+from amaranth.hdl import Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ...fixed import bits_for, floor_shift
+from ...fixed import bits_for, floor_shift, signed_bits_for
 from .. import payloads
 from ..arithmetic import delay, saturate, select
 from .flow import Flow
@@ -30,15 +30,26 @@ def start_of(config, coordinate):
 def of_level(m, config, position, axis, level, *, name):
     """A position of :func:`start_of`'s format in the level's pixels, floored and clamped.
 
-    A cycle later with coarse levels.
+    A cycle later with coarse levels. Then the comparisons stand beside the choice of the level.
     """
     frac = config.dt_frac + config.v_frac - config.position_frac
     levels = [floor_shift(position, frac + number) for number in range(config.max_level + 1)]
-    position = select(level, levels) - _halves(config)[1]
-    if config.max_level:
-        position = delay(m, position, 1, name=f"position_{name}")
     size = config.roi_width if axis == "x" else config.roi_height
-    return saturate(position, -2 << config.position_frac, ((size + 1) << config.position_frac) - 1)
+    low, high = -2 << config.position_frac, ((size + 1) << config.position_frac) - 1
+    half = _halves(config)[1]
+    if not config.max_level:
+        return saturate(select(level, levels) - half, low, high)
+    width = signed_bits_for(max(high, -low))
+    place = delay(m, (select(level, levels) - half)[:width].as_signed(), 1, name=f"position_{name}")
+    # Both limits are odd numbers of half pixels.
+    halves = position >> (frac + config.position_frac - 1)
+    least, beyond = (
+        select(level, [Const(limit << number) for number in range(config.max_level + 1)])
+        for limit in (-3, 2 * size + 3)
+    )
+    below = delay(m, halves < least, 1, name=f"below_{name}")
+    above = delay(m, halves >= beyond, 1, name=f"above_{name}")
+    return Mux(below, low, Mux(above, high, place))
 
 
 class Warp(wiring.Component):
