@@ -174,7 +174,7 @@ class Iterating:
     def _average(self, m):
         """The means of a round's sums."""
         m.d.comb += [
-            self.means.new_batch.eq(self.iteration_control.run.take),
+            self.means.new_batch.eq(delay(m, self.iteration_control.run.take, 1, name="forget", valid=True)),
             self.means.i.valid.eq(self.image.sums.valid),
             self.means.i.payload.eq(self.image.sums.payload),
         ]

@@ -113,15 +113,16 @@ class IterationControl(wiring.Component):
         config, run, batch = self.config, self.run, self.handover.batch
         m = Module()
         timer = Signal(range(max(2, self._move)))
-        few, too_few, final = Signal(), Signal(), Signal()
+        few, none, too_few, final = Signal(), Signal(), Signal(), Signal()
         m.d.comb += [
             run.settings.eq(batch.settings),
             run.take.eq(self.handover.take),
             self.handover.finished.eq(run.done & self.taken),
         ]
         m.d.sync += [
-            few.eq((batch.roi_events == 0) | (batch.roi_events < batch.settings.min_roi_events) | (batch.span == 0)),
-            too_few.eq(few | (run.planned == 0)),
+            few.eq(batch.roi_events < batch.settings.min_roi_events),
+            none.eq((batch.roi_events == 0) | (batch.span == 0)),
+            too_few.eq(few | none | (run.planned == 0)),
             final.eq(self.iterations + 1 == run.planned),  # two cycles after ``updated``, long before it counts
         ]
         judged = delay(m, run.take, self.hand_over - 1, name="take", valid=True)
@@ -141,7 +142,7 @@ class IterationControl(wiring.Component):
             m.d.comb += run.final.eq(final)
         m.d.comb += self.replay.eq(self.divided | next_replay)  # neither comes but in a state that waits for it
         m.d.sync += self.cycles.eq(Mux(run.take, self.handover.cycles, self.cycles) + 1)
-        with m.FSM(name="iterate"):
+        with m.FSM(name="iterate") as machine:
             with m.State("IDLE"):
                 m.d.comb += self.handover.free.eq(1)
                 m.d.sync += self.iterations.eq(0)
@@ -160,7 +161,6 @@ class IterationControl(wiring.Component):
                     m.d.comb += run.start.eq(1)
                     m.next = "ITERATE"
             with m.State("ITERATE"):
-                m.d.comb += self.iterating.eq(1)
                 m.d.sync += timer.eq(self._move - 2)
                 with m.If(run.updated):
                     m.d.sync += self.iterations.eq(self.iterations + 1)
@@ -189,6 +189,8 @@ class IterationControl(wiring.Component):
                 m.d.sync += self.cycles.eq(self.cycles)
                 with m.If(self.taken):
                     m.next = "IDLE"
+        # A register, for much hangs on it: no gradient comes in the first cycle, nor in the one after the last.
+        m.d.sync += self.iterating.eq(machine.ongoing("ITERATE"))
         if config.buffers == 2:
             self._move_later(m)
         else:

@@ -133,7 +133,7 @@ MUTANTS = {  # old, new
     "always down": ("down = ~rest[-1]", "down = Const(1, 1)"),
     "carry of the divider": ("Cat(Const(1, 1), rest)", "Cat(Const(0, 1), rest)"),
     "limited ratio": ("quotient[-1].replicate(bits - 1)", "0"),
-    "lesser": ("none = lesser |", "none ="),
+    "lesser": ("delay(m, lesser | (kept", "delay(m, (kept"),
     "zero": ("(kept[axis] == 0)", "0"),
     "signs": ("Mux(peak, over[axis][-1], kept[axis][-1])", "over[axis][-1]"),
     "limit": ("Mux(scaled_s2 > limit, limit, scaled_s2)", "scaled_s2"),

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 from ...fixed import bits_for
 from ...protocol.settings import PLANS
 from .. import payloads
+from ..arithmetic import delay
 from .velocity import Velocity
 
 
@@ -108,8 +109,11 @@ class Ascent(wiring.Component):
         """A module with the velocity in it, which begins with the batch's start unless it is ``warm``."""
         m = Module()
         m.submodules.velocity = velocity = self.velocity
+        take = self.run.take
+        if self.config.slides:  # where it comes from far away
+            take = delay(m, take, 1, name="take", valid=True)
         m.d.comb += [
-            velocity.new_batch.eq(self.run.take),
+            velocity.new_batch.eq(take),
             velocity.load.eq(self.run.start & ~warm),
             velocity.start.eq(self.run.settings.v_start),
             self.v.eq(velocity.v),

@@ -59,7 +59,7 @@ class NewtonAscent(ScheduledAscent):
             step.eq(Mux(last | ends, last, step + busy)),
             ends.eq(step == self.latency - 2),
         ]
-        kept = self._normalise(m, step, sums)
+        kept = self._normalise(m, step, last, sums)
         peak, det, over = self._solve(m, step, kept)
         ratios = {axis: self._divide(m, step, axis, over[axis], det) for axis in "xy"}
 
@@ -69,8 +69,8 @@ class NewtonAscent(ScheduledAscent):
         code = self.schedule.limit
         m.d.sync += limit.eq(((2 | code[0]) << code[1:]) >> 1)
         for axis, other in ("xy", "yx"):
-            lesser = delay(m, (sizes[axis] << 1) < sizes[other], 1, name=f"lesser_{axis}")
-            none = lesser | (kept[axis] == 0)
+            lesser = (sizes[axis] << 1) < sizes[other]
+            none = delay(m, lesser | (kept[axis] == 0), 1, name=f"none_{axis}")
             negative = delay(m, Mux(peak, over[axis][-1], kept[axis][-1]), 1, name=f"negative_{axis}")
             # 7, in four stages.
             ratio_s1 = delay(m, ratios[axis], 1, name=f"ratio_{axis}")
@@ -109,15 +109,16 @@ class NewtonAscent(ScheduledAscent):
             m.d.comb += [self.curvature[name].eq(sums[name] << zeros) for name in ("xx", "yy", "cross")]
         return last, sums
 
-    def _normalise(self, m, step, sums):
+    def _normalise(self, m, step, last, sums):
         """2: from step ``_kept`` on. Which bits tell of a size is known first; these decide, a cycle ahead."""
         wide = {name: Signal.like(value, name=f"wide_{name}", reset_less=True) for name, value in sums.items()}
         telling = Signal(self.config.widths.round_bits - 1, reset_less=True)
-        with m.Switch(step):
-            with m.Case(1):
-                m.d.sync += [wide[name].eq(value) for name, value in sums.items()]
-            with m.Case(2):
-                m.d.sync += telling.eq(reduce(or_, map(_size, wide.values())))
+        # Steps 1 and 2, from registers, for much hangs on them.
+        loads = delay(m, last, 1, name="loads", valid=True)
+        with m.If(loads):
+            m.d.sync += [wide[name].eq(value) for name, value in sums.items()]
+        with m.If(delay(m, loads, 1, name="tells", valid=True)):
+            m.d.sync += telling.eq(reduce(or_, map(_size, wide.values())))
         for by in sorted(set(self._shifts)):
             fits, due, shift = ~telling[-by:].any(), Signal(name=f"due_{by}"), Signal(name=f"shift_{by}")
             m.d.sync += due.eq(Cat(step == 2 + n for n, each in enumerate(self._shifts) if each == by).any())
@@ -190,9 +191,12 @@ class NewtonAscent(ScheduledAscent):
         down = ~rest[-1]
         by = (delay(m, det, 1, name=f"det_{axis}") << 1) ^ down.replicate(len(rest)).as_signed()
         trial = (Cat(Const(1, 1), rest).as_signed() + Cat(down, by).as_signed())[1 : 1 + len(rest)]
-        with m.If(step == self._kept + 8):
+        # Known a cycle ahead, for much hangs on it.
+        loads, divides = Signal(name=f"loads_{axis}"), Signal(name=f"divides_{axis}")
+        m.d.sync += [loads.eq(step == self._kept + 7), divides.eq(step != self._divided - 1)]
+        with m.If(loads):
             m.d.sync += rest.eq(_size(over))
-        with m.Elif(step != self._divided):
+        with m.Elif(divides):
             m.d.sync += [rest.eq(trial << 1), quotient.eq(Cat(~trial[-1], quotient))]
         return quotient[:-1] | quotient[-1].replicate(bits - 1)
 
