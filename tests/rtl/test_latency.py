@@ -109,7 +109,7 @@ BLOCKS = {
         TaggedAccumulator(QUAD), 5, out="o", item=lambda k: {"i.valid": 1, "i.payload": VOTES}
     ),
     "one-pass gradient": Timing(
-        OnePassGradient(QUAD, accumulator_latency=4), 8, item=lambda k: {"votes.valid": 1, "votes.payload": VOTES}
+        OnePassGradient(QUAD, accumulator_latency=4), 10, item=lambda k: {"votes.valid": 1, "votes.payload": VOTES}
     ),
     # P·S costs cycles only where P is no power of two.
     "gradient": Timing(Gradient(DEFAULT), 1, every=Gradient.lead),
@@ -126,7 +126,7 @@ BLOCKS = {
     "judge": Timing(
         LeastJudge(SIMILAR), 17, out="done", item=lambda k: {"i.valid": 1}, every=25, row=4, late=3
     ),
-    "verdict": Timing(Verdict(FAST), 36, out="done", item=lambda k: {"begin": 1}, every=38),
+    "verdict": Timing(Verdict(FAST), 41, out="done", item=lambda k: {"begin": 1}, every=43),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
     ),
