@@ -1,8 +1,5 @@
 """Means of a round's evaluations, and the verdict: whether the contrast's peak is sharp enough for v to be trusted."""
 
-from functools import reduce
-from operator import or_
-
 from amaranth.hdl import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -117,7 +114,7 @@ class Verdict(wiring.Component):
         self._shifts = self._fours + min(drop, 3)
         # The cycles in which each part of the program begins. A product is added up five cycles after it is asked for.
         self._contrast = (1 if len(self.sum_i) <= PIECE else 4) + 4 + self._first
-        self._scale = self._contrast + 3 + self._shifts
+        self._scale = self._contrast + 1 + self._shifts
         self._compare = self._scale + 9
         self.latency = self._compare + 12
 
@@ -165,20 +162,11 @@ class Verdict(wiring.Component):
         with m.If(loads):
             m.d.sync += [wide[name].eq(self.curvature[name]) for name in self.curvature.shape().members]
             m.d.sync += wide["contrast"].eq(self.squares * config.geometry.pixels - total)
-        # Which bits tell of a size is known first; these decide, a cycle ahead.
-        telling = Signal(widths.curvature_bits - 1, reset_less=True)
-        with m.If(delay(m, loads, 1, name="tells", valid=True)):
-            m.d.sync += telling.eq(
-                reduce(or_, ((value ^ value[-1].replicate(len(value)))[:-1] for value in wide.values()))
-            )
-        first = self._contrast + 2
+        first = self._contrast + 1
         for by, begin, count in ((4, first, self._fours), (1, first + self._fours, self._shifts - self._fours)):
-            due, shift = self._at(m, step, f"due_{by}", *range(begin, begin + count)), Signal(name=f"shift_{by}")
-            fits = ~telling[-by:].any()
-            m.d.sync += shift.eq(due & fits)
-            with m.If(due & fits):
-                m.d.sync += telling.eq(telling << by)
-            with m.If(shift):
+            due = self._at(m, step, f"due_{by}", *range(begin, begin + count))
+            full = Cat((value[-1 - by : -1] ^ value[-1].replicate(by)).any() for value in wide.values()).any()
+            with m.If(due & ~full):
                 m.d.sync += [value.eq(value << by) for value in wide.values()]
         with m.If(keeps_a):
             m.d.sync += a.eq(total)
