@@ -108,7 +108,7 @@ def test_two_depths_of_a_sharp_image_are_not_trusted(data_dir):
 @pytest.mark.filterwarnings("ignore:hot pixels")
 def test_windows_that_few_around_them_bear_out_are_not_trusted(data_dir):
     """A camera pans over boxes: vy = 0. One window in twenty is sharp, by chance, and some of these are wrong."""
-    tracking = cmfpga.track(data_dir / "davis240c_translboxes_imu.h5", roi=(0, 5), engine="model")
+    tracking = cmfpga.track(data_dir / "davis240c_translboxes_imu.h5", roi="auto", engine="model")
     off, alone = np.abs(tracking.vy) > 0.6, tracking.ambiguity == Ambiguity.ALONE
     assert (off & alone).sum() >= 5 and not (off & tracking.trusted).any()
 
@@ -121,7 +121,7 @@ def test_a_blurred_image_of_which_few_events_are_kept_is_not_trusted(thinned, sh
     events, _ = ambiguous.single(np.random.default_rng(5), 0)
     with closing(make_engine("model", config)) as engine:
         (result,) = engine.run(events, settings)
-    blurred = replace(result, curvature=type(result.curvature)(*(round(share * one) for one in result.curvature)))
+    blurred = replace(result, curvature=tuple(round(share * one) for one in result.curvature))
     assert ambiguity(config, events, blurred, thinned=thinned) & ~Ambiguity.TWO_MOTIONS == told
 
 

@@ -11,7 +11,7 @@ from math import hypot
 import numpy as np
 
 from ..imaging.iwe import scaled_roi_events
-from ..protocol.confidence import FLOOR, confidence, covariance, is_judged, is_sure
+from ..protocol.confidence import confidence, information, is_judged, is_sure
 from ..protocol.flags import Flag
 
 PARTS = 12
@@ -126,7 +126,7 @@ def ambiguity(config, events, result, **which):
     if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
         found |= Ambiguity.ELSEWHERE
     an_event = confidence(config, result) / result.roi_events
-    best, grown = _best(config, result), _by_blocks(images) / max(an_event, 1e-12)
+    best, grown = best_known(config, result), _by_blocks(images) / max(an_event, 1e-12)
     if which.get("thinned") and best < SHARP:
         return found | Ambiguity.THINNED
     if not found and best > SHARP and grown > TWO_MOTIONS:
@@ -238,13 +238,10 @@ def _repeats(spectrum, size):
     return inner[far & peak].max(initial=0) / max(same.max(), 1e-12)
 
 
-def _best(config, result):
-    """What an event says about v along the direction that is known best, 1/px²."""
-    if (found := covariance(config, result)) is None:
-        return 0.0
-    xx, yy, xy = found
-    least = (xx + yy) / 2 - hypot((xx - yy) / 2, xy) - FLOOR**2
-    return 1 / (max(least, 1e-9) * result.roi_events)
+def best_known(config, result):
+    """What an event says about v along the direction that is known best, 1/px²; of a window that was judged."""
+    xx, yy, xy = information(config, result)
+    return ((xx + yy) / 2 + hypot((xx - yy) / 2, xy)) / result.roi_events
 
 
 def _by_blocks(images):

@@ -17,14 +17,16 @@ from ..events.batches import Batch
 from ..imaging.camera import seen
 from ..imaging.iwe import events_in_roi
 from ..protocol.confidence import confidence, is_judged
+from .ambiguity import CLEAR, best_known
 from .fit import STILL_PX, FittedCutter
 
 #: Motion of the image in a window, px; the least ``window_us``, µs, and the same in usual ranges of a window; how many
 #: times fewer events than most a window has at least.
 WAY_PX, LEAST_US, LONGER, FEWEST = 5.0, 60_000, 1.75, 4
 
-#: Where few edges are seen a window is longer, up to so many times, for as many times the smallest confidence. That
-#: grows with the square of the length. It is the middle one of so many windows.
+#: Where few edges are seen, but sharp ones, a window is longer, up to so many times, for as many times the smallest
+#: confidence. That grows with the square of the length. It is the middle one of so many windows. Where noise blurs the
+#: image (below :data:`~cmfpga.tracking.ambiguity.CLEAR`) more windows would be trusted, but of these more wrong ones.
 LONGEST, RESERVE, TRIED = 1.6, 2.0, 3
 
 
@@ -70,7 +72,9 @@ def _longer(config, trial, events, length):
     """How many times longer windows of this length are to be, by those of ``events`` in which the image moves."""
     parts = [events[at : at + length] for at in range(0, len(events) - length + 1, length)]
     moved = [one for part in parts for one in trial(part) if is_judged(one) and hypot(*one.v) > STILL_PX]
-    found = np.median([max(confidence(config, one), 1e-9) for one in moved]) if moved else np.inf
+    if not moved or np.median([best_known(config, one) for one in moved]) < CLEAR:
+        return 1.0
+    found = np.median([max(confidence(config, one), 1e-9) for one in moved])
     return float(np.clip(np.sqrt(RESERVE * config.confidence_limit / found), 1.0, LONGEST))
 
 
