@@ -26,7 +26,8 @@ EXAMPLES = (
     "python -m studies.accuracy --data recordings --engine all # all suites, by Verilog, model and float",
     "python -m studies.accuracy --set weight_frac=3 --batches 100 --json scores.json",
     "python -m studies.accuracy --seeds 1-3                    # 900 synthetic batches",
-    "python -m studies.accuracy --known --data recordings      # and recordings of known motion, in the default use",
+    "python -m studies.accuracy --known --data recordings      # and recordings of known motion, in batches",
+    "python -m studies.accuracy --known --preset sliding --data recordings    # those alone, in windows that slide",
     "python -m studies.accuracy --motion rotation --data recordings    # and a similarity's",
     "python -m studies.accuracy --flow --data recordings",
     "python -m studies.accuracy --moving --seeds 1-3 --data recordings",
@@ -68,7 +69,8 @@ def _parser():
     made.add_argument(
         "--known", action="store_true",
         help="recordings whose motion is known as well, tracked without an option about batches: how many batches are "
-        "trusted, and of these wrong; generated ones, and with --data real ones",
+        "trusted, and of these wrong; generated ones, and with --data real ones. With --preset sliding those alone, by "
+        "windows that share no time",
     )  # fmt: skip
     made.add_argument(
         "--flow", action="store_true",
@@ -105,8 +107,8 @@ def main(arguments=None):
             raise ConfigError(f"--{name}: --study, --known and --engine all go without it")
     if sum(map(bool, (options.motion, options.flow, options.moving))) > 1:
         raise ConfigError("--motion, --flow, --moving: one of them at a time")
-    if not options.moving:
-        needs_batches(config, "the suites but --moving")
+    if not (options.moving or options.known):
+        needs_batches(config, "the suites but --known and --moving")
     if options.moving and config.ascent != "newton":
         raise ConfigError(f"--moving: ascent = {config.ascent}: rounds are needed, as of preset quad")
     if not options.motion and (config.roi_width, config.roi_height) != (ROI, ROI):

@@ -1,5 +1,6 @@
 """Known recordings tracked in the default use: how many batches are answered, trusted, and wrong all the same."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -24,15 +25,15 @@ SUM = "sum"
 def batches(known, config, engine):
     """Every batch of the tracks of a recording: ``(events, result, truth, trusted)`` each; truth in px per half batch.
 
-    Batches whose ROI reaches to where nothing is known are left out.
+    Of windows that slide, those that share no time. Batches whose ROI reaches to where nothing is known are left out.
     """
     fields = config.to_dict()
     left_out = {*unread(fields), "sensor_width", "sensor_height"}
     fields = {name: value for name, value in fields.items() if name not in left_out}
     for roi in known.rois:
         tracking = track(known.events, sensor=known.sensor, roi=roi, engine=engine, **fields)
-        ends = np.cumsum([0, *tracking.events])
-        for (first, last), result, trusted in zip(pairwise(ends), tracking.results, tracking.trusted, strict=True):
+        for k, first, last in _windows(tracking, known.events):
+            result, trusted = tracking.results[k], tracking.trusted[k]
             events, (left, top) = known.events[first:last], result.roi
             if left < known.left or not len(events):
                 continue
@@ -41,6 +42,23 @@ def batches(known, config, engine):
             begin, end = int(events.t[0]), int(events.t[-1])
             truth = known.truth(begin, end, *(np.atleast_1d(axis).astype(float) for axis in seen))
             yield events, result, np.asarray(truth) * (end - begin) / 2e6, bool(trusted)
+
+
+def _windows(tracking, events):
+    """``(index, first event, behind the last one)`` of each batch, or of windows that share no time."""
+    if not tracking.config.slides:
+        return [(k, *ends) for k, ends in enumerate(pairwise(np.cumsum([0, *tracking.events]).tolist()))]
+    return [(k, *np.searchsorted(events.t, [begin, end + 1])) for k, begin, end in apart(tracking)]
+
+
+def apart(tracking, kept=None):
+    """``[(index, begin, end)]`` of windows that have no time in common, in order, in µs; ``kept``: of which."""
+    found, last = [], -math.inf
+    for k, (middle, result) in enumerate(zip(tracking.t_ref_us, tracking.results, strict=True)):
+        if (kept is None or kept[k]) and middle - result.span / 2 >= last:
+            last = middle + result.span / 2
+            found.append((k, int(middle - result.span / 2), int(last)))
+    return found
 
 
 def measure(known, config, engine, *, with_foreign=False):

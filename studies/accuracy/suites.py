@@ -30,6 +30,8 @@ STARTS = (("cold", False), ("warm", True))
 def run_suites(options, config, report):
     """Print the tables of all suites; of the synthetic batches only, without a folder of recordings."""
     names = ENGINES if options.engine == "all" else (options.engine,)
+    if config.slides:  # the others are batches
+        return run_known(names, options, config, report)
     runs = {name: (name, config) for name in names}
     cases = synthetic_cases(options.batches, seeds=options.seeds)
     rows, found = [], {}

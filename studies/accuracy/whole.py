@@ -15,7 +15,7 @@ from cmfpga.api.track import track
 from cmfpga.errors import ConfigError, UserError
 from cmfpga.events import Events, open_recording
 
-from .default_use import WRONG
+from .default_use import WRONG, apart
 from .known import GRID, by_file
 from .table import percent
 from .yardstick import ROI
@@ -67,17 +67,6 @@ def study_slider(config, engine, cases, real_, report, *, data, **_):
     report.table(f"The slider, vy = 0: trusted windows with |vy| above {WRONG} px per half window", SLIDER_HEADS, rows)
 
 
-def apart(tracking):
-    """``[(index, begin, end)]`` of trusted windows that have no time in common, in order; times in µs."""
-    found, last = [], -math.inf
-    spans = [one.span for one in tracking.results]
-    for k, (middle, span) in enumerate(zip(tracking.t_ref_us, spans, strict=True)):
-        if tracking.trusted[k] and middle - span / 2 >= last:
-            last = middle + span / 2
-            found.append((k, int(middle - span / 2), int(last)))
-    return found
-
-
 def _searched(events, sensor):
     """Truth of recordings that have none, px/s."""
     from cmfpga.reference.global_search import search, translation  # torch
@@ -121,7 +110,7 @@ def study_auto(config, engine, cases, real_, report, *, data, **_):
         one = known.get(path.name)
         truth, kind = (_known(one), "known") if one else (_searched(events, sensor), "search")
         errors = []
-        for k, begin, end in apart(tracking):
+        for k, begin, end in apart(tracking, tracking.trusted):
             place = int(tracking.roi_x[k]), int(tracking.roi_y[k])
             v = (tracking.vx[k], tracking.vy[k])
             if path.name == SLIDER:

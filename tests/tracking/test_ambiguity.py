@@ -105,6 +105,26 @@ def test_two_depths_of_a_sharp_image_are_not_trusted(data_dir):
     assert (tracking.ambiguity[off & sharp] & Ambiguity.APART).mean() > 0.7
 
 
+@pytest.mark.filterwarnings("ignore:hot pixels")
+def test_windows_that_few_around_them_bear_out_are_not_trusted(data_dir):
+    """A camera pans over boxes: vy = 0. One window in twenty is sharp, by chance, and some of these are wrong."""
+    tracking = cmfpga.track(data_dir / "davis240c_translboxes_imu.h5", roi="auto", engine="model")
+    off, alone = np.abs(tracking.vy) > 0.6, tracking.ambiguity == Ambiguity.ALONE
+    assert (off & alone).sum() >= 5 and not (off & tracking.trusted).any()
+
+
+@pytest.mark.parametrize("thinned, share, told", [(True, 1.0, 0), (True, 0.2, Ambiguity.THINNED), (False, 0.2, 0)])
+def test_a_blurred_image_of_which_few_events_are_kept_is_not_trusted(thinned, share, told):
+    """A fifth of the curvature: noise has blurred the image."""
+    config = preset("fast").replace(buffer_events=8191)
+    settings = replace(BatchSettings.from_config(config, ambiguous.PLACE), start_last=False, v_start=(0, 0))
+    events, _ = ambiguous.single(np.random.default_rng(5), 0)
+    with closing(make_engine("model", config)) as engine:
+        (result,) = engine.run(events, settings)
+    blurred = replace(result, curvature=tuple(round(share * one) for one in result.curvature))
+    assert ambiguity(config, events, blurred, thinned=thinned) & ~Ambiguity.TWO_MOTIONS == told
+
+
 def test_the_verdict_says_it():
     left = np.array([0, 8, 8, 8, 2, 8]).astype(float)
     values = {name: np.ones(6) for name in columns("translation")}
@@ -117,7 +137,7 @@ def test_the_verdict_says_it():
     assert told["trusted_batches"] == 5
     assert told["ambiguous_batches"] == {
         "few_stamps": 0, "stripes": 1, "one_direction": 0, "two_motions": 4, "few_pixels": 0,
-        "elsewhere": 0, "apart": 0,
+        "elsewhere": 0, "apart": 0, "alone": 0, "thinned": 0,
     }  # fmt: skip
     few = Verdict((values | {"ambiguity": np.array([0, 8, 8, 8, 2, 0.0])}).get, [Flag(0)] * 6)
     assert not any("two motions" in text for text in few.notes(fitted=True)), "half of them may be by chance"

@@ -9,13 +9,14 @@ from cmfpga.cli import command
 from cmfpga.config import preset
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
-from cmfpga.events import MemoryRecording, generate, write_hdf5
+from cmfpga.events import Events, MemoryRecording, generate, write_hdf5
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.tracking.ambiguity import Ambiguity
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import track
+from cmfpga.tracking.sliding import Overlapping
 
 #: It turns a corner after 80 ms.
 SCENE = {
@@ -92,6 +93,28 @@ def test_every_few_results_are_kept(scene, tracked):
     few = cmfpga.track(scene, preset="sliding", engine="model", every=5, batches=7)
     assert [one.v for one in few.results] == [one.v for one in tracked.results[:35:5]]
     assert few.events.sum() == tracked.events[:31].sum()
+
+
+def test_windows_are_borne_out_by_half_of_those_that_share_their_time():
+    def at(begin, end):
+        t = np.array([begin, end])
+        return Events(t, t, t, t % 2)
+
+    overlapping, sure = Overlapping(), (1, 0, 1, 0, 0, 1, 1)
+    found = [overlapping.bear_out(at(10 * k, 10 * k + 35), bool(one)) for k, one in enumerate(sure)]
+    # Each shares its time with the three before it.
+    assert found == [True, True, True, True, False, True, True]
+    assert overlapping.bear_out(at(500, 535), True), "no other shares its time"
+    assert not overlapping.bear_out(Events.empty(), False)
+
+
+def test_an_engine_that_is_seldom_sure_is_not_trusted(scene):
+    """Whichever results are kept, those between them count."""
+    few = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=110.0, batches=60)
+    sure = few.confidence >= 110
+    assert 0.1 < sure.mean() and (few.ambiguity[sure] & Ambiguity.ALONE).any()
+    third = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=110.0, every=3, batches=20)
+    assert third.trusted.tolist() == few.trusted[::3].tolist()
 
 
 def test_the_tracker_finds_the_same_in_pieces(scene, tracked):

@@ -4,6 +4,7 @@ import math
 import numbers
 
 from ..errors import ConfigError
+from .choices import UNDISTORTION
 
 #: Focal lengths and principal point, px; radial (k) and tangential (p) distortion, the model "plumb_bob".
 CAMERA_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
@@ -43,19 +44,43 @@ def check_size(config, name, limit):
         raise ConfigError(f"{name} = {getattr(config, name)}: at most {getattr(config, limit)} is allowed ({limit})")
 
 
-def check_binned(config, side):
-    """The ROI's ``width`` or ``height`` against that of the image that it lies in."""
-    if not config.binning:
-        return check_size(config, f"roi_{side}", f"sensor_{side}")
-    roi, sensor, most = (
-        getattr(config, f"roi_{side}"),
-        getattr(config, f"sensor_{side}"),
-        getattr(config.geometry, side),
-    )
-    if roi > most:
+def check_side(config, side):
+    """The ROI's ``width`` or ``height`` against that of the image that it lies in, and the sweep."""
+    roi = getattr(config, f"roi_{side}")
+    if config.binning:
+        sensor, most = getattr(config, f"sensor_{side}"), getattr(config.geometry, side)
+        if roi > most:
+            why = f"sensor_{side} = {sensor} by binning = {config.binning}"
+            raise ConfigError(f"roi_{side} = {roi}: at most {most} is allowed ({why})")
+    else:
+        check_size(config, f"roi_{side}", f"sensor_{side}")
+    if config.gradient == "sweep" and roi % 2:
+        raise ConfigError(f"roi_{side} = {roi}: an even number of pixels is needed by the sweep")
+
+
+def check_times(config):
+    """Times are told apart, and held."""
+    if config.span_bits >= config.time_bits:
         raise ConfigError(
-            f"roi_{side} = {roi}: at most {most} is allowed (sensor_{side} = {sensor} by binning = {config.binning})"
+            f"span_bits = {config.span_bits}: less than time_bits = {config.time_bits} is needed, "
+            "or a step back in time could not be told from a long batch"
         )
+    if config.background_us > (most := config.widths.background_us_max):
+        raise ConfigError(f"background_us = {config.background_us}: at most {most} is allowed (span_bits)")
+
+
+def check_widths(config):
+    """Fractions of positions, and what the integer model holds."""
+    most = config.dt_frac + config.v_frac
+    for name in ("dither_frac", *UNDISTORTION[config.undistortion][1:2]):
+        if getattr(config, name) > most:
+            raise ConfigError(f"{name} = {getattr(config, name)}: at most dt_frac + v_frac = {most} is allowed")
+    for what, width in config.widths.exact.items():
+        if width > 63:
+            raise ConfigError(
+                f"{what} needs {width} bits, more than the 63 that the exact integer model has: "
+                "a smaller buffer_events, ROI, or fraction width is needed"
+            )
 
 
 def check_real(config, name, fmt):
@@ -77,12 +102,19 @@ def check_confidence(config):
             )
 
 
-def check_beside(config):
-    """Raise :exc:`ConfigError` unless velocities ¾ px beside v can be written."""
-    if config.v_frac < 2:
+def check_ascent(config):
+    """What the ascent needs: fields, velocities ¾ px beside v that can be written, and a schedule."""
+    for name, values in config.ascent_rule.needs:
+        if getattr(config, name) not in values:
+            raise ConfigError(f"ascent = {config.ascent}: {name} = {' or '.join(values)} is needed")
+    if (config.confidence or config.ascent_rule.evaluations > 1) and config.v_frac < 2:
         raise ConfigError(
             f"ascent = {config.ascent}: v_frac = {config.v_frac}: 2 or more is needed for what lies ¾ px beside v"
         )
+    if config.ascent_rule.has_table:
+        config.schedules.check()
+    else:
+        check_size(config, "iterations", "max_iterations")
 
 
 def parse_pixels(text, config):

@@ -16,12 +16,14 @@ from functools import cached_property
 from ..errors import ConfigError, one_of
 from .checks import (
     binned_camera,
-    check_beside,
-    check_binned,
+    check_ascent,
     check_confidence,
     check_field,
     check_real,
+    check_side,
     check_size,
+    check_times,
+    check_widths,
     parse_camera,
     parse_pixels,
 )
@@ -243,19 +245,9 @@ class Config:
             if getattr(self, name) != self.__dataclass_fields__[name].default:
                 raise ConfigError(why)
         for side in ("width", "height"):
-            check_binned(self, side)
-            if self.gradient == "sweep" and (size := getattr(self, f"roi_{side}")) % 2:
-                raise ConfigError(f"roi_{side} = {size}: an even number of pixels is needed by the sweep")
-        if self.span_bits >= self.time_bits:
-            raise ConfigError(
-                f"span_bits = {self.span_bits}: less than time_bits = {self.time_bits} is needed, "
-                "or a step back in time could not be told from a long batch"
-            )
+            check_side(self, side)
+        check_times(self)
         self.hot, self.lens  # noqa: B018 - raise where the text is malformed
-        if self.background_us > self.widths.background_us_max:
-            raise ConfigError(
-                f"background_us = {self.background_us}: at most {self.widths.background_us_max} is allowed (span_bits)"
-            )
         check_size(self, "min_roi_events", "buffer_events")
         check_size(self, "thin_target", "buffer_events")
         check_windows(self)
@@ -263,30 +255,13 @@ class Config:
         for name, fmt in (("eta", q.eta), ("roi_gain", q.roi_gain), ("v_start_x", q.v), ("v_start_y", q.v)):
             check_real(self, name, fmt)
         check_regions(self)
-        for name, values in self.ascent_rule.needs:
-            if getattr(self, name) not in values:
-                raise ConfigError(f"ascent = {self.ascent}: {name} = {' or '.join(values)} is needed")
-        if self.confidence or self.ascent_rule.evaluations > 1:
-            check_beside(self)
-        if self.ascent_rule.has_table:
-            self.schedules.check()
-        else:
-            check_size(self, "iterations", "max_iterations")
+        check_ascent(self)
         if self.gradient == "one_pass":
             self.one_pass.check()
         check_motion(self)
         if self.confidence:
             check_confidence(self)
-        most = self.dt_frac + self.v_frac
-        for name in ("dither_frac", *UNDISTORTION[self.undistortion][1:2]):
-            if getattr(self, name) > most:
-                raise ConfigError(f"{name} = {getattr(self, name)}: at most dt_frac + v_frac = {most} is allowed")
-        for what, width in self.widths.exact.items():
-            if width > 63:
-                raise ConfigError(
-                    f"{what} needs {width} bits, more than the 63 that the exact integer model has: "
-                    "a smaller buffer_events, ROI, or fraction width is needed"
-                )
+        check_widths(self)
 
     # ---------------------------------------------------------------- construction
 

@@ -11,7 +11,7 @@ from math import hypot
 import numpy as np
 
 from ..imaging.iwe import scaled_roi_events
-from ..protocol.confidence import FLOOR, confidence, covariance, is_judged, is_sure
+from ..protocol.confidence import confidence, information, is_judged, is_sure
 from ..protocol.flags import Flag
 
 PARTS = 12
@@ -46,7 +46,8 @@ MIXED, CLEAR = 1.5**2 / 2, 0.18
 #: With two motions: halves of the ROI that each have such a share of the contrast have its peak so far apart, px.
 LEAST_SHARE, APART_PX = 0.2, 0.7
 
-#: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all.
+#: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all; where
+#: events were thinned as well, those that are left may have a sharp peak by chance.
 SHARP = 0.045
 
 #: Structure of this wavelength and longer is left out, px; places nearer than this are the same edge's, px.
@@ -64,6 +65,8 @@ class Ambiguity(enum.IntFlag):
     FEW_PIXELS = 16
     ELSEWHERE = 32
     APART = 64
+    ALONE = 128
+    THINNED = 256
 
 
 #: With these a window is not trusted. Two motions alone are only told: many windows of one motion look like that, too,
@@ -79,6 +82,8 @@ WORDS = {
     Ambiguity.FEW_PIXELS: "hot pixels",
     Ambiguity.ELSEWHERE: "sharper elsewhere",
     Ambiguity.APART: "parts of the ROI move apart",
+    Ambiguity.ALONE: "most windows around it are doubtful",
+    Ambiguity.THINNED: "too few events kept",
 }
 
 
@@ -121,7 +126,9 @@ def ambiguity(config, events, result, **which):
     if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
         found |= Ambiguity.ELSEWHERE
     an_event = confidence(config, result) / result.roi_events
-    best, grown = _best(config, result), _by_blocks(images) / max(an_event, 1e-12)
+    best, grown = best_known(config, result), _by_blocks(images) / max(an_event, 1e-12)
+    if which.get("thinned") and best < SHARP:
+        return found | Ambiguity.THINNED
     if not found and best > SHARP and grown > TWO_MOTIONS:
         found |= Ambiguity.TWO_MOTIONS
         if (best > CLEAR and grown > MIXED) or _halves_apart(images) > APART_PX:
@@ -231,13 +238,10 @@ def _repeats(spectrum, size):
     return inner[far & peak].max(initial=0) / max(same.max(), 1e-12)
 
 
-def _best(config, result):
-    """What an event says about v along the direction that is known best, 1/px²."""
-    if (found := covariance(config, result)) is None:
-        return 0.0
-    xx, yy, xy = found
-    least = (xx + yy) / 2 - hypot((xx - yy) / 2, xy) - FLOOR**2
-    return 1 / (max(least, 1e-9) * result.roi_events)
+def best_known(config, result):
+    """What an event says about v along the direction that is known best, 1/px²; of a window that was judged."""
+    xx, yy, xy = information(config, result)
+    return ((xx + yy) / 2 + hypot((xx - yy) / 2, xy)) / result.roi_events
 
 
 def _by_blocks(images):

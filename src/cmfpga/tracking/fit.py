@@ -29,7 +29,7 @@ _FIRST_ROI_EVENTS = 150  # of the survey's first window
 _GROWTH = 1.6  # from window to window
 _AGREE = 0.25  # how far the velocities of two windows may differ, relative
 _AGREE_SURE = 0.55  # where both have twice the confidence that is trusted: it is the object that speeds up
-_STILL_PX, _MIN_PX = 0.5, 2.0  # of a survey's window: from here on it moves, and far enough
+STILL_PX, _MIN_PX = 0.5, 2.0  # of a survey's window: from here on it moves, and far enough
 _WINDOWS = 9  # of one length, of which two that follow each other may agree
 _TRIALS = 6  # of a first length of another motion than translation
 _SPARE, _FULL = 0.25, 0.95  # a buffer that is filled by half and so much of it is better filled so far
@@ -127,7 +127,7 @@ class FittedCutter(BatchCutter):
             found = (half, agreed) if agreed >= _MIN_PX else found
             if sure:
                 self._sure = half
-                alone = alone if sure < _STILL_PX or (alone and alone[1] >= ALLOWED_PX[0]) else (half, sure)
+                alone = alone if sure < STILL_PX or (alone and alone[1] >= ALLOWED_PX[0]) else (half, sure)
             if half < length or length == self.max_events or (found and found[1] >= ALLOWED_PX[0]):
                 break
             length = min(int(length * _GROWTH) + 1, self.max_events)
@@ -193,7 +193,7 @@ class FittedCutter(BatchCutter):
 
     def _agree(self, *windows):
         """Whether two windows, one after the other, one of them to be trusted, saw the same motion."""
-        if not all(map(is_judged, windows)) or math.hypot(*windows[0].v) < _STILL_PX:
+        if not all(map(is_judged, windows)) or math.hypot(*windows[0].v) < STILL_PX:
             return False
         share = min(confidence(self._config, window) for window in windows) / self._config.confidence_limit
         if share < 0.5:

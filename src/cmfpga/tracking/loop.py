@@ -13,17 +13,17 @@ from ..events import WAITING, Events
 from ..events.batches import Batch
 from ..imaging.camera import rates, seen
 from ..imaging.iwe import contrast
-from ..protocol.confidence import confidence, covariance, deviations, is_trustworthy
+from ..protocol.confidence import confidence, covariance, deviations, is_sure, is_trustworthy
 from ..protocol.flags import Flag
 from ..protocol.regions import Region
 from ..protocol.results import BatchResult
 from ..protocol.settings import BatchSettings
 from ..reference.integer.filters import NoiseFilter
-from .ambiguity import UNTRUSTED, ambiguity
+from .ambiguity import UNTRUSTED, Ambiguity, ambiguity
 from .columns import columns, csv_writer, row
 from .course import Course
 from .fit import FittedCutter
-from .sliding import Newest, PassedOver, window_lengths
+from .sliding import Newest, Overlapping, PassedOver, window_lengths
 
 
 def windows(engine, cutter, table, batches=None):
@@ -139,12 +139,15 @@ class TrackedBatch(Measured):
         Which events were dropped as hot and as noise; None where there are no such filters.
     start : pair of int or None
         Where the next batch is cropped, if not where the engine moved the ROI.
+    borne_out : bool
+        As :class:`~cmfpga.tracking.sliding.Overlapping` says of windows that overlap.
     """
 
     plan: tuple = ()
     thinning: int = 1
     marks: tuple | None = None
     start: tuple | None = None
+    borne_out: bool = True
 
     @property
     def flags(self):
@@ -196,7 +199,8 @@ class TrackedBatch(Measured):
     @functools.cached_property
     def ambiguity(self):
         """What the events leave open, an :class:`~cmfpga.tracking.ambiguity.Ambiguity`."""
-        return ambiguity(self.config, self.seen, self.result, **self.which)
+        alone = Ambiguity.ALONE if is_sure(self.result) and not self.borne_out else Ambiguity(0)
+        return alone | ambiguity(self.config, self.seen, self.result, **self.which)
 
     @property
     def trusted(self):
@@ -333,7 +337,7 @@ class _Objects(Table):
         lengths = yield from window_lengths(self.config, cutter, lambda events: self.trial(events, None), rois[0])
         given, pieces = replace(self._usual, **lengths), cutter.pieces()
         self.engine.write([Region.roi(self.config, course.start)], {0})
-        newest, passed = Newest(self.config, cutter.position), PassedOver()
+        newest, passed, overlapping = Newest(self.config, cutter.position), PassedOver(), Overlapping()
         try:
             while most is None or index < most:
                 if (piece := pieces()) is WAITING:
@@ -345,6 +349,7 @@ class _Objects(Table):
                 for result in self.engine.run(piece, given):
                     events, marks = newest.window(result)
                     degenerate = Flag.DEGENERATE in result.flags
+                    borne_out = overlapping.bear_out(events, is_sure(result))
                     hop += not degenerate or hop >= 0
                     self.passed_over += hop < 0
                     plan = given.cold if not self._warm else given.follow or given.warm
@@ -353,7 +358,8 @@ class _Objects(Table):
                         passed.add(result)
                         continue
                     result = passed.before(result)
-                    how = {"plan": plan[: result.iterations], "marks": marks if self._noise else None}
+                    how = {"plan": plan[: result.iterations], "borne_out": borne_out}
+                    how |= {"marks": marks if self._noise else None}
                     yield [TrackedBatch(index, self.config, events, result, **how)]
                     index += 1
                     if index == most:

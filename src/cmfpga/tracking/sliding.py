@@ -7,6 +7,7 @@ docs/sliding.md.
 
 import collections
 import dataclasses
+from math import hypot
 
 import numpy as np
 
@@ -15,11 +16,18 @@ from ..events import Events
 from ..events.batches import Batch
 from ..imaging.camera import seen
 from ..imaging.iwe import events_in_roi
-from .fit import FittedCutter
+from ..protocol.confidence import confidence, is_judged
+from .ambiguity import CLEAR, best_known
+from .fit import STILL_PX, FittedCutter
 
 #: Motion of the image in a window, px; the least ``window_us``, µs, and the same in usual ranges of a window; how many
 #: times fewer events than most a window has at least.
 WAY_PX, LEAST_US, LONGER, FEWEST = 5.0, 60_000, 1.75, 4
+
+#: Where few edges are seen, but sharp ones, a window is longer, up to so many times, for as many times the smallest
+#: confidence. That grows with the square of the length. It is the middle one of so many windows. Where noise blurs the
+#: image (below :data:`~cmfpga.tracking.ambiguity.CLEAR`) more windows would be trusted, but of these more wrong ones.
+LONGEST, RESERVE, TRIED = 1.6, 2.0, 3
 
 
 def window_lengths(config, cutter, trial, roi):
@@ -44,7 +52,9 @@ def window_lengths(config, cutter, trial, roi):
     if config.window_events or not isinstance(cutter, FittedCutter):
         return {"window_events": count, "hop_events": hop_events(config), "min_roi_events": least}
     yield from cutter.survey(trial, roi)
-    ahead = yield from cutter.ahead(max(1, round(cutter.size * WAY_PX / (2 * cutter.way))))
+    length = max(1, round(cutter.size * WAY_PX / (2 * cutter.way)))
+    length = round(length * _longer(config, trial, (yield from cutter.ahead(TRIED * length)), length))
+    ahead = yield from cutter.ahead(length)
     inside = len(events_in_roi(seen(config, ahead), roi[:2], *roi[2:])[0]) // config.thinning  # that are stored
     count = max(1, min(inside, config.buffer_events))
     span = int(ahead.t[-1] - ahead.t[0]) if len(ahead) else 0
@@ -56,6 +66,35 @@ def window_lengths(config, cutter, trial, roi):
         "hop_us": min(config.hop_us, oldest),
         "min_roi_events": max(config.min_roi_events, count // FEWEST),
     }
+
+
+def _longer(config, trial, events, length):
+    """How many times longer windows of this length are to be, by those of ``events`` in which the image moves."""
+    parts = [events[at : at + length] for at in range(0, len(events) - length + 1, length)]
+    moved = [one for part in parts for one in trial(part) if is_judged(one) and hypot(*one.v) > STILL_PX]
+    if not moved or np.median([best_known(config, one) for one in moved]) < CLEAR:
+        return 1.0
+    found = np.median([max(confidence(config, one), 1e-9) for one in moved])
+    return float(np.clip(np.sqrt(RESERVE * config.confidence_limit / found), 1.0, LONGEST))
+
+
+class Overlapping:
+    """Which of a track's windows are borne out: of those so far that have time in common, half are sharp.
+
+    Windows that overlap share most of their events. Where their verdict flips from hop to hop the peak is noise's.
+    """
+
+    def __init__(self):
+        self._windows = collections.deque()  # time of the last event, µs; whether it was sharp
+
+    def bear_out(self, events, sure):
+        """Whether the next window is borne out, which has these ``events`` and is ``sure``; itself counts."""
+        if not len(events):
+            return sure
+        self._windows.append((int(events.t[-1]), sure))
+        while self._windows[0][0] < events.t[0]:
+            self._windows.popleft()
+        return 2 * sum(one for _, one in self._windows) >= len(self._windows)
 
 
 class PassedOver:

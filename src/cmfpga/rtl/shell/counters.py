@@ -184,3 +184,14 @@ class Counters(wiring.Component):
         one = {name: bits[name] for name in BITS} | {"batches": 1, "results_held_back": self.held}
         added = ((step == STEPS[name]) & (value & last[name] if name in last else value) for name, value in one.items())
         return Mux(some, Array(choices)[which], 0), Cat(added).any()
+
+
+def filtered(m, counts, result, *, clear, once):
+    """``{name: total}`` of what filters of noise dropped, of all results: of each ``once``, until ``clear``."""
+    totals = {name: Signal(32, name=f"count_{name}") for name in ("hot", "noise") if name in counts}
+    for name, count in totals.items():
+        with m.If(clear):
+            m.d.sync += count.eq(0)
+        with m.Elif(once):
+            m.d.sync += count.eq(count + result[name])
+    return {name.upper(): count for name, count in totals.items()}

@@ -1,6 +1,6 @@
 """Runs: what the shell has beside a core whose windows slide, in place of where batches end."""
 
-from amaranth.hdl import Module, Mux, Signal
+from amaranth.hdl import Cat, Module, Mux, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -120,3 +120,16 @@ class HopResults(wiring.Component):
         with m.If(self.clear):
             m.d.sync += self.skipped.eq(0)
         return m
+
+
+def hops_in_windows(m, wanted):
+    """The ``wanted`` settings of the core with hops that are no longer than their window; which of two were longer."""
+    given, beyond = Signal.like(wanted, name="given"), Signal(2)
+    longer = {
+        "hop_events": wanted.hop_events > wanted.window_events,
+        "hop_us": (wanted.window_us != 0) & (wanted.hop_us > wanted.window_us),
+    }
+    m.d.comb += [given.eq(wanted), beyond.eq(Cat(longer.values()))]
+    for name, most in (("hop_events", wanted.window_events), ("hop_us", wanted.window_us)):
+        m.d.comb += given[name].eq(Mux(longer[name], most, wanted[name]))
+    return given, beyond

@@ -17,11 +17,11 @@ from ..regions.regions import Regions
 from ..sliding.core import SlidingCore
 from . import payloads
 from .batch_end import BatchEnd
-from .counters import Counters
+from .counters import Counters, filtered
 from .input_path import InputPath
 from .register_bank import RegisterBank, fields_of, member
 from .result_packet import ResultPacket
-from .runs import HopResults, RunEnd
+from .runs import HopResults, RunEnd, hops_in_windows
 from .settings import Settings
 from .skid_buffer import SkidBuffer
 from .tables import ScheduleStore, Tables
@@ -72,10 +72,6 @@ class Shell(wiring.Component):
         self.input_path = InputPath(config)
         self.batch_end = (RunEnd if config.slides else BatchEnd)(config)
         self.hop_results = HopResults() if config.slides else None
-        # Of all results: what filters of noise dropped.
-        self.filtered = {
-            name: Signal(32, name=f"count_{name}") for name in ("hot", "noise") if name in counts_of(config)
-        }
         self.result_packet = ResultPacket(config, self.registers)
         self.bank = RegisterBank([r for r in self.registers if r.group not in ("Result", "Counters", "Tables")])
         self.settings = Settings(config, self.registers)
@@ -212,16 +208,10 @@ class Shell(wiring.Component):
             m.d.sync += self.outstanding.eq(self.outstanding + self.opened - self._over)
 
     def _set(self, m, settings):
-        """Settings of the core, and of what ends batches. A hop is no longer than its window."""
+        """Settings of the core, and of what ends batches."""
         if not self.config.slides:
             return [self.core.settings.eq(settings.o.core), self.batch_end.settings.eq(settings.o.end)]
-        wanted, given = settings.o.core, Signal.like(settings.o.core)
-        beyond = {"hop_events": wanted.hop_events > wanted.window_events,
-                  "hop_us": (wanted.window_us != 0) & (wanted.hop_us > wanted.window_us)}  # fmt: skip
-        self.beyond = Signal(2)
-        m.d.comb += [given.eq(wanted), self.beyond.eq(Cat(beyond.values()))]
-        for name, most in (("hop_events", wanted.window_events), ("hop_us", wanted.window_us)):
-            m.d.comb += given[name].eq(Mux(beyond[name], most, wanted[name]))
+        given, self.beyond = hops_in_windows(m, settings.o.core)
         m.d.comb += self.hop_results.every.eq(settings.o.end.every)
         return [self.core.settings.eq(given)]
 
@@ -324,7 +314,9 @@ class Shell(wiring.Component):
         ]
         word = counters.word
         more = {"RESULTS_SKIPPED": self.hop_results.skipped} if self.hop_results else {}
-        for name, count in (more | {name.upper(): count for name, count in self.filtered.items()}).items():
+        once = self._done if self.config.regions else packet.taken  # a batch
+        more |= filtered(m, counts_of(self.config), packet.i.payload, clear=counters.clear, once=once)
+        for name, count in more.items():
             at = self.registers[f"COUNT_{name}"].offset // 4 % 32
             word = Mux(counters.address == at, count, word)
         answers.append(Mux(asked("Counters", len(counters.address)), word, 0))
@@ -350,11 +342,6 @@ class Shell(wiring.Component):
                 m.d.comb += counters.packet[:32].eq(self.core.o.payload.fresh)
         if self.config.regions:
             m.d.comb += counters.last.eq(packet.i.payload.last)
-        for name, count in self.filtered.items():
-            with m.If(counters.clear):
-                m.d.sync += count.eq(0)
-            with m.Elif(self._done if self.config.regions else packet.taken):  # once a batch
-                m.d.sync += count.eq(count + packet.i.payload[name])
         entering, leaving = self.i, self.o
         counted = self.input_path.counted
         pulses = {
