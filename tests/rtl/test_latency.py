@@ -126,7 +126,7 @@ BLOCKS = {
     "judge": Timing(
         LeastJudge(SIMILAR), 17, out="done", item=lambda k: {"i.valid": 1}, every=25, row=4, late=3
     ),
-    "verdict": Timing(Verdict(FAST), 41, out="done", item=lambda k: {"begin": 1}, every=43),
+    "verdict": Timing(Verdict(FAST), 39, out="done", item=lambda k: {"begin": 1}, every=41),
     "ROI updater": Timing(
         RoiUpdater(DEFAULT), 9, out="corner.roi_next", item=moved, every=9, came=steps, stays=moved(0) | {"move": 0}
     ),

@@ -87,20 +87,14 @@ class Evaluators(wiring.Component):
         # Stages 4, 5: pixels of the level, clamped.
         dt, last = (delay(m, value, self._moving - 1, name=name) for name, value in (("dt", dt_s1), ("last", last_s1)))
         valid = delay(m, valid_s1, self._moving - 1, name="valid", valid=True)
-        # Those that two voters have are made once. The second has them inverted: else synthesis makes one register of
-        # both, with long wires.
-        placed = {}
+        placed = {}  # those that several voters have are made once
         for voter, place in zip(self.voters, places, strict=True):
             warped = voter.i.payload
             for axis, (name, position) in place.items():
-                at = Signal(warped[axis].shape(), name=f"{name}_again" if name in placed else name, reset_less=True)
-                if name in placed:
-                    m.d.sync += at.eq(~placed[name])
-                    m.d.comb += warped[axis].eq(~at)
-                else:
-                    placed[name] = of_level(m, config, position, axis, level, name=name)
-                    m.d.sync += at.eq(placed[name])
-                    m.d.comb += warped[axis].eq(at)
+                if name not in placed:
+                    placed[name] = Signal(warped[axis].shape(), name=name, reset_less=True)
+                    m.d.sync += placed[name].eq(of_level(m, config, position, axis, level, name=name))
+                m.d.comb += warped[axis].eq(placed[name])
             m.d.comb += [
                 voter.i.valid.eq(valid),
                 warped.dt.eq(dt),
