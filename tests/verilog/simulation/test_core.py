@@ -195,7 +195,7 @@ def test_sustained_rate_of_the_article_s_workload(rng):
     assert [row["iterations"] for row in results] == [5, *[3] * 7]
     periods = np.diff([row["valid"] for row in results])
     alone = core.core.cycles(events=5000, roi_events=800, iterations=config.schedules.warm, judge=False)
-    assert alone - 5000 == 2622 and core.core.iteration_latency == 54
+    assert alone - 5000 == 2628 and core.core.iteration_latency == 56
     # A batch opens, is taken in and handed over; meanwhile the one before has been optimised.
     assert set(periods[1:].tolist()) == {1 + 5000 + core.core.drain + 1}
     core.close()
