@@ -160,7 +160,7 @@ def text(rows, rates, clock, window):
 
 def text_of_programs(rows, clock, how, processor):
     """The same of :func:`programs`: medians over recordings, and how many times as fast the core's tail is."""
-    core = SlidingCore(preset("sliding")).tail + 1
+    core = SlidingCore(preset("sliding")).tail + 3
     lines = [
         f"C on one thread ({processor}; {how}), median of recordings, µs, and how many times as long as the core's "
         f"{core} cycles at {clock:g} MHz:",

@@ -232,7 +232,7 @@ def per_iteration(config):
     if config.ascent == "newton":  # serial sums, and the ascent
         levels = 1 if config.max_level else 0
         division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-        return levels + 3 + 3 + 9 + (4 if config.evaluators == 4 else 1) + division + solver_cycles(config)
+        return levels + 3 + 3 + 9 + (6 if config.evaluators == 4 else 1) + division + solver_cycles(config)
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
     division = division if config.motion == "translation" else 3  # flow and moments take four cycles, the gradient none
     ascent = (0 if config.ascent_rule.has_table else 3) + (1 if config.max_level else 0)
@@ -249,7 +249,7 @@ def verdict_cycles(config):
     drop = config.widths.curvature_bits - 17
     squares = 1 if config.widths.sum_i_bits <= 17 else 4
     division = 0 if config.geometry.pixels & (config.geometry.pixels - 1) == 0 else 3
-    return max(1, squares + 26 + drop // 4 + min(3, drop) - division - solver_cycles(config))
+    return max(1, squares + 29 + drop // 4 + min(3, drop) - division - solver_cycles(config))
 
 
 def solver_cycles(config):

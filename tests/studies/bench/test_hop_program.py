@@ -144,5 +144,5 @@ def test_the_table_has_a_line_for_each_length():
         for name in "ab" for n in (400, 800)
     ]  # fmt: skip
     lines = hops.text_of_programs(rows, 100, "cc", "a processor")
-    assert "89 cycles at 100 MHz" in lines[0] and len(lines) == 3
+    assert "91 cycles at 100 MHz" in lines[0] and len(lines) == 3
     assert "800 events, 2 recordings: after the hop 8.00 (9 ×); following 0.10 (0.11 ×), and 40 ns an event" in lines[2]
