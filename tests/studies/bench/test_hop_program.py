@@ -145,4 +145,6 @@ def test_the_table_has_a_line_for_each_length():
     ]  # fmt: skip
     lines = hops.text_of_programs(rows, 100, "cc", "a processor")
     assert "91 cycles at 100 MHz" in lines[0] and len(lines) == 3
-    assert "800 events, 2 recordings: after the hop 8.00 (8.8 ×); following 0.10 (0.11 ×), and 40 ns an event" in lines[2]
+    assert (
+        "800 events, 2 recordings: after the hop 8.00 (8.8 ×); following 0.10 (0.11 ×), and 40 ns an event" in lines[2]
+    )
