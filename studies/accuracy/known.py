@@ -8,7 +8,7 @@ known.
 import functools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -30,6 +30,8 @@ SCENES = (
 SENSOR = (240, 180)
 WAY = 60.0  # px that an object moves at most
 LONGEST_US = 1_500_000
+#: Of scenes that are drawn: log10 of the speed in px/s, sizes in px, largest share of noise, contrast.
+DRAWN_SPEED, DRAWN_SIZE, DRAWN_NOISE, DRAWN_CONTRAST = (1.3, 2.8), (16, 161), 0.25, (0.4, 1.2)
 #: Where the first batch's ROI lies off an object's place then, px.
 OFFSETS = tuple((x, y) for y in range(-20, 21, 10) for x in range(-24, 25, 6))
 #: Columns and rows of ROIs over a whole sensor.
@@ -88,6 +90,18 @@ def _scene(seed, texture, velocity, noise, size, contrast):
     motion = made.motion
     name = f"generated {seed}, {texture}, {math.hypot(*velocity):.0f} px/s"
     return Known(name, made.events, SENSOR, _around(start, SENSOR), lambda a, b, *_: motion.mean_velocity(a, b))
+
+
+def drawn(count, seed=1):
+    """Yields ``count`` scenes of one object, everything drawn, a :class:`Known` each; the ROI lies on the object."""
+    for k in range(count):
+        rng = np.random.default_rng([seed, k])
+        speed, angle = 10 ** rng.uniform(*DRAWN_SPEED), rng.uniform(0, 2 * math.pi)
+        velocity = speed * np.array([math.cos(angle), math.sin(angle)])
+        size = tuple(int(side) for side in rng.integers(*DRAWN_SIZE, 2))
+        noise, contrast = rng.uniform(0, DRAWN_NOISE), math.exp(rng.uniform(*np.log(DRAWN_CONTRAST)))
+        one = _scene(seed * 10_000 + k, ("lines", "dense")[k % 2], velocity, noise, size, contrast)
+        yield replace(one, rois=(one.rois[rng.integers(len(one.rois))],))
 
 
 def _around(centre, sensor):

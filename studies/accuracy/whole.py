@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from cmfpga.api.track import track
+from cmfpga.config import preset
 from cmfpga.errors import ConfigError, UserError
 from cmfpga.events import Events, open_recording
 
-from .default_use import WRONG, apart
-from .known import GRID, by_file
+from .default_use import WRONG, apart, measure, scores
+from .known import DRAWN_SIZE, GRID, by_file, drawn
 from .table import percent
 from .yardstick import ROI
 
@@ -24,6 +25,7 @@ SLIDER = "davis240c_slider_depth_0.0s.h5"
 PRESETS = ("sliding", "fast")
 MARGIN = 8  # px around the ROI, of a search
 SLIDER_HEADS = ("ROIs", "preset", "windows", "trusted", "of these wrong", "wrong, %", "largest, px")
+DRAWN_HEADS = ("preset", "scenes", "windows", "trusted", "of these wrong", "trusted, %", "wrong, %")
 AUTO_HEADS = (
     "recording", "ROI", "windows", "trusted", "apart in time", "of these wrong", "median error, px",
     "median motion, px", "truth",
@@ -55,15 +57,15 @@ def study_slider(config, engine, cases, real_, report, *, data, **_):
     with open_recording(path) as recording:
         sensor = recording.width, recording.height
     for name, rois in ((f"{len(grid(sensor))} of a grid", grid(sensor)), ("auto", ["auto"])):
-        for preset in PRESETS:
-            found = [_tracked(path, engine, roi=roi, preset=preset) for roi in report.progress(rois, "ROI")]
+        for which in PRESETS:
+            found = [_tracked(path, engine, roi=roi, preset=which) for roi in report.progress(rois, "ROI")]
             trusted = np.concatenate([one.trusted for one in found])
             away = np.abs(np.concatenate([one.vy for one in found]))[trusted]
             wrong = int((away > WRONG).sum())
             scores = {"windows": len(trusted), "trusted": len(away), "wrong": wrong}
-            report.keep(f"slider, {name}, {preset}", away, scores)
+            report.keep(f"slider, {name}, {which}", away, scores)
             told = (percent(wrong / len(away)), f"{away.max():.2f}") if len(away) else ("–", "–")
-            rows.append((name, preset, str(len(trusted)), str(len(away)), str(wrong), *told))
+            rows.append((name, which, str(len(trusted)), str(len(away)), str(wrong), *told))
     report.table(f"The slider, vy = 0: trusted windows with |vy| above {WRONG} px per half window", SLIDER_HEADS, rows)
 
 
@@ -128,5 +130,20 @@ def study_auto(config, engine, cases, real_, report, *, data, **_):
     report.table(f"track --roi auto (wrong: by more than {WRONG} px per half window)", AUTO_HEADS, rows)
 
 
-#: Those that need recordings.
-STUDIES = {"slider": study_slider, "auto": study_auto}
+def study_drawn(config, engine, cases, real_, report, *, count, seeds, **_):
+    """Print how many batches, and windows that share no time, of scenes that are drawn are trusted, and wrong."""
+    rows = []
+    for name in PRESETS:
+        scenes = [one for seed in seeds for one in drawn(count, seed)]
+        values = [measure(one, preset(name), engine)[engine] for one in report.progress(scenes, "scene")]
+        values = np.concatenate(values)
+        found = report.keep(f"drawn, {name}", values, scores(values, len(scenes)))
+        told = (percent(found["trusted"] / found["batches"]), percent(found["wrong_of_trusted"] / found["trusted"]))
+        numbers = (found[key] for key in ("batches", "trusted", "wrong_of_trusted"))
+        rows.append((name, str(len(scenes)), *map(str, numbers), *told))
+    low, high = DRAWN_SIZE
+    report.table(f"Drawn scenes, objects of {low} to {high - 1} px: off by more than {WRONG} px", DRAWN_HEADS, rows)
+
+
+#: Those of whole recordings.
+STUDIES = {"slider": study_slider, "auto": study_auto, "drawn": study_drawn}

@@ -1,5 +1,7 @@
 """Tracks by windows that slide: every hop's events, lengths that suit the motion, and what is refused."""
 
+from contextlib import closing
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.tracking.ambiguity import Ambiguity
 from cmfpga.tracking.fit import batch_cutter
-from cmfpga.tracking.loop import track
+from cmfpga.tracking.loop import _Objects, track
 from cmfpga.tracking.sliding import Overlapping
 
 #: It turns a corner after 80 ms.
@@ -60,6 +62,44 @@ def test_thinned_events_make_no_longer_windows(scene, tracked):
     thinned = cmfpga.track(scene, preset="sliding", engine="model", thinning=3, batches=30)
     assert np.median(thinned.window_us) == pytest.approx(np.median(tracked.window_us[:30]), rel=0.25)
     assert max(thinned.roi_events) < 0.5 * max(tracked.roi_events[:30])
+
+
+DENSE = {
+    "seed": 5, "texture": "dense", "size": (90, 90), "position": (100.0, 90.0), "duration_us": 200_000,
+    "velocity": (60.0, 25.0),
+}  # fmt: skip
+
+
+def test_of_dense_texture_so_many_events_are_left_out_that_windows_are_long_enough():
+    scene = generate(**DENSE, contrast=3.0)
+    found = cmfpga.track(scene, roi=(80, 60), engine="model")
+    as_it_was = cmfpga.track(scene, roi=(80, 60), engine="model", thinning=2, batches=len(found))
+    (thinning,) = {round((one.roi_events + one.thinned) / one.roi_events) for one in found.results[:1]}
+    assert thinning > 3 and 0.75 * 8191 < found.roi_events.max() <= 8191
+    off = np.hypot(found.vx_px_per_s - 60, found.vy_px_per_s - 25) * found.window_us / 2e6
+    assert found.trusted.all() and off.max() < 0.3 and 4 < 2 * np.median(np.hypot(found.vx, found.vy)) < 6
+    assert np.median(as_it_was.window_us) < 0.6 * np.median(found.window_us), "what is asked for is taken"
+
+
+def test_a_survey_is_not_bound_by_the_longest_batch():
+    """A window may have more of the sensor's events than the hardware counts in a batch."""
+    scene = generate(**{**DENSE, "velocity": (48.0, 20.0), "size": (150, 150)}, contrast=3.0)
+    found = cmfpga.track(scene, roi=(80, 60), engine="model", batches=3, max_batch_events=65_535)
+    assert found.trusted.all() and 4 < 2 * np.median(np.hypot(found.vx, found.vy)) < 6
+    assert len(scene.events) * np.median(found.window_us) / DENSE["duration_us"] > 65_535
+
+
+@pytest.mark.parametrize("fields", [{}, {"background": 1, "background_us": 3000}])
+def test_what_lies_far_from_the_roi_says_nothing_of_a_trial(fields):
+    scene = generate(seed=6, size=(120, 100), noise=0.2, duration_us=60_000).events
+    config = preset("sliding").replace(sensor_width=240, sensor_height=180, **fields)
+    with closing(make_engine("model", config)) as engine:
+        objects = _Objects(engine, [(90, 60)], 1)
+        (near,) = objects.trial(scene, None)
+        (every,) = engine.trial(scene, None)
+    assert near.events < len(scene) == every.events and near.thinned == every.thinned
+    for name in ("v", "sums", "sum_squares", "curvature", "roi_events", "span", "flags"):
+        assert str(getattr(near, name)) == str(getattr(every, name)), name
 
 
 def test_rows_tell_the_events_of_their_windows(scene):

@@ -21,6 +21,9 @@ TARGET_PX, ALLOWED_PX = 4.0, (3.0, 5.0)
 #: Batches in a row that are not to be trusted, after which an object counts as lost.
 LOST_BATCHES = 3
 
+#: So many events at most are surveyed for windows that slide: no batch of hardware has them.
+SURVEYED_EVENTS = 1 << 21
+
 _SURVEY_US = 500_000  # of events, at most, so that a camera's first answer comes soon
 _SURVEY_S = (
     0.7  # after the first event a survey waits no longer for a stream that comes more slowly than it was recorded
@@ -265,13 +268,14 @@ def batch_cutter(source, config, *, start_event=0, first=None, usual=BATCH_EVENT
         Events of each batch, where the length cannot be chosen because the confidence is not measured; fewer where the
         hardware does not count so far.
     most : int, optional
-        Events of the longest batch, where the length is chosen, if that are less than ``config.max_batch_events``.
+        Events of the longest batch, where the length is chosen, if that are less than ``config.max_batch_events``, or
+        :data:`SURVEYED_EVENTS` of windows that slide.
     **size
         None, or one of :class:`BatchCutter`.
     """
     if isinstance(source, LiveSource) and source.width is None:
         source.width, source.height = config.sensor_width, config.sensor_height
-    limit = config.max_batch_events
+    limit = SURVEYED_EVENTS if config.slides else config.max_batch_events
     chosen = {"start_event": start_event, "max_events": min(limit, most or limit)}
     if not size and config.motion_model.basis:
         return FittedCutter(source, config, first=first or config.buffer_events // 2, **chosen)

@@ -9,10 +9,12 @@ import functools
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from ..events import WAITING, Events
 from ..events.batches import Batch
 from ..imaging.camera import rates, seen
-from ..imaging.iwe import contrast
+from ..imaging.iwe import contrast, events_in_roi
 from ..protocol.confidence import confidence, covariance, deviations, is_sure, is_trustworthy
 from ..protocol.flags import Flag
 from ..protocol.regions import Region
@@ -325,8 +327,17 @@ class _Objects(Table):
         if self.config.slides:
             (course,) = self._courses
             self.engine.write([Region.roi(self.config, course.start)], {0})
-            return self.engine.trial(events, settings)
+            return self.engine.trial(self._near(events, course.start), settings)
         return [result for result, *_ in self.measure(events, settings)]
+
+    def _near(self, events, place):
+        """What a window's v depends on: the ROI's events, those whose filters see them, and both ends in time."""
+        beside = 2 << self.config.background_cell  # px: wider than a cell of the noise filter
+        left, top = (at - beside for at in place)
+        size = self.config.roi_width + 2 * beside, self.config.roi_height + 2 * beside
+        kept = np.zeros(len(events), bool)
+        kept[events_in_roi(seen(self.config, events), (left, top), *size)[0]] = kept[:1] = kept[-1:] = True
+        return events[kept]
 
     def slide(self, cutter, rois, most):
         """What :func:`windows` yields where windows slide: :class:`TrackedBatch`, one of each hop.

@@ -11,6 +11,7 @@ from math import hypot
 
 import numpy as np
 
+from ..config.widths import Widths
 from ..config.windows import hop_events, hop_of, window_events
 from ..events import Events
 from ..events.batches import Batch
@@ -52,10 +53,12 @@ def window_lengths(config, cutter, trial, roi):
     if config.window_events or not isinstance(cutter, FittedCutter):
         return {"window_events": count, "hop_events": hop_events(config), "min_roi_events": least}
     yield from cutter.survey(trial, roi)
-    length = max(1, round(cutter.size * WAY_PX / (2 * cutter.way)))
+    length = min(max(1, round(cutter.size * WAY_PX / (2 * cutter.way))), cutter.max_events)
     length = round(length * _longer(config, trial, (yield from cutter.ahead(TRIED * length)), length))
     ahead = yield from cutter.ahead(length)
-    inside = len(events_in_roi(seen(config, ahead), roi[:2], *roi[2:])[0]) // config.thinning  # that are stored
+    inside = len(events_in_roi(seen(config, ahead), roi[:2], *roi[2:])[0])
+    thinning = _thinning(config, inside)
+    inside //= thinning  # that are stored
     count = max(1, min(inside, config.buffer_events))
     span = int(ahead.t[-1] - ahead.t[0]) if len(ahead) else 0
     oldest = config.window_us or min(longest, max(LEAST_US, round(LONGER * span * count / max(1, inside))))
@@ -65,7 +68,14 @@ def window_lengths(config, cutter, trial, roi):
         "window_us": oldest,
         "hop_us": min(config.hop_us, oldest),
         "min_roi_events": max(config.min_roi_events, count // FEWEST),
+        "thinning": thinning,
     }
+
+
+def _thinning(config, inside):
+    """The configured one, or else so much that a window of dense texture fits the ring: a shorter one is biased."""
+    fitting = min(max(1, round(inside / config.buffer_events)), Widths.thinning_max)
+    return config.thinning if config.thinning > 1 else fitting
 
 
 def _longer(config, trial, events, length):
