@@ -16,7 +16,7 @@ from cmfpga.engines import make_engine
 from cmfpga.events import Events, generate
 from cmfpga.protocol.confidence import is_trustworthy
 from cmfpga.protocol.settings import BatchSettings
-from cmfpga.tracking.ambiguity import WORDS, Ambiguity, ambiguity
+from cmfpga.tracking.ambiguity import UNTRUSTED, WORDS, Ambiguity, ambiguity
 
 from .default_use import WRONG
 from .table import percent
@@ -31,8 +31,8 @@ CONTRAST = (0.7, 4.0)
 PERIOD, ANGLE = (5.0, 20.0), math.radians(70)  # of gratings, px
 LATE_US = (200.0, 1500.0)  # standard deviation of time errors
 HEADS = (
-    "scene", "batches", "trusted before, %", "trusted and wrong before, %", "trusted, nothing told, %",
-    "of all, wrong, %", "right ones of which nothing is told, %", "told",
+    "scene", "batches", "by the confidence alone: trusted, %", "of all, trusted and wrong, %", "trusted, %",
+    "of all, trusted and wrong, %", "right ones that stay trusted, %", "told",
 )  # fmt: skip
 
 
@@ -157,7 +157,7 @@ def judged(engine, scene, count, seed=1):
 def counts(values):
     """The values as numbers of batches."""
     before, wrong, left = values[:, 0] > 0, values[:, 1] > WRONG, values[:, 2].astype(int)
-    trusted = before & (left == 0)  # and nothing is told, two motions neither
+    trusted = before & (left & UNTRUSTED == 0)
     return {
         "batches": len(values),
         "trusted_before": int(before.sum()),
@@ -170,14 +170,14 @@ def counts(values):
 
 
 def study_ambiguous(config, engine, cases, real, report, *, count, seeds, **_):
-    """Print how many batches of each scene are trusted, and wrong, before and after it was asked what is open."""
+    """Print how many batches of each scene are trusted, and wrong: by the confidence alone, and with what is open."""
     config = config.replace(buffer_events=preset("sliding").buffer_events, roi_width=ROI, roi_height=ROI)
     rows = []
     with closing(make_engine(engine, config)) as opened:
         for name, scene in SCENES.items():
             values = np.concatenate([judged(opened, scene, count, seed) for seed in seeds])
             rows.append(_row(name, report.keep(f"ambiguous, {name}", values, counts(values))))
-    report.table("What is trusted, and of what nothing is told when asked what is open, px per half batch", HEADS, rows)
+    report.table("What is trusted, by the confidence alone and when asked what is open", HEADS, rows)
 
 
 def _row(name, found):

@@ -15,6 +15,7 @@ from .table import percent
 from .yardstick import ROI
 
 WRONG = 0.6  # px per half batch
+EVERY = 4  # hops of which one is kept; of these windows that share no time
 HEADS = (
     "recording", "engine", "truth known to, px", "tracks", "batches", "answered, %", "trusted, %", "of them wrong, %",
     "median error, px", "motion, px",
@@ -30,8 +31,9 @@ def batches(known, config, engine):
     fields = config.to_dict()
     left_out = {*unread(fields), "sensor_width", "sensor_height"}
     fields = {name: value for name, value in fields.items() if name not in left_out}
+    every = EVERY if config.slides else 1
     for roi in known.rois:
-        tracking = track(known.events, sensor=known.sensor, roi=roi, engine=engine, **fields)
+        tracking = track(known.events, sensor=known.sensor, roi=roi, engine=engine, every=every, **fields)
         for k, first, last in _windows(tracking, known.events):
             result, trusted = tracking.results[k], tracking.trusted[k]
             events, (left, top) = known.events[first:last], result.roi

@@ -31,7 +31,7 @@ SENSOR = (240, 180)
 WAY = 60.0  # px that an object moves at most
 LONGEST_US = 1_500_000
 #: Of scenes that are drawn: log10 of the speed in px/s, sizes in px, largest share of noise, contrast.
-DRAWN_SPEED, DRAWN_SIZE, DRAWN_NOISE, DRAWN_CONTRAST = (1.3, 2.8), (16, 161), 0.25, (0.4, 1.2)
+DRAWN_SPEED, DRAWN_SIZE, DRAWN_NOISE, DRAWN_CONTRAST = (1.3, 2.8), (16, 161), 0.2, (0.5, 2.0)
 #: Where the first batch's ROI lies off an object's place then, px.
 OFFSETS = tuple((x, y) for y in range(-20, 21, 10) for x in range(-24, 25, 6))
 #: Columns and rows of ROIs over a whole sensor.

@@ -25,26 +25,33 @@ FEWEST_PIXELS = 8
 #: Structure across the main direction of the edges, as a share of that along it: below, there is an aperture problem.
 ONE_DIRECTION = 0.05
 
-#: Autocorrelation of the image at another place: the image repeats; edges of one direction do so below that.
-REPEATS, REPEATS_ALONG = 0.85, 0.5
+#: Autocorrelation of the image at another place: the image repeats. Of edges of one direction it is less, and of a
+#: flat peak that is not steady.
+REPEATS, REPEATS_ALONG, REPEATS_FLAT = 0.85, 0.5, 0.6
 
 #: Correlation of the images of every other event, and of the others: of less, the image is no edge's.
 ALIKE = 0.1
 
 #: All events of the window, of which the buffer holds a part, have the contrast's peak so far from v, px, and half as
 #: far as the mean of the peaks of both halves of its time lies; no peak lies farther off than the second.
-ELSEWHERE_PX, FARTHEST_PX = 1.2, 2.0
+#: Of a peak that is SURE times as sharp as the flattest that is trusted it has to be FAR_PX; nearer ones are noise's.
+ELSEWHERE_PX, FARTHEST_PX, FAR_PX, SURE = 1.2, 2.0, 2.0, 2.0
 
 #: Where each block of the ROI takes a velocity of its own, out of nine this far apart, the contrast grows by so much in
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
 TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
 
-#: With two motions: where the blocks' velocities are 1.5 px off v (rms), v is that of none of them; but only where an
-#: event says more than CLEAR, 1/px², along the best known direction. Noise blurs a single motion's image below 0.16.
-MIXED, CLEAR = 1.5**2 / 2, 0.18
+#: Where it grows by more than BLEND and an event says less than BLENDED about v (as of SHARP), v is a blend of motions,
+#: and that of none of them. The peak of one thing that is blurred by noise lies farther from v than STEADY_PX.
+BLEND, BLENDED, STEADY_PX = 0.1, 0.09, 0.5
 
-#: With two motions: halves of the ROI that each have such a share of the contrast have its peak so far apart, px.
-LEAST_SHARE, APART_PX = 0.2, 0.7
+#: Where the blocks' velocities are 1.5 px off v (rms), v is that of none of them; but only where an event says more
+#: than CLEAR, and κ is less than so many times the smallest that is trusted. Noise blurs one motion's image below 0.16.
+MIXED, CLEAR, MIXED_SURE = 1.5**2 / 2, 0.18, 3.0
+
+#: Halves of the ROI that each have such a share of the contrast have its peak so far apart, px: with two motions, or
+#: by itself where the peak is not flat.
+LEAST_SHARE, APART_PX, FAR_APART_PX = 0.2, 0.7, 1.0
 
 #: What an event says about v along the direction that is known best, 1/px². Below, noise blurs the image in all; where
 #: events were thinned as well, those that are left may have a sharp peak by chance.
@@ -121,19 +128,24 @@ def ambiguity(config, events, result, **which):
         return found
     images = np.fft.irfft2(moved, [2 * (side // 4) for side in size])
     alike = (images[0, 4] * images[1, 4]).sum() / max((images[:, 4] ** 2).sum() / 2, 1e-12)
-    if alike < ALIKE or _repeats(middle, size) > (REPEATS_ALONG if found else REPEATS):
+    kappa, elsewhere = confidence(config, result), _elsewhere(by_time.sum(0))
+    flat, steady = kappa < SURE * config.confidence_limit, elsewhere < STEADY_PX
+    most = REPEATS_ALONG if found else REPEATS_FLAT if flat and not steady else REPEATS
+    if alike < ALIKE or _repeats(middle, size) > most:
         return found | Ambiguity.STRIPES
-    if not found and _elsewhere(by_time.sum(0)) > ELSEWHERE_PX:
+    if not found and elsewhere > (ELSEWHERE_PX if flat else FAR_PX):
         found |= Ambiguity.ELSEWHERE
-    an_event = confidence(config, result) / result.roi_events
-    best, grown = best_known(config, result), _by_blocks(images) / max(an_event, 1e-12)
+    best, grown = best_known(config, result), _by_blocks(images) / max(kappa / result.roi_events, 1e-12)
     if which.get("thinned") and best < SHARP:
         return found | Ambiguity.THINNED
-    if not found and best > SHARP and grown > TWO_MOTIONS:
-        found |= Ambiguity.TWO_MOTIONS
-        if (best > CLEAR and grown > MIXED) or _halves_apart(images) > APART_PX:
-            found |= Ambiguity.APART
-    return found
+    if found or best < SHARP:
+        return found
+    two, apart = grown > TWO_MOTIONS, _halves_apart(images)
+    most = APART_PX if two else np.inf if flat else FAR_APART_PX
+    mixed = best > CLEAR and grown > MIXED and kappa < MIXED_SURE * config.confidence_limit
+    if mixed or (steady and (apart > most or (best < BLENDED and grown > BLEND))):
+        return found | Ambiguity.TWO_MOTIONS | Ambiguity.APART
+    return found | Ambiguity.TWO_MOTIONS if two else found
 
 
 def _bright(x, y, size):
