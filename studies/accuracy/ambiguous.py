@@ -177,7 +177,8 @@ def study_ambiguous(config, engine, cases, real, report, *, count, seeds, **_):
         for name, scene in SCENES.items():
             values = np.concatenate([judged(opened, scene, count, seed) for seed in seeds])
             rows.append(_row(name, report.keep(f"ambiguous, {name}", values, counts(values))))
-    report.table("What is trusted, by the confidence alone and when asked what is open", HEADS, rows)
+    title = "What is trusted, by the confidence alone and when asked what is open"
+    report.table(f"{title} (wrong: by more than {WRONG} px)", HEADS, rows)
 
 
 def _row(name, found):

@@ -7,6 +7,7 @@ import numpy as np
 
 from cmfpga.api.track import track
 from cmfpga.config import unread
+from cmfpga.protocol.confidence import covariance
 from cmfpga.protocol.flags import Flag
 
 from .foreign import FOREIGN, find
@@ -18,7 +19,7 @@ WRONG = 0.6  # px per half batch
 EVERY = 4  # hops of which one is kept; of these windows that share no time
 HEADS = (
     "recording", "engine", "truth known to, px", "tracks", "batches", "answered, %", "trusted, %", "of them wrong, %",
-    "median error, px", "motion, px",
+    "median error, px", "motion, px", "in the 50, 68, 95 % ellipse, %",
 )  # fmt: skip
 SUM = "sum"
 
@@ -63,8 +64,20 @@ def apart(tracking, kept=None):
     return found
 
 
+def sizes(off, found):
+    """The square of an error (x, y) in deviations of a covariance (xx, yy, xy), px² both; NaN without one."""
+    (x, y), (xx, yy, xy) = off, found or (math.nan,) * 3
+    return (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
+
+
+def in_ellipses(squares):
+    """Shares of errors, squared and in deviations, in the ellipses that should hold 50, 68 and 95 % of them."""
+    return [float((squares <= -2 * math.log(1 - share)).mean()) for share in (0.5, 0.68, 0.95)]
+
+
 def measure(known, config, engine, *, with_foreign=False):
-    """``{engine: values}``, float64 [batches, 5]: answered, trusted, error, true motion, doubt of the truth (px).
+    """``{engine: values}``, float64 [batches, 6]: answered, trusted, error, true motion, doubt of the truth (px), and
+    the error in standard deviations, squared, NaN where none is stated.
 
     Answered is what is not degenerate. eventcv answers with two ROI events; trusted is what its score calls better
     than v = 0, as its documentation says.
@@ -72,12 +85,13 @@ def measure(known, config, engine, *, with_foreign=False):
     values = {engine: [], **({FOREIGN: []} if with_foreign else {})}
     for events, result, truth, trusted in batches(known, config, engine):
         motion, doubt = np.hypot(*truth), known.doubt_px + known.doubt * (int(events.t[-1]) - int(events.t[0])) / 2e6
-        rest = motion, doubt
-        values[engine].append((Flag.DEGENERATE not in result.flags, trusted, np.hypot(*(result.v - truth)), *rest))
+        rest, off = (motion, doubt), result.v - truth
+        size = sizes(off, covariance(config, result))
+        values[engine].append((Flag.DEGENERATE not in result.flags, trusted, np.hypot(*off), *rest, size))
         if with_foreign:
             v, gain = find(events, result.roi, ROI, ROI)
-            values[FOREIGN].append((gain > 0, gain > 1, np.hypot(*(v - truth)), *rest))
-    return {name: np.array(rows, float).reshape(-1, 5) for name, rows in values.items()}
+            values[FOREIGN].append((gain > 0, gain > 1, np.hypot(*(v - truth)), *rest, math.nan))
+    return {name: np.array(rows, float).reshape(-1, 6) for name, rows in values.items()}
 
 
 def scores(values, tracks):
@@ -93,6 +107,9 @@ def scores(values, tracks):
         "median_error_of_trusted_px": float(np.median(values[trusted, 2])) if trusted.any() else None,
         "median_motion_px": float(np.median(values[:, 3])) if len(values) else None,
         "truth_known_to_px": float(np.median(values[:, 4])) if len(values) else None,
+        "in_ellipses": in_ellipses(values[trusted, 5])
+        if trusted.any() and np.isfinite(values[trusted, 5]).all()
+        else [],
     }
 
 
@@ -106,7 +123,7 @@ def _cells(name, engine, found):
     return (
         name, engine, px("truth_known_to_px"), str(found["tracks"]), str(found["batches"]),
         share("answered", "batches"), share("trusted", "answered"), share("wrong_of_trusted", "trusted"),
-        px("median_error_of_trusted_px"), px("median_motion_px"),
+        px("median_error_of_trusted_px"), px("median_motion_px"), " / ".join(map(percent, found["in_ellipses"])) or "–",
     )  # fmt: skip
 
 

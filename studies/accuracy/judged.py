@@ -12,7 +12,7 @@ from cmfpga.events import Events
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import confidence, covariance, is_trustworthy
 
-from .default_use import WRONG
+from .default_use import WRONG, in_ellipses, sizes
 from .known import recordings
 from .synthetic import WARM_RADIUS
 from .table import measure, percent, run_case
@@ -90,8 +90,7 @@ def judge(engine, cases, *, warm, progress):
         result = run_case(engine, case, warm=warm)
         kappa = confidence(engine.config, result)
         sure, (x, y) = is_trustworthy(engine.config, result), np.subtract(result.v, case.truth)
-        xx, yy, xy = covariance(engine.config, result) or (math.nan,) * 3
-        size = (x * x * yy - 2 * x * y * xy + y * y * xx) / (xx * yy - xy * xy)
+        size = sizes((x, y), covariance(engine.config, result))
         found.append((math.hypot(x, y), -math.inf if kappa is None else kappa, sure, size))
     return np.array(found, float).reshape(-1, 4)
 
@@ -130,8 +129,7 @@ def _row(report, name, start, values):
     auc, caught = separation(values)
     sure, wrong = values[:, 2] > 0, values[:, 0] > WRONG
     told = {"results": len(values), "auc": auc, "caught": caught, "wrong": float(wrong.mean())}
-    held = [float((values[sure, 3] <= -2 * math.log(1 - share)).mean()) for share in (0.5, 0.68, 0.95)]
-    told |= {"in_ellipses": held} if sure.any() else {}
+    told |= {"in_ellipses": in_ellipses(values[sure, 3])} if sure.any() else {}
     told |= {"trusted": float(sure.mean()), "wrong_of_trusted": float(wrong[sure].mean()) if sure.any() else None}
     told = {key: None if value != value else value for key, value in told.items()}
     ellipses = " / ".join(map(percent, told.get("in_ellipses", ())))

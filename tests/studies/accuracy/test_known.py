@@ -49,17 +49,26 @@ def test_what_is_counted(scene):
     wrong = default_use.scores(default_use.measure(elsewhere, FAST, "model")["model"], 1)
     assert wrong["wrong_of_trusted"] == wrong["trusted"] == told["trusted"]
     assert wrong["truth_known_to_px"] == pytest.approx(wrong["median_motion_px"] / 5, rel=0.01)
-    assert default_use.measure(dataclasses.replace(scene, left=240), FAST, "model")["model"].shape == (0, 5)
+    assert default_use.measure(dataclasses.replace(scene, left=240), FAST, "model")["model"].shape == (0, 6)
 
 
 def test_scores():
-    values = np.array([(1, 1, 0.1, 3, 0), (1, 1, 0.7, 3, 0), (1, 0, 5, 3, 0), (0, 0, 9, 3, 0)])
+    rows = [(1, 1, 0.1, 3, 0, 0.5), (1, 1, 0.7, 3, 0, 2.0), (1, 0, 5, 3, 0, 99.0), (0, 0, 9, 3, 0, np.nan)]
+    values = np.array(rows)
     told = default_use.scores(values, 2)
     counts = ("tracks", "batches", "answered", "trusted", "wrong_of_trusted")
     assert [told[name] for name in counts] == [2, 4, 3, 2, 1] and told["median_error_of_trusted_px"] == pytest.approx(
         0.4
     )
-    assert default_use.scores(values[2:], 1)["median_error_of_trusted_px"] is None
+    assert told["in_ellipses"] == [0.5, 1.0, 1.0], "inside of 1.39, 2.28 and 5.99 deviations squared"
+    none = default_use.scores(values[2:], 1)
+    assert none["median_error_of_trusted_px"] is None and none["in_ellipses"] == []
+
+
+def test_errors_in_deviations():
+    """By hand: 0.2 px along x of sd 0.1, 0.1 px along y of sd 0.2; and where no covariance is stated."""
+    assert default_use.sizes((0.2, 0.1), (0.01, 0.04, 0.0)) == pytest.approx(4 + 0.25)
+    assert np.isnan(default_use.sizes((0.2, 0.1), None))
 
 
 def test_command(scene, capsys, tmp_path, monkeypatch):
