@@ -81,6 +81,13 @@ def test_of_dense_texture_so_many_events_are_left_out_that_windows_are_long_enou
     assert np.median(as_it_was.window_us) < 0.6 * np.median(found.window_us), "what is asked for is taken"
 
 
+def test_the_first_window_is_borne_out_by_none_before_it():
+    """Where hops end before a window is full nothing is measured, and that says nothing."""
+    scene = generate(**{**DENSE, "velocity": (400.0, 250.0), "duration_us": 80_000}, contrast=1.2)
+    found = cmfpga.track(scene, roi=(80, 60), engine="model", batches=3)
+    assert found.trusted.tolist() == [True] * 3 and (found.ambiguity & Ambiguity.ALONE == 0).all()
+
+
 def test_a_survey_is_not_bound_by_the_longest_batch():
     """A window may have more of the sensor's events than the hardware counts in a batch."""
     scene = generate(**{**DENSE, "velocity": (48.0, 20.0), "size": (150, 150)}, contrast=3.0)

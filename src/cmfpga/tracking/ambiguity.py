@@ -35,7 +35,7 @@ ALIKE = 0.1
 #: All events of the window, of which the buffer holds a part, have the contrast's peak so far from v, px, and half as
 #: far as the mean of the peaks of both halves of its time lies; no peak lies farther off than the second.
 #: Of a peak that is SURE times as sharp as the flattest that is trusted it has to be FAR_PX; nearer ones are noise's.
-ELSEWHERE_PX, FARTHEST_PX, FAR_PX, SURE = 1.2, 2.0, 2.0, 2.0
+ELSEWHERE_PX, FARTHEST_PX, FAR_PX, SURE = 1.2, 2.0, 1.6, 2.0
 
 #: Where each block of the ROI takes a velocity of its own, out of nine this far apart, the contrast grows by so much in
 #: units of its curvature: half the square of how far the blocks' velocities are off, px². More: two motions.
@@ -43,7 +43,7 @@ TWO_MOTIONS, STEP_PX, BLOCKS = 0.45, 1.0, 8
 
 #: Where it grows by more than BLEND and an event says less than BLENDED about v (as of SHARP), v is a blend of motions,
 #: and that of none of them. The peak of one thing that is blurred by noise lies farther from v than STEADY_PX.
-BLEND, BLENDED, STEADY_PX = 0.1, 0.09, 0.5
+BLEND, BLENDED, STEADY_PX = 0.1, 0.08, 0.55
 
 #: Where the blocks' velocities are 1.5 px off v (rms), v is that of none of them; but only where an event says more
 #: than CLEAR, and κ is less than so many times the smallest that is trusted. Noise blurs one motion's image below 0.16.

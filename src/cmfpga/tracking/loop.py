@@ -360,8 +360,8 @@ class _Objects(Table):
                 for result in self.engine.run(piece, given):
                     events, marks = newest.window(result)
                     degenerate = Flag.DEGENERATE in result.flags
-                    borne_out = overlapping.bear_out(events, is_sure(result))
                     hop += not degenerate or hop >= 0
+                    borne_out = hop < 0 or overlapping.bear_out(events, is_sure(result))
                     self.passed_over += hop < 0
                     plan = given.cold if not self._warm else given.follow or given.warm
                     self._warm = not degenerate
