@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from cmfpga.config import preset
-from cmfpga.config.derived import DITHER_BITS, FACTORS
+from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.reference.floating import (
     R2,
     at_level,

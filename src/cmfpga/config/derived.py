@@ -3,15 +3,6 @@
 from ..errors import ConfigError
 from ..fixed import Q, bits_for
 
-#: The dither's α of columns and rows: the R2 low-discrepancy sequence, α = (1/g, 1/g²) with g³ = g + 1. Martin Roberts,
-#: "The Unreasonable Effectiveness of Quasirandom Sequences" (2018). Events sit on whole pixels, which makes v = 0 a
-#: peak of the contrast whatever the motion is; an offset that covers the pixel evenly removes that peak.
-R2 = (0.7548776662466927, 0.5698402909980532)
-
-#: Fraction bits of the running sum; α with so many, raw.
-DITHER_BITS = 24
-FACTORS = tuple(round(alpha * 2**DITHER_BITS) for alpha in R2)
-
 
 class Derived:
     """Base of the groups of derived values: attributes that follow from a :class:`~cmfpga.config.Config`."""

@@ -5,7 +5,7 @@ The same equations as :mod:`cmfpga.reference.floating`, which the tests compare 
 
 import numpy as np
 
-from ..config.derived import DITHER_BITS, FACTORS
+from ..config.dither import DITHER_BITS, FACTORS
 from .camera import flow
 
 _RIM = 3  # pixels on each side of the image; they take the votes that fall outside

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from ..config.derived import R2
+from ..config.dither import R2
 
 
 def _tensor(values):

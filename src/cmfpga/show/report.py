@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import __version__
 from ..config import PRESETS, Config
-from ..config.derived import DITHER_BITS, FACTORS
+from ..config.dither import DITHER_BITS, FACTORS
 from ..errors import ConfigError, needs, write_text
 from ..protocol.flags import NOTES
 from ..tracking.columns import columns

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from cmfpga.config import preset
-from cmfpga.config.derived import DITHER_BITS, FACTORS
+from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.event_path import dither, time_scaler

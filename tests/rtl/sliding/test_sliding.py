@@ -8,7 +8,7 @@ from amaranth.hdl import Module
 from amaranth.lib import wiring
 
 from cmfpga.config import preset
-from cmfpga.config.derived import DITHER_BITS, FACTORS
+from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.sliding import Sliding
 from cmfpga.rtl.sliding import hop_control, ring, walker

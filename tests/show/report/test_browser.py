@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cmfpga.config import preset
-from cmfpga.config.derived import DITHER_BITS, FACTORS
+from cmfpga.config.dither import DITHER_BITS, FACTORS
 from cmfpga.events import open_recording
 from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.protocol.flags import Flag

@@ -1,13 +1,12 @@
 """Whole recordings by ``track --roi auto``, and a grid of ROIs on the slider: the rail's truth, and what is needed."""
 
-import json
 from itertools import pairwise
 
 import numpy as np
 
 from cmfpga import cli
 from studies import accuracy
-from studies.accuracy import known, whole
+from studies.accuracy import whole
 
 
 def test_the_slider_by_auto(data_dir):
@@ -30,16 +29,3 @@ def test_a_folder_is_needed(capsys, monkeypatch):
     for study in ("slider", "auto"):
         assert cli.run(accuracy.main, ["--study", study, "--batches", "1"]) == 2
         assert f"--study {study}: --data, a folder of recordings, is needed" in capsys.readouterr().err
-
-
-def test_drawn_scenes(capsys, monkeypatch, tmp_path):
-    """Each seed has its own; what is wrong is counted by the motion that was drawn."""
-    monkeypatch.setattr(known, "DRAWN_SIZE", (24, 41))
-    monkeypatch.setattr(whole, "PRESETS", ("fast",))
-    file = tmp_path / "scores.json"
-    assert cli.run(accuracy.main, ["--study", "drawn", "--batches", "2", "--seeds", "1-2", "--json", str(file)]) == 0
-    assert "| fast   | 4 " in capsys.readouterr().out
-    told = json.loads(file.read_text())["results"]["drawn, fast"]["scores"]
-    assert told["batches"] > 20 and told["trusted"] > 0.6 * told["batches"] and told["wrong_of_trusted"] <= 1
-    one, two, again = (next(known.drawn(1, seed)) for seed in (1, 2, 1))
-    assert one.name == again.name != two.name and one.rois == again.rois

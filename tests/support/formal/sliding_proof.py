@@ -3,7 +3,7 @@
 from amaranth.hdl import Assert, Assume, Cat, Cover, Mux, Signal
 
 from cmfpga.config import Config
-from cmfpga.config.derived import FACTORS
+from cmfpga.config.dither import FACTORS
 from support.formal.bank_proof import anything
 from support.formal.harness import Harness
 

@@ -4,7 +4,7 @@
 
 import torch
 
-from ...config.derived import DITHER_BITS, FACTORS
+from ...config.dither import DITHER_BITS, FACTORS
 from ...fixed import round_half_up, saturate
 
 

@@ -4,14 +4,14 @@ from amaranth.hdl import Cat, Const, Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ...config.derived import DITHER_BITS, FACTORS
+from ...config.dither import DITHER_BITS, FACTORS
 from ...config.schedule import STRIDES
 from .. import payloads
 from ..arithmetic import delay, select
 
 
 class Dither(wiring.Component):
-    """Adds frac((k + ½)·α) − ½ to column and row of the k-th stored event (:data:`~cmfpga.config.derived.R2`).
+    """Adds frac((k + ½)·α) − ½ to column and row of the k-th stored event (:mod:`cmfpga.config.dither`).
 
     Events sit on whole pixels, which makes v = 0 a peak of the contrast whatever the motion is; the offsets remove it.
     They depend on k alone, so every iteration sees the same, and the buffer need not store them; a replay of a subset

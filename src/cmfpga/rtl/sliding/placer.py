@@ -4,7 +4,7 @@ from amaranth.hdl import Cat, Const, Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from ...config.derived import DITHER_BITS, FACTORS
+from ...config.dither import DITHER_BITS, FACTORS
 from ...fixed import Q, bits_for
 from .. import payloads
 from ..arithmetic import delay

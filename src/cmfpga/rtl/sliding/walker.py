@@ -4,7 +4,7 @@ from amaranth.hdl import Module, Mux, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from ...config.derived import DITHER_BITS, FACTORS
+from ...config.dither import DITHER_BITS, FACTORS
 from ...fixed import bits_for
 from ..arithmetic import delay
 from .ring import Ring, address_bits
