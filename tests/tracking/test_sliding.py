@@ -4,6 +4,7 @@ from contextlib import closing
 
 import numpy as np
 import pytest
+from studies.accuracy.known import drawn
 
 import cmfpga
 from cmfpga import cli
@@ -15,6 +16,7 @@ from cmfpga.events import Events, MemoryRecording, generate, write_hdf5
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 from cmfpga.reference.integer.sliding import Sliding
+from cmfpga.tracking import sliding
 from cmfpga.tracking.ambiguity import Ambiguity
 from cmfpga.tracking.fit import batch_cutter
 from cmfpga.tracking.loop import _Objects, track
@@ -88,6 +90,17 @@ def test_the_first_window_is_borne_out_by_none_before_it():
     assert found.trusted.tolist() == [True] * 3 and (found.ambiguity & Ambiguity.ALONE == 0).all()
 
 
+def test_where_the_confidence_is_nearly_enough_windows_are_longer(monkeypatch):
+    """Few events of a noisy scene, as sharp as half of what a clear one is: no window is trusted otherwise."""
+    (known,) = drawn(1)
+    options = {"sensor": known.sensor, "roi": known.rois[0], "engine": "model", "batches": 60}
+    longer = cmfpga.track(known.events, **options)
+    monkeypatch.setattr(sliding, "NEARLY", np.inf)
+    as_long_as_usual = cmfpga.track(known.events, **options)
+    assert 1.3 < np.median(longer.window_us) / np.median(as_long_as_usual.window_us) <= sliding.LONGEST + 0.1
+    assert longer.trusted.mean() > 0.6 > 0.1 > as_long_as_usual.trusted.mean()
+
+
 def test_a_survey_is_not_bound_by_the_longest_batch():
     """A window may have more of the sensor's events than the hardware counts in a batch."""
     scene = generate(**{**DENSE, "velocity": (48.0, 20.0), "size": (150, 150)}, contrast=3.0)
@@ -155,12 +168,13 @@ def test_windows_are_borne_out_by_half_of_those_that_share_their_time():
     assert not overlapping.bear_out(Events.empty(), False)
 
 
-def test_an_engine_that_is_seldom_sure_is_not_trusted(scene):
+def test_an_engine_that_is_seldom_sure_is_not_trusted(scene, tracked):
     """Whichever results are kept, those between them count."""
-    few = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=110.0, batches=60)
+    options = {"preset": "sliding", "engine": "model", "window_events": int(max(tracked.roi_events))}
+    few = cmfpga.track(scene, **options, confidence_limit=110.0, batches=60)
     sure = few.confidence >= 110
     assert 0.1 < sure.mean() and (few.ambiguity[sure] & Ambiguity.ALONE).any()
-    third = cmfpga.track(scene, preset="sliding", engine="model", confidence_limit=110.0, every=3, batches=20)
+    third = cmfpga.track(scene, **options, confidence_limit=110.0, every=3, batches=20)
     assert third.trusted.tolist() == few.trusted[::3].tolist()
 
 

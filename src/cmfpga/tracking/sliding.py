@@ -27,8 +27,9 @@ WAY_PX, LEAST_US, LONGER, FEWEST = 5.0, 60_000, 1.75, 4
 
 #: Where few edges are seen, but sharp ones, a window is longer, up to so many times, for as many times the smallest
 #: confidence. That grows with the square of the length. It is the middle one of so many windows. Where noise blurs the
-#: image (below :data:`~cmfpga.tracking.ambiguity.CLEAR`) more windows would be trusted, but of these more wrong ones.
-LONGEST, RESERVE, TRIED = 1.6, 2.0, 3
+#: image (below :data:`~cmfpga.tracking.ambiguity.CLEAR`) more windows would be trusted, but of these more wrong ones;
+#: unless an event says half of that and κ is nearly enough.
+LONGEST, RESERVE, TRIED, NEARLY = 1.6, 2.0, 3, 0.6
 
 
 def window_lengths(config, cutter, trial, roi):
@@ -82,10 +83,12 @@ def _longer(config, trial, events, length):
     """How many times longer windows of this length are to be, by those of ``events`` in which the image moves."""
     parts = [events[at : at + length] for at in range(0, len(events) - length + 1, length)]
     moved = [one for part in parts for one in trial(part) if is_judged(one) and hypot(*one.v) > STILL_PX]
-    if not moved or np.median([best_known(config, one) for one in moved]) < CLEAR:
+    if not moved:
         return 1.0
-    found = np.median([max(confidence(config, one), 1e-9) for one in moved])
-    return float(np.clip(np.sqrt(RESERVE * config.confidence_limit / found), 1.0, LONGEST))
+    found = np.median([max(confidence(config, one), 1e-9) for one in moved]) / config.confidence_limit
+    if np.median([best_known(config, one) for one in moved]) < (CLEAR if found < NEARLY else CLEAR / 2):
+        return 1.0
+    return float(np.clip(np.sqrt(RESERVE / found), 1.0, LONGEST))
 
 
 class Overlapping:
