@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 
 import h5py
@@ -245,3 +246,14 @@ def test_a_write_that_fails_changes_nothing(tmp_path, monkeypatch):
                 task.write_atomically(tmp_path / "x", b"after")
         assert [path.name for path in tmp_path.iterdir()] == ["x"] and (tmp_path / "x").read_bytes() == b"before"
     assert plan.PRESET == "preset"
+
+
+def test_an_interrupt_when_it_is_written_is_an_interrupt(tmp_path, monkeypatch):
+    def replaced(*names):
+        os.rename(*names)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(task.os, "replace", replaced)
+    with pytest.raises(KeyboardInterrupt):
+        task.write_atomically(tmp_path / "x", b"after")
+    assert [path.name for path in tmp_path.iterdir()] == ["x"] and (tmp_path / "x").read_bytes() == b"after"

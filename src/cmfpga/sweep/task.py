@@ -74,7 +74,7 @@ def write_atomically(path, content):
         os.chmod(scratch, 0o666 & ~umask)  # mkstemp's are for their owner only
         os.replace(scratch, path)
     except BaseException:
-        os.unlink(scratch)
+        Path(scratch).unlink(missing_ok=True)  # an interrupt may come when it has its name already
         raise
 
 
