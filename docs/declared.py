@@ -19,7 +19,7 @@ from cmfpga.protocol.results import fields_of
 from cmfpga.protocol.shapes import leaves
 from cmfpga.tracking.columns import COLUMNS
 
-RESOURCES = Path(__file__).resolve().parents[1] / "tests" / "fpga" / "baselines.json"
+RESOURCES = json.loads((Path(__file__).parents[1] / "tests" / "fpga" / "baselines.json").read_text(encoding="utf-8"))
 
 
 def table(head, rows, right=()):
@@ -66,7 +66,7 @@ def fields_table():
 
 def resources_table():
     """LUT, FF, block RAM and DSP of the core, alone and with AXI, of `fast` and of `paper` side by side."""
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["presets"]
+    stored = RESOURCES["presets"]
     kinds = [list(resources.KINDS).index(kind) + 1 for kind in ("lut", "ff", "bram36", "dsp")]
     found = [{row[0]: [row[k] for k in kinds] for row in resources.rows(stored[name])} for name in ("fast", "paper")]
     what = [*found[0]]

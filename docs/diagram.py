@@ -63,12 +63,10 @@ def _wires():
     yield [at(3, 0, 0.5, 1), at(3, 1), at(4, 1, 0)], "t_N − t_1"
     yield [at(4, 1, 0.5, 1), at(4, 2, 0.5, 0)], ""
     yield [at(5, 0, 0.6, 1), at(5, 2, 0.6, 0)], ""
-    yield (
-        [at(1, 1, 1), (gap, at(1, 1)[1]), (gap, between - 9), (at(5, 0, 0.25)[0], between - 9), at(5, 0, 0.25, 1)],
-        "replay",
-    )
-    for first, last, label in ((5, 4, ""), (4, 3, ""), (3, 2, "")):
-        yield [at(first, 2, 0), at(last, 2, 1)], label
+    over = between - 9
+    yield [at(1, 1, 1), (gap, at(1, 1)[1]), (gap, over), (at(5, 0, 0.25)[0], over), at(5, 0, 0.25, 1)], "replay"
+    for first, last in ((5, 4), (4, 3), (3, 2)):
+        yield [at(first, 2, 0), at(last, 2, 1)], ""
     yield [at(2, 2, 0.5, 1), at(2, 3.15, 0.5, 0)], "4 votes"
     yield [at(2, 2, 0.5, 1.45), (at(4, 0)[0], at(2, 2, 0, 1.45)[1]), at(4, 3.15, 0.5, 0)], ""
     yield [at(2, 3.15, 1), at(3, 3.15, 0)], ""
@@ -81,44 +79,24 @@ def _wires():
     yield [at(4, 4.4, 0), at(3, 4.4, 1)], ""
     yield [at(4, 4.4, 1), at(5, 4.4, 0)], ""
     yield [at(2, 4.4, 1), at(3, 4.4, 0)], ""
-    yield (
-        [at(3, 4.4, 0.75, 1), (at(3, 0, 0.75)[0], low + 22), (at(5, 0)[0], low + 22), at(5, 4.4, 0.5, 1)],
-        "curvature",
-    )
+    under = low + 22
+    yield [at(3, 4.4, 0.75, 1), (at(3, 0, 0.75)[0], under), (at(5, 0)[0], under), at(5, 4.4, 0.5, 1)], "curvature"
     yield [at(3, 4.4, 0.4, 1), (at(3, 0, 0.4)[0], low), (at(1, 0)[0], low), at(1, 4.4, 0.5, 1)], "v"
-    yield (
-        [
-            at(2, 4.4, 0.5, 1),
-            (at(2, 0)[0], low),
-            (gap, low),
-            (gap, between + 10),
-            (at(3, 0)[0], between + 10),
-            at(3, 2, 0.5, 0),
-        ],
-        "v, level",
-    )
-    yield (
-        [
-            at(1, 4.4, 0, 0.25),
-            (edge, at(1, 4.4, 0, 0.25)[1]),
-            (edge, at(0, 0.72)[1]),
-            (at(3, 0, 0.2)[0], at(0, 0.72)[1]),
-            at(3, 0, 0.2, 1),
-        ],
-        "ROI",
-    )
+    below = between + 10
+    around = [(at(2, 0)[0], low), (gap, low), (gap, below), (at(3, 0)[0], below)]
+    yield [at(2, 4.4, 0.5, 1), *around, at(3, 2, 0.5, 0)], "v, level"
+    above = at(0, 0.72)[1]
+    around = [(edge, at(1, 4.4, 0, 0.25)[1]), (edge, above), (at(3, 0, 0.2)[0], above)]
+    yield [at(1, 4.4, 0, 0.25), *around, at(3, 0, 0.2, 1)], "ROI"
     yield [at(1, 1, 0), (at(0, 0)[0], at(1, 1)[1]), at(0, 4.4, 0.5, 0.15)], ""
     yield [at(1, 4.4, 0, 0.6), at(0, 4.4, 1, 0.6)], ""
 
 
-def _height(part):
-    return abs(part[0][1] - part[1][1])
-
-
 def _label(points, text):
     """In the middle of the longest horizontal part, or of the only one."""
-    parts = sorted(itertools.pairwise(points), key=lambda part: abs(part[0][0] - part[1][0]))
-    (x0, y0), (x1, y1) = parts[-1] if abs(parts[-1][0][0] - parts[-1][1][0]) > 40 else max(parts, key=_height)
+    parts = [*itertools.pairwise(points)]
+    across, down = (max(parts, key=lambda part: abs(part[0][axis] - part[1][axis])) for axis in (0, 1))
+    (x0, y0), (x1, y1) = across if abs(across[0][0] - across[1][0]) > 40 else down
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
     width = 6.4 * len(text) + 6
     back = f'<rect class="back" x="{x - width / 2:g}" y="{y - 8:g}" width="{width:g}" height="16"/>'
@@ -161,9 +139,8 @@ def svg():
         lines.append(f'<text class="small" x="{middle:g}" y="{y + 36:g}">{file.removeprefix("-")}</text>')
     for name, (column, row) in PILLS.items():
         (x, y), (middle, centre) = at(column, row, 0.08, 0.15), at(column, row)
-        lines.append(
-            f'<rect class="pill" x="{x:g}" y="{y:g}" width="{0.92 * WIDTH:g}" height="{0.7 * HEIGHT:g}" rx="16"/>'
-        )
+        size = f'width="{0.92 * WIDTH:g}" height="{0.7 * HEIGHT:g}"'
+        lines.append(f'<rect class="pill" x="{x:g}" y="{y:g}" {size} rx="16"/>')
         lines.append(f'<text x="{middle:g}" y="{centre + 4:g}">{name}</text>')
     return "\n".join([*lines, "</svg>"]) + "\n"
 

@@ -8,7 +8,7 @@ SHA256SUMS, which ``sha256sum -c`` reads. Takes a quarter of an hour, most of it
 import contextlib
 import csv
 import hashlib
-import json
+import io
 import shutil
 import subprocess
 import sys
@@ -66,9 +66,8 @@ def self_test(folder):
 
 def measured():
     """The baselines of the tests: ``{core: estimates}``, ``{core: placement}``."""
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))
-    cores = {name: row["total"] for name, row in stored["presets"].items()}
-    return cores | stored["plain"] | stored["motions"] | stored["regions"], stored["placed"]
+    cores = {name: row["total"] for name, row in RESOURCES["presets"].items()}
+    return cores | RESOURCES["plain"] | RESOURCES["motions"] | RESOURCES["regions"], RESOURCES["placed"]
 
 
 def history(path=HISTORY, version=__version__):
@@ -83,9 +82,9 @@ def history(path=HISTORY, version=__version__):
         (version, name, *(f"{row[kind]:g}" for kind in ESTIMATED), str(placed.get(name, {}).get("fmax_mhz", "")))
         for name, row in estimated.items()
     ]
-    write_text(
-        path, "".join(",".join(f'"{one}"' if "," in one else one for one in row) + "\n" for row in (heads, *rows))
-    )
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows((heads, *rows))
+    write_text(path, text.getvalue())
     return rows
 
 
@@ -107,10 +106,8 @@ def resources(rows):
 def sums(folder):
     """Write the SHA-256 of all files in ``folder``."""
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name != SUMS)
-    lines = [
-        f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(folder).as_posix()}" for path in files
-    ]
-    write_text(folder / SUMS, "\n".join(lines) + "\n")
+    sha256 = {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+    write_text(folder / SUMS, "".join(f"{digest}  {name}\n" for name, digest in sha256.items()))
 
 
 def main(folder):

@@ -20,11 +20,9 @@ def _blocks():
     found = []
     for path in sorted((ROOT / "src" / "cmfpga" / "rtl").rglob("*.py")):
         name = ".".join(path.relative_to(ROOT / "src").with_suffix("").parts)
-        kinds = inspect.getmembers(importlib.import_module(name), inspect.isclass)
-        if any(
-            kind.__module__ == name and issubclass(kind, Elaboratable) and "elaborate" in vars(kind)
-            for _, kind in kinds
-        ):
+        kinds = vars(importlib.import_module(name)).values()
+        own = [kind for kind in kinds if inspect.isclass(kind) and kind.__module__ == name]
+        if any(issubclass(kind, Elaboratable) and "elaborate" in vars(kind) for kind in own):
             found.append(name.removeprefix(PACKAGE))
     return found
 
@@ -35,10 +33,9 @@ def _modules(tree, blocks):
     for node in ast.walk(tree):
         if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(PACKAGE):
             for alias in node.names:
-                for name in (f"{node.module}.{alias.name}", node.module):
-                    if name.removeprefix(PACKAGE) in blocks:
-                        found[alias.name] = name.removeprefix(PACKAGE)
-                        break
+                names = (name.removeprefix(PACKAGE) for name in (f"{node.module}.{alias.name}", node.module))
+                if block := next((name for name in names if name in blocks), None):
+                    found[alias.name] = block
     return found
 
 

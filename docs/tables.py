@@ -106,16 +106,11 @@ def memories_table():
         word = payloads.pixel(config)
         event = Shape.cast(payloads.roi_event(config).as_shape()).width
         rows.append((f"`{name}`: ROI events (t, x, y)", 1, config.buffers * config.buffer_events, event))
-        widths = {
-            title: Shape.cast(word[member].shape).width for member, title in (("i", "I"), ("dx", "Dx"), ("dy", "Dy"))
-        }
+        widths = {title: Shape.cast(word[title.lower()].shape).width for title in ("I", "Dx", "Dy")}
         if config.gradient == "one_pass":
-            bits = config.tag_bits + sum(widths.values())
-            rows.append((f"`{name}`: tag, Dy, Dx and I, by parity", 4, config.geometry.bank_depth, bits))
-        else:
-            rows += [
-                (f"`{name}`: {title}, by parity", 4, config.geometry.bank_depth, bits) for title, bits in widths.items()
-            ]
+            widths = {"tag, Dy, Dx and I": config.tag_bits + sum(widths.values())}
+        depth = config.geometry.bank_depth
+        rows += [(f"`{name}`: {title}, by parity", 4, depth, bits) for title, bits in widths.items()]
     rows = [(*row, f"{row[1] * row[2] * row[3]:,}") for row in rows]
     return table(("memory", "number", "words", "bits a word", "bits in all"), rows, right=(1, 2, 3, 4))
 
@@ -127,18 +122,14 @@ def ports_table():
         for port in port_table(elaborated(preset(name))):
             known = re.sub(r"^trace_pixels_\d_", "trace_pixels_", port.name)
             shown = re.sub(r"^(trace_pixels)_(i|dx|dy)$", r"\1_0_\2 … \1_3_\2", known)
-            row = rows.setdefault(
-                known,
-                {"port": f"`{shown}`".replace(" … ", "` … `"), "direction": port.direction, "meaning": port.meaning},
-            )
+            shown = f"`{shown}`".replace(" … ", "` … `")
+            row = rows.setdefault(known, {"port": shown, "direction": port.direction, "meaning": port.meaning})
             row[name] = f"{port.bits}{' signed' if port.signed else ''}"
     head = ("port", "direction", *(f"bits, `{name}`" for name in BOTH), "meaning")
     lines = [[row.get(part, "–") for part in ("port", "direction", *BOTH, "meaning")] for row in rows.values()]
     # Those that are left open need no line each.
-    lines = [
-        *[line for line in lines if "`trace_" not in line[0]],
-        ("`trace_…`", "output", "", "", "for verification; leave open"),
-    ]
+    lines = [line for line in lines if "`trace_" not in line[0]]
+    lines.append(("`trace_…`", "output", "", "", "for verification; leave open"))
     return table(head, lines, right=(2, 3))
 
 

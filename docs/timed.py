@@ -1,7 +1,5 @@
 """Tables of what a batch takes: cycles by the formula of each preset, and times at the clock that was measured last."""
 
-import json
-
 from amaranth.hdl import Fragment
 from declared import RESOURCES, table
 
@@ -11,6 +9,13 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.sliding.core import SlidingCore
 from cmfpga.rtl.top import VerilogCore
 from cmfpga.verilog import description
+
+#: What is estimated of a core, by the name of its column.
+ESTIMATED = {"lut": "LUT", "ff": "FF", "bram36": "BRAM36", "uram": "UltraRAM", "dsp": "DSP"}
+
+
+def _estimated(row):
+    return (f"{row[kind]:,}" for kind in ESTIMATED)
 
 
 def elaborated(config):
@@ -32,8 +37,7 @@ def article_cycles(core, **options):
 
 def placed_table():
     """Clock and area that were measured last, and what the clock makes of the article's batch."""
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["placed"]
-    rows = []
+    stored, rows = RESOURCES["placed"], []
     for name, row in stored.items():
         if preset(name).slides:
             core = SlidingCore(preset(name))
@@ -56,7 +60,7 @@ def placed_table():
 def families_table():
     """The same of other families: resources by their own names."""
     rows = []
-    for name, row in json.loads(RESOURCES.read_text(encoding="utf-8"))["families"].items():
+    for name, row in RESOURCES["families"].items():
         family = FAMILIES[row["device"]]
         used = ", ".join(f"{row[kind]:,} {title}" for kind, (_, title) in family.resources.items())
         mhz = f"(≤ {row['fmax_mhz']})" if family.untimed else row["fmax_mhz"]
@@ -76,36 +80,27 @@ def cycles_table():
         theirs = description.article_cycles(**description.ARTICLE_BATCH, pixels=config.geometry.pixels, iterations=100)
         size = f"{config.roi_width}×{config.roi_height}"
         rows.append((f"`{name}`", size, f"`{core.cycle_formula}`", shown, f"{theirs:,}"))
-    head = (
-        "preset",
-        "ROI, px",
-        "cycles of a batch",
-        "N = {events}, n = {roi_events}".format(**description.ARTICLE_BATCH),
-        "article's formula, T = 100",
-    )
+    sizes = "N = {events}, n = {roi_events}".format(**description.ARTICLE_BATCH)
+    head = ("preset", "ROI, px", "cycles of a batch", sizes, "article's formula, T = 100")
     return table(head, rows, right=(3, 4))
 
 
 def motions_table():
     """Resources of the motions' cores, beside those of a translation in the same ROI."""
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["motions"]
-    kinds, rows = ("lut", "ff", "bram36", "uram", "dsp"), []
-    for name, row in stored.items():
+    rows = []
+    for name, row in RESOURCES["motions"].items():
         config = preset(name)
         size = f"{config.roi_width}×{config.roi_height} px, {config.buffer_events:,} events"
-        rows.append((f"`{name}`", config.motion, size, *(f"{row[kind]:,}" for kind in kinds)))
-    heads = ("preset", "motion", "ROI, buffer", "LUT", "FF", "BRAM36", "UltraRAM", "DSP")
+        rows.append((f"`{name}`", config.motion, size, *_estimated(row)))
+    heads = ("preset", "motion", "ROI, buffer", *ESTIMATED.values())
     return f"{table(heads, rows, right=(3, 4, 5, 6, 7))}\nEstimates by Yosys, of the core alone.\n"
 
 
 def regions_table():
     """Resources of hardware of many regions, and of one of its units."""
-    stored = json.loads(RESOURCES.read_text(encoding="utf-8"))["regions"]
-    kinds = ("lut", "ff", "bram36", "uram", "dsp")
     what = {"flow, a unit": "a unit by itself", "flow, one unit": "`flow` with one unit", "flow": "`flow`: four units"}
-    rows = [(what[name], *(f"{row[kind]:,}" for kind in kinds)) for name, row in stored.items()]
-    heads = ("", "LUT", "FF", "BRAM36", "UltraRAM", "DSP")
-    return f"{table(heads, rows, right=(1, 2, 3, 4, 5))}\nEstimates by Yosys, without AXI.\n"
+    rows = [(what[name], *_estimated(row)) for name, row in RESOURCES["regions"].items()]
+    return f"{table(('', *ESTIMATED.values()), rows, right=(1, 2, 3, 4, 5))}\nEstimates by Yosys, without AXI.\n"
 
 
 TIMED = {

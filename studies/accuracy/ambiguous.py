@@ -40,13 +40,7 @@ def _late(events, rng):
     """The same events with errors of their times."""
     t = np.maximum(events.t + np.rint(rng.normal(0, rng.uniform(*LATE_US), len(events))).astype(np.int64), 0)
     order = np.argsort(t, kind="stable")
-    return Events(t[order], events.x[order], events.y[order], events.p[order])
-
-
-def _both(one, two):
-    t, x, y, p = (np.concatenate([getattr(part, axis) for part in (one, two)]) for axis in "txyp")
-    order = np.argsort(t, kind="stable")
-    return Events(t[order], x[order], y[order], p[order])
+    return Events(t[order], *(axis[order] for axis in (events.x, events.y, events.p)))
 
 
 def _object(rng, v, texture, size, contrast, off=0, **fields):
@@ -115,7 +109,7 @@ def _two(rng, k, one, two, through):
     off = np.array(((15.0, 0.0), (0.0, 15.0))[beside]) * (0.3 if through else 1)
     texture = "lines" if through else ("lines", "dense")[k % 2]
     made = [_object(rng, v, texture, size, contrast, off * side) for v, side in ((one, -1), (two, 1))]
-    return _both(*made), (one, two)
+    return Events.merge(made), (one, two)
 
 
 def beside(rng, k, through=False):
@@ -183,7 +177,7 @@ def study_ambiguous(config, engine, cases, real, report, *, count, seeds, **_):
 
 def _row(name, found):
     whole = found["batches"]
-    shares = (percent(found[key] / whole) for key in ("trusted_before", "wrong_before", "trusted", "wrong"))
-    stay = percent((found["trusted"] - found["wrong"]) / found["right_before"]) if found["right_before"] else "–"
+    shares = (percent(found[key], whole) for key in ("trusted_before", "wrong_before", "trusted", "wrong"))
+    stay = percent(found["trusted"] - found["wrong"], found["right_before"])
     told = ", ".join(f"{found[one.name.lower()]} {text}" for one, text in WORDS.items() if found[one.name.lower()])
-    return name, str(whole), *shares, stay, told or "–"
+    return name, whole, *shares, stay, told or "–"

@@ -43,24 +43,12 @@ class EdgeCamera:
 
 @dataclass(frozen=True)
 class PixelCamera:
-    """Pixels that each compare their brightness with the one at their last event.
+    """Pixels that each compare their brightness with the one at their last event."""
 
-    Parameters
-    ----------
-    size : int
-        Of the object, px; it fades out towards its border. 0: the scene has no end.
-    mismatch : float
-        Standard deviation of a pixel's threshold, as a share.
-    refractory : float
-        Time after an event in which a pixel sees nothing, in half batches.
-    lag : float
-        Time constant of its low pass, in half batches.
-    """
-
-    size: int = 0
-    mismatch: float = 0.0
-    refractory: float = 0.0
-    lag: float = 0.0
+    size: int = 0  # of the object, px; it fades out towards its border. 0: the scene has no end
+    mismatch: float = 0.0  # standard deviation of a pixel's threshold, as a share
+    refractory: float = 0.0  # time after an event in which a pixel sees nothing, in half batches
+    lag: float = 0.0  # time constant of its low pass, in half batches
 
     def __call__(self, rng, v):
         pattern = _texture(rng, self.size)

@@ -7,12 +7,13 @@ import numpy as np
 
 from cmfpga.api.track import track
 from cmfpga.config import unread
+from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import covariance
 from cmfpga.protocol.flags import Flag
 
 from .foreign import FOREIGN, find
 from .known import recordings
-from .table import percent
+from .table import decimal, percent
 from .yardstick import ROI
 
 WRONG = 0.6  # px per half batch
@@ -40,8 +41,8 @@ def batches(known, config, engine):
             events, (left, top) = known.events[first:last], result.roi
             if left < known.left or not len(events):
                 continue
-            inside = (events.x >= left) & (events.x < left + ROI) & (events.y >= top) & (events.y < top + ROI)
-            seen = (events.x[inside], events.y[inside]) if inside.any() else (left + ROI / 2, top + ROI / 2)
+            index, x, y = events_in_roi(events, (left, top), ROI, ROI)
+            seen = (x + left, y + top) if len(index) else (left + ROI / 2, top + ROI / 2)
             begin, end = int(events.t[0]), int(events.t[-1])
             truth = known.truth(begin, end, *(np.atleast_1d(axis).astype(float) for axis in seen))
             yield events, result, np.asarray(truth) * (end - begin) / 2e6, bool(trusted)
@@ -71,8 +72,9 @@ def sizes(off, found):
 
 
 def in_ellipses(squares):
-    """Shares of errors, squared and in deviations, in the ellipses that should hold 50, 68 and 95 % of them."""
-    return [float((squares <= -2 * math.log(1 - share)).mean()) for share in (0.5, 0.68, 0.95)]
+    """Shares of errors, squared and in deviations, in the ellipses that should hold 50, 68 and 95 % of them; or []."""
+    shares = (0.5, 0.68, 0.95) if len(squares) else ()
+    return [float((squares <= -2 * math.log(1 - share)).mean()) for share in shares]
 
 
 def measure(known, config, engine, *, with_foreign=False):
@@ -107,46 +109,38 @@ def scores(values, tracks):
         "median_error_of_trusted_px": float(np.median(values[trusted, 2])) if trusted.any() else None,
         "median_motion_px": float(np.median(values[:, 3])) if len(values) else None,
         "truth_known_to_px": float(np.median(values[:, 4])) if len(values) else None,
-        "in_ellipses": in_ellipses(values[trusted, 5])
-        if trusted.any() and np.isfinite(values[trusted, 5]).all()
-        else [],
+        "in_ellipses": in_ellipses(values[trusted, 5]) if np.isfinite(values[trusted, 5]).all() else [],
     }
 
 
-def _cells(name, engine, found):
-    def share(part, whole):
-        return f"{percent(found[part] / found[whole])} ({found[part]})" if found[whole] else "–"
+def _row(report, what, engine, values, tracks, **more):
+    """Keep the scores, and return their cells; ``more`` scores take the place of those in the cells."""
+    found = report.keep(f"known motion, {what}, {engine}", values, scores(values, tracks)) | more
 
-    def px(name):
-        return "–" if found[name] is None else f"{found[name]:.2f}"
+    def share(part, whole):
+        return f"{percent(found[part], found[whole])} ({found[part]})" if found[whole] else "–"
 
     return (
-        name, engine, px("truth_known_to_px"), str(found["tracks"]), str(found["batches"]),
+        what, engine, decimal(found["truth_known_to_px"]), found["tracks"], found["batches"],
         share("answered", "batches"), share("trusted", "answered"), share("wrong_of_trusted", "trusted"),
-        px("median_error_of_trusted_px"), px("median_motion_px"), " / ".join(map(percent, found["in_ellipses"])) or "–",
+        *(decimal(found[name]) for name in ("median_error_of_trusted_px", "median_motion_px")),
+        " / ".join(map(percent, found["in_ellipses"])) or "–",
     )  # fmt: skip
 
 
 def run_known(engines, options, config, report):
     """Print the table of all known recordings, and of their sum."""
-    rows, total = [], {}
-    known = recordings(options.data)
-    for one in report.progress(known, "recording"):
+    lines, others, total = [], [], {}
+    for one in report.progress(recordings(options.data), "recording"):
+        tracks = len(one.rois)
         for engine in engines:
             with_foreign = options.eventcv and engine == engines[0]
             for name, values in measure(one, config, engine, with_foreign=with_foreign).items():
-                tracks = len(one.rois)
-                rows.append((name, one, _cells(one.name, name, _keep(report, one.name, name, values, tracks))))
+                (lines if one.in_sum else others).append(_row(report, one.name, name, values, tracks))
                 if one.in_sum:
-                    parts, before = total.setdefault(name, ([], 0))
-                    total[name] = [*parts, values], before + tracks
-    sums = {name: (np.concatenate(parts), tracks) for name, (parts, tracks) in total.items()}
-    lines = [cells for _, one, cells in rows if one.in_sum]
-    for name, found in sums.items():
-        lines.append(_cells(SUM, name, _keep(report, SUM, name, *found) | {"truth_known_to_px": None}))
-    lines += [cells for _, one, cells in rows if not one.in_sum]
-    report.table("Known motion, tracked without an option about batches (wrong: by more than 0.6 px)", HEADS, lines)
-
-
-def _keep(report, what, engine, values, tracks):
-    return report.keep(f"known motion, {what}, {engine}", values, scores(values, tracks))
+                    total.setdefault(name, []).append((values, tracks))
+    for name, found in total.items():
+        parts, tracks = zip(*found, strict=True)
+        lines.append(_row(report, SUM, name, np.concatenate(parts), sum(tracks), truth_known_to_px=None))
+    title = "Known motion, tracked without an option about batches (wrong: by more than 0.6 px)"
+    report.table(title, HEADS, lines + others)

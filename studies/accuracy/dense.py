@@ -99,10 +99,9 @@ def _row(options, name, recording, report, share=1.0, tile=TILE, *, camera=None,
     }  # fmt: skip
     off = "-"
     if len(omega):
-        scores["rotation_off_deg_per_s"] = float(
-            np.degrees(np.linalg.norm(fit_field("rotation", window).values - omega))
-        )
-        off = f"{scores['rotation_off_deg_per_s']:.2f} of {np.degrees(np.linalg.norm(omega)):.1f}"
+        away = float(np.degrees(np.linalg.norm(fit_field("rotation", window).values - omega)))
+        scores["rotation_off_deg_per_s"] = away
+        off = f"{away:.2f} of {np.degrees(np.linalg.norm(omega)):.1f}"
     report.keep(f"flow, {name}", errors, scores)
-    shares = ("–" if (one := scores[key]) is None else percent(one) for key in ("below_1_px", "trusted_below_0.5_px"))
-    return (name, str(scores["tiles"]), percent(scores["trusted"]), f"{scores['median_px']:.3f}", *shares, off)
+    shares = (percent(scores[key]) for key in ("below_1_px", "trusted_below_0.5_px"))
+    return name, scores["tiles"], percent(scores["trusted"]), f"{scores['median_px']:.3f}", *shares, off

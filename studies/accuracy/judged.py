@@ -125,14 +125,20 @@ def study_confidence(config, engine, cases, real, report, *, data, count, **_):
     report.table("Confidence against the true error (wrong: by more than 0.6 px)", HEADS, rows)
 
 
-def _row(report, name, start, values):
-    auc, caught = separation(values)
+def judgement(values):
+    """What :func:`judge` found, as scores: how κ separates, and shares that are wrong, trusted, and wrong of these."""
     sure, wrong = values[:, 2] > 0, values[:, 0] > WRONG
+    of_trusted = float(wrong[sure].mean()) if sure.any() else None
+    auc, caught = separation(values)
     told = {"results": len(values), "auc": auc, "caught": caught, "wrong": float(wrong.mean())}
-    told |= {"in_ellipses": in_ellipses(values[sure, 3])} if sure.any() else {}
-    told |= {"trusted": float(sure.mean()), "wrong_of_trusted": float(wrong[sure].mean()) if sure.any() else None}
-    told = {key: None if value != value else value for key, value in told.items()}
+    return told | {"trusted": float(sure.mean()), "wrong_of_trusted": of_trusted}
+
+
+def _row(report, name, start, values):
+    sure = values[values[:, 2] > 0]
+    told = judgement(values) | ({"in_ellipses": in_ellipses(sure[:, 3])} if len(sure) else {})
+    auc = f"{told['auc']:.3f}"
+    told = report.keep(f"confidence, {name}, {start}", np.where(np.isfinite(values), values, np.nan), told)
+    shares = (percent(told[key]) for key in ("caught", "trusted", "wrong_of_trusted"))
     ellipses = " / ".join(map(percent, told.get("in_ellipses", ())))
-    report.keep(f"confidence, {name}, {start}", np.where(np.isfinite(values), values, np.nan), told)
-    shares = ("–" if told[key] is None else percent(told[key]) for key in ("caught", "trusted", "wrong_of_trusted"))
-    return name, start, str(len(values)), percent(wrong.mean()), f"{auc:.3f}", *shares, ellipses
+    return name, start, len(values), percent(told["wrong"]), auc, *shares, ellipses

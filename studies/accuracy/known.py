@@ -44,35 +44,21 @@ CALIBRATED = 24
 class Known:
     """A recording, and how its image moves.
 
-    Parameters
-    ----------
-    name : str
-    events : Events
-    sensor : (int, int)
-        Width and height, px.
-    rois : sequence of (int, int)
-        Where tracks start: left column and top row, px.
-    truth : callable
-        ``truth(first, last, columns, rows)``: mean (vx, vy) in px/s of what is seen there, between two times in µs on
-        the recording's clock. Columns and rows of the ROI's events, px.
-    doubt, doubt_px : float
-        How well the truth is known (standard deviation, or half of the range of several estimates): px/s, and px per
-        half batch however long the batch is.
-    in_sum : bool
-        Counts in the sum of all recordings.
-    left : int
-        Nothing is known of the image left of this column, px.
+    ``truth(first, last, columns, rows)`` is the mean (vx, vy) in px/s of what is seen there, between two times in µs on
+    the recording's clock; columns and rows are those of the ROI's events, px. ``doubt`` (px/s) and ``doubt_px`` (px per
+    half batch, however long the batch is) say how well it is known: standard deviation, or half of the range of several
+    estimates.
     """
 
     name: str
     events: Events
-    sensor: tuple[int, int]
-    rois: tuple
+    sensor: tuple[int, int]  # width and height, px
+    rois: tuple  # where tracks start: left column and top row, px
     truth: Callable
     doubt: float = 0.0
     doubt_px: float = 0.0
-    in_sum: bool = True
-    left: int = 0
+    in_sum: bool = True  # counts in the sum of all recordings
+    left: int = 0  # nothing is known of the image left of this column, px
 
 
 def generated():
@@ -106,37 +92,28 @@ def drawn(count, seed=1):
 
 def _around(centre, sensor):
     """ROIs around a place, inside the sensor."""
-    return tuple(
-        tuple(
-            int(min(max(at + off - ROI / 2, 0), side - ROI))
-            for at, off, side in zip(centre, offset, sensor, strict=True)
-        )
-        for offset in OFFSETS
-    )
+    corners = np.clip(np.add(centre, OFFSETS) - ROI / 2, 0, np.subtract(sensor, ROI))
+    return tuple(map(tuple, corners.astype(int).tolist()))
 
 
-def _grid(sensor, left=0):
+def grid(sensor, left=0):
     """ROIs that reach to the borders, and from column ``left`` on."""
     columns, rows = np.linspace(left, sensor[0] - ROI, GRID[0]), np.linspace(0, sensor[1] - ROI, GRID[1])
     return tuple((int(x), int(y)) for y in rows for x in columns)
 
 
-def real(folder):
-    """The real ones, a list of :class:`Known`. Raises :exc:`RecordingError` where a recording is missing."""
-    return list(by_file(folder).values())
-
-
-def by_file(folder):
-    """The same by the names of their files."""
-    return {name: make(Path(folder) / name) for name, make in _REAL.items()}
-
-
-def _read(path):
+def read(path):
+    """All events of a file, and the sensor's width and height."""
     with open_recording(path) as recording:
         return Events.concatenate(recording.chunks()), (recording.width, recording.height)
 
 
-def _data(path, *names):
+def between(events, first, last):
+    """Events from one time to another, in µs, this one not among them."""
+    return events[slice(*np.searchsorted(events.t, [first, last]))]
+
+
+def data(path, *names):
     """Data sets of an HDF5 file beside its events."""
     try:
         with h5py.File(path, "r") as file:
@@ -149,12 +126,11 @@ def _checkerboard(path):
     """A tilted camera: an affine flow, median of three windows. The board is not all that the left edge shows."""
     from cmfpga.reference.global_search import affine, search
 
-    events, sensor = _read(path)
+    events, sensor = read(path)
     events = events[: int(np.searchsorted(events.t, events.t[0] + 1_900_000))]
     centre, scale, left, found = (109.0, 90.0), 80.0, 28, []
     for begin in (0, 660_000, 1_320_000):
-        first, last = np.searchsorted(events.t, events.t[0] + begin + np.array([0, 250_000]))
-        part = events[first:last]
+        part = between(events, *(events.t[0] + begin + at for at in (0, 250_000)))
         part = part[(part.x >= 16) & ~((part.x == 27) & (part.y == 70))]  # a hot pixel
         flow = affine(part.x, part.y, centre, scale)
         found.append(search(flow, part.t, window=(left + 2, 180, 8, 172)).at_middle)
@@ -164,12 +140,8 @@ def _checkerboard(path):
     def truth(first, last, columns, rows):
         return (vx, vy) + slopes @ ([np.mean(columns) - centre[0], np.mean(rows) - centre[1]]) / scale
 
-    return Known("checkerboard", events, sensor, _grid(sensor, left), truth, _largest_spread(found), left=left)
-
-
-def _largest_spread(found):
-    """Half of the range of several estimates of (vx, vy, …), the larger of both axes."""
-    return float(np.ptp(np.array(found)[:, :2], axis=0).max() / 2)
+    doubt = float(np.ptp(np.array(found)[:, :2], axis=0).max() / 2)  # half of the range, of the axis with more
+    return Known("checkerboard", events, sensor, grid(sensor, left), truth, doubt, left=left)
 
 
 def _turning(path, name, linear):
@@ -180,13 +152,13 @@ def _turning(path, name, linear):
     """
     from cmfpga.reference.global_search import rotation, search
 
-    events, sensor = _read(path)
+    events, sensor = read(path)
     camera = read_calibration(path).camera
     found, *halves = (
         search(rotation(camera, part.x, part.y), part.t, linear=linear) for part in (events, events[::2], events[1::2])
     )
     middle = (events.t[0] + events.t[-1]) / 2
-    rois = _grid(sensor, CALIBRATED)
+    rois = grid(sensor, CALIBRATED)
     centres = np.array(rois, float).T + ROI / 2
     ends = [camera.speeds(half.at_middle, *centres) for half in halves]
 
@@ -211,7 +183,7 @@ def _spinner(path):
 
     The dot and its tail span 30 px of that circle: the truth is the mean of what turns with the disc in the ROI.
     """
-    events, sensor = _read(path)
+    events, sensor = read(path)
     centre, radius, many = np.array([[314.4], [202.5]]), 107.2, 2000
     across, down = np.array([events.x, events.y], float) - centre
     near = np.flatnonzero(np.abs(np.hypot(across, down) - radius) < 6)
@@ -240,8 +212,8 @@ def _gyroscope(path):
     searches over the whole sensor in windows of 20,000 events."""
     from cmfpga.reference.global_search import search, translation
 
-    events, sensor = _read(path)
-    times, gyro = _data(path, "imu/t", "imu/gyro_raw")
+    events, sensor = read(path)
+    times, gyro = data(path, "imu/t", "imu/gyro_raw")
     turned = np.concatenate([[0.0], np.cumsum(np.diff(times) * (gyro[1:, 1] + gyro[:-1, 1]) / 2)]) / 32.8e6  # degrees
 
     def rate(first, last):
@@ -252,7 +224,7 @@ def _gyroscope(path):
     seen = [search(translation(p.x, p.y), p.t, window=(12, 228, 12, 168)).at_middle[0] for p in parts]
     slope, offset = np.polyfit([rate(*p.t[[0, -1]]) for p in parts], seen, 1)
     return Known(
-        "translboxes_imu", events, sensor, _grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0),
+        "translboxes_imu", events, sensor, grid(sensor), lambda a, b, *_: (offset + slope * rate(a, b), 0.0),
         GYROSCOPE_DOUBT, in_sum=False,
     )  # fmt: skip
 
@@ -268,10 +240,11 @@ _REAL = {
 
 
 @functools.cache
-def _usual(folder):
-    return tuple(real(folder))
+def by_file(folder):
+    """The real ones, ``{name of the file: Known}``. Raises :exc:`RecordingError` where a recording is missing."""
+    return {name: make(Path(folder) / name) for name, make in _REAL.items()}
 
 
 def recordings(folder=None):
-    """All of them: the generated, and the real where there is a ``folder``."""
-    return [*generated(), *(_usual(str(folder)) if folder else ())]
+    """All of them, a list of :class:`Known`: the generated, and the real where there is a ``folder``."""
+    return [*generated(), *(by_file(folder).values() if folder else ())]

@@ -61,9 +61,7 @@ def scene(name, width, height, share, seed):
             seed=int(rng.integers(1 << 30)), width=width, height=height, size=(OBJECT, OBJECT), bars=BARS,
             position=tuple(at), velocity=velocity, zoom=field[1], roll=field[2], duration_us=DURATION_US, noise=0.05,
         ).events)  # fmt: skip
-    t, x, y, p = (np.concatenate([getattr(part, axis) for part in parts]) for axis in "txyp")
-    order = np.argsort(t, kind="stable")
-    return Events(t[order], x[order], y[order], p[order]), fields
+    return Events.merge(parts), fields
 
 
 def measured(name, width, height, share, seed, engine="model"):
@@ -103,6 +101,5 @@ def _row(report, name, sensor, found):
     size = f"{sensor[0]}×{sensor[1]}"
     scores = {"tiles": tiles, "before": before, "right_before": right, "after": after, "right_after": still}
     report.keep(f"large, {name}, {size}, {sensor[2]}", found, scores)
-    of = (right, before), (still, after), (still, right)
-    one, two, kept = (percent(part / whole) if whole else "–" for part, whole in of)
-    return name, size, f"{100 * sensor[2]:.0f}", str(tiles), str(before), one, str(after), two, kept
+    covered, one, two = f"{100 * sensor[2]:.0f}", percent(right, before), percent(still, after)
+    return name, size, covered, tiles, before, one, after, two, percent(still, right)

@@ -14,22 +14,22 @@ from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
 
-import h5py
 import numpy as np
 
 from cmfpga.config.presets import CLOCK_MHZ
 from cmfpga.engines import make_engine
 from cmfpga.errors import ConfigError
-from cmfpga.events import Events, generate, open_recording
-from cmfpga.imaging.camera import Camera, calibration_of, flow, rates
+from cmfpga.events import Events, generate
+from cmfpga.imaging.camera import Camera, flow, rates, read_calibration
 from cmfpga.protocol.confidence import confidence, deviations, is_trustworthy
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 
 from .foreign import FOREIGN, find_rotation
 from .judged import WRONG, separation
+from .known import read
 from .panned import run_panned
-from .table import percent
+from .table import ERRORS, heads_of, percent
 
 MOTIONS = ("rotation", "similarity")
 
@@ -44,8 +44,12 @@ SCENES = {
 }
 #: Batches that are cut, for each of the others; the longest and the shortest share of the time, and of the events.
 CUTS, SHARES = 4, ((1 / 16, 1.0), (0.35, 1.0))
-#: Limits of the flow's error that shares are told for, px, and which error: largest, or rms over the ROI.
-LIMITS = (0.3, 0.6)
+#: Errors of the flow, and what is told of each.
+KINDS = ("rms over the ROI", "largest, at the edge")
+FLOW_ERRORS = {name: ERRORS[name] for name in ("batches", "below_0.3_px", "below_0.6_px")} | {
+    "median": ("median, px", *ERRORS["median_px"][1:]),
+    "largest": ("largest, px", *ERRORS["largest_px"][1:]),
+}
 
 #: Into how many parts of equally many events they are cut.
 PARTS = (1, 2, 4)
@@ -117,15 +121,10 @@ def run_motion(options, config, report):
             found.append(flow_errors(config, engine.run(events, settings)[0].v, true))
         if config.confidence:
             _confidence(options, engine, settings, report)
-    rows = []
-    for what, errors in zip(("rms over the ROI", "largest, at the edge"), np.array(found).T, strict=True):
-        scores = {"batches": len(errors), "median": float(np.median(errors)), "largest": float(errors.max())}
-        scores |= {f"below_{limit}_px": float((errors < limit).mean()) for limit in LIMITS}
-        report.keep(f"{kind}, {what}", errors, scores)
-        shares = (percent(scores[f"below_{limit}_px"]) for limit in LIMITS)
-        rows.append((what, str(len(errors)), *shares, f"{scores['median']:.3f}", f"{scores['largest']:.2f}"))
-    heads = ("error of the flow", "batches", "< 0.3 px, %", "< 0.6 px, %", "median, px", "largest, px")
-    report.table(f"Synthetic batches, {kind}, cold, {options.engine}: px per half batch", heads, rows)
+    kinds = zip(KINDS, np.array(found).T, strict=True)
+    rows = [(what, *report.cells(f"{kind}, {what}", FLOW_ERRORS, errors)) for what, errors in kinds]
+    title = f"Synthetic batches, {kind}, cold, {options.engine}: px per half batch"
+    report.table(title, ("error of the flow", *heads_of(FLOW_ERRORS)), rows)
     if options.data is not None and kind == "rotation":
         _real(options, config, report)
 
@@ -143,55 +142,87 @@ def _confidence(options, engine, settings, report):
                 off += [np.abs(result.v - true) / deviations(config, result)] if sure else []
     told, rows = np.array(told).reshape(-1, 4), []
     sure = told[:, 3] > 0
-    for what, errors in zip(("rms over the ROI", "largest, at the edge"), told[:, :2].T, strict=True):
+    for what, errors in zip(KINDS, told[:, :2].T, strict=True):
         wrong = errors > WRONG
         shares = [wrong.mean(), sure.mean(), sure[~wrong].mean(), wrong[sure].mean()] if sure.any() else [wrong.mean()]
         auc, _ = separation(np.stack([errors, told[:, 2]], axis=1))
         names = ("wrong", "trusted", "right_trusted", "wrong_of_trusted")
-        scores = {"auc": None if auc != auc else auc, **dict(zip(names, map(float, shares), strict=False))}
+        scores = {"auc": auc, **dict(zip(names, map(float, shares), strict=False))}
         report.keep(f"{config.motion}, confidence, {what}", np.stack([errors, *told[:, 2:].T], axis=1), scores)
-        rows.append((what, str(len(told)), f"{auc:.3f}", *map(percent, shares)))
+        rows.append((what, len(told), f"{auc:.3f}", *map(percent, shares)))
     held = [float((np.array(off) < limit).mean()) for limit in (0.674, 0.994, 1.96)] if off else []
-    report.keep(
-        f"{config.motion}, parameters within 0.674, 0.994, 1.96 deviations (50, 68, 95 %)", held, {"held": held}
-    )
+    name = f"{config.motion}, parameters within 0.674, 0.994, 1.96 deviations (50, 68, 95 %)"
+    report.keep(name, held, {"held": held})
     rows.append(("parameters in the 50, 68, 95 % interval", " / ".join(map(percent, held)), *[""] * 5))
     heads = ("wrong by this error", "batches", "AUC", "wrong, %", "trusted, %", "of the right, %", "of them wrong, %")
     report.table(f"Confidence, batches that are cut (wrong: by more than {WRONG} px)", heads, rows)
 
 
-def _slices(options, config, report):
-    """Whole recordings, halves and quarters against a search over all events, ω linear in time: what is trusted."""
-    from cmfpga.reference.global_search import rotation, search  # torch
-
-    rows = []
+def _real(options, config, report):
+    """Two recordings, whole and in slices, against a search over all of it; and the camera that pans."""
+    rows, slices = [], []
     for name in report.progress(ROTATIONS, "recording"):
-        path = Path(options.data) / name
-        with open_recording(path) as recording, h5py.File(path) as file:
-            events, camera = Events.concatenate(recording.chunks()), calibration_of(file, path).camera
-        best = search(rotation(camera, events.x, events.y), events.t, linear=True)
-        middle = (int(events.t[0]) + int(events.t[-1])) / 2
-        for parts in PARTS:
-            found = []
-            with closing(make_engine(options.engine, config.replace(camera=camera.text))) as engine:
-                cold = BatchSettings.from_config(engine.config.replace(start="given"), roi=(0, 0))
-                for ends in pairwise(np.linspace(0, len(events), parts + 1).astype(int)):
-                    part = events[slice(*ends)]
-                    (result,) = engine.run(part, cold)
-                    at = ((int(part.t[0]) + int(part.t[-1])) / 2 - middle) * 1e-6
-                    found.append(_slice(engine.config, result, best.at(at)))
-            found = np.array(found, float)
-            sure = found[:, 0] > 0
-            beyond = int((found[sure, 2] > 3).sum()), int((found[sure, 1] > found[sure, 3]).sum())
-            report.keep(f"{name}, in {parts}", found, {"parts": parts, "trusted": int(sure.sum()), "beyond": beyond})
-            largest = (f"{found[sure, k].max():.1f}" if sure.any() else "–" for k in (1, 2))
-            counts = int(sure.sum()), int(found[:, 4].sum()), *beyond
-            rows.append((name, str(parts), *map(str, counts), *largest))
+        events, sensor = read(Path(options.data) / name)
+        camera = read_calibration(Path(options.data) / name).camera
+        of_it = options, config.replace(camera=camera.text), report, name, events, camera
+        rows += _whole(*of_it, sensor)
+        slices += _slices(*of_it)
+    heads = ("recording", "by", "events", "ω, rad/s", "global search", "apart, deg/s", "allowed, 2 deg/s + 3 %", "ms")
+    title = f"(ms: cycles at {CLOCK_MHZ:g} MHz, assumed; of {FOREIGN} on this machine, all its threads)"
+    report.table(f"Real batches against a global search over all events {title}", heads, rows)
     heads = (
         "recording", "slices", "trusted", "short", "trusted, beyond 3 sd", "beyond 5 deg/s + 5 %", "largest, deg/s",
         "in sd",
     )  # fmt: skip
-    report.table("Slices of real recordings against a global search over all of it", heads, rows)
+    report.table("Slices of real recordings against a global search over all of it", heads, slices)
+    run_panned(options, config, report)
+
+
+def _whole(options, config, report, name, events, camera, sensor):
+    """Rows of a recording as one batch: the engine's, and eventcv's."""
+    from cmfpga.reference.global_search import rotation, search  # torch
+    from cmfpga.rtl.core import Core  # amaranth
+
+    best = search(rotation(camera, events.x, events.y), events.t).at_middle
+    with closing(make_engine(options.engine, config)) as engine:
+        (result,) = engine.run(events, BatchSettings.from_config(config, roi=(0, 0)))
+    omega = np.array([*rates(config, result.v, result.span).values()])
+    size = {"events": result.events, "roi_events": result.roi_events}
+    cycles = Core(config).cycles(**size, iterations=config.schedules.cold)
+    found = {options.engine: (omega, cycles / CLOCK_MHZ / 1000)}
+    if options.eventcv:
+        start = perf_counter()
+        omega = find_rotation(camera, events, *sensor)
+        found[FOREIGN] = omega, (perf_counter() - start) * 1000
+    allowed = 2 + 0.03 * np.degrees(np.linalg.norm(best))
+    for who, (omega, ms) in found.items():
+        away = np.degrees(np.linalg.norm(omega - best))
+        report.keep(f"{name}, {who}", omega, {"global_search": best.tolist(), "deg_per_s": away, "ms": ms})
+        cells = (", ".join(f"{axis:.3f}" for axis in each) for each in (omega, best))
+        yield name, who, len(events), *cells, f"{away:.1f}", f"{allowed:.1f}", f"{ms:.2f}"
+
+
+def _slices(options, config, report, name, events, camera):
+    """Rows of a recording whole, in halves and in quarters; ω is linear in time: what is trusted."""
+    from cmfpga.reference.global_search import rotation, search  # torch
+
+    best = search(rotation(camera, events.x, events.y), events.t, linear=True)
+    middle = (int(events.t[0]) + int(events.t[-1])) / 2
+    for parts in PARTS:
+        found = []
+        with closing(make_engine(options.engine, config)) as engine:
+            cold = BatchSettings.from_config(config.replace(start="given"), roi=(0, 0))
+            for ends in pairwise(np.linspace(0, len(events), parts + 1).astype(int)):
+                part = events[slice(*ends)]
+                (result,) = engine.run(part, cold)
+                at = ((int(part.t[0]) + int(part.t[-1])) / 2 - middle) * 1e-6
+                found.append(_slice(config, result, best.at(at)))
+        found = np.array(found, float)
+        sure = found[:, 0] > 0
+        beyond = int((found[sure, 2] > 3).sum()), int((found[sure, 1] > found[sure, 3]).sum())
+        report.keep(f"{name}, in {parts}", found, {"parts": parts, "trusted": int(sure.sum()), "beyond": beyond})
+        largest = (f"{found[sure, k].max():.1f}" if sure.any() else "–" for k in (1, 2))
+        yield name, parts, int(sure.sum()), int(found[:, 4].sum()), *beyond, *largest
 
 
 def _slice(config, result, true):
@@ -202,37 +233,3 @@ def _slice(config, result, true):
     allowed = 5 + 0.05 * np.degrees(np.linalg.norm(true))
     off = np.degrees(np.linalg.norm(away))
     return is_trustworthy(config, result), off, np.max(np.abs(away) / stated), allowed, Flag.SHORT in result.flags
-
-
-def _real(options, config, report):
-    from cmfpga.reference.global_search import rotation, search  # torch
-    from cmfpga.rtl.core import Core  # amaranth
-
-    rows = []
-    for name in ROTATIONS:
-        path = Path(options.data) / name
-        with open_recording(path) as recording, h5py.File(path) as file:
-            events, camera = Events.concatenate(recording.chunks()), calibration_of(file, path).camera
-        best = search(rotation(camera, events.x, events.y), events.t).at_middle
-        with closing(make_engine(options.engine, config.replace(camera=camera.text))) as engine:
-            result = engine.run(events, BatchSettings.from_config(engine.config, roi=(0, 0)))[0]
-            omega = np.array([*rates(engine.config, result.v, result.span).values()])
-            size = {"events": result.events, "roi_events": result.roi_events}
-            cycles = Core(engine.config).cycles(**size, iterations=engine.config.schedules.cold)
-        found = {options.engine: (omega, cycles / CLOCK_MHZ / 1000)}
-        if options.eventcv:
-            start = perf_counter()
-            omega = find_rotation(camera, events, recording.width, recording.height)
-            found[FOREIGN] = omega, (perf_counter() - start) * 1000
-        allowed = 2 + 0.03 * np.degrees(np.linalg.norm(best))
-        for who, (omega, ms) in found.items():
-            away = np.degrees(np.linalg.norm(omega - best))
-            scores = {"global_search": best.tolist(), "deg_per_s": away, "ms": ms}
-            report.keep(f"{name}, {who}", omega, scores)
-            cells = (", ".join(f"{axis:.3f}" for axis in each) for each in (omega, best))
-            rows.append((name, who, str(len(events)), *cells, f"{away:.1f}", f"{allowed:.1f}", f"{ms:.2f}"))
-    heads = ("recording", "by", "events", "ω, rad/s", "global search", "apart, deg/s", "allowed, 2 deg/s + 3 %", "ms")
-    title = f"(ms: cycles at {CLOCK_MHZ:g} MHz, assumed; of {FOREIGN} on this machine, all its threads)"
-    report.table(f"Real batches against a global search over all events {title}", heads, rows)
-    _slices(options, config, report)
-    run_panned(options, config, report)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from cmfpga.engines import batches_of, make_engine
-from cmfpga.events import BatchCutter, Events, MemoryRecording, generate, open_recording
+from cmfpga.events import BatchCutter, MemoryRecording, generate
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import confidence, is_sure
 from cmfpga.protocol.flags import Flag
@@ -24,10 +24,9 @@ from cmfpga.rtl.core import Core
 from cmfpga.rtl.sliding.core import SlidingCore
 from cmfpga.tracking.loop import track
 
-from .default_use import WRONG
-from .judged import separation
-from .known import real
-from .table import percent
+from .judged import judgement
+from .known import by_file, read
+from .table import decimal, percent
 from .yardstick import ROI
 
 CLOCK_MHZ = 100.0
@@ -211,8 +210,7 @@ def follow_real(folder, config, plans):
     """``{who: (rms, …)}`` of the real recording, against a search over the whole sensor; as :func:`follow_scene`."""
     from cmfpga.reference.global_search import search, translation  # torch
 
-    with open_recording(Path(folder) / REAL) as recording:
-        events = Events.concatenate(recording.chunks())
+    events, _ = read(Path(folder) / REAL)
     begin, end = (int(events.t[0]) + at for at in REAL_FROM_TO)
     events = events[: int(np.searchsorted(events.t, end + 2 * FEWEST_US))]
     parts = [events[at : at + REAL_WINDOW] for at in range(0, len(events) - REAL_WINDOW + 1, REAL_WINDOW)]
@@ -266,7 +264,7 @@ def run_moving(options, config, report):
     if options.data is not None:
         found = follow_real(options.data, config, plans)
         rows += [_row(report, "shapes_rotation", who, [one], REAL_BAR) for who, one in found.items()]
-        known = [follow_known(one, config, plans) for one in real(options.data) if one.in_sum]
+        known = [follow_known(one, config, plans) for one in by_file(options.data).values() if one.in_sum]
         for who in known[0]:
             judged = np.concatenate([one[who] for one in known])
             rows.append(_row(report, "known motion", who, [(math.nan, None, None, judged)], None))
@@ -276,20 +274,12 @@ def run_moving(options, config, report):
 
 def _row(report, name, who, found, bar):
     rms, ends, farthest, judged = zip(*found, strict=True)
-    judged = np.concatenate(judged)
-    sure, wrong = judged[:, 2] > 0, judged[:, 0] > WRONG
-    auc, _ = separation(judged)
-    scores = {
-        "rms_px_per_s": None if math.isnan(rms[0]) else float(np.sqrt(np.mean(np.square(rms)))),
-        "at_most_px_per_s": bar,
-        "results": len(judged),
-        "trusted": float(sure.mean()),
-        "wrong_of_trusted": float(wrong[sure].mean()) if sure.any() else None,
-        "auc": None if math.isnan(auc) else auc,
-    }
-    report.keep(f"moving, {name}, {who}", np.array([rms, ends, farthest]).T.astype(float), scores)
-    shares = ("–" if one is None else percent(one) for one in (scores["trusted"], scores["wrong_of_trusted"]))
-    off = ("–" if None in values else f"{max(values):.1f}" for values in (ends, farthest))
-    rms, *each = ("–" if one is None or math.isnan(one) else f"{one:.1f}" for one in (scores["rms_px_per_s"], *rms))
-    auc = "–" if scores["auc"] is None else f"{auc:.3f}"
-    return name, who, rms, ", ".join(each), "–" if bar is None else f"{bar:g}", *off, *shares, auc
+    told = judgement(np.concatenate(judged))
+    scores = {"rms_px_per_s": float(np.sqrt(np.mean(np.square(rms)))), "at_most_px_per_s": bar}
+    scores |= {key: told[key] for key in ("results", "trusted", "wrong_of_trusted", "auc")}
+    scores = report.keep(f"moving, {name}, {who}", np.array([rms, ends, farthest]).T.astype(float), scores)
+    off = ("–" if None in values else decimal(max(values), 1) for values in (ends, farthest))
+    rms, *each = (decimal(one, 1) for one in (scores["rms_px_per_s"], *rms))
+    shares = (percent(scores[key]) for key in ("trusted", "wrong_of_trusted"))
+    bar = "–" if bar is None else f"{bar:g}"
+    return name, who, rms, ", ".join(each), bar, *off, *shares, decimal(scores["auc"], 3)

@@ -7,13 +7,13 @@ told by its events alone: that under which the image that the lens makes, warped
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 
 from cmfpga.api.track import track
 from cmfpga.config import preset
-from cmfpga.events import Events, open_recording
 from cmfpga.imaging.camera import Camera
+
+from .known import data, read
 
 PANNED = "davis240c_translboxes_imu.h5"
 GYRO_SCALE = np.pi / 180 / 32.8  # rad/s per count
@@ -31,9 +31,9 @@ HEADS = (
 def run_panned(options, config, report):
     """Print how sharp each distortion is, and how well ωy follows the gyroscope without one and with the sharpest."""
     path = Path(options.data) / PANNED
-    with open_recording(path) as recording, h5py.File(path) as file:
-        events, sensor = Events.concatenate(recording.chunks()), (recording.width, recording.height)
-        gyroscope = file["imu/t"][:], file["imu/gyro_raw"][:, 1] * GYRO_SCALE
+    events, sensor = read(path)
+    times, gyroscope = data(path, "imu/t", "imu/gyro_raw")
+    gyroscope = times, gyroscope[:, 1] * GYRO_SCALE
     lenses = [replace(PLAIN, k1=k1) for k1 in K1]
     sharp = [_contrast(lens, events, sensor) for lens in report.progress(lenses, "lens")]
     report.keep(f"{PANNED}, contrast", sharp, {"k1": list(K1)})
@@ -82,5 +82,5 @@ def _against(gyroscope, events, camera, size, options, config, report):
         scores = {"correlation": correlation, "scale": float(scale), "bias_rad_per_s": float(bias), "deg_per_s": apart}
         report.keep(f"{PANNED}, k1 = {camera.k1:g}, {lot}, {who}", omega, scores)
         cells = f"{correlation:.3f}", f"{scale:.3f}", f"{bias:.4f}", f"{apart:.2f}"
-        rows.append((f"{camera.k1:g}", lot, who, str(len(found)), *cells))
+        rows.append((f"{camera.k1:g}", lot, who, len(found), *cells))
     return rows

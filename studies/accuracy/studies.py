@@ -12,7 +12,7 @@ from .judged import study_confidence
 from .large import study_large
 from .real import real_cases
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
-from .table import ERROR_HEADS, SHARE_HEADS, contrast_shares, error_cells, error_scores, errors, measure
+from .table import ERRORS, SHARES, cells_of, contrast_shares, errors, heads_of, measure, scored
 from .whole import STUDIES as OF_RECORDINGS
 from .yardstick import peak_error
 
@@ -56,15 +56,15 @@ PLAIN_ETAS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0)
 def _row(report, name, engine, config, cases, real):
     """Cells of both suites for one configuration."""
     values = measure(engine, config, errors, cases, progress=report.progress)
-    cells = report.errors(f"synthetic, {name}", values)[1:4]
+    cells = report.cells(f"synthetic, {name}", ERRORS, values)[1:4]
     if not real:
         return cells
     values = measure(engine, config, contrast_shares, real, progress=report.progress)
-    return *cells, *report.shares(f"real, {name}", values)[1:3]
+    return *cells, *report.cells(f"real, {name}", SHARES, values)[1:3]
 
 
 def _row_heads(real):
-    return (*ERROR_HEADS[1:4], *(SHARE_HEADS[1:3] if real else ()))
+    return (*heads_of(ERRORS)[1:4], *(heads_of(SHARES)[1:3] if real else ()))
 
 
 def _study_plain(config, engine, cases, real, report, **_):
@@ -78,8 +78,9 @@ def _study_plain(config, engine, cases, real, report, **_):
 
 def _study_peaks(config, engine, cases, real, report, **_):
     values = np.array([peak_error(case) for case in report.progress(cases)])
-    rows = [("synthetic", *report.errors("peaks", values))]
-    report.table("Distance of the dithered objective's peak (float64) from the truth", ("suite", *ERROR_HEADS), rows)
+    rows = [("synthetic", *report.cells("peaks", ERRORS, values))]
+    title = "Distance of the dithered objective's peak (float64) from the truth"
+    report.table(title, ("suite", *heads_of(ERRORS)), rows)
 
 
 def _study_edges(config, engine, cases, real, report, *, data, **suite):
@@ -88,15 +89,15 @@ def _study_edges(config, engine, cases, real, report, *, data, **suite):
         cases = synthetic_cases(**suite, events_per_edge=strength)
         slow = np.array([case.facts["speed"] < 1 for case in cases])
         values = measure(engine, config, errors, cases, progress=report.progress)
-        report.errors(f"events per edge {strength:g}", values)
+        report.cells(f"events per edge {strength:g}", ERRORS, values)
         peaks = np.array([peak_error(case) for case in report.progress(cases)])
         name = f"{strength:g}" if strength else "1 threshold per px"
         for which, chosen in (("all", np.ones(len(cases), bool)), ("below 1", slow)):
             if chosen.any():
-                cells = error_cells(error_scores(values[chosen]))[:4]
-                rows.append((name, which, *cells, *error_cells(error_scores(peaks[chosen]))[1:3]))
-    heads = ("events per edge", "speed, px per half batch", *ERROR_HEADS[:4], "peak < 0.3 px, %", "peak < 0.6 px, %")
-    report.table("Edges of other strengths, cold start", heads, rows)
+                found, best = (cells_of(ERRORS, scored(ERRORS, each[chosen])) for each in (values, peaks))
+                rows.append((name, which, *found[:4], *best[1:3]))
+    heads = (*heads_of(ERRORS)[:4], "peak < 0.3 px, %", "peak < 0.6 px, %")
+    report.table("Edges of other strengths, cold start", ("events per edge", "speed, px per half batch", *heads), rows)
 
 
 def _study_schedules(config, engine, cases, real, report, **_):
@@ -107,14 +108,14 @@ def _study_schedules(config, engine, cases, real, report, **_):
     for cold in SCHEDULES:
         changed = config.replace(cold=cold)
         cells = _row(report, f"cold {cold}", engine, changed, cases, real)
-        rows.append((f"`{cold}`", str(len(changed.schedules.cold)), *cells))
+        rows.append((f"`{cold}`", len(changed.schedules.cold), *cells))
     title = f"Cold schedules, entries LEVEL:H:LIMIT*COUNT ({engine} engine)"
     report.table(title, ("schedule", "T", *_row_heads(real)), rows)
     rows = []
     for warm in WARM_SCHEDULES:
         changed = config.replace(warm=warm)
         values = measure(engine, changed, errors, cases, warm=True, progress=report.progress)
-        rows.append((f"`{warm}`", str(len(changed.schedules.warm)), *report.errors(f"warm {warm}", values)[1:4]))
+        rows.append((f"`{warm}`", len(changed.schedules.warm), *report.cells(f"warm {warm}", ERRORS, values)[1:4]))
     title = f"Warm schedules, from up to {WARM_RADIUS:g} px off ({engine} engine)"
     report.table(title, ("schedule", "T", *_row_heads([])), rows)
 

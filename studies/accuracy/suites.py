@@ -11,17 +11,7 @@ from .default_use import run_known
 from .foreign import FOREIGN, find
 from .real import TRACK_BOUNDS, real_cases, track_checkerboard, track_config, track_scores
 from .synthetic import BATCHES, synthetic_cases
-from .table import (
-    ERROR_HEADS,
-    SHARE_HEADS,
-    binned,
-    contrast_shares,
-    error_scores,
-    errors,
-    measure,
-    percent,
-    share_scores,
-)
+from .table import ERRORS, SHARES, binned, contrast_shares, errors, heads_of, measure, percent, scored
 from .yardstick import ROI
 
 STARTS = (("cold", False), ("warm", True))
@@ -32,52 +22,41 @@ def run_suites(options, config, report):
     names = ENGINES if options.engine == "all" else (options.engine,)
     if config.slides:  # the others are batches
         return run_known(names, options, config, report)
-    runs = {name: (name, config) for name in names}
     cases = synthetic_cases(options.batches, seeds=options.seeds)
     rows, found = [], {}
-    for what, run in runs.items():
+    for what in names:
         for start, warm in STARTS:
-            values = found[what, start] = measure(*run, errors, cases, warm=warm, progress=report.progress)
-            rows.append((what, start, *report.errors(f"synthetic, {start}, {what}", values)))
-    report.table("Synthetic batches: error of v, px per half batch", ("engine", "start", *ERROR_HEADS), rows)
+            values = found[what, start] = measure(what, config, errors, cases, warm=warm, progress=report.progress)
+            rows.append((what, start, *report.cells(f"synthetic, {start}, {what}", ERRORS, values)))
+    report.table("Synthetic batches: error of v, px per half batch", ("engine", "start", *heads_of(ERRORS)), rows)
     rows = binned(cases, found[names[0], "cold"])
-    report.table(f"The same by kind of batch (cold start, {names[0]})", ("batches with", *ERROR_HEADS), rows)
+    report.table(f"The same by kind of batch (cold start, {names[0]})", ("batches with", *heads_of(ERRORS)), rows)
     if options.eventcv:
-        _run_foreign(cases, report)
+        values = [math.dist(find(case.events, case.roi, ROI, ROI)[0], case.truth) for case in report.progress(cases)]
+        row = (FOREIGN, "cold", *report.cells(f"synthetic, cold, {FOREIGN}", ERRORS, np.array(values)))
+        report.table(f"The same batches by {FOREIGN}, from v = 0", ("program", "start", *heads_of(ERRORS)), [row])
     if options.data is not None:
-        _run_real(runs, options, report, found)
-        _run_checkerboard(runs, options, report, found)
+        real, rows = real_cases(options.data), []
+        for what in names:
+            values = found[what, "real"] = measure(what, config, contrast_shares, real, progress=report.progress)
+            rows.append((what, *report.cells(f"real, {what}", SHARES, values)))
+        report.table("Real batches: contrast at the v found, cold start", ("engine", *heads_of(SHARES)), rows)
+        _run_checkerboard(names, config, options, report, found)
     compare_with_model(found)
     if options.known:
         run_known(names, options, config, report)
 
 
-def _run_foreign(cases, report):
-    values = np.array(
-        [math.dist(find(case.events, case.roi, ROI, ROI)[0], case.truth) for case in report.progress(cases)]
-    )
-    row = (FOREIGN, "cold", *report.errors(f"synthetic, cold, {FOREIGN}", values))
-    report.table(f"The same batches by {FOREIGN}, from v = 0", ("program", "start", *ERROR_HEADS), [row])
-
-
-def _run_real(runs, options, report, found):
-    real, rows = real_cases(options.data), []
-    for what, run in runs.items():
-        values = found[what, "real"] = measure(*run, contrast_shares, real, progress=report.progress)
-        rows.append((what, *report.shares(f"real, {what}", values)))
-    report.table("Real batches: contrast at the v found, cold start", ("engine", *SHARE_HEADS), rows)
-
-
-def _run_checkerboard(runs, options, report, found):
+def _run_checkerboard(names, config, options, report, found):
     rows = []
     for track, limits in TRACK_BOUNDS.items():
         bounds = ", ".join(f"{low:.0f} … {high:.0f}" for low, high in limits).replace("-", "−")
-        for what, (name, config) in runs.items():
-            speeds = measure(name, track_config(config, track), track_checkerboard, options.data)
+        for what in names:
+            speeds = measure(what, track_config(config, track), track_checkerboard, options.data)
             found[what, track] = speeds
             scores = report.keep(f"{track}, {what}", speeds, track_scores(speeds, track))
             spans = ("{:.1f} to {:.1f}".format(*scores[axis]) for axis in ("vx_px_per_s", "vy_px_per_s"))
-            rows.append((track, what, str(scores["batches"]), bounds, str(scores["within_bounds"]), *spans))
+            rows.append((track, what, scores["batches"], bounds, scores["within_bounds"], *spans))
     heads = ("", "engine", "batches", "bounds of vx, vy, px/s", "within", "vx, px/s", "vy, px/s")
     report.table("Checkerboard, tracked", heads, rows)
 
@@ -105,7 +84,7 @@ def brief(engine, *, data=None, batches=BATCHES):
     """
     config, cases, scores, text = preset("fast"), synthetic_cases(batches), {}, []
     for start, warm in STARTS:
-        found = scores[f"synthetic, {start}"] = error_scores(measure(engine, config, errors, cases, warm=warm))
+        found = scores[f"synthetic, {start}"] = scored(ERRORS, measure(engine, config, errors, cases, warm=warm))
         shares = (percent(found[f"below_{limit}_px"]) for limit in ("0.6", "0.3"))
         text.append(
             "preset fast, {}, {} synthetic batches, {}: {} % within 0.6 px, {} % within 0.3 px".format(
@@ -113,7 +92,7 @@ def brief(engine, *, data=None, batches=BATCHES):
             )
         )
     if data is not None:
-        found = scores["real, cold"] = share_scores(measure(engine, config, contrast_shares, real_cases(data)))
+        found = scores["real, cold"] = scored(SHARES, measure(engine, config, contrast_shares, real_cases(data)))
         shares = (percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
         text.append(
             "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %; "

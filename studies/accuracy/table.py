@@ -52,41 +52,52 @@ def contrast_shares(engine, cases, *, progress=iter):
     return np.array(shares)
 
 
-def error_scores(values):
-    """``errors`` as scores: shares of the batches that err by less than 0.3 and 0.6 px, median and largest error."""
-    return {
-        "batches": len(values),
-        "below_0.3_px": float(np.mean(values < 0.3)),
-        "below_0.6_px": float(np.mean(values < 0.6)),
-        "median_px": float(np.median(values)),
-        "largest_px": float(np.max(values)),
-    }
+def percent(part, whole=1):
+    """A share as text, in percent; – of nothing."""
+    return f"{100 * (part / whole):.1f}" if part is not None and whole else "–"
 
 
-def share_scores(values):
-    """``contrast_shares`` as scores: shares of the batches that reach 97 % and 99 % of the best contrast, and so on."""
-    spread, plain, dropped = values.T
-    return {
-        "batches": len(values),
-        "at_least_97_percent": float(np.mean(spread >= 0.97)),
-        "at_least_99_percent": float(np.mean(spread >= 0.99)),
-        "median": float(np.median(spread)),
-        "smallest": float(np.min(spread)),
-        "articles_at_least_97_percent": float(np.mean(plain >= 0.97)),
-        "batches_that_drop_events": int(np.count_nonzero(dropped)),
-    }
+def decimal(value, digits=2):
+    """A number as text; – of None and NaN."""
+    return "–" if value is None or math.isnan(value) else f"{value:.{digits}f}"
 
 
-ERROR_HEADS = ("batches", "< 0.3 px, %", "< 0.6 px, %", "median error, px", "largest error, px")
-SHARE_HEADS = (
-    "batches",
-    "≥ 97 % of the best, %",
-    "≥ 99 % of the best, %",
-    "median share, %",
-    "smallest share, %",
-    "≥ 97 % of the article's best, %",
-    "batches that drop events",
-)
+#: What is told of :func:`errors`: ``{score: (head of the column, of float64 [batches], as text)}``.
+ERRORS = {
+    "batches": ("batches", len, str),
+    "below_0.3_px": ("< 0.3 px, %", lambda found: np.mean(found < 0.3), percent),
+    "below_0.6_px": ("< 0.6 px, %", lambda found: np.mean(found < 0.6), percent),
+    "median_px": ("median error, px", np.median, "{:.3f}".format),
+    "largest_px": ("largest error, px", np.max, decimal),
+}
+#: What is told of :func:`contrast_shares`.
+SHARES = {
+    "batches": ("batches", len, str),
+    "at_least_97_percent": ("≥ 97 % of the best, %", lambda found: np.mean(found[:, 0] >= 0.97), percent),
+    "at_least_99_percent": ("≥ 99 % of the best, %", lambda found: np.mean(found[:, 0] >= 0.99), percent),
+    "median": ("median share, %", lambda found: np.median(found[:, 0]), percent),
+    "smallest": ("smallest share, %", lambda found: np.min(found[:, 0]), percent),
+    "articles_at_least_97_percent": (
+        "≥ 97 % of the article's best, %", lambda found: np.mean(found[:, 1] >= 0.97), percent,
+    ),
+    "batches_that_drop_events": ("batches that drop events", lambda found: np.count_nonzero(found[:, 2]), str),
+}  # fmt: skip
+
+
+def heads_of(columns):
+    """Heads of the cells that :func:`cells_of` gives."""
+    return tuple(head for head, *_ in columns.values())
+
+
+def scored(columns, values):
+    """The values as scores: ``{name: score}``."""
+    return {name: score(values) for name, (_, score, _) in columns.items()}
+
+
+def cells_of(columns, scores):
+    """The scores as text, a tuple."""
+    return tuple(text(scores[name]) for name, (*_, text) in columns.items())
+
 
 #: By what, and from where to where, the errors of the synthetic batches are told apart.
 BINS = (
@@ -107,47 +118,26 @@ class Report:
         return tqdm(cases, unit=unit, disable=None, leave=False)
 
     def keep(self, name, values, scores):
-        """Keep the values of each batch, and their scores; returns the scores."""
+        """Keep the values of each batch, and their scores; returns the scores, None in place of NaN."""
         values = np.asarray(values).astype(object)
         values[values != values] = None  # JSON has no NaN
+        scores = {key: None if isinstance(one, float) and math.isnan(one) else one for key, one in scores.items()}
         self.results[name] = {"scores": scores, "values": values.tolist()}
         return scores
 
-    def errors(self, name, values):
-        """Keep errors; returns their cells."""
-        return error_cells(self.keep(name, values, error_scores(values)))
-
-    def shares(self, name, values):
-        """Keep shares of the best contrast; returns their cells."""
-        return share_cells(self.keep(name, values, share_scores(values)))
+    def cells(self, name, columns, values):
+        """Keep values and what ``columns`` tell of them, such as :data:`ERRORS`; returns the cells."""
+        return cells_of(columns, self.keep(name, values, scored(columns, values)))
 
     def table(self, title, heads, rows):
         """Print a table in Markdown, so that it can go into a page as it is."""
-        lines = [heads, *rows]
-        widths = [max(len(line[column]) for line in lines) for column in range(len(heads))]
-        rule = ["-" * width for width in widths]
+        lines = [[str(cell) for cell in line] for line in (heads, *rows)]
+        widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+        lines.insert(1, ["-" * width for width in widths])
         print(f"{title}\n")
-        for line in (heads, rule, *rows):
+        for line in lines:
             print("| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |")
         print()
-
-
-def percent(share):
-    """A share as text, in percent."""
-    return f"{100 * share:.1f}"
-
-
-def error_cells(scores):
-    """Cells below :data:`ERROR_HEADS`."""
-    shares = (percent(scores[f"below_{limit}_px"]) for limit in ("0.3", "0.6"))
-    return str(scores["batches"]), *shares, f"{scores['median_px']:.3f}", f"{scores['largest_px']:.2f}"
-
-
-def share_cells(scores):
-    """Cells below :data:`SHARE_HEADS`."""
-    names = ("at_least_97_percent", "at_least_99_percent", "median", "smallest", "articles_at_least_97_percent")
-    dropping = str(scores["batches_that_drop_events"])
-    return str(scores["batches"]), *(percent(scores[name]) for name in names), dropping
 
 
 def binned(cases, values):
@@ -160,4 +150,4 @@ def binned(cases, values):
             groups.append((f"{title}: {low} to {last}", (facts >= low) & (facts < high)))
     textures = np.array([case.facts["texture"] for case in cases])
     groups += [(f"texture: {texture}", textures == texture) for texture in SIZES]
-    return [(title, *error_cells(error_scores(values[chosen]))) for title, chosen in groups if chosen.any()]
+    return [(title, *cells_of(ERRORS, scored(ERRORS, values[chosen]))) for title, chosen in groups if chosen.any()]

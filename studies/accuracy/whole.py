@@ -14,10 +14,10 @@ import numpy as np
 from cmfpga.api.track import track
 from cmfpga.config import preset
 from cmfpga.errors import ConfigError, UserError
-from cmfpga.events import Events, open_recording
+from cmfpga.imaging.iwe import events_in_roi
 
 from .default_use import WRONG, apart, measure, scores
-from .known import DRAWN_SIZE, GRID, by_file, drawn
+from .known import DRAWN_SIZE, between, by_file, drawn, grid, read
 from .table import percent
 from .yardstick import ROI
 
@@ -39,12 +39,6 @@ def _tracked(path, engine, **options):
         return track(path, engine=engine, **options)
 
 
-def grid(sensor):
-    """ROIs over a whole sensor, to its borders."""
-    columns, rows = (np.linspace(0, side - ROI, count) for side, count in zip(sensor, GRID, strict=True))
-    return [(int(x), int(y)) for y in rows for x in columns]
-
-
 def _needed(data, study):
     if data is None:
         raise ConfigError(f"--study {study}: --data, a folder of recordings, is needed")
@@ -54,9 +48,8 @@ def _needed(data, study):
 def study_slider(config, engine, cases, real_, report, *, data, **_):
     """Print how many trusted windows on the rail are off along y, by more than :data:`WRONG`."""
     path, rows = _needed(data, "slider") / SLIDER, []
-    with open_recording(path) as recording:
-        sensor = recording.width, recording.height
-    for name, rois in ((f"{len(grid(sensor))} of a grid", grid(sensor)), ("auto", ["auto"])):
+    places = grid(read(path)[1])
+    for name, rois in ((f"{len(places)} of a grid", places), ("auto", ["auto"])):
         for which in PRESETS:
             found = [_tracked(path, engine, roi=roi, preset=which) for roi in report.progress(rois, "ROI")]
             trusted = np.concatenate([one.trusted for one in found])
@@ -64,36 +57,20 @@ def study_slider(config, engine, cases, real_, report, *, data, **_):
             wrong = int((away > WRONG).sum())
             scores = {"windows": len(trusted), "trusted": len(away), "wrong": wrong}
             report.keep(f"slider, {name}, {which}", away, scores)
-            told = (percent(wrong / len(away)), f"{away.max():.2f}") if len(away) else ("–", "–")
-            rows.append((name, which, str(len(trusted)), str(len(away)), str(wrong), *told))
+            largest = f"{away.max():.2f}" if len(away) else "–"
+            rows.append((name, which, len(trusted), len(away), wrong, percent(wrong, len(away)), largest))
     report.table(f"The slider, vy = 0: trusted windows with |vy| above {WRONG} px per half window", SLIDER_HEADS, rows)
 
 
-def _searched(events, sensor):
-    """Truth of recordings that have none, px/s."""
+def _searched(events, sensor, place):
+    """Truth of recordings that have none, px/s: of the events of a window, in and around an ROI."""
     from cmfpga.reference.global_search import search, translation  # torch
 
-    def truth(begin, end, left, top):
-        first, last = np.searchsorted(events.t, [begin, end + 1])
-        part = events[first:last]
-        lows = [max(at - MARGIN, 0) for at in (left, top)]
-        highs = [min(at + ROI + MARGIN, side) - 1 for at, side in zip((left, top), sensor, strict=True)]
-        near = (part.x >= lows[0]) & (part.x <= highs[0]) & (part.y >= lows[1]) & (part.y <= highs[1])
-        part = part[near]
-        return search(translation(part.x, part.y), part.t, window=(lows[0], highs[0], lows[1], highs[1])).at_middle
-
-    return truth
-
-
-def _known(one):
-    def truth(begin, end, left, top):
-        first, last = np.searchsorted(one.events.t, [begin, end + 1])
-        part = one.events[first:last]
-        inside = (part.x >= left) & (part.x < left + ROI) & (part.y >= top) & (part.y < top + ROI)
-        seen = (axis[inside].astype(float) for axis in (part.x, part.y))
-        return np.asarray(one.truth(begin, end, *seen))
-
-    return truth
+    lows = [max(at - MARGIN, 0) for at in place]
+    highs = [min(at + ROI + MARGIN, side) - 1 for at, side in zip(place, sensor, strict=True)]
+    near = (events.x >= lows[0]) & (events.x <= highs[0]) & (events.y >= lows[1]) & (events.y <= highs[1])
+    part = events[near]
+    return search(translation(part.x, part.y), part.t, window=(lows[0], highs[0], lows[1], highs[1])).at_middle
 
 
 def study_auto(config, engine, cases, real_, report, *, data, **_):
@@ -101,32 +78,33 @@ def study_auto(config, engine, cases, real_, report, *, data, **_):
     folder, rows = _needed(data, "auto"), []
     known = by_file(folder)
     for path in report.progress(sorted(folder.glob("*.h5")), "recording"):
-        with open_recording(path) as recording:
-            events, sensor = Events.concatenate(recording.chunks()), (recording.width, recording.height)
+        events, sensor = read(path)
         try:
             tracking = _tracked(path, engine, roi="auto")
         except UserError as error:
             report.keep(f"auto, {path.name}", [], {"refused": str(error)})
-            rows.append((path.stem, "–", *["0"] * 2, *["–"] * 4, str(error).split(": ")[-1]))
+            rows.append((path.stem, "–", 0, 0, *["–"] * 4, str(error).split(": ")[-1]))
             continue
-        one = known.get(path.name)
-        truth, kind = (_known(one), "known") if one else (_searched(events, sensor), "search")
-        errors = []
+        one, errors = known.get(path.name), []
+        kind = "known" if one else "rail" if path.name == SLIDER else "search"
         for k, begin, end in apart(tracking, tracking.trusted):
             place = int(tracking.roi_x[k]), int(tracking.roi_y[k])
             v = (tracking.vx[k], tracking.vy[k])
-            if path.name == SLIDER:
-                kind, error = "rail", abs(v[1])
-            else:
-                error = math.dist(v, truth(begin, end, *place) * (end - begin) / 2e6)
-            errors.append((error, math.hypot(*v)))
+            part = between(one.events if one else events, begin, end + 1)
+            if one:
+                _, x, y = events_in_roi(part, place, ROI, ROI)
+                truth = np.asarray(one.truth(begin, end, x + float(place[0]), y + float(place[1])))
+            elif kind == "search":
+                truth = _searched(part, sensor, place)
+            off = abs(v[1]) if kind == "rail" else math.dist(v, truth * (end - begin) / 2e6)
+            errors.append((off, math.hypot(*v)))
         errors = np.array(errors).reshape(-1, 2)
         wrong, many = int((errors[:, 0] > WRONG).sum()), len(errors)
         scores = {"windows": len(tracking), "trusted": int(tracking.trusted.sum()), "apart": many, "wrong": wrong}
         report.keep(f"auto, {path.name}", errors, scores)
         start = ",".join(str(int(axis[0])) for axis in (tracking.roi_x, tracking.roi_y))
         told = [f"{middle:.2f}" for middle in np.median(errors, axis=0)] if many else ["–", "–"]
-        rows.append((path.stem, start, *map(str, (len(tracking), scores["trusted"], many, wrong)), *told, kind))
+        rows.append((path.stem, start, len(tracking), scores["trusted"], many, wrong, *told, kind))
     report.table(f"track --roi auto (wrong: by more than {WRONG} px per half window)", AUTO_HEADS, rows)
 
 
@@ -138,9 +116,8 @@ def study_drawn(config, engine, cases, real_, report, *, count, seeds, **_):
         values = [measure(one, preset(name), engine)[engine] for one in report.progress(scenes, "scene")]
         values = np.concatenate(values)
         found = report.keep(f"drawn, {name}", values, scores(values, len(scenes)))
-        told = (percent(found["trusted"] / found["batches"]), percent(found["wrong_of_trusted"] / found["trusted"]))
-        numbers = (found[key] for key in ("batches", "trusted", "wrong_of_trusted"))
-        rows.append((name, str(len(scenes)), *map(str, numbers), *told))
+        whole, trusted, wrong = (found[key] for key in ("batches", "trusted", "wrong_of_trusted"))
+        rows.append((name, len(scenes), whole, trusted, wrong, percent(trusted, whole), percent(wrong, trusted)))
     low, high = DRAWN_SIZE
     report.table(f"Drawn scenes, objects of {low} to {high - 1} px: off by more than {WRONG} px", DRAWN_HEADS, rows)
 

@@ -61,26 +61,12 @@ def peak_error(case, radius=1.5):
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A batch, and what is known about it.
+    """A batch, and what is known about it; ``facts`` are what it is made of, by name."""
 
-    Parameters
-    ----------
-    events : Events
-        All events of the batch.
-    roi : pair of int
-        Left column and top row, px.
-    truth : (float, float) or None
-        True velocity, px per half batch.
-    start : (float, float) or None
-        Where the warm suite starts, px per half batch.
-    facts : dict
-        What the batch is made of, by name.
-    """
-
-    events: Events
-    roi: tuple[int, int]
-    truth: tuple[float, float] | None
-    start: tuple[float, float] | None
+    events: Events  # all of the batch
+    roi: tuple[int, int]  # left column and top row, px
+    truth: tuple[float, float] | None  # true velocity, px per half batch
+    start: tuple[float, float] | None  # where the warm suite starts, px per half batch
     facts: dict
 
     @cached_property

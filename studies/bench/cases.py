@@ -19,31 +19,15 @@ NOISE = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Workload:
-    """A batch.
-
-    Parameters
-    ----------
-    name : str
-        For the table.
-    events : Events
-        N of them.
-    roi : (int, int)
-        Left column and top row, px.
-    width, height : int
-        Size of the ROI, px.
-    roi_events : int
-        n.
-    v : (float, float)
-        True motion, px per half batch.
-    """
+    """A batch, and its name for the table."""
 
     name: str
-    events: Events
-    roi: tuple[int, int]
-    width: int
+    events: Events  # N of them
+    roi: tuple[int, int]  # left column and top row, px
+    width: int  # of the ROI, px
     height: int
-    roi_events: int
-    v: tuple[float, float]
+    roi_events: int  # n
+    v: tuple[float, float]  # true motion, px per half batch
 
 
 def make_workload(name, *, events, roi_events, width=64, height=64, sensor=(240, 180), seed=1):
@@ -52,21 +36,18 @@ def make_workload(name, *, events, roi_events, width=64, height=64, sensor=(240,
     A longer and denser recording than is needed is thinned evenly to ``roi_events``; events outside the ROI are noise,
     uniform over the rest of the sensor and over time.
     """
-    roi = ((sensor[0] - width) // 2, (sensor[1] - height) // 2)
+    size, roi = (width, height), ((sensor[0] - width) // 2, (sensor[1] - height) // 2)
     rng = np.random.default_rng(seed)
     half = DURATION_US / 2e6
     scene = generate(
         seed=seed, width=sensor[0], height=sensor[1], size=(round(0.6 * width), round(0.6 * height)),
         velocity=tuple(axis / half for axis in MOTION_PX),
-        position=tuple(
-            corner + (size - 1) / 2 - move for corner, size, move in zip(roi, (width, height), MOTION_PX, strict=True)
-        ),
+        position=tuple(corner + (side - 1) / 2 - move for corner, side, move in zip(roi, size, MOTION_PX, strict=True)),
         duration_us=DURATION_US, noise=NOISE,
     )  # fmt: skip
-    inside = scene.events[events_in_roi(scene.events, roi, width, height)[0]]
-    while len(inside) < roi_events:  # too sparse: the same object with more events a pixel
+    while len(index := events_in_roi(scene.events, roi, *size)[0]) < roi_events:  # the same with more events a pixel
         scene = generate(**{**vars(scene.scene), "contrast": 2 * scene.scene.contrast})
-        inside = scene.events[events_in_roi(scene.events, roi, width, height)[0]]
+    inside = scene.events[index]
     inside = inside[np.sort(rng.choice(len(inside), roi_events, replace=False))]
     outside = _outside(events - roi_events, roi, width, height, sensor, rng)
     batch = Events.merge([inside, outside])

@@ -12,15 +12,16 @@ from cmfpga.api.flow import configure
 from cmfpga.config import preset
 from cmfpga.dense.fields import scene
 from cmfpga.dense.tiles import TILE, grid
-from cmfpga.errors import MissingPackage
 from cmfpga.events import Events, open_recording
+from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
 
 from ..accuracy.dense import WINDOWS as RECORDINGS
+from ..accuracy.foreign import FOREIGN, find
 from .cases import COLD, STEPS, parse_steps
-from .opponents.c_program import FlowProgram, Unavailable
-from .programs import Times, processor, side_by_side
+from .opponents.c_program import FlowProgram
+from .programs import Times, or_missing, processor, side_by_side
 
 EVENTS = 30_000
 #: Windows back to back; the time from the first one's end to the last one's counts.
@@ -113,35 +114,26 @@ def with_steps(config, settings):
 
 
 def _programs(config, tiles, settings, events, runs, seconds, missing, step):
-    try:
+    rows = []
+    with or_missing(missing):
         program = FlowProgram()
-    except Unavailable as error:
-        missing.append(str(error))
-        return []
-    # Without a thread for what is beside, the last one waits for it.
-    threads = sorted({1, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1})
-    step("C")
-    settings = with_steps(config, settings)
-    runners = [program.load_window(config, tiles.regions, events, settings, count) for count in threads]
-    times = side_by_side(runners, runs=runs, seconds=seconds, clock=time.perf_counter)
-    rows = [
-        _row(f"C, gathering, {count} thread{'s' if count > 1 else ''}", program.how, each, len(events))
-        for count, each in zip(threads, times, strict=True)
-    ]
-    step("eventcv")
-    try:
-        return [*rows, _foreign(config, tiles, events)]
-    except MissingPackage as error:
-        missing.append(str(error))
-        return rows
+        # Without a thread for what is beside, the last one waits for it.
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        threads = sorted({1, cores})
+        step("C")
+        settings = with_steps(config, settings)
+        runners = [program.load_window(config, tiles.regions, events, settings, count) for count in threads]
+        times = side_by_side(runners, runs=runs, seconds=seconds, clock=time.perf_counter)
+        for count, each in zip(threads, times, strict=True):
+            name = f"C, gathering, {count} thread{'s' if count > 1 else ''}"
+            rows.append(_row(name, program.how, each, len(events)))
+        step("eventcv")
+        rows.append(_foreign(config, tiles, events))
+    return rows
 
 
 def _foreign(config, tiles, events):
     """A foreign program asked for each tile that has enough events, by its own search; once."""
-    from cmfpga.imaging.iwe import events_in_roi
-
-    from ..accuracy.foreign import FOREIGN, find
-
     mine, size = [], (tiles.width, tiles.height)
     for corner in tiles.corners:
         inside, *_ = events_in_roi(events, corner, *size)
@@ -156,13 +148,8 @@ def _foreign(config, tiles, events):
 
 
 def _row(name, how, times, events):
-    return {
-        "name": name,
-        "how": how,
-        "seconds": vars(times),
-        "fields_per_s": 1 / times.median,
-        "events_per_s": events / times.median,
-    }
+    rates = {"fields_per_s": 1 / times.median, "events_per_s": events / times.median}
+    return {"name": name, "how": how, "seconds": vars(times), **rates}
 
 
 def text(report):
@@ -179,9 +166,8 @@ def text(report):
     ]
     for row in hardware:
         name = f"{row['units']} unit{'s' if row['units'] > 1 else ''}, {row['window']}"
-        ms = 1e3 / row["fields_per_s"]
         lines.append(
-            f"{name:<50}{row['cycles']:>15,.0f}{ms:>14.3f}{row['fields_per_s']:>17,.0f}"
+            f"{name:<50}{row['cycles']:>15,.0f}{1e3 / row['fields_per_s']:>14.3f}{row['fields_per_s']:>17,.0f}"
             f"{row['events_per_s'] / 1e6:>13.1f}{row['busy']:>12.0%}"
         )
     for row in programs:
@@ -190,7 +176,6 @@ def text(report):
         lines.append(f"{row['name']:<50}{span:>29}{row['fields_per_s']:>17,.1f}{row['events_per_s'] / 1e6:>13.2f}")
     for row in programs[:2]:
         for unit in [each for each in hardware if each["window"] == SYNTHETIC]:
-            times = row["seconds"]["median"] * unit["fields_per_s"]
-            count = unit["units"]
-            lines.append(f"{count} unit{'s are' if count > 1 else ' is'} {times:.1f} × as fast as {row['name']}")
+            times, are = row["seconds"]["median"] * unit["fields_per_s"], "s are" if unit["units"] > 1 else " is"
+            lines.append(f"{unit['units']} unit{are} {times:.1f} × as fast as {row['name']}")
     return lines

@@ -8,7 +8,9 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from .opponents import Job
+from cmfpga.errors import MissingPackage
+
+from .opponents import Job, Unavailable
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +68,15 @@ def _count(action, clock, seconds):
         if took >= seconds / 4 or count >= 1 << 20:
             return max(1, round(count * seconds / took)) if took > 0 else count
         count *= 4
+
+
+@contextlib.contextmanager
+def or_missing(missing):
+    """What cannot be measured for want of a package or a compiler is a line of ``missing``."""
+    try:
+        yield
+    except (MissingPackage, Unavailable) as reason:
+        missing.append(str(reason))
 
 
 def time_programs(case, programs, *, v_start, **options):

@@ -40,7 +40,9 @@ def table(report):
         "back to back: from result to result where events never pause; a program needs the whole batch's time.",
     ]
     for case, rows in blocks:
-        lines += ["", _title(case), _line(HEADER, widths), *(_line(row, widths) for row in rows)]
+        size = f"N = {case['events']:,}, n = {case['roi_events']:,}, {case['width']}×{case['height']}"
+        title = f"{case['workload']} ({size}): {ASCENTS[case['ascent']]}, T = {case['iterations']}"
+        lines += ["", title, *(_line(row, widths) for row in (HEADER, *rows))]
     limits, speed_ups = _limits(report["cases"]), _speed_ups(report)
     lines += ["", "Limits"]
     for limit in limits:
@@ -66,52 +68,38 @@ def table(report):
     return lines, limits, speed_ups
 
 
-def _title(case):
-    size = f"N = {case['events']:,}, n = {case['roi_events']:,}, {case['width']}×{case['height']}"
-    return f"{case['workload']} ({size}): {ASCENTS[case['ascent']]}, T = {case['iterations']}"
-
-
 def _line(row, widths):
     cells = [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
     return "  " + "  ".join(cells).rstrip()
 
 
 def _rows(case, clock):
-    iterations = str(case["iterations"])
+    def cycles_of(count):
+        return "" if count is None else f"{count:,} cycles  {_time(count / clock * 1e-6)}"
+
     rows = []
     for core in case["cores"]:
         cycles = f"{core['cycles']:,}" + ("" if core["measured"] else " computed")
-        times = (_time(core["after_last"] / clock * 1e-6), _time(core["cycles"] / clock * 1e-6))
-        after = f"{core['after_last']:,} cycles  {times[0]}"
-        row = (core["name"], iterations, cycles, f"{core['per_iteration']:,}", after, times[1])
-        rows.append((*row, _back_to_back(core, clock), "", _v(core["v"])))
+        rows.append((
+            core["name"], str(case["iterations"]), cycles, f"{core['per_iteration']:,}", cycles_of(core["after_last"]),
+            _time(core["cycles"] / clock * 1e-6), cycles_of(core["back_to_back"]), "", _v(core["v"]),
+        ))  # fmt: skip
     if case["ascent"] == "constant":
         cycles = case["article_cycles"]
         after = cycles - case["events"]
-        rows.append(
-            (
-                "the article's formula", iterations, f"{cycles:,}", f"{after // case['iterations']:,}",
-                f"{after:,} cycles  {_time(after / clock * 1e-6)}", _time(cycles / clock * 1e-6), "", "", "",
-            )
-        )  # fmt: skip
+        rows.append((
+            "the article's formula", str(case["iterations"]), f"{cycles:,}", f"{after // case['iterations']:,}",
+            cycles_of(after), _time(cycles / clock * 1e-6), "", "", "",
+        ))  # fmt: skip
     for program in case["programs"]:
         core = case["cores"][program["confidence"]]  # the second core computes it
-        ratios = [
-            program[what]["median"] / (core[cycles] / clock * 1e-6)
-            for what, cycles in (("batch", "cycles"), ("ascent", "after_last"))
-        ]
-        rows.append(
-            (
-                program["name"], str(case["steps"]), "", "", _times(program["ascent"]), _times(program["batch"]), "",
-                " ".join(f"{ratio:.2f}" for ratio in ratios), _v(program["v"]),
-            )
-        )  # fmt: skip
+        pairs = (("batch", "cycles"), ("ascent", "after_last"))
+        ratios = (program[what]["median"] / (core[cycles] / clock * 1e-6) for what, cycles in pairs)
+        rows.append((
+            program["name"], str(case["steps"]), "", "", _times(program["ascent"]), _times(program["batch"]), "",
+            " ".join(f"{ratio:.2f}" for ratio in ratios), _v(program["v"]),
+        ))  # fmt: skip
     return rows
-
-
-def _back_to_back(core, clock):
-    cycles = core["back_to_back"]
-    return "" if cycles is None else f"{cycles:,} cycles  {_time(cycles / clock * 1e-6)}"
 
 
 def _v(v):

@@ -45,11 +45,7 @@ class MismatchError(Exception):
 def check(config, seed, shell=False):
     """Compare random batches, one by one and then back to back: (batches, iterations) that were equal.
 
-    With ``shell`` only by the AXI top.
-
-    Raises
-    ------
-    MismatchError
+    With ``shell`` only by the AXI top. Raises :exc:`MismatchError`.
     """
     rng = np.random.default_rng([seed, 2])
     if shell:
@@ -168,12 +164,9 @@ def _tables_of_regions(config, rng):
             one.write(regions, anew)
         events = [events_of(config, rng, regions) for _ in range(rng.integers(1, 5))]
         batches, pauses = [(one.t, one.x, one.y) for one in events], _pauses(rng)
-        found = hardware.results(
-            batches,
-            settings,
-            gaps=_late(rng, sum(map(len, events)), 40, pauses["gaps"]),
-            stalls=_late(rng, len(batches) * len(regions), 1000, pauses["stalls"]),
-        )
+        gaps = _late(rng, sum(map(len, events)), 40, pauses["gaps"])
+        stalls = _late(rng, len(batches) * len(regions), 1000, pauses["stalls"])
+        found = hardware.results(batches, settings, gaps=gaps, stalls=stalls)
         for batch, result in zip(batches, found, strict=True):
             expected = model.run(*batch, settings)
             _same(f"run {number}, batch {counts[0]}", result, expected)
@@ -197,32 +190,14 @@ def _late(rng, count, most, share):
 def compare_stream(core, rng, most, *, gaps, stalls, model=None):
     """Random batches without a pause between them: the next one is offered while the one before is optimised.
 
-    Parameters
-    ----------
-    core : VerilatedCore
-    rng : numpy.random.Generator
-    most : int
-        So many batches, or fewer if they take long.
-    gaps, stalls : float
-        How often an event comes late, and a result has to wait.
-    model : ModelEngine, optional
-        That has had the same batches as the core; by default the core comes out of a reset.
-
-    Returns
-    -------
-    int array [2]
-        Batches and iterations that were equal.
-
-    Raises
-    ------
-    MismatchError
+    ``most`` batches, or fewer if they take long, of a :class:`VerilatedCore`. ``gaps`` and ``stalls`` say how often an
+    event comes late, and a result has to wait. The ``model`` has had the same batches as the core; by default the core
+    comes out of a reset. Returns batches and iterations that were equal, int [2]; raises :exc:`MismatchError`.
     """
     config, model = core.config, model or make_engine("model", core.config)
     fixed = random_schedules(config, rng) if config.ascent_rule.has_table else {}
-    fixed |= {
-        "hot_mask": random_mask(config, rng, model.places[0]),
-        "camera": random_lens(config, rng, image=config.geometry),
-    }
+    fixed |= {"hot_mask": random_mask(config, rng, model.places[0])}
+    fixed |= {"camera": random_lens(config, rng, image=config.geometry)}
     batches, rows, expected, cycles = [], [], [], 0
     while len(batches) < most and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.places[0])
@@ -245,23 +220,25 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
 
 def _same(where, found, expected):
     """Equal in everything but the cycles, which only the hardware has; of the traces, in every iteration."""
-    for number, pair in enumerate(zip(found.regions, expected.regions, strict=True)):
-        of_region = f"{where}, region {number}" if len(found.regions) > 1 else where
-        for part in (field.name for field in dataclasses.fields(pair[1].trace)):
-            one, other = (np.asarray(getattr(result.trace, part)).tolist() for result in pair)
-            equal(of_region, f"trace.{part}", one, other, "model")
+    for of_region, one, other in _regions(where, found, expected):
+        for part in (field.name for field in dataclasses.fields(other.trace)):
+            sums = (np.asarray(getattr(result.trace, part)).tolist() for result in (one, other))
+            equal(of_region, f"trace.{part}", *sums, "model")
     same_results(where, found, expected)
 
 
 def same_results(where, found, expected):
     """Equal in all fields of the batch and of its regions but the cycles."""
-    for field in fields_of("batch"):
-        equal(where, field.name, getattr(found, field.name), getattr(expected, field.name), "model")
-    for number, (one, other) in enumerate(zip(found.regions, expected.regions, strict=True)):
-        of_region = f"{where}, region {number}" if len(found.regions) > 1 else where
-        for field in fields_of("region"):
-            if field.name != "cycles":
-                equal(of_region, field.name, getattr(one, field.name), getattr(other, field.name), "model")
+    parts = [("batch", where, found, expected), *(("region", *each) for each in _regions(where, found, expected))]
+    for kind, of_part, one, other in parts:
+        for name in (field.name for field in fields_of(kind) if field.name != "cycles"):
+            equal(of_part, name, getattr(one, name), getattr(other, name), "model")
+
+
+def _regions(where, found, expected):
+    """Pairs of regions, and where each is."""
+    for number, pair in enumerate(zip(found.regions, expected.regions, strict=True)):
+        yield f"{where}, region {number}" if len(found.regions) > 1 else where, *pair
 
 
 def equal(where, name, found, expected, of):

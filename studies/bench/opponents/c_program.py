@@ -25,40 +25,18 @@ class Unavailable(Exception):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """One batch and what is to be done with it.
+    """One batch and what is to be done with it."""
 
-    Parameters
-    ----------
-    events : Events
-        All N events of the batch.
-    roi : (int, int)
-        Left column and top row of the ROI, px.
-    width, height : int
-        Size of the ROI, px.
-    iterations : int
-        T.
-    eta : float
-        Step of the constant ascent.
-    schedule : tuple of ScheduleEntry, or None
-        Sign ascent instead, one entry per iteration.
-    dither : bool
-        Add the sub-pixel offsets of :func:`cmfpga.reference.floating.dither`.
-    probes : bool
-        Then evaluate the four gradients of the confidence, at v ± 0.75 px along each axis.
-    v_start : (float, float)
-        Start, px per half batch.
-    """
-
-    events: Events
-    roi: tuple[int, int]
-    width: int
+    events: Events  # all N of the batch
+    roi: tuple[int, int]  # left column and top row, px
+    width: int  # of the ROI, px
     height: int
-    iterations: int
-    eta: float = 1.0
-    schedule: tuple | None = None
-    dither: bool = False
-    probes: bool = False
-    v_start: tuple[float, float] = (0.0, 0.0)
+    iterations: int  # T
+    eta: float = 1.0  # step of the constant ascent
+    schedule: tuple | None = None  # of ScheduleEntry, one per iteration: sign ascent instead
+    dither: bool = False  # add the sub-pixel offsets of cmfpga.reference.floating.dither
+    probes: bool = False  # then evaluate the four gradients of the confidence, at v ± 0.75 px along each axis
+    v_start: tuple[float, float] = (0.0, 0.0)  # px per half batch
 
     def __post_init__(self):
         if self.schedule is not None and len(self.schedule) != self.iterations:
@@ -79,22 +57,10 @@ class JobOfC(ctypes.Structure):
 
 
 class CProgram:
-    """``form``.c, compiled.
+    """``form``.c of this package, or of a folder ``sources``, compiled with ``options`` beside :data:`OPTIONS`.
 
-    Parameters
-    ----------
-    form : {"gather", "int16", "flow"}
-    sources : folder, optional
-        Of the C files, if not this package.
-    includes : tuple of str
-        Files that it includes beside program.h.
-    options : tuple of str
-        For the compiler, beside :data:`OPTIONS`.
-
-    Raises
-    ------
-    Unavailable
-        There is no C compiler, or it refuses the program.
+    ``includes`` are the files that it includes beside program.h. Raises :exc:`Unavailable`: there is no C compiler, or
+    it refuses the program.
     """
 
     def __init__(self, form, sources=None, includes=(), options=()):
@@ -109,9 +75,8 @@ class CProgram:
                 (folder / name).write_text(here.joinpath(name).read_text(encoding="utf-8"), encoding="utf-8")
             library = folder / f"{form}.so"
             arguments = ("-std=gnu11", "-fPIC", "-shared", f"{form}.c", "-o", library.name, "-lm")
-            done = subprocess.run(
-                [compiler, *OPTIONS, *options, *arguments], cwd=folder, capture_output=True, text=True
-            )
+            call = [compiler, *OPTIONS, *options, *arguments]
+            done = subprocess.run(call, cwd=folder, capture_output=True, text=True)
             if done.returncode:
                 why = next((line for line in done.stderr.splitlines() if "error" in line), "no reason given")
                 raise Unavailable(f"{Path(compiler).name} does not compile {form}.c ({why}): no program {self.name!r}")
@@ -214,16 +179,8 @@ class FlowProgram(CProgram):
     def load_window(self, config, regions, events, settings, threads):
         """A function of a count that measures a window so often, and returns v of each region: float64 [regions, 2].
 
-        Parameters
-        ----------
-        config : Config
-        regions : sequence of Region
-            First those without a parent, then those with one.
-        events : Events
-        settings : BatchSettings
-            The schedules; v starts at 0.
-        threads : int
-            1 to 64.
+        Of ``regions`` those without a parent come first. ``settings`` have the schedules; v starts at 0. ``threads``: 1
+        to 64.
         """
         keep = [np.ascontiguousarray(axis) for axis in (events.t, events.x, events.y)]
         plans = {name: _plan(getattr(settings, name)) for name in ("cold", "warm")}

@@ -74,7 +74,7 @@ def test_real_batches_run_with_the_configuration_as_it_is(capsys, data_dir, monk
     studied = json.loads((tmp_path / "b.json").read_text())["results"]
     assert studied["real, widths 8, 6, 4, 4, 4, 4"] == found
     monkeypatch.setattr(suites, "preset", lambda name: preset(name).replace(when_full="drop"))
-    told = accuracy.brief("model", data=data_dir, batches=1)
+    told = suites.brief("model", data=data_dir, batches=1)
     assert told["scores"]["real, cold"] == found["scores"]
     assert told["text"][-1].endswith(f"; {np.count_nonzero(dropped)} drop events")
 

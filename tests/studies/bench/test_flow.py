@@ -4,7 +4,6 @@ import json
 
 import numpy as np
 import pytest
-from studies.bench.command import main
 from studies.bench.opponents import Unavailable
 from studies.bench.opponents.c_program import FlowProgram
 
@@ -12,7 +11,7 @@ from cmfpga.config import preset
 from cmfpga.dense.fields import scene
 from cmfpga.dense.tiles import grid
 from cmfpga.protocol.settings import BatchSettings
-from studies.bench import flow
+from studies.bench import flow, main
 
 pytest.importorskip("torch")
 from cmfpga.reference.regions import RegionSequence
