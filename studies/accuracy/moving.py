@@ -143,13 +143,11 @@ def slide(config, events, roi, truth):
         judges = len(settings.after) * core.cycles(roi_events=hop.roi_events, iterations=1) * bool(hop.iterations)
         free = ready + judges / CLOCK_MHZ
         degenerate = Flag.DEGENERATE in hop.flags
-        half = hop.span * 0.5e-6
-        v = (0.0, 0.0) if degenerate else np.divide(hop.v, half)
+        v = (0.0, 0.0) if degenerate else np.divide(hop.v, hop.span * 0.5e-6)
         rows.append((ready, *v, *hop.roi_next))
         if not degenerate:
-            error = math.dist(hop.v, np.multiply(truth(hop.t_first, hop.t_us), half))
-            kappa = confidence(config, hop)
-            judged.append((error, -math.inf if kappa is None else kappa, is_sure(hop)))
+            true = np.multiply(truth(hop.t_first, hop.t_us), hop.span * 0.5e-6)
+            judged.append(_judged(hop, confidence(config, hop), true))
     return _course(rows, judged)
 
 
@@ -164,10 +162,14 @@ def batches(config, events, roi, count, truth):
             ready = last + core.iterated_cycles(result.roi_events, result.iterations) / CLOCK_MHZ
             rows.append((ready, *(batch.v_px_per_s or (0.0, 0.0)), *batch.roi_next))
             if Flag.DEGENERATE not in batch.flags:
-                wanted = np.multiply(truth(int(batch.events.t[0]), last), result.span / 2e6)
-                error = math.dist(result.v, wanted)
-                judged.append((error, -math.inf if batch.confidence is None else batch.confidence, is_sure(result)))
+                true = np.multiply(truth(int(batch.events.t[0]), last), result.span / 2e6)
+                judged.append(_judged(result, batch.confidence, true))
     return _course(rows, judged)
+
+
+def _judged(result, kappa, true):
+    """As of :func:`~.judged.judge`; ``true`` in px per half window."""
+    return math.dist(result.v, true), -math.inf if kappa is None else kappa, is_sure(result)
 
 
 def _course(rows, judged):

@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from cmfpga.events import BatchCutter, Events, open_recording
+from cmfpga.events import BatchCutter, open_recording
 from cmfpga.imaging.survey.statistics import box_sums
 from cmfpga.tracking.loop import track
 
+from .known import read
 from .yardstick import ROI, Case
 
 
@@ -57,9 +58,7 @@ def real_cases(folder):
 
 
 def _real_cases(folder, windows):
-    with open_recording(folder / windows.file) as recording:
-        events = Events.concatenate(recording.chunks())
-        sensor = recording.width, recording.height
+    events, sensor = read(folder / windows.file)
     begins = events.t[0] + windows.begin + windows.length * np.arange(windows.count + 1)
     cuts = np.searchsorted(events.t, begins)
     for index, (first, last) in enumerate(pairwise(cuts)):
@@ -69,24 +68,28 @@ def _real_cases(folder, windows):
             yield Case(batch, roi, None, None, facts)
 
 
+def counts(events, sensor, size, step):
+    """``{(x, y): events}`` of the ROIs of a size, every ``step`` px along x and y."""
+    pixels = np.zeros(sensor[::-1], np.int64)
+    np.add.at(pixels, (events.y, events.x), 1)
+    sums = np.ndenumerate(box_sums(pixels, *size)[:: step[1], :: step[0]])
+    return {(x * step[0], y * step[1]): int(n) for (y, x), n in sums}
+
+
 def _busiest_rois(batch, sensor, windows):
     """``[((x, y), events)]`` of one window."""
-    pixels = np.zeros(sensor[::-1], np.int64)
-    np.add.at(pixels, (batch.y, batch.x), 1)
-    sums = np.ndenumerate(box_sums(pixels, ROI, ROI)[::ROI_STEP, ::ROI_STEP])
-    counts = {(x * ROI_STEP, y * ROI_STEP): int(n) for (y, x), n in sums}
+
+    def holds(roi, pixel):
+        return pixel is not None and all(0 <= at - corner < ROI for at, corner in zip(pixel, roi, strict=True))
+
+    of_each, found = counts(batch, sensor, (ROI, ROI), (ROI_STEP, ROI_STEP)), []
     low, high = REAL_ROI_EVENTS
-    counts = {roi: n for roi, n in counts.items() if low <= n <= high and not _holds(roi, windows.hot)}
-    found = []
-    while counts and len(found) < windows.rois:
-        x, y = best = max(counts, key=counts.get)
-        found.append((best, counts[best]))
-        counts = {(a, b): n for (a, b), n in counts.items() if abs(a - x) >= ROI or abs(b - y) >= ROI}
+    of_each = {roi: n for roi, n in of_each.items() if low <= n <= high and not holds(roi, windows.hot)}
+    while of_each and len(found) < windows.rois:
+        x, y = best = max(of_each, key=of_each.get)
+        found.append((best, of_each[best]))
+        of_each = {(a, b): n for (a, b), n in of_each.items() if abs(a - x) >= ROI or abs(b - y) >= ROI}
     return found
-
-
-def _holds(roi, pixel):
-    return pixel is not None and all(0 <= at - corner < ROI for at, corner in zip(pixel, roi, strict=True))
 
 
 TRACK_FILE = "davis240b_evbench_seq0002.h5"

@@ -102,17 +102,11 @@ def _batches(options, missing, *, runs, seconds):
     with or_missing(missing):
         foreign = time_foreign(cases[0], runs=runs, seconds=seconds)
     report = {
-        "clock_mhz_assumed": options.clock,
-        "processor": processor(),
-        "runs": runs,
-        "quick": options.quick,
-        "seconds": time.perf_counter() - started,
-        "missing": missing,
-        "programs": {program.name: program.how for program in programs},
-        "cases": measured,
-        "foreign": foreign,
+        "clock_mhz_assumed": options.clock, "processor": processor(), "runs": runs, "quick": options.quick,
+        "seconds": time.perf_counter() - started, "missing": missing,
+        "programs": {program.name: program.how for program in programs}, "cases": measured, "foreign": foreign,
         "accuracy": scores,
-    }
+    }  # fmt: skip
     lines, report["limits"], report["speed_ups"] = table(report)
     return lines, report
 
@@ -177,15 +171,9 @@ def _measured(case, programs, before, *, step, **options):
         v_start = ended[0] if ended else batch.v
     pixels = batch.width * batch.height
     return {
-        "workload": batch.name,
-        "ascent": case.ascent,
-        **size,
-        "width": batch.width,
-        "height": batch.height,
-        "iterations": case.iterations,
-        "steps": len(case.steps) if case.steps else case.iterations,
+        "workload": batch.name, "ascent": case.ascent, **size, "width": batch.width, "height": batch.height,
+        "iterations": case.iterations, "steps": len(case.steps) if case.steps else case.iterations,
         "true_v": list(batch.v),
         "article_cycles": description.article_cycles(**size, pixels=pixels, iterations=case.iterations),
-        "cores": cores,
-        "programs": time_programs(case, programs, v_start=v_start, step=step, **options),
-    }
+        "cores": cores, "programs": time_programs(case, programs, v_start=v_start, step=step, **options),
+    }  # fmt: skip

@@ -4,7 +4,9 @@ from dataclasses import replace
 from functools import cache
 
 from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
+from cmfpga.rtl.core import Core
 from cmfpga.verilog.compiler import cannot_compile
+from cmfpga.verilog.simulation import VerilatedCore
 
 from .cases import WARM
 
@@ -20,7 +22,7 @@ def measure(case, name):
     config, iterations = case.designs[name], case.iterations
     size = {"events": len(case.workload.events), "roi_events": case.workload.roi_events, "judge": config.judge}
     found = {} if cannot_compile() else _simulate(case, config)
-    core = simulated(config).core if found else _unsimulated(config)
+    core = simulated(config).core if found else Core(config)
     formula, shorter = (core.cycles(**size, iterations=case.plan(count)) for count in (iterations, iterations - 1))
     cycles = found.pop("cycles", formula)
     return {
@@ -70,12 +72,4 @@ def _back_to_back(core, settings, case):
 @cache
 def simulated(config):
     """The simulator of a configuration's core, made once."""
-    from cmfpga.verilog.simulation import VerilatedCore
-
     return VerilatedCore(config)
-
-
-def _unsimulated(config):
-    from cmfpga.rtl.core import Core
-
-    return Core(config)

@@ -16,6 +16,7 @@ from cmfpga.events import Events, open_recording
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.settings import BatchSettings
+from cmfpga.verilog.simulation import VerilatedCore
 
 from ..accuracy.dense import WINDOWS as RECORDINGS
 from ..accuracy.foreign import FOREIGN, find
@@ -32,24 +33,12 @@ COARSE, FINE = STEPS[COLD], "1:-1/2 1:-2/2 1:-3*2 0:-3 0:-4 0:-5"
 
 
 def measure(*, units, runs, seconds, clock, missing, data=None, sensor=None, step=lambda what: None):
-    """Rows of the table, JSON-ready.
+    """Rows of the table, JSON-ready; what cannot be measured here is said in ``missing``.
 
-    Parameters
-    ----------
-    units : sequence of int
-        Each is simulated; none where Verilator or a C++ compiler is missing.
-    runs, seconds : int, float
-        As of :func:`~.programs.side_by_side`.
-    clock : float
-        Assumed for the hardware, MHz.
-    missing : list of str
-        What cannot be measured here is said there.
-    data : str, optional
-        Folder of recordings, of which a window each is measured too.
-    sensor : pair of int, optional
-        Of the synthetic window alone: a larger one, with the tiles, and the events of a window, that ``flow`` takes.
-    step : callable
-        Called with what is measured next.
+    ``units``: each is simulated; none where Verilator or a C++ compiler is missing. ``runs`` and ``seconds`` are as of
+    :func:`~.programs.side_by_side`, ``clock`` is assumed for the hardware, MHz. Of each recording in the folder
+    ``data`` a window is measured too; of a ``sensor`` (width, height) the synthetic window alone, with the tiles, and
+    the events of a window, that ``flow`` takes. ``step`` is called with what is measured next.
     """
     config = preset("flow")
     tiles, made, most = grid(config), scene(*sensor or ()), EVENTS
@@ -63,17 +52,12 @@ def measure(*, units, runs, seconds, clock, missing, data=None, sensor=None, ste
         step(f"{count} units")
         for name, (chosen, window) in windows.items():
             hardware.append({"window": name, **_hardware(config.replace(units=count), tiles, chosen, window, clock)})
+    programs = [] if sensor else _programs(config, tiles, settings, events, runs, seconds, missing, step)
     return {
-        "events": len(events),
-        "sensor": [config.sensor_width, config.sensor_height],
-        "regions": len(tiles.regions),
-        "tiles": len(tiles),
-        "clock_mhz_assumed": clock,
-        "processor": processor(),
-        "runs": runs,
-        "hardware": hardware,
-        "programs": [] if sensor else _programs(config, tiles, settings, events, runs, seconds, missing, step),
-    }
+        "events": len(events), "sensor": [config.sensor_width, config.sensor_height], "regions": len(tiles.regions),
+        "tiles": len(tiles), "clock_mhz_assumed": clock, "processor": processor(), "runs": runs, "hardware": hardware,
+        "programs": programs,
+    }  # fmt: skip
 
 
 def _recorded(data):
@@ -87,8 +71,6 @@ def _recorded(data):
 
 
 def _hardware(config, tiles, settings, events, clock):
-    from cmfpga.verilog.simulation import VerilatedCore
-
     simulated = VerilatedCore(config)
     simulated.write(tiles.regions)
     *_, last = simulated.results([(events.t, events.x, events.y)] * WINDOWS, settings)
@@ -98,14 +80,9 @@ def _hardware(config, tiles, settings, events, clock):
     busy = sum(region.cycles for region in last.regions) / (config.units * period)
     trusted = [not region.flags & (Flag.DOUBTFUL | Flag.DEGENERATE) for region in tiles.of(last)]
     return {
-        "units": config.units,
-        "cycles": period,
-        "after_last": first,
-        "busy": busy,
-        "trusted_tiles": sum(trusted),
-        "fields_per_s": clock * 1e6 / period,
-        "events_per_s": clock * 1e6 / period * len(events),
-    }
+        "units": config.units, "cycles": period, "after_last": first, "busy": busy, "trusted_tiles": sum(trusted),
+        "fields_per_s": clock * 1e6 / period, "events_per_s": clock * 1e6 / period * len(events),
+    }  # fmt: skip
 
 
 def with_steps(config, settings):

@@ -16,6 +16,7 @@ from cmfpga.protocol.settings import BatchSettings
 from cmfpga.rtl.sliding.core import SlidingCore
 from cmfpga.verilog.simulation import VerilatedCore
 
+from ..accuracy.real import counts
 from .cases import make_workload
 from .opponents import Job
 from .programs import side_by_side
@@ -59,7 +60,9 @@ def load(path, window, count):
     config = preset("sliding").replace(
         sensor_width=width, sensor_height=height, window_events=window, hop_events=window // 16, window_us=0, hop_us=0
     )
-    return config, found, _densest(found, config)
+    size = config.roi_width, config.roi_height
+    of_each = counts(found, (width, height), size, [side // 4 for side in size])
+    return config, found, max(sorted(of_each), key=of_each.get)
 
 
 def measure(path, *, window, clock, events):
@@ -120,20 +123,6 @@ def rate(window, after=AUTO):
     with contextlib.closing(VerilatedCore(config)) as core:
         core.slide(made.events.t, made.events.x, made.events.y, BatchSettings.from_config(config, roi=made.roi))
         return int(np.median(np.diff(core.finished[-20:])))
-
-
-def _densest(events, config):
-    """Corner of the ROI, in steps of its quarter, that holds the most events."""
-    step_x, step_y = config.roi_width // 4, config.roi_height // 4
-    most = config.sensor_width - config.roi_width, config.sensor_height - config.roi_height
-    corners = [(x, y) for x in range(0, most[0] + 1, step_x) for y in range(0, most[1] + 1, step_y)]
-    x, y = (np.asarray(axis, np.int64) for axis in (events.x, events.y))
-
-    def inside(corner):
-        dx, dy = x - corner[0], y - corner[1]
-        return np.count_nonzero((dx >= 0) & (dx < config.roi_width) & (dy >= 0) & (dy < config.roi_height))
-
-    return max(corners, key=inside)
 
 
 def text(rows, rates, clock, window):

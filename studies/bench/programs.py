@@ -23,29 +23,16 @@ class Times:
 
     @classmethod
     def of(cls, seconds):
-        """Of a list of runs."""
         return cls(median=statistics.median(seconds), low=min(seconds), high=max(seconds))
 
 
 def side_by_side(actions, *, runs, seconds, clock=time.thread_time, step=lambda: None):
-    """Time ``actions``, functions of a count of repetitions, in turn, so that a slow moment of the machine hits all.
+    """:class:`Times` per repetition of ``actions``, in turn, so that a slow moment of the machine hits all.
 
-    Parameters
-    ----------
-    actions : list of callables
-        Each does its work ``count`` times. Called once before, so that nothing is compiled or paged in while timed.
-    runs : int
-        How often each is timed.
-    seconds : float
-        A run repeats an action until it lasts about this long; short work could not be timed otherwise.
-    clock : callable
-        By default the time that the processor gave to this thread, which other work on the machine does not lengthen.
-    step : callable
-        Called after every run, for a progress bar.
-
-    Returns
-    -------
-    list of Times, per repetition
+    Each action does its work a given number of times; it is called once before, so that nothing is compiled or paged in
+    while timed. A run, of ``runs``, repeats it until it lasts about ``seconds``; short work could not be timed
+    otherwise. The ``clock`` is by default the time that the processor gave to this thread, which other work on the
+    machine does not lengthen. ``step`` is called after every run, for a progress bar.
     """
     counts = [_count(action, clock, seconds) for action in actions]
     taken = [[] for _ in actions]

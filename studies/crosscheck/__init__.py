@@ -47,6 +47,7 @@ def main(arguments=None):
     count = options.configs or (None if options.seconds else 5)
     begin = time.monotonic()
     totals, drawn, refused, findings, seed = np.zeros(2, int), np.zeros(2, int), 0, [], options.seed
+    interruption = None
     try:
         with _own_cache() as cache, tqdm(total=count, unit="configuration", disable=None) as bar:
             while seed - options.seed < count if count else time.monotonic() - begin < options.seconds:
@@ -65,8 +66,6 @@ def main(arguments=None):
                 seed += 1
     except KeyboardInterrupt as error:  # after what was found until then
         interruption = error
-    else:
-        interruption = None
     outcome = {
         "engine": "amaranth" if cannot_compile() else "verilator",
         "configurations": seed - options.seed,

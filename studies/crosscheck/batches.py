@@ -24,11 +24,18 @@ def _inside(config, rng, roi, n):
     return roi[0] + rng.integers(config.roi_width, size=n), roi[1] + rng.integers(config.roi_height, size=n)
 
 
+def _anywhere(config, rng, n):
+    return rng.integers(config.geometry.width, size=n), rng.integers(config.geometry.height, size=n)
+
+
+def _clipped(config, x, y):
+    return np.clip(x, 0, config.geometry.width - 1), np.clip(y, 0, config.geometry.height - 1)
+
+
 @pattern
 def random_everywhere(config, rng, roi):
     """Up to 400 events all over the sensor."""
-    n = int(rng.integers(1, 400))
-    return rng.integers(config.geometry.width, size=n), rng.integers(config.geometry.height, size=n)
+    return _anywhere(config, rng, int(rng.integers(1, 400)))
 
 
 @pattern
@@ -63,11 +70,9 @@ def repeats_at_distances_1_to_5(config, rng, roi):
 def neighbours_2_by_2(config, rng, roi):
     """Around one corner of four pixels, where each event votes for all of them."""
     x, y = _inside(config, rng, roi, 1)
-    step = rng.integers(2, size=(2, 150))
-    return (
-        np.minimum(x + step[0], roi[0] + config.roi_width - 1),
-        np.minimum(y + step[1], roi[1] + config.roi_height - 1),
-    )
+    step_x, step_y = rng.integers(2, size=(2, 150))
+    right, bottom = roi[0] + config.roi_width - 1, roi[1] + config.roi_height - 1
+    return np.minimum(x + step_x, right), np.minimum(y + step_y, bottom)
 
 
 @pattern
@@ -79,13 +84,13 @@ def corners_and_edges(config, rng, roi):
     y = rng.integers(roi[1] - 1, bottom + 1, size=n)
     swap = rng.random(n) < 0.5
     y[swap] = rng.choice([roi[1] - 1, roi[1], bottom - 1, bottom], swap.sum())
-    return np.clip(x, 0, config.geometry.width - 1), np.clip(y, 0, config.geometry.height - 1)
+    return _clipped(config, x, y)
 
 
 @pattern
 def everything_outside(config, rng, roi):
     """No event in the ROI."""
-    x, y = rng.integers(config.geometry.width, size=80), rng.integers(config.geometry.height, size=80)
+    x, y = _anywhere(config, rng, 80)
     inside = (x >= roi[0]) & (x < roi[0] + config.roi_width) & (y >= roi[1]) & (y < roi[1] + config.roi_height)
     return np.append(x[~inside], 0 if roi[0] else config.geometry.width - 1), np.append(y[~inside], 0)
 
@@ -107,8 +112,7 @@ def moving_edge(config, rng, roi):
     along = np.linspace(0, 1, n)
     x = roi[0] + config.roi_width / 3 + along * rng.uniform(-5, 5) + rng.normal(0, 0.6, n)
     y = roi[1] + rng.uniform(0, config.roi_height, n)
-    clip = (np.clip(x, 0, config.geometry.width - 1), np.clip(y, 0, config.geometry.height - 1))
-    return tuple(axis.astype(np.int64) for axis in clip)
+    return tuple(axis.astype(np.int64) for axis in _clipped(config, x, y))
 
 
 @pattern
@@ -269,21 +273,14 @@ def random_regions(config, rng, count=None):
     for number in range(int(rng.integers(1, config.regions + 1)) if count is None else count):
         width, height = int(rng.integers(1, config.roi_width + 1)), int(rng.integers(1, config.roi_height + 1))
         margin = int(rng.integers(config.roi_width - width + 1)), int(rng.integers(config.roi_height - height + 1))
-        regions.append(
-            Region(
-                x=int(rng.integers(config.geometry.width)),
-                y=int(rng.integers(config.geometry.height)),
-                width=width,
-                height=height,
-                margin=margin if rng.random() < 0.5 else None,
-                start=str(rng.choice(STARTS if number else STARTS[:2])),
-                parent=int(rng.integers(max(1, number))),
-                cold=plans[rng.integers(len(plans))],
-                warm=plans[rng.integers(len(plans))],
-                stride=1 << int(rng.integers(MOST_STRIDE + 1)) if rng.random() < 0.3 else 1,
-                moves=bool(rng.random() < 0.5),
-            )
-        )
+        regions.append(Region(
+            x=int(rng.integers(config.geometry.width)), y=int(rng.integers(config.geometry.height)),
+            width=width, height=height, margin=margin if rng.random() < 0.5 else None,
+            start=str(rng.choice(STARTS if number else STARTS[:2])), parent=int(rng.integers(max(1, number))),
+            cold=plans[rng.integers(len(plans))], warm=plans[rng.integers(len(plans))],
+            stride=1 << int(rng.integers(MOST_STRIDE + 1)) if rng.random() < 0.3 else 1,
+            moves=bool(rng.random() < 0.5),
+        ))  # fmt: skip
     return regions
 
 

@@ -26,6 +26,7 @@ LARGEST_OF_REGIONS = {
     "sensor_width": 300, "sensor_height": 200, "roi_width": 32, "roi_height": 24, "buffer_events": 600,
     "max_batch_events": 1 << 13, "schedule_entries": 40, "regions": 12, "units": 5, "slices": 5,
 }  # fmt: skip
+_FIELDS = {field.name: field for field in dataclasses.fields(Config)}
 OF_REGIONS = ("regions", "units", "slices", "bin_bits", "store_style")
 #: What such hardware, and the AXI top, cannot be without.
 NEEDED = {"gradient": "one_pass", "ascent": "newton", "buffers": 2, "thinning": 1, "thin_target": 0}
@@ -58,23 +59,20 @@ def random_config(rng, *, regions=False, shell=False):
 
 def assignments(config):
     """The options by which a command line gets ``config``."""
-    changed = (
-        f"--set '{field.name}={getattr(config, field.name)}'"
-        for field in dataclasses.fields(Config)
-        if getattr(config, field.name) != field.default
-    )
+    values = {name: getattr(config, name) for name in _FIELDS}
+    changed = (f"--set '{name}={one}'" for name, one in values.items() if one != _FIELDS[name].default)
     return " ".join(("--preset paper", *changed))
 
 
 def _fields(rng, regions, shell):
     """Values of some fields, each by itself within its limits."""
     largest = LARGEST | (LARGEST_OF_REGIONS if regions else {})
-    defaults = {field.name: field.default for field in dataclasses.fields(Config)}
+    defaults = {name: field.default for name, field in _FIELDS.items()}
     values = {
         field.name: field.type(rng.choice(choices))
         if (choices := field.metadata["choices"])
         else _integer(field, rng, largest)
-        for field in dataclasses.fields(Config)
+        for field in _FIELDS.values()
         if field.name not in (*OF_REGIONS, "evt3", "binning")
         and (field.type is int or field.metadata["choices"])
         and rng.random() < 0.7
@@ -107,12 +105,10 @@ def _fields(rng, regions, shell):
         fmt = Q(known[f"{name}_int"], known[f"{name}_frac"], signed=False)
         values[name] = fmt.real(int(rng.integers(fmt.max + 1) >> rng.integers(fmt.width)))
     for name in ("cold", "warm", "follow", "after"):
-        rounds = values["motion"] == "translation"
-        given = (
-            _rounds(rng, known["max_level"], v, longest=1 if name == "after" else 7)
-            if rounds
-            else _schedule(rng, known["max_level"], v, known["confidence"])
-        )
+        if values["motion"] == "translation":
+            given = _rounds(rng, known["max_level"], v, longest=1 if name == "after" else 7)
+        else:
+            given = _schedule(rng, known["max_level"], v, known["confidence"])
         values[name] = AUTO if rng.random() < 0.3 else given
         if name in ("follow", "after") and rng.random() < 0.3:
             values[name] = ""
@@ -122,13 +118,10 @@ def _fields(rng, regions, shell):
     return {name: value for name, value in values.items() if name not in idle}
 
 
-_FIELDS = {field.name: field for field in dataclasses.fields(Config)}
-
-
 def _of_regions(rng, largest):
     """A table of regions, and a sensor and a batch small enough; the smallest batches often, for widths follow them."""
-    values = {name: _integer(_FIELDS[name], rng, largest) for name in ("regions", "units", "slices", "bin_bits")}
-    values |= {name: _integer(_FIELDS[name], rng, largest) for name in ("sensor_width", "sensor_height")}
+    drawn = ("regions", "units", "slices", "bin_bits", "sensor_width", "sensor_height")
+    values = {name: _integer(_FIELDS[name], rng, largest) for name in drawn}
     values["regions"] = max(1, values["regions"])
     values["slices"] = values["slices"] if rng.random() < 0.4 else 1
     values["max_batch_events"] = int(np.exp(rng.uniform(0, np.log(largest["max_batch_events"]))))
@@ -160,8 +153,7 @@ def _schedule(rng, max_level, v, judged):
 
 def _of_windows(rng, known):
     """Windows that slide, and what they cannot be without."""
-    most = min(known["buffer_events"], 300)
-    count = int(rng.integers(1, most + 1))
+    count = int(rng.integers(1, min(known["buffer_events"], 300) + 1))
     oldest = int(rng.integers(0, 1 << min(known["span_bits"] - 1, 13)))
     lengths = {
         "window_events": count, "hop_events": int(rng.integers(1, count + 1)), "window_us": oldest,

@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 
 import numpy as np
 
@@ -73,7 +74,9 @@ class _Stream:
                 break
             if number + 1 < PARTS:
                 self._rewrite(under_way)
-        self._count()
+        found = self.top.counters()
+        for name, count in self.counts.items():
+            equal(self.part, f"counter {name}", found[name], count, "model")
         if rest:  # what stop() ends
             self._expect((*np.array(rest, np.int64).T, False))
         for result in top.stop():
@@ -141,11 +144,14 @@ class _Stream:
         """Run under random stalls of both streams, until all results have come, or all events were taken in."""
         simulated, rng, stalls = self.top.backend.top, self.rng, self.rng.random() < 0.5
         limit = simulated.cycles + CYCLES
-        while simulated.unsent or (self.found < self.counts["batches"] if results else self._waits()):
+        waits = functools.partial(self.top.control.status, "EVENTS_WAITING")
+        while simulated.unsent or (self.found < self.counts["batches"] if results else waits()):
             if stalls:
                 simulated.limit(send=int(rng.integers(0, 9)), words=int(rng.integers(0, 9)))
             simulated.run(int(rng.integers(1, 60)) if stalls else 500)
-            self._take_all()
+            with contextlib.suppress(DeviceTimeout):
+                while True:
+                    self._take(self.top.receive(0))
             if simulated.cycles > limit:
                 raise MismatchError(
                     f"{self.part}: {self.found} of {self.counts['batches']} results after {CYCLES} clock cycles, "
@@ -153,14 +159,6 @@ class _Stream:
                 )
         simulated.limit()
         simulated.run(0)
-
-    def _waits(self):
-        return self.top.control.status("EVENTS_WAITING")
-
-    def _take_all(self):
-        with contextlib.suppress(DeviceTimeout):
-            while True:
-                self._take(self.top.receive(0))
 
     def _take(self, found):
         if self.found >= len(self.expected):
@@ -189,8 +187,3 @@ class _Stream:
         self.regions = regions
         self.top.write_regions(regions)
         self.model.write(regions)
-
-    def _count(self):
-        found = self.top.counters()
-        for name, count in self.counts.items():
-            equal(self.part, f"counter {name}", found[name], count, "model")

@@ -19,7 +19,7 @@ from studies.accuracy.real import (
     track_config,
     track_scores,
 )
-from studies.accuracy.table import contrast_shares, error_scores, errors, measure, run_case, share_scores
+from studies.accuracy.table import ERRORS, SHARES, contrast_shares, errors, measure, run_case, scored
 from studies.accuracy.yardstick import peak_error
 
 from cmfpga.config import preset
@@ -38,11 +38,11 @@ REAL = {"at_least_97_percent": 0.98}
 
 
 def score_errors(config, cases, *, engine="model", **options):
-    return error_scores(measure(engine, config, errors, cases, **options))
+    return scored(ERRORS, measure(engine, config, errors, cases, **options))
 
 
 def score_shares(config, cases):
-    return share_scores(measure("model", config, contrast_shares, cases))
+    return scored(SHARES, measure("model", config, contrast_shares, cases))
 
 
 def reaches(scores, **bars):
@@ -101,14 +101,11 @@ def track_bars(engine, config, folder, what, *, batches=TRACK_BATCHES):
     return track_scores(speeds, what)
 
 
-@pytest.mark.parametrize("engine, what", [("model", "track"), ("float", "track"), ("model", "track as it is")])
+@pytest.mark.parametrize(
+    "engine, what", [("model", "track"), ("float", "track"), ("model", "track as it is"), ("model", "thinned track")]
+)
 def test_track(engine, what, data_dir):
     scores = track_bars(engine, FAST, data_dir, what)
-    assert scores["batches"] == TRACK_BATCHES == scores["within_bounds"]
-
-
-def test_the_thinned_track(data_dir):
-    scores = track_bars("model", FAST, data_dir, "thinned track")
     assert scores["batches"] == TRACK_BATCHES == scores["within_bounds"]
 
 
@@ -131,11 +128,11 @@ def test_track_can_fail(data_dir):
 @pytest.mark.usefixtures("long_tools")
 def test_cold_and_warm_whole(synthetic):
     cold, warm = (measure("model", FAST, errors, synthetic, warm=warm) for warm in (False, True))
-    assert reaches(error_scores(cold), **COLD)
-    assert reaches(error_scores(warm), **{"below_0.6_px": 0.98, "below_0.3_px": 0.94})
+    assert reaches(scored(ERRORS, cold), **COLD)
+    assert reaches(scored(ERRORS, warm), **{"below_0.6_px": 0.98, "below_0.3_px": 0.94})
     fast = np.array([case.facts["speed"] >= 1 for case in synthetic])
     for values in (cold, warm):
-        assert reaches(error_scores(values[fast]), **{"below_0.6_px": 0.99, "below_0.3_px": 0.96})
+        assert reaches(scored(ERRORS, values[fast]), **{"below_0.6_px": 0.99, "below_0.3_px": 0.96})
 
 
 def test_real_whole(real):
@@ -154,7 +151,7 @@ def test_real_whole_is_what_the_page_says(real):
 @pytest.mark.usefixtures("long_tools")
 def test_the_objectives_peak_is_the_limit(synthetic):
     """An ascent that found the peak exactly would not be nearer to the truth."""
-    peaks = error_scores(np.array([peak_error(case) for case in synthetic]))
+    peaks = scored(ERRORS, np.array([peak_error(case) for case in synthetic]))
     found = score_errors(FAST, synthetic)
     assert found["below_0.3_px"] >= peaks["below_0.3_px"] - 0.01
     assert found["below_0.6_px"] >= peaks["below_0.6_px"] - 0.01

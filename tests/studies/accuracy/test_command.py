@@ -1,40 +1,29 @@
 """``python -m studies.accuracy``: what it prints, and what it refuses."""
 
-import json
-
 import numpy as np
 import pytest
 
-from cmfpga import cli
 from cmfpga.config import preset
 from cmfpga.config.schedule import Round
 from cmfpga.engines import make_engine
-from studies import accuracy
 from studies.accuracy import bias, large, real, studies, suites, table
 
 FAST = preset("fast")
 
 
-def run(*arguments):
-    return cli.run(accuracy.main, [*map(str, arguments)])
-
-
-def test_command(capsys, tmp_path, monkeypatch):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
-    assert run("--batches", 4, "--json", tmp_path / "scores.json") == 0
+def test_command(written, capsys):
+    found = written("--batches", 4)
     shown = capsys.readouterr()
     assert "Synthetic batches: error of v, px per half batch" in shown.out and "| model  " in shown.out
     assert "synthetic batches only" in shown.err
-    written = json.loads((tmp_path / "scores.json").read_text())
-    assert written["config"] == FAST.to_dict()
-    cold = written["results"]["synthetic, cold, model"]
+    assert found["config"] == FAST.to_dict()
+    cold = found["results"]["synthetic, cold, model"]
     assert len(cold["values"]) == cold["scores"]["batches"] == 4
     assert cold["scores"]["median_px"] == pytest.approx(np.median(cold["values"]))
 
 
 @pytest.mark.parametrize("study", sorted({*studies.STUDIES} - {*studies.OF_RECORDINGS}))
-def test_studies(study, capsys, monkeypatch):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+def test_studies(study, run, capsys, monkeypatch):
     monkeypatch.setattr(studies, "PLAIN_ETAS", (2.0,))
     monkeypatch.setattr(bias, "SPEEDS", (4.0,))
     monkeypatch.setattr(bias, "BATCHES", 1)
@@ -45,7 +34,7 @@ def test_studies(study, capsys, monkeypatch):
     assert "px" in out and out.count("\n| ") >= 3
 
 
-def test_all_suites_by_two_engines(capsys, data_dir, monkeypatch):
+def test_all_suites_by_two_engines(run, capsys, data_dir, monkeypatch):
     monkeypatch.setattr(suites, "ENGINES", ("rtl", "float", "model"))
     monkeypatch.setattr(table, "make_engine", lambda name, config: make_engine("model", config))
     monkeypatch.setattr(real, "WINDOWS", real.WINDOWS[1:2])
@@ -56,22 +45,20 @@ def test_all_suites_by_two_engines(capsys, data_dir, monkeypatch):
     assert "track: rtl and model agree exactly in 10 of 10 batches" in out
 
 
-def test_real_batches_run_with_the_configuration_as_it_is(capsys, data_dir, monkeypatch, tmp_path):
+def test_real_batches_run_with_the_configuration_as_it_is(written, capsys, data_dir, monkeypatch):
     """No larger buffer in secret: in the suites, in a study, and in what the bench prints of them."""
     monkeypatch.setattr(real, "WINDOWS", real.WINDOWS[1:2])  # five batches
     cases = real.real_cases(data_dir)
     events = [case.facts["roi_events"] for case in cases]
     assert max(events) > FAST.buffer_events
     drop = ("--set", "when_full=drop")
-    assert run("--batches", 1, "--data", data_dir, "--json", tmp_path / "a.json", *drop) == 0
-    found = json.loads((tmp_path / "a.json").read_text())["results"]["real, model"]
+    found = written("--batches", 1, "--data", data_dir, *drop)["results"]["real, model"]
     dropped = [max(0, n - FAST.buffer_events) for n in events]
     assert [int(row[2]) for row in found["values"]] == dropped
     assert found["scores"]["batches_that_drop_events"] == np.count_nonzero(dropped)
     assert "batches that drop events" in capsys.readouterr().out
     monkeypatch.setattr(studies, "WIDTHS", studies.WIDTHS[2:3])  # those of the preset
-    assert run("--study", "widths", "--batches", 1, "--data", data_dir, "--json", tmp_path / "b.json", *drop) == 0
-    studied = json.loads((tmp_path / "b.json").read_text())["results"]
+    studied = written("--study", "widths", "--batches", 1, "--data", data_dir, *drop)["results"]
     assert studied["real, widths 8, 6, 4, 4, 4, 4"] == found
     monkeypatch.setattr(suites, "preset", lambda name: preset(name).replace(when_full="drop"))
     told = suites.brief("model", data=data_dir, batches=1)
@@ -79,12 +66,9 @@ def test_real_batches_run_with_the_configuration_as_it_is(capsys, data_dir, monk
     assert told["text"][-1].endswith(f"; {np.count_nonzero(dropped)} drop events")
 
 
-def test_seeds_make_other_batches(tmp_path, monkeypatch):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
-    found = []
-    for seeds in ("1", "2", "1-2"):
-        assert run("--batches", 2, "--seeds", seeds, "--json", tmp_path / "scores.json") == 0
-        found.append(json.loads((tmp_path / "scores.json").read_text())["results"]["synthetic, cold, model"]["values"])
+def test_seeds_make_other_batches(written):
+    suite = "synthetic, cold, model"
+    found = [written("--batches", 2, "--seeds", seeds)["results"][suite]["values"] for seeds in ("1", "2", "1-2")]
     assert found[0] + found[1] == found[2] and found[0] != found[1]
 
 
@@ -93,7 +77,22 @@ def test_a_difference_between_rtl_and_model_is_said(capsys):
     assert capsys.readouterr().out == "cold: rtl and model agree exactly in 1 of 2 batches\n"
 
 
+ALONE = "{}: --study, --known and --engine all go without it"
+ONE = "--motion, --flow, --moving: one of them at a time"
+
+
 @pytest.mark.parametrize(("arguments", "message"), [
+    *(([*suite, *more], ALONE.format(suite[0]))
+      for suite in (["--flow"], ["--motion", "rotation"])
+      for more in (["--known"], ["--engine", "all"], ["--study", "plain"])),
+    (["--moving", "--study", "plain"], ALONE.format("--moving")),
+    (["--flow", "--motion", "rotation"], ONE),
+    (["--moving", "--flow"], ONE),
+    (["--moving", "--preset", "paper"], "--moving: ascent = constant: rounds are needed, as of preset quad"),
+    (["--motion", "rotation", "--preset", "similarity"],
+     "--motion rotation: --preset rotation is needed, not motion = similarity"),
+    *((["--study", study, "--batches", "1"], f"--study {study}: --data, a folder of recordings, is needed")
+      for study in ("slider", "auto")),
     (["--data", "nowhere"], "--data nowhere: no such folder"),
     (["--seeds", "3-1"], "argument --seeds: '3-1': one seed, or the first and the last as in 1-3, is needed"),
     (["--seeds", "x"], "argument --seeds: 'x': one seed, or the first and the last as in 1-3, is needed"),
@@ -103,8 +102,7 @@ def test_a_difference_between_rtl_and_model_is_said(capsys):
     (["--study", "schedules", "--preset", "paper"], "ascent = 'constant': schedules belong to ascent = newton"),
     (["--json", "no/such/folder/scores.json"], "no/such/folder/scores.json: No such file or directory"),
 ])  # fmt: skip
-def test_mistakes_get_one_line(arguments, message, capsys, monkeypatch):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+def test_mistakes_get_one_line(arguments, message, run, capsys):
     assert run(*arguments) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert error.startswith(f"error: {message}")

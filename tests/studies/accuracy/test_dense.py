@@ -1,19 +1,11 @@
-"""``python -m studies.accuracy --flow``: what it counts, and the bars of dense flow on real recordings."""
-
-import json
+"""``python -m studies.accuracy --flow``: what it counts, and the bars on real recordings; ``--study large``."""
 
 import numpy as np
 import pytest
 from studies.accuracy.yardstick import best_contrast
 
-from cmfpga import cli
-from studies import accuracy
-from studies.accuracy import dense
+from studies.accuracy import dense, large
 from support.flowing import OMEGA, VELOCITY
-
-
-def run(*arguments):
-    return cli.run(accuracy.main, [*map(str, arguments)])
 
 
 def test_the_searched_flow_is_that_of_the_tiles_own_events(slid):
@@ -37,22 +29,17 @@ def test_a_turning_cameras_field(turned):
 
 
 @pytest.mark.usefixtures("long_tools")
-def test_without_recordings_it_is_the_scene_alone(capsys, tmp_path, monkeypatch):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
-    assert run("--flow", "--json", tmp_path / "scores.json") == 0
+def test_without_recordings_it_is_the_scene_alone(written, capsys):
+    (kept,) = written("--flow")["results"].values()
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
     assert len(lines) == 3 and lines[2].startswith("| synthetic")
-    (kept,) = json.loads((tmp_path / "scores.json").read_text())["results"].values()
     assert kept["scores"]["tiles"] == len(kept["values"]) > 140
-    assert (
-        kept["scores"]["median_px"] == pytest.approx(np.median(kept["values"])) and kept["scores"]["median_px"] < 0.31
-    )
+    assert kept["scores"]["median_px"] == pytest.approx(np.median(kept["values"])) < 0.31
 
 
-def test_the_bars_on_real_recordings(data_dir, tmp_path, monkeypatch):
+def test_the_bars_on_real_recordings(written, data_dir, monkeypatch):
     monkeypatch.setattr(dense, "VARIANTS", dense.VARIANTS[:0])
-    assert run("--flow", "--data", data_dir, "--json", tmp_path / "scores.json") == 0
-    found = json.loads((tmp_path / "scores.json").read_text())["results"]
+    found = written("--flow", "--data", data_dir)["results"]
     poster, *others = (found[f"flow, {name}"]["scores"] for name in dense.WINDOWS)
     assert poster["median_px"] <= 0.2 and poster["below_1_px"] >= 0.98 and poster["degenerate"] == 0
     assert poster["rotation_off_deg_per_s"] <= 2 + 0.04 * 37.7
@@ -60,21 +47,22 @@ def test_the_bars_on_real_recordings(data_dir, tmp_path, monkeypatch):
         assert scores["trusted"] >= 0.55 and scores["trusted_below_0.5_px"] >= 0.9
 
 
-def test_half_of_a_window_and_smaller_tiles(data_dir, tmp_path, monkeypatch):
+def test_half_of_a_window_and_smaller_tiles(written, data_dir, monkeypatch):
     monkeypatch.setattr(dense, "WINDOWS", {"davis240c_poster_rotation_0.6s.h5": True})
-    assert run("--flow", "--data", data_dir, "--json", tmp_path / "scores.json") == 0
-    found = json.loads((tmp_path / "scores.json").read_text())["results"]
+    found = written("--flow", "--data", data_dir)["results"]
     _, whole, half, small = (one["scores"] for one in found.values())
     assert small["tiles"] > 1.5 * whole["tiles"] >= 1.5 * half["tiles"]
     assert min(half["median_px"], small["median_px"]) > 1.2 * whole["median_px"]
 
 
-@pytest.mark.parametrize("told", [["--known"], ["--engine", "all"], ["--study", "plain"]])
-def test_what_goes_without_it(told, capsys):
-    assert run("--flow", *told) == 2
-    assert "--flow: --study, --known and --engine all go without it" in capsys.readouterr().err
-
-
-def test_a_motion_is_another_suite(capsys):
-    assert run("--flow", "--motion", "rotation") == 2
-    assert "--motion, --flow, --moving: one of them at a time" in capsys.readouterr().err
+@pytest.mark.usefixtures("long_tools")
+def test_on_large_sensors_what_is_wrong_goes_and_what_is_right_stays(written, monkeypatch, capsys):
+    """The tiles around take it out."""
+    monkeypatch.setattr(large, "SENSORS", ((480, 360, 0.55),))
+    monkeypatch.setattr(large, "FIELDS", {name: large.FIELDS[name] for name in ("zoom", "two motions")})
+    told = written("--study", "large", "--batches", "1", "--seeds", "1-2")
+    found = told["results"]["large, sum, 480×360, 0.55"]["scores"]
+    assert found["right_before"] < 0.85 * found["before"], "the scene has tiles that are wrong"
+    assert found["right_after"] > 0.9 * found["after"] and found["right_after"] > 0.85 * found["right_before"]
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
+    assert len(lines) == 2 + 3 and lines[-1].startswith("| sum")

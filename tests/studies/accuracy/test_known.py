@@ -1,19 +1,17 @@
-"""Recordings of known motion: their truth, what is counted of their tracks; the studies of confidence and bias."""
+"""Known motion: its truth, what is counted of tracks; studies of confidence, bias, and the slider on its rail."""
 
 import dataclasses
-import json
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from studies.accuracy.synthetic import synthetic_cases
 
-from cmfpga import cli
 from cmfpga.config import preset
 from cmfpga.errors import RecordingError
 from cmfpga.imaging.camera import read_calibration
-from studies import accuracy
-from studies.accuracy import bias, default_use, judged, known
+from studies.accuracy import bias, default_use, judged, known, whole
 
 FAST = preset("fast")
 
@@ -71,24 +69,21 @@ def test_errors_in_deviations():
     assert np.isnan(default_use.sizes((0.2, 0.1), None))
 
 
-def test_command(scene, capsys, tmp_path, monkeypatch):
+def test_command(scene, written, capsys, monkeypatch):
     pytest.importorskip("eventcv")
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
     monkeypatch.setattr(default_use, "recordings", lambda folder: [scene])
-    file = tmp_path / "scores.json"
-    assert cli.run(accuracy.main, ["--batches", "4", "--known", "--eventcv", "--json", str(file)]) == 0
-    out, written = capsys.readouterr().out, json.loads(file.read_text())["results"]
-    assert len(written["synthetic, cold, eventcv"]["values"]) == 4
+    found = written("--batches", "4", "--known", "--eventcv")["results"]
+    out = capsys.readouterr().out
+    assert len(found["synthetic, cold, eventcv"]["values"]) == 4
     for engine in ("model", "eventcv"):
-        alone, total = (written[f"known motion, {name}, {engine}"] for name in (scene.name, "sum"))
+        alone, total = (found[f"known motion, {name}, {engine}"] for name in (scene.name, "sum"))
         assert alone == total and alone["scores"]["batches"] == len(alone["values"]) > 2
         assert f"| {scene.name} | {engine} " in " ".join(out.split())
 
 
-def test_without_eventcv_a_line_says_so(capsys, monkeypatch):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+def test_without_eventcv_a_line_says_so(run, capsys, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "eventcv", None)
-    assert cli.run(accuracy.main, ["--batches", "1", "--eventcv"]) == 2
+    assert run("--batches", "1", "--eventcv") == 2
     assert "eventcv is not installed; pip install 'cmfpga[eventcv]'" in capsys.readouterr().err
 
 
@@ -170,3 +165,18 @@ def test_cameras_of_the_bias_study_see_the_motion(camera, monkeypatch):
     batches = bias.cases(camera, 4.0)
     assert np.allclose([math.hypot(*case.truth) for case in batches], 4.0, rtol=0.02)
     assert np.allclose(bias.measure("model", FAST, bias._shares, batches), 1, atol=0.12)
+
+
+def test_the_slider_by_auto(data_dir):
+    """The rail moves along x alone: no trusted window is off along y, and those that are compared share no time."""
+    tracking = whole._tracked(data_dir / whole.SLIDER, "model", roi="auto")
+    assert tracking.trusted.sum() > 30 and np.abs(tracking.vy[tracking.trusted]).max() < whole.WRONG
+    found = whole.apart(tracking)
+    assert len(found) >= 3 and all(tracking.trusted[k] for k, *_ in found)
+    assert all(one[2] <= two[1] + 1 for one, two in pairwise(found))
+
+
+def test_the_grid_reaches_all_borders():
+    places = np.array(whole.grid((240, 180)))
+    assert len({*map(tuple, places)}) == 45 and places.min() == 0
+    assert (places.max(axis=0) + whole.ROI == (240, 180)).all()

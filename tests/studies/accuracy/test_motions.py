@@ -1,32 +1,23 @@
 """``python -m studies.accuracy --motion``: batches of known rotation and similarity, and a recording of a rotation."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from studies.accuracy.table import Report
 
-from cmfpga import cli
 from cmfpga.config import preset
-from studies import accuracy
 from studies.accuracy import motions, panned
 
 
-def run(*arguments):
-    return cli.run(accuracy.main, [*map(str, arguments)])
-
-
 @pytest.mark.parametrize("kind", motions.MOTIONS)
-def test_the_suite(kind, capsys, tmp_path, monkeypatch):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
-    assert run("--motion", kind, "--batches", 3, "--json", tmp_path / "scores.json") == 0
+def test_the_suite(kind, written, capsys):
+    found = written("--motion", kind, "--batches", 3)
     assert f"Synthetic batches, {kind}, cold, model: px per half batch" in capsys.readouterr().out
-    written = json.loads((tmp_path / "scores.json").read_text())
-    assert written["config"]["motion"] == kind
-    kept = written["results"][f"{kind}, rms over the ROI"]
+    assert found["config"]["motion"] == kind
+    kept = found["results"][f"{kind}, rms over the ROI"]
     assert len(kept["values"]) == kept["scores"]["batches"] == 3 and kept["scores"]["median"] < 0.6
-    kept = written["results"][f"{kind}, confidence, rms over the ROI"]
+    kept = found["results"][f"{kind}, confidence, rms over the ROI"]
     error, kappa, sure = np.array(kept["values"]).T
     assert len(error) == 12 and (kappa[sure > 0] >= preset(kind).confidence_limit).all()  # and none of them is short
     assert 0 < sure.mean() < 1
@@ -51,7 +42,7 @@ def test_a_scene_has_the_events_and_the_motion_that_were_drawn():
     assert not np.array_equal(true, motions.scene(config, 1, 1)[1])
 
 
-def test_real_rotations(data_dir, capsys, monkeypatch):
+def test_real_rotations(run, data_dir, capsys, monkeypatch):
     monkeypatch.setattr(motions, "ROTATIONS", motions.ROTATIONS[1:])
     monkeypatch.setattr(motions, "run_panned", lambda *_: None)
     assert run("--motion", "rotation", "--batches", 1, "--data", data_dir) == 0
@@ -77,14 +68,3 @@ def test_a_camera_that_pans(data_dir, capsys, monkeypatch):
     assert float(found[5]) == pytest.approx(1, abs=0.1)
     assert float(found[4]) > float(searched[4]) - 0.05
     assert float(better[4]) >= 0.95 > float(found[4]) > 0.85
-
-
-@pytest.mark.parametrize("told", [["--known"], ["--engine", "all"], ["--study", "plain"]])
-def test_what_goes_without_it(told, capsys):
-    assert run("--motion", "rotation", *told) == 2
-    assert "--motion: --study, --known and --engine all go without it" in capsys.readouterr().err
-
-
-def test_another_motion_than_the_preset(capsys):
-    assert run("--motion", "rotation", "--preset", "similarity") == 2
-    assert "--motion rotation: --preset rotation is needed, not motion = similarity" in capsys.readouterr().err

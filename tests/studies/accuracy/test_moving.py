@@ -1,21 +1,14 @@
 """The suite of moving scenes: what it measures, prints and refuses."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 
-from cmfpga import cli
 from cmfpga.config import preset
-from studies import accuracy
 from studies.accuracy import moving
 
 QUAD = preset("quad")
-
-
-def run(*arguments):
-    return cli.run(accuracy.main, [*map(str, arguments)])
 
 
 def test_scenes_move_as_they_say():
@@ -54,19 +47,17 @@ def test_windows_are_as_long_as_their_motion_asks():
 
 
 @pytest.mark.usefixtures("long_tools")
-def test_hops_follow_a_reversal_that_batches_lose(capsys, monkeypatch, tmp_path):
-    monkeypatch.delenv("CMFPGA_DATA", raising=False)
+def test_hops_follow_a_reversal_that_batches_lose(written, capsys, monkeypatch):
     short = dataclasses.replace(
         moving.SCENES[5], velocity=lambda s: (150 if s < 0.2 else -150, 0), seconds=0.32, start=(110, 90)
     )
     monkeypatch.setattr(moving, "SCENES", (short,))
     monkeypatch.setattr(moving, "LONG", dataclasses.replace(moving.SCENES[0], name="long", seconds=0.2))
-    assert run("--moving", "plans", "--json", tmp_path / "scores.json") == 0
+    told = written("--moving", "plans")
     shown = capsys.readouterr().out
     assert "Moving scenes" in shown and f"| {moving.BUILT}" in shown
-    written = json.loads((tmp_path / "scores.json").read_text())
-    assert written["config"] == QUAD.to_dict()
-    found = {name.split(", ", 2)[2]: one for name, one in written["results"].items() if "reversal" in name}
+    assert told["config"] == QUAD.to_dict()
+    found = {name.split(", ", 2)[2]: one for name, one in told["results"].items() if "reversal" in name}
     assert [*found] == ["batches", *moving.PLANS]
     rms = {who: one["scores"]["rms_px_per_s"] for who, one in found.items()}
     assert rms[moving.BUILT] < 0.75 * rms["batches"]
@@ -74,16 +65,3 @@ def test_hops_follow_a_reversal_that_batches_lose(capsys, monkeypatch, tmp_path)
     ((_, end, farthest),) = found[moving.BUILT]["values"]
     assert farthest < 5 and end <= farthest
     assert found[moving.BUILT]["scores"]["results"] > 10 * found["batches"]["scores"]["results"]
-
-
-@pytest.mark.parametrize(
-    "wrong, said",
-    [
-        (["--preset", "paper"], "rounds are needed"),
-        (["--study", "plain"], "--moving: --study, --known and --engine all go without it"),
-        (["--flow"], "one of them at a time"),
-    ],
-)
-def test_what_is_refused(wrong, said, capsys):
-    assert run("--moving", *wrong) == 2
-    assert said in capsys.readouterr().err
