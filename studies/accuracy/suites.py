@@ -73,14 +73,7 @@ def compare_with_model(found):
 def brief(engine, *, data=None, batches=BATCHES):
     """The suites' scores for preset ``fast``, and a line of text on each: ``{"scores": …, "text": […]}``, JSON-ready.
 
-    Parameters
-    ----------
-    engine : str
-        Name of the engine.
-    data : path or None
-        Folder of the real recordings; None leaves them out.
-    batches : int
-        Of the synthetic suite, the first so many.
+    Of the synthetic suite the first so many ``batches``; ``data``, the folder of real recordings: None leaves them out.
     """
     config, cases, scores, text = preset("fast"), synthetic_cases(batches), {}, []
     for start, warm in STARTS:

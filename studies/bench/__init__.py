@@ -145,7 +145,7 @@ def _hops(options, missing, *, runs, seconds):
     with or_missing(missing):
         program = HopProgram()
     for file in tqdm(files, unit="recording", disable=None, leave=False):
-        rows.append(hops.measure(file, window=window, clock=options.clock, events=events).row)
+        rows.append(hops.play(file.stem, *hops.load(file, window, events), options.clock).row)
         if program:
             timed += hops.programs(file, program, events=events, runs=runs, seconds=seconds)
     plans = {"search and judging round": AUTO, "search alone": ""}

@@ -3,7 +3,6 @@ and what a program takes for such a hop."""
 
 import contextlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -57,17 +56,16 @@ def load(path, window, count):
     with open_recording(path) as recording:
         width, height = recording.width, recording.height
         found = next(recording.chunks(0, count))
-    config = preset("sliding").replace(
-        sensor_width=width, sensor_height=height, window_events=window, hop_events=window // 16, window_us=0, hop_us=0
-    )
+    config = _sliding(window, sensor_width=width, sensor_height=height)
     size = config.roi_width, config.roi_height
     of_each = counts(found, (width, height), size, [side // 4 for side in size])
     return config, found, max(sorted(of_each), key=of_each.get)
 
 
-def measure(path, *, window, clock, events):
-    """:class:`Hops` of the first ``events`` of a file; ``clock`` in MHz."""
-    return play(Path(path).stem, *load(path, window, events), clock)
+def _sliding(window, **fields):
+    """Windows of so many events, whatever time they take."""
+    lengths = {"window_events": window, "hop_events": window // 16, "window_us": 0, "hop_us": 0}
+    return preset("sliding").replace(**lengths, **fields)
 
 
 def programs(path, program, *, events, **options):
@@ -82,19 +80,17 @@ def programs(path, program, *, events, **options):
         inside = found[events_in_roi(found, corner, config.roi_width, config.roi_height)[0]][-window:]
         if len(inside) < window:
             continue
-        job = Job(
-            events=inside, roi=corner, width=config.roi_width, height=config.roi_height, iterations=0, schedule=(),
-            dither=True,
-        )  # fmt: skip
+        size = {"width": config.roi_width, "height": config.roi_height}
+        job = Job(events=inside, roi=corner, **size, iterations=0, schedule=(), dither=True)
         with contextlib.closing(program.load(job)) as loaded:
             times = side_by_side([loaded.round, loaded.follow, loaded.tail], **options)
         taken = {what: each.median for what, each in zip(("round", "follow", "tail"), times, strict=True)}
-        rows.append({"recording": Path(path).stem, "window": window, **taken})
+        rows.append({"recording": path.stem, "window": window, **taken})
     return rows
 
 
 def play(name, config, events, corner, clock):
-    """:class:`Hops` of ``events``, offered at their own times; hops close by their number of events."""
+    """:class:`Hops` of ``events``, offered at their own times; hops close by their number. ``clock`` in MHz."""
     settings = BatchSettings.from_config(config, roi=corner)
     t = np.asarray(events.t, np.int64)
     gaps = np.clip(np.diff(t, prepend=t[:1]) * clock - 1, 0, LONGEST_PAUSE).astype(np.int64)
@@ -117,8 +113,7 @@ def rate(window, after=AUTO):
 
     ``after=""`` leaves out the round that judges.
     """
-    lengths = {"window_events": window, "hop_events": window // 16, "window_us": 0, "hop_us": 0}
-    config = preset("sliding").replace(**lengths, after=after)
+    config = _sliding(window, after=after)
     made = make_workload("", events=3 * window, roi_events=3 * window)
     with contextlib.closing(VerilatedCore(config)) as core:
         core.slide(made.events.t, made.events.x, made.events.y, BatchSettings.from_config(config, roi=made.roi))
@@ -140,10 +135,8 @@ def text(rows, rates, clock, window):
     warm, within = (sum(row[name] for row in rows) for name in ("warm", "within_130"))
     lines.append(f"{within:,} of {warm:,} warm hops within 130 cycles")
     for plan, found in rates.items():
-        of_each = ", ".join(
-            f"n = {n:,}: {clock * 1e6 / cycles:,.0f} ({cycles:,} cycles)" for n, cycles in found.items()
-        )
-        lines.append(f"results a second, {plan}, an event a cycle: {of_each}")
+        rate_of = (f"n = {n:,}: {clock * 1e6 / cycles:,.0f} ({cycles:,} cycles)" for n, cycles in found.items())
+        lines.append(f"results a second, {plan}, an event a cycle: {', '.join(rate_of)}")
     return lines
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from studies.bench.cases import make_workload
 from studies.bench.opponents import c_program
+from studies.bench.programs import Times, side_by_side
 
 from cmfpga import cli
 from cmfpga.config import preset
@@ -224,3 +225,74 @@ def test_all_cases_are_made():
     full = Core(made[4].designs["core, preset full-frame"])
     one, none = (full.cycles(events=0, roi_events=5000, iterations=count) for count in (1, 0))
     assert one - none == 5063
+
+
+# ---------------------------------------------------------------- workloads and timing
+
+SIZES = {
+    "the article's": {"events": 5000, "roi_events": 800},
+    "the whole sensor": {"events": 5000, "roi_events": 5000, "width": 240, "height": 180},
+    "128×128": {"events": 20000, "roi_events": 3200, "width": 128, "height": 128},
+    "small": {"events": 120, "roi_events": 100, "width": 16, "height": 12, "sensor": (40, 30)},
+}
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_size(name):
+    size = SIZES[name]
+    batch = make_workload(name, **size)
+    events = batch.events
+    x, y = events.x.astype(int) - batch.roi[0], events.y.astype(int) - batch.roi[1]
+    inside = (x >= 0) & (x < batch.width) & (y >= 0) & (y < batch.height)
+    assert len(events) == size["events"] and inside.sum() == size["roi_events"] == batch.roi_events
+    assert (np.diff(events.t) >= 0).all() and events.t[-1] > events.t[0]
+    width, height = size.get("sensor", (240, 180))
+    assert events.x.max() < width and events.y.max() < height
+
+
+def test_the_same_seed_gives_the_same_events():
+    first, again, other = (make_workload("w", events=300, roi_events=200, seed=seed) for seed in (5, 5, 6))
+    for name in "txyp":
+        np.testing.assert_array_equal(getattr(first.events, name), getattr(again.events, name))
+    assert not np.array_equal(first.events.x, other.events.x)
+
+
+class Machine:
+    """Actions on a machine whose clock is turned by hand, by what they take."""
+
+    def __init__(self):
+        self.now = 0.0
+        self.calls = []
+
+    def clock(self):
+        return self.now
+
+    def action(self, name, seconds):
+        def act(count):
+            self.calls.append((name, count))
+            self.now += count * seconds
+
+        return act
+
+
+def test_median_and_range():
+    assert Times.of([5.0, 1.0, 2.0]) == Times(median=2.0, low=1.0, high=5.0)
+
+
+def test_side_by_side():
+    machine = Machine()
+    steps = []
+    actions = [machine.action("short", 1e-5), machine.action("long", 0.5)]
+    options = {"runs": 3, "seconds": 0.02, "clock": machine.clock, "step": lambda: steps.append(1)}
+    short, long = side_by_side(actions, **options)
+    for times, seconds in ((short, 1e-5), (long, 0.5)):
+        assert (times.low, times.median, times.high) == pytest.approx((seconds,) * 3)
+    # In turn, the short one repeated until it can be timed, the long one not at all.
+    assert [name for name, _ in machine.calls[-6:]] == ["short", "long"] * 3 and len(steps) == 6
+    assert machine.calls[-2:] == [("short", 2000), ("long", 1)]
+
+
+def test_a_clock_that_stands_still_ends_too():
+    machine = Machine()
+    (times,) = side_by_side([machine.action("nothing", 0.0)], runs=1, seconds=0.01, clock=machine.clock)
+    assert times.median == 0.0
