@@ -38,8 +38,8 @@ HEADS = (
 
 def _late(events, rng):
     """The same events with errors of their times."""
-    t = np.maximum(events.t + np.rint(rng.normal(0, rng.uniform(*LATE_US), len(events))).astype(np.int64), 0)
-    order = np.argsort(t, kind="stable")
+    late = np.rint(rng.normal(0, rng.uniform(*LATE_US), len(events))).astype(np.int64)
+    order = np.argsort(t := np.maximum(events.t + late, 0), kind="stable")
     return Events(t[order], *(axis[order] for axis in (events.x, events.y, events.p)))
 
 
@@ -170,14 +170,11 @@ def study_ambiguous(config, engine, cases, real, report, *, count, seeds, **_):
     with closing(make_engine(engine, config)) as opened:
         for name, scene in SCENES.items():
             values = np.concatenate([judged(opened, scene, count, seed) for seed in seeds])
-            rows.append(_row(name, report.keep(f"ambiguous, {name}", values, counts(values))))
+            found = report.keep(f"ambiguous, {name}", values, counts(values))
+            whole = found["batches"]
+            shares = (percent(found[key], whole) for key in ("trusted_before", "wrong_before", "trusted", "wrong"))
+            stay = percent(found["trusted"] - found["wrong"], found["right_before"])
+            told = (f"{many} {text}" for one, text in WORDS.items() if (many := found[one.name.lower()]))
+            rows.append((name, whole, *shares, stay, ", ".join(told) or "–"))
     title = "What is trusted, by the confidence alone and when asked what is open"
     report.table(f"{title} (wrong: by more than {WRONG} px)", HEADS, rows)
-
-
-def _row(name, found):
-    whole = found["batches"]
-    shares = (percent(found[key], whole) for key in ("trusted_before", "wrong_before", "trusted", "wrong"))
-    stay = percent(found["trusted"] - found["wrong"], found["right_before"])
-    told = ", ".join(f"{found[one.name.lower()]} {text}" for one, text in WORDS.items() if found[one.name.lower()])
-    return name, whole, *shares, stay, told or "–"

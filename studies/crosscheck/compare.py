@@ -116,8 +116,8 @@ def _hops(config, rng):
         model, pauses = Sliding(config, settings), _pauses(rng)
         core.reset(int(rng.integers(1, 4)))
         for part in parts:
-            gaps, stalls = _late(rng, len(part), 40, pauses["gaps"]), _late(rng, 50, 300, pauses["stalls"])
-            found = core.slide(part.t, part.x, part.y, settings, gaps=gaps, stalls=stalls)
+            delays = _delays(rng, pauses, len(part), 50, 300)
+            found = core.slide(part.t, part.x, part.y, settings, **delays)
             wanted = list(model.run(part.t, part.x, part.y))
             equal(f"run {number}", "hops", len(found), len(wanted), "model")
             for k, (one, other) in enumerate(zip(found, wanted, strict=True)):
@@ -164,9 +164,8 @@ def _tables_of_regions(config, rng):
             one.write(regions, anew)
         events = [events_of(config, rng, regions) for _ in range(rng.integers(1, 5))]
         batches, pauses = [(one.t, one.x, one.y) for one in events], _pauses(rng)
-        gaps = _late(rng, sum(map(len, events)), 40, pauses["gaps"])
-        stalls = _late(rng, len(batches) * len(regions), 1000, pauses["stalls"])
-        found = hardware.results(batches, settings, gaps=gaps, stalls=stalls)
+        delays = _delays(rng, pauses, sum(map(len, events)), len(batches) * len(regions), 1000)
+        found = hardware.results(batches, settings, **delays)
         for batch, result in zip(batches, found, strict=True):
             expected = model.run(*batch, settings)
             _same(f"run {number}, batch {counts[0]}", result, expected)
@@ -183,8 +182,13 @@ def events_of(config, rng, regions):
     return random_events(config, rng, clamp_roi(config, (region.x, region.y))[0])[1]
 
 
-def _late(rng, count, most, share):
-    return rng.integers(0, most, count) * (rng.random(count) < share)
+def _delays(rng, shares, events, results, longest):
+    """Clock cycles by which events, and results, come late: ``longest`` is that of results."""
+    counts = {"gaps": (events, 40), "stalls": (results, longest)}
+    return {
+        what: rng.integers(0, most, count) * (rng.random(count) < shares[what])
+        for what, (count, most) in counts.items()
+    }
 
 
 def compare_stream(core, rng, most, *, gaps, stalls, model=None):
@@ -196,8 +200,8 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
     """
     config, model = core.config, model or make_engine("model", core.config)
     fixed = random_schedules(config, rng) if config.ascent_rule.has_table else {}
-    fixed |= {"hot_mask": random_mask(config, rng, model.places[0])}
-    fixed |= {"camera": random_lens(config, rng, image=config.geometry)}
+    fixed["hot_mask"] = random_mask(config, rng, model.places[0])
+    fixed["camera"] = random_lens(config, rng, image=config.geometry)
     batches, rows, expected, cycles = [], [], [], 0
     while len(batches) < most and cycles < CYCLES:
         settings, roi = random_settings(config, rng, model.places[0])
@@ -211,8 +215,8 @@ def compare_stream(core, rng, most, *, gaps, stalls, model=None):
         done = expected[-1]
         cycles += core.core.cycles(events=done.events, roi_events=done.roi_events, iterations=model.core.plan)
     core.write_tables(settings)
-    late = _late(rng, sum(len(t) for t, _, _ in batches), 40, gaps)
-    results, traces = core.stream(batches, rows, gaps=late, stalls=_late(rng, len(batches), 3000, stalls))
+    delays = _delays(rng, {"gaps": gaps, "stalls": stalls}, sum(len(t) for t, *_ in batches), len(batches), 3000)
+    results, traces = core.stream(batches, rows, **delays)
     for number, (ports, trace) in enumerate(zip(results, traces, strict=True)):
         _same(f"batch {number} (back to back)", to_batch_result(config, [ports], [trace]), expected[number])
     return np.array([len(batches), sum(result.iterations for result in expected)])
