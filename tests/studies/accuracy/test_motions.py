@@ -7,7 +7,7 @@ import pytest
 from studies.accuracy.table import Report
 
 from cmfpga.config import preset
-from studies.accuracy import motions, panned
+from studies.accuracy import motions
 
 
 @pytest.mark.parametrize("kind", motions.MOTIONS)
@@ -54,11 +54,11 @@ def test_real_rotations(run, data_dir, capsys, monkeypatch):
 
 def test_a_camera_that_pans(data_dir, capsys, monkeypatch):
     """By what its events tell of the lens, ωy follows the gyroscope better than without."""
-    monkeypatch.setattr(panned, "K1", (0.0, -0.3))
-    monkeypatch.setattr(panned, "BATCHES", (None,))
-    monkeypatch.setattr(panned, "WINDOW", 40_000)
+    monkeypatch.setattr(motions, "K1", (0.0, -0.3))
+    monkeypatch.setattr(motions, "PAN_BATCHES", (None,))
+    monkeypatch.setattr(motions, "PAN_EVENTS", 40_000)
     options = SimpleNamespace(data=data_dir, engine="model")
-    panned.run_panned(options, motions.motion_config("rotation", preset("rotation")), Report())
+    motions.run_panned(options, motions.motion_config("rotation", preset("rotation")), Report())
     lines = (line for line in capsys.readouterr().out.splitlines() if line.startswith(("| 0 ", "| -0.3 ")))
     (_, plain), (_, bent), found, searched, better, _ = (line.split("|")[1:-1] for line in lines)
     assert float(bent) > float(plain)
