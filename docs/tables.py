@@ -139,8 +139,7 @@ def blocks_table():
     for preset_name in BOTH:
         core = elaborated(preset(preset_name))
         for name in THROUGHPUT:
-            block = core.blocks.get(name)
-            if block is None:
+            if (block := core.blocks.get(name)) is None:
                 continue
             kind = type(block)
             latency = core.latencies.get(name, "")

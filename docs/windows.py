@@ -37,9 +37,8 @@ def main():
     )
     speed.plot(times / 1e3, truth, "k--", label="truth")
     for (who, course), color in zip(found.items(), ("tab:orange", "tab:blue"), strict=True):
-        at = np.searchsorted(course.t, times, side="right")
-        newest = np.concatenate([[np.nan], course.v[:, 0]])[at]
-        corner = np.vstack([start, course.corner])[at]
+        newest = course.newest(times, course.v, (np.nan, np.nan))[:, 0]
+        corner = course.newest(times, course.corner, start)
         speed.plot(times / 1e3, newest, color=color, drawstyle="steps-post", label=who)
         away = np.hypot(*(corner + (moving.ROI - 1) / 2 - place).T)
         off.plot(times / 1e3, away, color=color, drawstyle="steps-post", label=who)

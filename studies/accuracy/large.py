@@ -82,17 +82,16 @@ def study_large(config, engine, cases, real_, report, *, seeds, **_):
     """Print how many trusted tiles are within :data:`~.default_use.WRONG`, before and after they were compared."""
     rows = []
     for sensor in SENSORS:
-        total = np.zeros(5, int)
+        found = {}
         for name in report.progress(FIELDS, "scene"):
-            found = np.zeros(5, int)
+            found[name] = np.zeros(5, int)
             for seed in seeds:
                 window, errors = measured(name, *sensor, seed, engine)
                 right, before = errors <= WRONG, window.sure & ~window.short
                 sets = np.isfinite(errors), before, before & right, window.trusted, window.trusted & right
-                found += [int(one.sum()) for one in sets]
-            total += found
-            rows.append(_row(report, name, sensor, found))
-        rows.append(_row(report, "sum", sensor, total))
+                found[name] += [int(one.sum()) for one in sets]
+        found["sum"] = sum(found.values())
+        rows += [_row(report, name, sensor, of_it) for name, of_it in found.items()]
     report.table("Dense flow on large sensors, windows as chosen: of the trusted tiles", HEADS, rows)
 
 

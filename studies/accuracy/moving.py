@@ -113,10 +113,13 @@ class Course:
     corner: np.ndarray
     judged: np.ndarray
 
+    def newest(self, times, values, first):
+        """Of ``values`` that are published with the results; ``first`` before them."""
+        return np.vstack([first, values])[np.searchsorted(self.t, times, side="right")]
+
     def rms(self, times, truth):
         """Of the newest v, px/s; before the first result v is 0."""
-        newest = np.vstack([[0.0, 0.0], self.v])[np.searchsorted(self.t, times, side="right")]
-        return float(np.sqrt(np.mean(np.sum((newest - truth) ** 2, axis=1))))
+        return float(np.sqrt(np.mean(np.sum((self.newest(times, self.v, (0.0, 0.0)) - truth) ** 2, axis=1))))
 
 
 def windows_of(config, count, span_us, plan):
@@ -202,7 +205,7 @@ def follow_scene(scene, seed, config, plans):
     times = np.arange(FIRST_US, end, STEP_US)
     roi, found = made.roi_start(ROI, ROI), {}
     for who, course in courses(config, plans, made.events, roi, count, span_us, made.motion.mean_velocity).items():
-        corner = np.vstack([roi, course.corner])[np.searchsorted(course.t, times, side="right")]
+        corner = course.newest(times, course.corner, roi)
         off = np.hypot(*(corner + (ROI - 1) / 2 - made.motion.position(times)).T)
         found[who] = course.rms(times, made.motion.velocity(times)), float(off[-1]), float(off.max()), course.judged
     return found

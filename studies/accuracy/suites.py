@@ -79,16 +79,12 @@ def brief(engine, *, data=None, batches=BATCHES):
     for start, warm in STARTS:
         found = scores[f"synthetic, {start}"] = scored(ERRORS, measure(engine, config, errors, cases, warm=warm))
         shares = (percent(found[f"below_{limit}_px"]) for limit in ("0.6", "0.3"))
-        text.append(
-            "preset fast, {}, {} synthetic batches, {}: {} % within 0.6 px, {} % within 0.3 px".format(
-                engine, found["batches"], start, *shares
-            )
-        )
+        told = "preset fast, {}, {} synthetic batches, {}: {} % within 0.6 px, {} % within 0.3 px"
+        text.append(told.format(engine, found["batches"], start, *shares))
     if data is not None:
         found = scores["real, cold"] = scored(SHARES, measure(engine, config, contrast_shares, real_cases(data)))
         shares = (percent(found[f"at_least_{least}_percent"]) for least in (97, 99))
-        text.append(
-            "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %; "
-            "{} drop events".format(engine, found["batches"], *shares, found["batches_that_drop_events"])
-        )
+        told = "preset fast, {}, {} real batches, cold: {} % reach 97 % of the best contrast, {} % reach 99 %; {}"
+        drop = f"{found['batches_that_drop_events']} drop events"
+        text.append(told.format(engine, found["batches"], *shares, drop))
     return {"scores": scores, "text": text}

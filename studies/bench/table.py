@@ -145,13 +145,7 @@ def _speed_ups(report):
                     if theirs == "constant" or program["confidence"] == confidence:
                         named = f"{program['name']}, {what}, T = {case['steps']}, on this CPU ({report['processor']})"
                         opponents.append((named, program["batch"]["median"]))
-            found += [
-                {
-                    "workload": ARTICLE,
-                    "core": f"{core['name']}, {ours}, T = {core['iterations']}",
-                    "opponent": opponent,
-                    "times": taken / (core["cycles"] / clock * 1e-6),
-                }
-                for opponent, taken in opponents
-            ]
+            about = {"workload": ARTICLE, "core": f"{core['name']}, {ours}, T = {core['iterations']}"}
+            seconds = core["cycles"] / clock * 1e-6
+            found += [{**about, "opponent": opponent, "times": taken / seconds} for opponent, taken in opponents]
     return found
