@@ -1,18 +1,27 @@
-"""Known recordings tracked in the default use: how many batches are answered, trusted, and wrong all the same."""
+"""Recordings tracked in the default use: how many batches are answered, trusted, and wrong all the same.
+
+Known ones; and whole ones with no option beside the ROI: a grid of ROIs on the slider, and ``--roi auto``. The camera
+on the slider's rail sees everything move along x only: vy = 0 is the truth of all its windows. The other recordings'
+truth is that of :mod:`.known`, or else a search in float64 over the events of a larger place in the same window: it
+shares the objective, not the ROI, the start or the arithmetic.
+"""
 
 import math
+import warnings
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 
 from cmfpga.api.track import track
-from cmfpga.config import unread
+from cmfpga.config import preset, unread
+from cmfpga.errors import ConfigError, UserError
 from cmfpga.imaging.iwe import events_in_roi
 from cmfpga.protocol.confidence import covariance
 from cmfpga.protocol.flags import Flag
 
 from .foreign import FOREIGN, find
-from .known import recordings
+from .known import DRAWN_SIZE, between, by_file, drawn, grid, read, recordings
 from .table import decimal, percent
 from .yardstick import ROI
 
@@ -23,6 +32,11 @@ HEADS = (
     "median error, px", "motion, px", "in the 50, 68, 95 % ellipse, %",
 )  # fmt: skip
 SUM = "sum"
+
+SLIDER = "davis240c_slider_depth_0.0s.h5"
+PRESETS = ("sliding", "fast")
+MARGIN = 8  # px around the ROI, of a search
+NEEDED = "--study {}: --data, a folder of recordings, is needed"
 
 
 def batches(known, config, engine):
@@ -38,14 +52,18 @@ def batches(known, config, engine):
         tracking = track(known.events, sensor=known.sensor, roi=roi, engine=engine, every=every, **fields)
         for k, first, last in _windows(tracking, known.events):
             result, trusted = tracking.results[k], tracking.trusted[k]
-            events, (left, top) = known.events[first:last], result.roi
-            if left < known.left or not len(events):
+            events = known.events[first:last]
+            if result.roi[0] < known.left or not len(events):
                 continue
-            index, x, y = events_in_roi(events, (left, top), ROI, ROI)
-            seen = (x + left, y + top) if len(index) else (left + ROI / 2, top + ROI / 2)
             begin, end = int(events.t[0]), int(events.t[-1])
-            truth = known.truth(begin, end, *(np.atleast_1d(axis).astype(float) for axis in seen))
-            yield events, result, np.asarray(truth) * (end - begin) / 2e6, bool(trusted)
+            yield events, result, _truth(known, events, result.roi, begin, end) * (end - begin) / 2e6, bool(trusted)
+
+
+def _truth(known, events, roi, begin, end):
+    """Of what is seen in an ROI between two times, px/s; ``events`` are those between them."""
+    index, x, y = events_in_roi(events, roi, ROI, ROI)
+    seen = (x + roi[0], y + roi[1]) if len(index) else np.add(roi, ROI / 2)
+    return np.asarray(known.truth(begin, end, *(np.atleast_1d(axis).astype(float) for axis in seen)))
 
 
 def _windows(tracking, events):
@@ -144,3 +162,99 @@ def run_known(engines, options, config, report):
         lines.append(_row(report, SUM, name, np.concatenate(parts), sum(tracks), truth_known_to_px=None))
     title = "Known motion, tracked without an option about batches (wrong: by more than 0.6 px)"
     report.table(title, HEADS, lines + others)
+
+
+def _tracked(path, engine, **options):
+    """A :class:`~cmfpga.api.track_result.Tracking`; its remarks are for people at a terminal."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return track(path, engine=engine, **options)
+
+
+def study_slider(config, engine, cases, real_, report, *, data, **_):
+    """Print how many trusted windows on the rail are off along y, by more than :data:`WRONG`."""
+    if data is None:
+        raise ConfigError(NEEDED.format("slider"))
+    path, rows = Path(data) / SLIDER, []
+    places = grid(read(path)[1])
+    for name, rois in ((f"{len(places)} of a grid", places), ("auto", ["auto"])):
+        for which in PRESETS:
+            found = [_tracked(path, engine, roi=roi, preset=which) for roi in report.progress(rois, "ROI")]
+            trusted = np.concatenate([one.trusted for one in found])
+            away = np.abs(np.concatenate([one.vy for one in found]))[trusted]
+            wrong = int((away > WRONG).sum())
+            scores = {"windows": len(trusted), "trusted": len(away), "wrong": wrong}
+            report.keep(f"slider, {name}, {which}", away, scores)
+            largest = f"{away.max():.2f}" if len(away) else "–"
+            rows.append((name, which, len(trusted), len(away), wrong, percent(wrong, len(away)), largest))
+    heads = ("ROIs", "preset", "windows", "trusted", "of these wrong", "wrong, %", "largest, px")
+    report.table(f"The slider, vy = 0: trusted windows with |vy| above {WRONG} px per half window", heads, rows)
+
+
+def _searched(events, sensor, place):
+    """Truth of recordings that have none, px/s: of the events of a window, in and around an ROI."""
+    from cmfpga.reference.global_search import search, translation  # torch
+
+    lows = [max(at - MARGIN, 0) for at in place]
+    highs = [min(at + ROI + MARGIN, side) - 1 for at, side in zip(place, sensor, strict=True)]
+    near = (events.x >= lows[0]) & (events.x <= highs[0]) & (events.y >= lows[1]) & (events.y <= highs[1])
+    part = events[near]
+    return search(translation(part.x, part.y), part.t, window=(lows[0], highs[0], lows[1], highs[1])).at_middle
+
+
+def study_auto(config, engine, cases, real_, report, *, data, **_):
+    """Print how many trusted windows of ``track --roi auto`` are wrong, on each recording of the folder."""
+    if data is None:
+        raise ConfigError(NEEDED.format("auto"))
+    known, rows = by_file(data), []
+    for path in report.progress(sorted(Path(data).glob("*.h5")), "recording"):
+        events, sensor = read(path)
+        try:
+            tracking = _tracked(path, engine, roi="auto")
+        except UserError as error:
+            report.keep(f"auto, {path.name}", [], {"refused": str(error)})
+            rows.append((path.stem, "–", 0, 0, *["–"] * 4, str(error).split(": ")[-1]))
+            continue
+        one, errors = known.get(path.name), []
+        kind = "known" if one else "rail" if path.name == SLIDER else "search"
+        for k, begin, end in apart(tracking, tracking.trusted):
+            place = int(tracking.roi_x[k]), int(tracking.roi_y[k])
+            v = (tracking.vx[k], tracking.vy[k])
+            part = between(one.events if one else events, begin, end + 1)
+            if one:
+                truth = _truth(one, part, place, begin, end)
+            elif kind == "search":
+                truth = _searched(part, sensor, place)
+            off = abs(v[1]) if kind == "rail" else math.dist(v, truth * (end - begin) / 2e6)
+            errors.append((off, math.hypot(*v)))
+        errors = np.array(errors).reshape(-1, 2)
+        wrong, many = int((errors[:, 0] > WRONG).sum()), len(errors)
+        scores = {"windows": len(tracking), "trusted": int(tracking.trusted.sum()), "apart": many, "wrong": wrong}
+        report.keep(f"auto, {path.name}", errors, scores)
+        start = ",".join(str(int(axis[0])) for axis in (tracking.roi_x, tracking.roi_y))
+        told = [f"{middle:.2f}" for middle in np.median(errors, axis=0)] if many else ["–", "–"]
+        rows.append((path.stem, start, len(tracking), scores["trusted"], many, wrong, *told, kind))
+    heads = (
+        "recording", "ROI", "windows", "trusted", "apart in time", "of these wrong", "median error, px",
+        "median motion, px", "truth",
+    )  # fmt: skip
+    report.table(f"track --roi auto (wrong: by more than {WRONG} px per half window)", heads, rows)
+
+
+def study_drawn(config, engine, cases, real_, report, *, count, seeds, **_):
+    """Print how many batches, and windows that share no time, of scenes that are drawn are trusted, and wrong."""
+    rows = []
+    for name in PRESETS:
+        scenes = [one for seed in seeds for one in drawn(count, seed)]
+        values = [measure(one, preset(name), engine)[engine] for one in report.progress(scenes, "scene")]
+        values = np.concatenate(values)
+        found = report.keep(f"drawn, {name}", values, scores(values, len(scenes)))
+        whole, trusted, wrong = (found[key] for key in ("batches", "trusted", "wrong_of_trusted"))
+        rows.append((name, len(scenes), whole, trusted, wrong, percent(trusted, whole), percent(wrong, trusted)))
+    low, high = DRAWN_SIZE
+    heads = ("preset", "scenes", "windows", "trusted", "of these wrong", "trusted, %", "wrong, %")
+    report.table(f"Drawn scenes, objects of {low} to {high - 1} px: off by more than {WRONG} px", heads, rows)
+
+
+#: The studies of whole recordings.
+STUDIES = {"slider": study_slider, "auto": study_auto, "drawn": study_drawn}

@@ -8,12 +8,12 @@ from cmfpga.errors import ConfigError
 
 from .ambiguous import study_ambiguous
 from .bias import study_bias
+from .default_use import STUDIES as OF_RECORDINGS
 from .judged import study_confidence
 from .large import study_large
 from .real import real_cases
 from .synthetic import EVENTS_PER_EDGE, WARM_RADIUS, synthetic_cases
 from .table import ERRORS, SHARES, cells_of, contrast_shares, errors, heads_of, measure, scored
-from .whole import STUDIES as OF_RECORDINGS
 from .yardstick import peak_error
 
 #: Cold schedules to compare.

@@ -11,7 +11,7 @@ from studies.accuracy.synthetic import synthetic_cases
 from cmfpga.config import preset
 from cmfpga.errors import RecordingError
 from cmfpga.imaging.camera import read_calibration
-from studies.accuracy import bias, default_use, judged, known, whole
+from studies.accuracy import bias, default_use, judged, known
 
 FAST = preset("fast")
 
@@ -169,14 +169,14 @@ def test_cameras_of_the_bias_study_see_the_motion(camera, monkeypatch):
 
 def test_the_slider_by_auto(data_dir):
     """The rail moves along x alone: no trusted window is off along y, and those that are compared share no time."""
-    tracking = whole._tracked(data_dir / whole.SLIDER, "model", roi="auto")
-    assert tracking.trusted.sum() > 30 and np.abs(tracking.vy[tracking.trusted]).max() < whole.WRONG
-    found = whole.apart(tracking)
+    tracking = default_use._tracked(data_dir / default_use.SLIDER, "model", roi="auto")
+    assert tracking.trusted.sum() > 30 and np.abs(tracking.vy[tracking.trusted]).max() < default_use.WRONG
+    found = default_use.apart(tracking)
     assert len(found) >= 3 and all(tracking.trusted[k] for k, *_ in found)
     assert all(one[2] <= two[1] + 1 for one, two in pairwise(found))
 
 
 def test_the_grid_reaches_all_borders():
-    places = np.array(whole.grid((240, 180)))
+    places = np.array(known.grid((240, 180)))
     assert len({*map(tuple, places)}) == 45 and places.min() == 0
-    assert (places.max(axis=0) + whole.ROI == (240, 180)).all()
+    assert (places.max(axis=0) + known.ROI == (240, 180)).all()
