@@ -6,9 +6,9 @@ truth is that of :mod:`.known`, or else a search in float64 over the events of a
 shares the objective, not the ROI, the start or the arithmetic.
 """
 
+import itertools
 import math
 import warnings
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from cmfpga.protocol.confidence import covariance
 from cmfpga.protocol.flags import Flag
 
 from .foreign import FOREIGN, find
-from .known import DRAWN_SIZE, between, by_file, drawn, grid, read, recordings
+from .known import DRAWN, DRAWN_SIZE, between, by_file, drawn, grid, read, recordings
 from .table import decimal, percent
 from .yardstick import ROI
 
@@ -69,7 +69,7 @@ def _truth(known, events, roi, begin, end):
 def _windows(tracking, events):
     """``(index, first event, behind the last one)`` of each batch, or of windows that share no time."""
     if not tracking.config.slides:
-        return [(k, *ends) for k, ends in enumerate(pairwise(np.cumsum([0, *tracking.events]).tolist()))]
+        return [(k, *ends) for k, ends in enumerate(itertools.pairwise(np.cumsum([0, *tracking.events]).tolist()))]
     return [(k, *np.searchsorted(events.t, [begin, end + 1])) for k, begin, end in apart(tracking)]
 
 
@@ -244,15 +244,15 @@ def study_auto(config, engine, cases, real_, report, *, data, **_):
 def study_drawn(config, engine, cases, real_, report, *, count, seeds, **_):
     """Print how many batches, and windows that share no time, of scenes that are drawn are trusted, and wrong."""
     rows = []
-    for name in PRESETS:
-        scenes = [one for seed in seeds for one in drawn(count, seed)]
+    for name, kind in itertools.product(PRESETS, DRAWN):
+        scenes = [one for seed in seeds for one in drawn(count, seed, kind)]
         values = [measure(one, preset(name), engine)[engine] for one in report.progress(scenes, "scene")]
         values = np.concatenate(values)
-        found = report.keep(f"drawn, {name}", values, scores(values, len(scenes)))
+        found = report.keep(f"drawn, {kind}, {name}", values, scores(values, len(scenes)))
         whole, trusted, wrong = (found[key] for key in ("batches", "trusted", "wrong_of_trusted"))
-        rows.append((name, len(scenes), whole, trusted, wrong, percent(trusted, whole), percent(wrong, trusted)))
+        rows.append((name, kind, len(scenes), whole, trusted, wrong, percent(trusted, whole), percent(wrong, trusted)))
     low, high = DRAWN_SIZE
-    heads = ("preset", "scenes", "windows", "trusted", "of these wrong", "trusted, %", "wrong, %")
+    heads = ("preset", "kind", "scenes", "windows", "trusted", "of these wrong", "trusted, %", "wrong, %")
     report.table(f"Drawn scenes, objects of {low} to {high - 1} px: off by more than {WRONG} px", heads, rows)
 
 

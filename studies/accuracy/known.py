@@ -30,8 +30,9 @@ SCENES = (
 SENSOR = (240, 180)
 WAY = 60.0  # px that an object moves at most
 LONGEST_US = 1_500_000
-#: Of scenes that are drawn: log10 of the speed in px/s, sizes in px, largest share of noise, contrast.
-DRAWN_SPEED, DRAWN_SIZE, DRAWN_NOISE, DRAWN_CONTRAST = (1.3, 2.8), (16, 161), 0.2, (0.5, 2.0)
+#: Of scenes that are drawn: log10 of the speed in px/s, sizes in px; by kind the largest share of noise, contrast.
+DRAWN_SPEED, DRAWN_SIZE = (1.3, 2.8), (16, 161)
+DRAWN = {"usual": (0.2, (0.5, 2.0)), "faint": (0.25, (0.4, 1.2))}
 #: Where the first batch's ROI lies off an object's place then, px.
 OFFSETS = tuple((x, y) for y in range(-20, 21, 10) for x in range(-24, 25, 6))
 #: Columns and rows of ROIs over a whole sensor.
@@ -78,14 +79,15 @@ def _scene(seed, texture, velocity, noise, size, contrast):
     return Known(name, made.events, SENSOR, _around(start, SENSOR), lambda a, b, *_: motion.mean_velocity(a, b))
 
 
-def drawn(count, seed=1):
+def drawn(count, seed, kind):
     """Yields ``count`` scenes of one object, everything drawn, a :class:`Known` each; the ROI lies on the object."""
+    most_noise, contrasts = DRAWN[kind]
     for k in range(count):
         rng = np.random.default_rng([seed, k])
         speed, angle = 10 ** rng.uniform(*DRAWN_SPEED), rng.uniform(0, 2 * math.pi)
         velocity = speed * np.array([math.cos(angle), math.sin(angle)])
         size = tuple(int(side) for side in rng.integers(*DRAWN_SIZE, 2))
-        noise, contrast = rng.uniform(0, DRAWN_NOISE), math.exp(rng.uniform(*np.log(DRAWN_CONTRAST)))
+        noise, contrast = rng.uniform(0, most_noise), math.exp(rng.uniform(*np.log(contrasts)))
         one = _scene(seed * 10_000 + k, ("lines", "dense")[k % 2], velocity, noise, size, contrast)
         yield replace(one, rois=(one.rois[rng.integers(len(one.rois))],))
 
