@@ -59,12 +59,7 @@ HARDWARE_DOORS = {
 HARDWARE_FIXTURES = {"compiler", "emitted"}
 
 #: Fixtures that are doors.
-FIXTURES = {
-    "browser": "browser",
-    "data_dir": "recordings",
-    "process": "process",
-    "long_tools": "long tools",
-}
+FIXTURES = {"browser": "browser", "data_dir": "recordings", "process": "process", "long_tools": "long tools"}
 #: Of these none is quick: what they start is translated for a minute where it was never used before.
 SLOW_TO_START = {"solver", "Yosys"}
 #: One of each other kind, which ``make test`` runs nevertheless.
