@@ -17,7 +17,7 @@ from cmfpga.rtl import core
 from cmfpga.rtl.core import Core
 from cmfpga.rtl.iteration_control import IterationControl
 from support.bench import Repeated
-from support.core import Batch, check_core, constant_cycles, drive_core, per_iteration, verdict_cycles
+from support.core import Batch, check_core, drive_core
 from support.core_batches import (
     CENTER,
     CONFIGS,
@@ -67,9 +67,8 @@ def test_with_two_buffers_the_next_batch_is_taken_in_during_the_iterations(name,
     _, outcomes = run(config, batches, rng)
     for before, outcome in itertools.pairwise(outcomes):
         assert outcome.opened < before.done
-    busy = 4 * (30 + per_iteration(config))
-    if config.confidence:
-        busy = len(config.schedules.warm) * (4 * 30 + per_iteration(config)) + verdict_cycles(config)
+    each, _, judged = LATENCIES[name]
+    busy = len(config.schedules.warm) * (4 * 30 + each) + judged if config.confidence else 4 * (30 + each)
     assert all(busy < after.done - before.done < busy + 90 for before, after in itertools.pairwise(outcomes))
     for first, third in zip(outcomes, outcomes[2:], strict=False):
         assert third.opened > first.done
@@ -103,6 +102,17 @@ def test_words_hold_every_event_on_one_pixel(name, late, rng):
 # ---------------------------------------------------------------- cycles
 
 
+#: Cycles of an iteration beside its events, of a batch beside its events and iterations, and of a verdict.
+LATENCIES = {
+    "small": (70, 70, 0), "power": (51, 70, 0), "narrow": (70, 70, 0), "tiny": (20, 70, 0), "short": (70, 38, 0),
+    "still": (70, 70, 0), "two": (70, 62, 0), "two tiny": (20, 62, 0), "one pass": (23, 70, 0),
+    "two, one pass": (23, 62, 0), "fast": (50, 60, 3), "four evaluators": (54, 60, 4), "one evaluator": (52, 68, 1),
+    "three bits of v": (51, 68, 7), "rounds, no confidence": (55, 60, 0), "similarity": (21, 60, 15),
+    "rotation": (21, 76, 15), "binned": (50, 60, 3), "binned rotation": (21, 76, 15), "thin": (70, 70, 0),
+    "two, thin": (70, 62, 0),
+}  # fmt: skip
+
+
 @pytest.mark.parametrize("name", CONFIGS)
 def test_cycle_formula_is_exact(name, rng):
     """:meth:`Core.cycles` in free flow, for one event and for many, and its latencies."""
@@ -125,8 +135,8 @@ def test_cycle_formula_is_exact(name, rng):
         counts = {name: getattr(result, name) for name in ("events", "roi_events", "iterations")}
         wanted = core.cycles(**counts)
         assert outcome.result["cycles"] == outcome.done - outcome.opened == wanted
-    assert core.iteration_latency + core.sweep_cycles == per_iteration(config)
-    assert core.batch_latency == constant_cycles(config)
+    latencies = core.iteration_latency + core.sweep_cycles, core.batch_latency
+    assert (*latencies, core.judge_latency if config.confidence else 0) == LATENCIES[name]
 
 
 @pytest.mark.parametrize("max_level", [0, 2])
