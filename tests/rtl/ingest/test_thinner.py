@@ -92,7 +92,7 @@ FACTORS = {
     ),
     # The factor follows all ROI events, not those that were stored.
     "what does not pass is counted too": ([(200, 10, 20), (200, 1, 20), (200, 1, 20)], [10, 10, 10]),
-    "the largest batch is counted": ([(5000, 255, 0), (5000, 2, 300), (5000, 1, 1), (2, 1, 0)], [255, 2, 17, 255]),
+    "the largest batch is counted": ([(5000, 255, 0), (5000, 2, 300), (5000, 1, 1), (2, 1, 0)], [255, 2, 17, 1]),
 }
 
 
