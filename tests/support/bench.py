@@ -144,18 +144,6 @@ def flow_script(block, items, gaps, rng, *, flow="i", drain=None):
     return script, pushed
 
 
-def check_flow(block, items, expected, *, gaps, rng, before=()):
-    """One item out per item in: the expected payloads, in order, each :attr:`latency` cycles later."""
-    script, pushed = flow_script(block, items, gaps, rng)
-    recording = play(block, [*before, *script])
-    came = recording.values()
-    for number, (value, wanted) in enumerate(zip(came, expected, strict=False)):
-        assert value == wanted, f"item {number} of {len(expected)} ({items[number]})"
-    assert len(came) == len(expected), f"{len(came)} of {len(expected)} items came out"
-    check_latency(block, [cycle + len(before) for cycle in pushed], recording)
-    return pushed, recording.cycles()
-
-
 def check_latency(block, pushed, recording):
     """Each item comes :attr:`latency` cycles after it was pushed."""
     assert recording.cycles() == [cycle + block.latency for cycle in pushed]

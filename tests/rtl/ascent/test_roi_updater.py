@@ -115,24 +115,6 @@ def test_with_two_buffers_the_last_move_is_repeated():
     ]  # fmt: skip
 
 
-def test_settling_time():
-    """The cycle in which ``roi_next`` first shows a move, or a load: not later than promised."""
-    config = Config(buffers=2)
-    step = 4 << config.v_frac
-    block = RoiUpdater(config)
-    v = {"v": {"x": step, "y": step}}
-    idle = [v] * (block.settle + 6)
-    load = {"new_batch": 1, "load": 1, "x": 20, "y": 9}
-    script = [load, *idle, {"new_batch": 1}, v | {"move": 1, "roi_gain": 1 << config.roi_gain_frac}, *idle]
-    next_corners = play(block, script, flows=(), watch=CORNER).watch["corner.roi_next"]
-    for axis, at, then in (("x", 20, 28), ("y", 9, 17)):
-        seen = [row[axis] for row in next_corners]
-        loaded, moved = seen.index(at), seen.index(then)
-        begin = len(idle) + 2
-        assert loaded <= block.settle and moved - begin <= block.settle
-        assert set(seen[loaded : begin + 1]) == {at} and set(seen[moved:]) == {then}
-
-
 @pytest.mark.parametrize("buffers", [1, 2])
 @pytest.mark.parametrize("name", SHAPES)
 def test_clamps_at_every_border(name, buffers):
@@ -162,16 +144,6 @@ def test_load_out_of_range(buffers):
     found = check(config, [(load, (0, 0), 0, False) for load in loads], buffers)
     wanted = [load[0] > config.geometry.roi_x_max or load[1] > config.geometry.roi_y_max for load in loads]
     assert [clamped for _, clamped in found] == wanted
-
-
-def test_flag_sticks_until_the_next_batch():
-    config = SHAPES["odd"]
-    still = (None, (0, 0), 16, True)
-    # Loaded out of range, then a move that stays inside: still flagged. The next batch clears it.
-    timeline = check(
-        config, [((60, 0), (-4096, 0), 16, True), still, (None, (config.formats.v.max, 0), 63, True), still]
-    )
-    assert [clamped for _, clamped in timeline] == [True, True, False, False, False, True, False, False]
 
 
 def test_slow_motion_adds_up_and_halves_round_up():
