@@ -277,5 +277,5 @@ MUTANTS = {  # owner, name, value
 def test_mutants(form, mutant, monkeypatch, rng):
     monkeypatch.setattr(*MUTANTS[mutant])
     with pytest.raises(AssertionError):
-        check(form, any_beats(rng, 100), "both", rng)
+        check(form, any_beats(rng, 200), "both", rng)
         check(form, to_beats(encode(some_events(rng, 80), form)), "free", rng)
