@@ -51,7 +51,7 @@ class Expected:
         self.totals["events_taken"] += sum(len(t) for t, *_ in batches)
         return batches, rest
 
-    def result(self, batch, settings, *, wire=0, config_range=0):
+    def result(self, batch, settings, *, config_range=0):
         """A result's values, less ``cycles``."""
         t, x, y, cut = batch
         found = self.core.run(t, x, y, settings, cut=cut)
@@ -67,7 +67,7 @@ class Expected:
         return {
             **raw_values(self.config, found),
             "batch": self.batches,
-            "wire": wire,
+            "wire": 0,
             "config_range": config_range,
             "t_ref": (int(t[0]) + found.span // 2) % (1 << 32),
         }
