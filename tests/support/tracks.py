@@ -1,12 +1,7 @@
-"""What a track wrote: its rows as columns, and its picture; and what is kept of one for the reports."""
+"""What a track wrote: its rows as columns, and its picture."""
 
 import matplotlib.image
 import numpy as np
-
-from cmfpga.engines import make_engine
-from cmfpga.events import BatchCutter
-from cmfpga.tracking.kept import Kept
-from cmfpga.tracking.loop import track
 
 
 def floats(rows, name):
@@ -37,14 +32,3 @@ def looks_like_a_track(path, *, moves=True):
     assert share((0.8392, 0.1529, 0.1569)) > 1e-4  # tab:red
     assert (share((0.0902, 0.7451, 0.8118)) > 1e-5) == moves  # tab:cyan
     return share
-
-
-def keep(config, recording, *, roi, size, batches=None, motion=None, start_event=0, engine="model"):
-    """The :class:`Kept` of a track by the model."""
-    kept = Kept(config, engine, recording.name, motion)
-    cutter = BatchCutter(recording, start_event=start_event, events=size, max_events=config.max_batch_events)
-    running = make_engine(engine, config)
-    for batch in track(running, cutter, roi=roi, batches=batches):
-        kept.add(batch)
-    running.close()
-    return kept

@@ -52,6 +52,8 @@ def check(config, batches, buffers=1, *, hurry=False, seed=0):
         cycle(new_batch=1, **({} if load is None else {"load": 1, "x": load[0], "y": load[1]}))
         corner, clamped = follower.crop(load)
         corners[len(script)] = corner, clamped
+        if buffers == 2 and load is not None:  # nothing moves it
+            following[len(script) - 1 + block.settle] = follower.next_corner
         wait()
         step, stays = coming if buffers == 1 else ahead if load is None else None, {}
         if step and (buffers == 2 or step[2] or rng.random() < 0.5):

@@ -6,7 +6,7 @@ from cmfpga.config import Config, preset
 from cmfpga.events import generate
 from cmfpga.imaging.camera import Camera
 from support.browser import Opened
-from support.tracks import keep
+from support.reporting import keep
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.protocol.flags import Flag
 from cmfpga.show.story import Story
 from cmfpga.tracking.columns import COLUMNS
-from support.tracks import keep
+from support.reporting import keep
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from cmfpga.imaging.iwe import image_of_warped_events
 from cmfpga.show.report import render
 from cmfpga.tracking import kept as module
 from cmfpga.tracking.kept import FILE, Kept
-from support.tracks import keep
+from support.reporting import keep
 
 
 def test_details_give_the_contrast_of_the_csv(turning):

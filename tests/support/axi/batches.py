@@ -3,10 +3,8 @@
 import dataclasses
 
 from cmfpga.protocol.results import COUNTS
-from cmfpga.protocol.settings import BatchSettings
-from cmfpga.reference.wire import to_beats
 from support.axi.board import CONFIG, Board
-from support.axi.expected import Expected, links, same
+from support.axi.expected import Expected, default_settings, links, same
 
 FORMATS = {"EVT21": 0, "EVT20": 1, "PACKED": 2}
 ROI = ((CONFIG.sensor_width - CONFIG.roi_width) // 2, (CONFIG.sensor_height - CONFIG.roi_height) // 2)
@@ -17,7 +15,7 @@ async def begin(dut, *, seed=0, pauses=0.0, ends=None, form="PACKED", swap=0, **
     """A board out of reset, its settings written, ROI loaded, running: ``(board, expected, settings of batch 1)``."""
     board = Board(dut, seed=seed, pauses=pauses)
     await board.reset()
-    settings = dataclasses.replace(BatchSettings.from_config(CONFIG, ROI), **changes)
+    settings = dataclasses.replace(default_settings(CONFIG, ROI), **changes)
     await board.apply(links(CONFIG, settings, ends))
     await board.write("INPUT", FORMAT=form, SWAP=swap)
     await board.write("CTRL", **RUN)
@@ -29,22 +27,14 @@ def following(settings):
     return dataclasses.replace(settings, roi=None)
 
 
-async def compare(board, expected, batches, settings):
+async def compare(board, expected, batches, settings, **flags):
     """Results of these batches, one packet each; the last one in the registers too."""
     for batch in batches:
-        wanted = expected.result(batch, settings)
+        wanted = expected.result(batch, settings, **flags)
         same(await board.result(), wanted)
         settings = following(settings)
     same(await board.result_registers(), wanted)
     return settings
-
-
-async def equal(board, expected, words, form, settings):
-    """Send the words of one or more batches: their results are the model's, and nothing is lost."""
-    batches, _ = expected.receive(to_beats(words), form)
-    await board.send(words)
-    await compare(board, expected, batches, settings)
-    await nothing_lost(board, expected)
 
 
 async def nothing_lost(board, expected):

@@ -61,14 +61,14 @@ class Board:
         self.pause(pauses)
         cocotb.start_soon(self._watch())
 
-    def pause(self, probability):
+    def pause(self, probability, *, stream=True, lite=True):
         """Gaps and stalls on all channels with this probability."""
 
         def generator():
             return iter(lambda: self.random.random() < probability, None)
 
-        channels = [self.source, self.sink]
-        if self.lite:
+        channels = [self.source, self.sink] if stream else []
+        if lite and self.lite:
             writes, reads = self.lite.write_if, self.lite.read_if
             channels += [writes.aw_channel, writes.w_channel, writes.b_channel, reads.ar_channel, reads.r_channel]
         for channel in channels:
@@ -144,12 +144,12 @@ class Board:
             for register, word in window_words(self.registers, "node", values):
                 await self.write_word(register.offset, word)
 
-    async def until(self, name, field, value=1):
-        """Poll a field."""
-        for _ in range(4000):
+    async def until(self, name, field, value=1, *, polls=4000):
+        """Poll a field; how often."""
+        for k in range(polls):
             if await self.read(name, field) == value:
-                return
-        raise AssertionError(f"{name}.{field} is not {value} after 4000 reads")
+                return k
+        raise AssertionError(f"{name}.{field} is not {value} after {polls} reads")
 
     async def result_registers(self):
         """The result as the registers show it."""

@@ -7,7 +7,7 @@ from cmfpga.events.arrays import Events
 from cmfpga.imaging.camera import node_writes
 from cmfpga.protocol.flags import Flag
 from cmfpga.protocol.results import COUNTS, fields_of
-from cmfpga.protocol.settings import schedule_table, settings_values
+from cmfpga.protocol.settings import BatchSettings, schedule_table, settings_values
 from cmfpga.protocol.shapes import leaves
 from cmfpga.reference.integer.core import IntegerCore
 from cmfpga.reference.wire import BatchEnds, decode, sensor_gate, split_batches
@@ -25,6 +25,10 @@ def links(config, settings, ends=None):
     if settings.camera:
         values["nodes"] = node_writes(config, settings.camera)
     return values
+
+
+def default_settings(config, roi=None):
+    return BatchSettings.from_config(config, roi)
 
 
 class Expected:
@@ -51,7 +55,7 @@ class Expected:
         self.totals["events_taken"] += sum(len(t) for t, *_ in batches)
         return batches, rest
 
-    def result(self, batch, settings, *, config_range=0):
+    def result(self, batch, settings, *, wire=0, config_range=0):
         """A result's values, less ``cycles``."""
         t, x, y, cut = batch
         found = self.core.run(t, x, y, settings, cut=cut)
@@ -67,7 +71,7 @@ class Expected:
         return {
             **raw_values(self.config, found),
             "batch": self.batches,
-            "wire": 0,
+            "wire": wire,
             "config_range": config_range,
             "t_ref": (int(t[0]) + found.span // 2) % (1 << 32),
         }

@@ -22,7 +22,8 @@ CONFIGS = {
         camera="70,70,31,22,-0.2,0,0,0",
     ),
 }  # fmt: skip
-REGISTERS, BATCHES, CONTROL = "cocotb_registers", "cocotb_batches", "cocotb_control"
+REGISTERS, BATCHES = "cocotb_registers", "cocotb_batches"
+CONTROL, BAD_INPUT = "cocotb_control", "cocotb_bad_input"
 #: Of the batches; all of them would take many minutes.
 ON_ICARUS = {BATCHES: ["all_formats_under_back_pressure"], CONTROL: ["reset_in_traffic"]}
 
@@ -47,8 +48,8 @@ def check(simulator, config, tests, folder):
 
 
 def test_in_verilator(tmp_path):
-    tests = {module: names_in(module) for module in (REGISTERS, BATCHES, CONTROL)}
-    check("verilator", "small fast", tests, tmp_path)
+    modules = (REGISTERS, BATCHES, CONTROL, BAD_INPUT)
+    check("verilator", "small fast", {module: names_in(module) for module in modules}, tmp_path)
 
 
 @pytest.mark.parametrize("motion", ["similarity", "rotation"])
