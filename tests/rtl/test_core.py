@@ -119,6 +119,7 @@ def test_cycle_formula_is_exact(name, rng):
         assert outcome.result["cycles"] == outcome.done - outcome.opened == wanted
     latencies = core.iteration_latency + core.sweep_cycles, core.batch_latency
     assert (*latencies, core.judge_latency if config.confidence else 0) == LATENCIES[name]
+    assert core.shortest_batch == (8 if config.buffers == 2 else 0)
 
 
 @pytest.mark.parametrize("max_level", [0, 2])
