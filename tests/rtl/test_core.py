@@ -35,7 +35,7 @@ def test_matches_model(name, flow, rng):
 
 @pytest.mark.parametrize("name", ["two", "two, one pass", "fast"])
 def test_two_buffers_give_the_same_whenever_a_batch_comes(name, rng):
-    """Those of the model, which knows neither gaps nor stalls, nor whether the next batch is offered early."""
+    """Results are the model's, which knows neither gaps nor stalls, nor whether the next batch is offered early."""
     batches = [random_batch(CONFIGS[name], rng) for _ in range(8)]
     for flow, eager in itertools.product(FLOWS.values(), (True, False)):
         run(CONFIGS[name], batches, rng, **flow, eager=eager)

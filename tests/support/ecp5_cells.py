@@ -11,7 +11,7 @@ def cell(kind, parameters=None, **wires):
 
 
 def register(data, out, **changes):
-    """With an enable; ``changes``: of its parameters."""
+    """Register with an enable; ``changes``: of its parameters."""
     parameters = {"CEMUX": "CE", "CLKMUX": "CLK", "REGSET": "RESET"} | changes
     return cell("TRELLIS_FF", parameters, CLK=2, CE=4, DI=data, Q=out)
 

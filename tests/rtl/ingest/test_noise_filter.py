@@ -102,7 +102,7 @@ def through(block, batches, rng, probability, *, before, start, hot=None):
 
 
 def noise(config, batches, rng, probability=0.0, *, hot=None, used=()):
-    """:func:`through` a background filter, which is cleared before the first batch, after the script ``used``."""
+    """Play batches through a background filter that is cleared before the first, after the script ``used``."""
     block = BackgroundFilter(config)
     clear = [*used, {"clear": 1}, *[{}] * (config.geometry.cell_depth + block.latency)]
     return through(
