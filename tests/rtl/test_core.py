@@ -218,6 +218,15 @@ def test_length_by_count_and_cut(rng):
     assert [Flag.CUT in result.flags for result in results] == [False, True, False, False, False, False]
 
 
+def test_overflow_is_counted(rng):
+    """A buffer that is exactly full is no overflow; one event more is."""
+    config = CONFIGS["small"]
+    full = config.buffer_events
+    counts = full, full + 1, full - 1, config.max_batch_events
+    results, _ = run(config, [spread(config, rng, count, iterations=1) for count in counts], rng)
+    assert [result.overflow for result in results] == [0, 1, 0, config.max_batch_events - full]
+
+
 @pytest.mark.parametrize("buffers", [1, 2])
 def test_strides_and_thinning(buffers, rng):
     """As many events as a stride needs, one less, one more; and twice to four times the buffer."""
@@ -266,6 +275,33 @@ def test_thinning_follows_its_target(rng):
     # 40 in 3; 2 for 40 events; still 2 for the 80, which overflow; 4 for those; by hand twice; 2 for 30.
     assert [result.roi_events for result in results] == [14, 20, 20, 3, 10, 10, 15]
     assert [result.overflow for result in results] == [0, 0, 20, 0, 0, 0, 0]
+
+
+# ---------------------------------------------------------------- back-pressure and settings
+
+
+def test_result_waits(rng):
+    """A result that waits for long holds (``drive_core`` compares each cycle), and the next batch is not taken up."""
+    config = CONFIGS["small"]
+    batches = [spread(config, rng, 10, iterations=1) for _ in range(3)]
+    run(config, batches, rng, stall=0.97)
+
+
+def test_settings_are_taken_with_the_first_event(rng):
+    """Every setting changes from batch to batch and is random in between; each batch uses its own."""
+    config = CONFIGS["small"]
+    eta = config.formats.eta.raw(4.0)
+    changes = [
+        {"iterations": 4, "eta": eta},
+        {"iterations": 1, "eta": 0, "start_last": False, "v_start": (-4096, 8192)},
+        {"iterations": 2, "eta": eta, "roi": (3, 4), "roi_gain": 63},
+        {"iterations": 3, "roi": None, "roi_gain": 0, "min_roi_events": 9},
+        {"iterations": 3, "roi": (24, 18), "start_last": False, "v_start": (99, -99)},
+    ]
+    batches = [spread(config, rng, 20, **change) for change in changes]
+    for eager in (True, False):
+        results, _ = run(config, batches, rng, eager=eager)
+        assert len({result.v for result in results}) > 3
 
 
 # ---------------------------------------------------------------- reset
@@ -340,6 +376,14 @@ def at_moment(core, moment):
         }[moment]
 
     return come
+
+
+def test_power_up_state(rng):
+    """Before any batch: no result, and the first batch starts from v = 0 and the ROI at the sensor's origin."""
+    config = CONFIGS["small"]
+    points = moving_points(config, rng, 40, span=900, around=(8, 6))
+    results, outcomes = run(config, [Batch(events=points, settings=settings(config))], rng, eager=False, gap=0.9)
+    assert outcomes[0].trace[0]["v"] == {"x": 0, "y": 0} and results[0].roi == (0, 0)
 
 
 def test_only_our_own_blocks_may_be_asked_for_numbers_without_a_warning():

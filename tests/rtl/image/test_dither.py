@@ -65,3 +65,9 @@ def test_matches_model(name, gap, rng):
     lengths = [1, 1, 2, 50, 1, 3, 80]
     replays = [random_replay(config, rng, count) for count in lengths]
     check(config, replays, random_gaps(rng, sum(lengths), GAPS[gap]))
+
+
+def test_every_replay_of_a_batch_is_the_same(rng):
+    config = SHAPES["similarity"]
+    events = random_replay(config, rng, 20)
+    check(config, [events] * 4, [0] * 80)
